@@ -1,0 +1,133 @@
+#!/usr/bin/python3
+"""Choose which of several command inputs drives the car."""
+
+import sys
+import threading
+
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from std_msgs.msg import String
+
+from mushr_ros_intro import conversions
+from mushr_ros_intro.car import Command
+from mushr_ros_intro.mux import ConfigError, Input, Mux, parse_config
+from mushr_ros_intro.stamps import STAMP_TOLERANCE, effective_stamp
+
+
+class AckermannCmdMux:
+    """The mux as a node.
+
+    Its private parameters are the configuration; the topics in it are private names, so an input
+    ``input/navigation`` of the node /car/mux/ackermann_cmd_mux is the topic
+    /car/mux/ackermann_cmd_mux/input/navigation. Publishes the winner's name on ``~active``.
+    """
+
+    def __init__(self) -> None:
+        self._config = parse_config(rospy.get_param("~", {}))
+        self._lock = threading.Lock()
+        self._live = threading.Event()
+        self._mux = Mux()
+        self._now = 0
+        self._frame = ""
+        self._announced = ""
+
+        self._output_pub = rospy.Publisher(
+            _private(self._config.publisher),
+            AckermannDriveStamped,
+            queue_size=100,
+            tcp_nodelay=True,
+        )
+        self._active_pub = rospy.Publisher("~active", String, queue_size=1, latch=True)
+        self._announce()
+
+        for each in self._config.inputs:
+            topic = _private(each.topic)
+            rospy.Subscriber(
+                topic, AckermannDriveStamped, self._on_command, each, tcp_nodelay=True
+            )
+            rospy.loginfo(
+                "input %s: %s, priority %d, timeout %g s",
+                each.name,
+                rospy.resolve_name(topic),
+                each.priority,
+                each.timeout / 1e9,
+            )
+
+    def run(self) -> None:
+        """Stop the car whenever the last live input runs out, until the node is shut down."""
+        while not rospy.is_shutdown():
+            if not self._live.wait(0.5):
+                continue
+            with self._lock:
+                now = self._read_clock()
+                self._mux, stop = self._mux.expire(now)
+                if stop is not None:
+                    self._live.clear()
+                    command = Command(stop, 0.0, 0.0)
+                    self._output_pub.publish(conversions.command_to_msg(command, self._frame))
+                    self._announce()
+                    continue
+                remaining = self._mux.deadline - now
+            try:
+                rospy.sleep(rospy.Duration(0, remaining))
+            except rospy.exceptions.ROSTimeMovedBackwardsException:
+                pass  # _read_clock sees it too
+
+    def _read_clock(self) -> int:
+        """Return the present [ns]; needs the lock.
+
+        Where the clock jumped back, every input runs out at once.
+        """
+        now = rospy.get_rostime().to_nsec()
+        if now < self._now - STAMP_TOLERANCE:
+            rospy.logwarn("the clock jumped back; all inputs start afresh")
+            self._mux = self._mux.restart(now)
+            self._now = now
+        self._now = max(self._now, now)
+        return self._now
+
+    def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
+        """Forward a command as it is, if its input may drive."""
+        try:
+            command = conversions.command_from_msg(msg)
+        except conversions.MessageError as error:
+            rospy.logwarn_throttle(1.0, f"ignored a command of input {source.name}: {error}")
+            return
+        with self._lock:
+            stamp = effective_stamp(command.stamp, self._read_clock())
+            self._mux, passes = self._mux.command(source, stamp)
+            if passes:
+                self._frame = msg.header.frame_id
+                self._output_pub.publish(msg)
+                self._announce()
+            self._live.set()
+
+    def _announce(self) -> None:
+        """Publish the name of the input that drives, where it is a new one."""
+        if self._mux.active != self._announced:
+            self._announced = self._mux.active
+            self._active_pub.publish(String(data=self._announced))
+
+
+def _private(topic: str) -> str:
+    """Return `topic` as a private name, unless it is a global or a private one already."""
+    return topic if topic.startswith(("/", "~")) else f"~{topic}"
+
+
+def main() -> int:
+    """Run the node; return its exit status."""
+    rospy.init_node("ackermann_cmd_mux")
+    try:
+        node = AckermannCmdMux()
+    except ConfigError as error:
+        rospy.logfatal("%s: the mux's configuration %s", rospy.get_name(), error)
+        return 1
+    try:
+        node.run()
+    except rospy.ROSInterruptException:
+        pass
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,68 @@
+"""Planar poses, and the arc that a bicycle drives.
+
+A kinematic bicycle at the rear axle obeys x' = v cos(theta), y' = v sin(theta),
+theta' = v tan(delta) / L. While v and delta are constant it drives a circular arc, and the pose
+has a closed form (see e.g. Snider, "Automatic Steering Methods for Autonomous Automobile Path
+Tracking", CMU-RI-TR-09-08, section 2.2, for the model).
+"""
+
+import math
+from typing import NamedTuple
+
+
+class Pose(NamedTuple):
+    """A pose in the plane: x [m], y [m], and the heading theta [rad], counter-clockwise."""
+
+    x: float
+    y: float
+    theta: float
+
+
+ORIGIN = Pose(0.0, 0.0, 0.0)
+
+
+def compose(outer: Pose, inner: Pose) -> Pose:
+    """Express `inner`, a pose given in the frame `outer`, in the frame that `outer` is given in."""
+    cos, sin = math.cos(outer.theta), math.sin(outer.theta)
+    return Pose(
+        outer.x + cos * inner.x - sin * inner.y,
+        outer.y + sin * inner.x + cos * inner.y,
+        outer.theta + inner.theta,
+    )
+
+
+def inverse(pose: Pose) -> Pose:
+    """Return the pose that undoes `pose`: compose(pose, inverse(pose)) is the origin."""
+    cos, sin = math.cos(pose.theta), math.sin(pose.theta)
+    return Pose(-cos * pose.x - sin * pose.y, sin * pose.x - cos * pose.y, -pose.theta)
+
+
+def curvature(steering_angle: float, wheelbase: float) -> float:
+    """Return the curvature [1/m] of the rear axle's path, tan(delta) / L, left positive.
+
+    Args:
+        steering_angle: of the virtual middle front wheel [rad], left positive.
+        wheelbase: distance between the axles [m].
+    """
+    return math.tan(steering_angle) / wheelbase
+
+
+def drive_arc(pose: Pose, distance: float, curvature: float) -> Pose:
+    """Drive along a circular arc and return the pose at its end, exactly.
+
+    The arc's chord has the length s sin(h) / h and the direction theta + h, where h is half the
+    angle turned. The straight line is the limit of this, not a case of its own.
+
+    Args:
+        pose: where the arc begins.
+        distance: length of the arc [m], negative in reverse.
+        curvature: of the arc [1/m], left positive.
+    """
+    half_turn = 0.5 * distance * curvature
+    chord = distance * (math.sin(half_turn) / half_turn if half_turn else 1.0)
+    direction = pose.theta + half_turn
+    return Pose(
+        pose.x + chord * math.cos(direction),
+        pose.y + chord * math.sin(direction),
+        pose.theta + 2.0 * half_turn,
+    )

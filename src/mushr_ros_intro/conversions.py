@@ -1,0 +1,167 @@
+"""Turn the package's values into ROS messages and back; the one module that knows both."""
+
+import math
+from typing import List, Tuple
+
+import genpy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import Pose as PoseMsg
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Quaternion, TransformStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+from tf.transformations import quaternion_from_euler
+
+from mushr_ros_intro.bicycle import Pose
+from mushr_ros_intro.car import Car, Command, Placement, State, front_wheel_angles
+from mushr_ros_intro.plan import MAX_COORDINATE
+from mushr_ros_intro.stamps import NANOSECONDS
+
+MAP_FRAME = "map"
+
+
+class MessageError(ValueError):
+    """A message that must not be acted upon; says what is wrong and what was expected."""
+
+
+def time_from(stamp: int) -> genpy.Time:
+    """Return the ROS time of a stamp [ns]."""
+    return genpy.Time(*divmod(stamp, NANOSECONDS))
+
+
+def pose_to_msg(pose: Pose) -> PoseMsg:
+    """Return the message of a planar pose, on the ground."""
+    msg = PoseMsg()
+    msg.position.x, msg.position.y = pose.x, pose.y
+    msg.orientation = Quaternion(*quaternion_from_euler(0.0, 0.0, pose.theta))
+    return msg
+
+
+def pose_from_msg(msg: PoseMsg) -> Pose:
+    """Return the planar pose of a message: its x, y and yaw.
+
+    Raises:
+        MessageError: a number is not finite, or the quaternion has no length.
+    """
+    position, q = msg.position, msg.orientation
+    numbers = (position.x, position.y, position.z, q.x, q.y, q.z, q.w)
+    if not all(map(math.isfinite, numbers)):
+        raise MessageError(f"pose {numbers} is not finite; expected finite numbers")
+    if max(abs(position.x), abs(position.y)) > MAX_COORDINATE:
+        raise MessageError(f"pose {numbers} is too far away; expected {MAX_COORDINATE:g} m at most")
+    norm = math.hypot(q.x, q.y, q.z, q.w)
+    if not 1e-3 < norm < 1e3:
+        raise MessageError(f"quaternion {numbers[3:]} has the length {norm:g}; expected 1")
+    x, y, z, w = q.x / norm, q.y / norm, q.z / norm, q.w / norm
+    yaw = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    return Pose(position.x, position.y, yaw)
+
+
+def placement_to_msg(placement: Placement) -> PoseWithCovarianceStamped:
+    """Return the message that places the car, as for /initialpose."""
+    msg = PoseWithCovarianceStamped()
+    msg.header.stamp = time_from(placement.stamp)
+    msg.header.frame_id = MAP_FRAME
+    msg.pose.pose = pose_to_msg(placement.pose)
+    return msg
+
+
+def placement_from_msg(msg: PoseWithCovarianceStamped) -> Placement:
+    """Return the placement that a message orders, with the stamp as it was sent.
+
+    Raises:
+        MessageError: the pose is unusable, or not in the map frame.
+    """
+    frame = msg.header.frame_id
+    if frame.lstrip("/") not in ("", MAP_FRAME):
+        raise MessageError(f"pose is in the frame '{frame}'; expected '{MAP_FRAME}'")
+    return Placement(msg.header.stamp.to_nsec(), pose_from_msg(msg.pose.pose))
+
+
+def command_to_msg(command: Command, frame: str) -> AckermannDriveStamped:
+    """Return the message of a command to the car whose base frame is `frame`."""
+    msg = AckermannDriveStamped()
+    msg.header.stamp = time_from(command.stamp)
+    msg.header.frame_id = frame
+    msg.drive.speed = command.speed
+    msg.drive.steering_angle = command.steering_angle
+    return msg
+
+
+def command_from_msg(msg: AckermannDriveStamped) -> Command:
+    """Return the command that a message gives, with the stamp as it was sent.
+
+    Raises:
+        MessageError: a number is not finite, or the steering angle is a right angle or more.
+    """
+    drive = msg.drive
+    numbers = (
+        drive.steering_angle,
+        drive.steering_angle_velocity,
+        drive.speed,
+        drive.acceleration,
+        drive.jerk,
+    )
+    if not all(map(math.isfinite, numbers)):
+        raise MessageError(f"command {numbers} is not finite; expected finite numbers")
+    if abs(drive.steering_angle) >= math.pi / 2:
+        raise MessageError(
+            f"steering angle {drive.steering_angle:g} is a right angle or more; expected radians"
+        )
+    return Command(msg.header.stamp.to_nsec(), drive.speed, drive.steering_angle)
+
+
+def car_pose_to_msg(state: State) -> PoseStamped:
+    """Return the message of the car's pose in the map."""
+    msg = PoseStamped()
+    msg.header.stamp = time_from(state.stamp)
+    msg.header.frame_id = MAP_FRAME
+    msg.pose = pose_to_msg(state.pose)
+    return msg
+
+
+def odometry_to_msg(state: State, car: Car, odom_frame: str, base_frame: str) -> Odometry:
+    """Return the car's odometry: the pose in `odom_frame`, the twist in `base_frame`."""
+    msg = Odometry()
+    msg.header.stamp = time_from(state.stamp)
+    msg.header.frame_id = odom_frame
+    msg.child_frame_id = base_frame
+    msg.pose.pose = pose_to_msg(state.odom_pose)
+    msg.twist.twist.linear.x = state.speed
+    msg.twist.twist.angular.z = state.turn_rate(car)
+    return msg
+
+
+def joint_states_to_msg(state: State, car: Car) -> JointState:
+    """Return the angles of MuSHR's six joints: the wheels' turning, and the front wheels' steering."""
+    left, right = front_wheel_angles(state.steering_angle, car)
+    joints: List[Tuple[str, float]] = [
+        ("front_left_wheel_throttle", state.rolled.front_left),
+        ("front_right_wheel_throttle", state.rolled.front_right),
+        ("back_left_wheel_throttle", state.rolled.back_left),
+        ("back_right_wheel_throttle", state.rolled.back_right),
+        ("front_left_wheel_steer", left),
+        ("front_right_wheel_steer", right),
+    ]
+    msg = JointState()
+    msg.header.stamp = time_from(state.stamp)
+    msg.name = [name for name, _ in joints]
+    msg.position = [angle for _, angle in joints]
+    return msg
+
+
+def transforms_to_msgs(state: State, odom_frame: str, base_frame: str) -> List[TransformStamped]:
+    """Return the transforms from the map to `odom_frame` and from there to `base_frame`."""
+    frames = (
+        (MAP_FRAME, odom_frame, state.map_from_odom),
+        (odom_frame, base_frame, state.odom_pose),
+    )
+    msgs = []
+    for parent, child, pose in frames:
+        msg = TransformStamped()
+        msg.header.stamp = time_from(state.stamp)
+        msg.header.frame_id = parent
+        msg.child_frame_id = child
+        msg.transform.translation.x, msg.transform.translation.y = pose.x, pose.y
+        msg.transform.rotation = pose_to_msg(pose).orientation
+        msgs.append(msg)
+    return msgs

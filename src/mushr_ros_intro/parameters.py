@@ -1,0 +1,44 @@
+"""Check the values of a node's parameters."""
+
+import math
+from typing import Any
+
+
+class ParameterError(ValueError):
+    """A parameter with a value that the node cannot use; names it, its value and the remedy."""
+
+
+def number(name: str, value: Any, unit: str, least: float, most: float) -> float:
+    """Return `value` as a float if it is a number from `least` to `most`.
+
+    Raises:
+        ParameterError: it is not.
+    """
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not is_number or not math.isfinite(value) or not least <= value <= most:
+        raise ParameterError(
+            f"parameter {name} is {value!r}; expected a number from {least:g} to {most:g} {unit}"
+        )
+    return float(value)
+
+
+def flag(name: str, value: Any) -> bool:
+    """Return `value` if it is true or false.
+
+    Raises:
+        ParameterError: it is not.
+    """
+    if not isinstance(value, bool):
+        raise ParameterError(f"parameter {name} is {value!r}; expected true or false")
+    return value
+
+
+def text(name: str, value: Any) -> str:
+    """Return `value` if it is text that is not empty.
+
+    Raises:
+        ParameterError: it is not.
+    """
+    if not isinstance(value, str) or not value.strip():
+        raise ParameterError(f"parameter {name} is {value!r}; expected text that is not empty")
+    return value

@@ -1,0 +1,21 @@
+"""Instants and durations: integer nanoseconds everywhere, so that adding them up loses nothing."""
+
+NANOSECONDS = 1_000_000_000
+"""In a second."""
+
+STAMP_TOLERANCE = 1 * NANOSECONDS
+"""How far a stamp may be from this machine's clock [ns] and still be taken as it is."""
+
+
+def effective_stamp(stamp: int, now: int) -> int:
+    """Return the instant [ns] that a message's stamp means.
+
+    A stamp of zero (never filled in), or one that is more than STAMP_TOLERANCE away from `now`
+    (another machine's clock), means now.
+    """
+    return stamp if stamp and abs(stamp - now) <= STAMP_TOLERANCE else now
+
+
+def from_seconds(seconds: float) -> int:
+    """Return a duration given in seconds in nanoseconds, to the nearest."""
+    return round(seconds * NANOSECONDS)

@@ -1,0 +1,378 @@
+#!/usr/bin/python3
+"""Drive a plan: publish its start pose, and then its commands ten times a second."""
+
+import math
+import os
+import sys
+import threading
+import time
+from typing import Any, Callable, Dict, Optional
+
+import rospkg
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+
+from mushr_ros_intro import conversions, prediction
+from mushr_ros_intro.bicycle import Pose
+from mushr_ros_intro.car import Car, Command, Placement
+from mushr_ros_intro.parameters import ParameterError, flag, number, text
+from mushr_ros_intro.plan import Plan, PlanError, Row, find_plan, read_plan
+from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
+
+PERIOD = NANOSECONDS // 10
+"""Between the commands of a row [ns]."""
+
+POSE_TOLERANCE = 1e-3
+"""How far from the start pose the car may report itself [m, rad] once it has taken it."""
+
+SETTLING = 2 * PERIOD
+"""How long after the end of a plan [ns] the car's pose is compared with the prediction."""
+
+
+class DriveError(RuntimeError):
+    """A plan that cannot be driven, or not to its end; says why."""
+
+
+class PathPublisher:
+    """The tutorial's node.
+
+    Publishes geometry_msgs/PoseWithCovarianceStamped on ``~init_pose_topic`` and
+    ackermann_msgs/AckermannDriveStamped on ``~control_topic``; listens to /CAR_NAME/car_pose,
+    where the car says that it has taken the start pose, and in the end where it stopped.
+    """
+
+    def __init__(self) -> None:
+        car_name = text("~car_name", rospy.get_param("~car_name", "car")).strip("/")
+        control_topic = text(
+            "~control_topic",
+            rospy.get_param(
+                "~control_topic", f"/{car_name}/mux/ackermann_cmd_mux/input/navigation"
+            ),
+        )
+        init_pose_topic = text(
+            "~init_pose_topic", rospy.get_param("~init_pose_topic", "/initialpose")
+        )
+        self._patience = number(
+            "~subscriber_timeout", rospy.get_param("~subscriber_timeout", 10.0), "s", 0.0, 1e6
+        )
+        self._loop = flag("~loop", rospy.get_param("~loop", False))
+        self._plan = _load_plan(rospy.get_param("~plan_file", None))
+        wheelbase = rospy.get_param(f"/{car_name}/car_sim/wheelbase", Car().wheelbase)
+        self._car = Car(wheelbase=number("car_sim/wheelbase", wheelbase, "m", 0.01, 100.0))
+        self._frame = f"{car_name}/base_footprint"
+
+        self._lock = threading.Lock()
+        self._stopped = False
+        self._last: Optional[Command] = None
+        self._written: Dict[int, int] = {}
+        self._next_line = 0
+        self._poses = threading.Condition()
+        self._pose: Optional[Pose] = None
+        self._pose_stamp = 0
+        self._driven = 0.0
+
+        # Every command counts, also when a stalled machine lets several fall due at once.
+        self._pub_controls = rospy.Publisher(
+            control_topic, AckermannDriveStamped, queue_size=100, tcp_nodelay=True
+        )
+        self._pub_init_pose = rospy.Publisher(
+            init_pose_topic, PoseWithCovarianceStamped, queue_size=10, tcp_nodelay=True
+        )
+        self._pose_sub = rospy.Subscriber(
+            f"/{car_name}/car_pose", PoseStamped, self._on_pose, tcp_nodelay=True
+        )
+        rospy.loginfo(
+            "plan %s: %d rows, %g s, %.2f m; commands to %s, start pose to %s",
+            self._plan.path,
+            len(self._plan.rows),
+            self._plan.duration / NANOSECONDS,
+            prediction.length(self._plan),
+            self._pub_controls.resolved_name,
+            self._pub_init_pose.resolved_name,
+        )
+
+    def run(self) -> None:
+        """Drive the plan, once or until the node is shut down.
+
+        Raises:
+            DriveError: the plan cannot be driven, or not to its end.
+            rospy.ROSInterruptException: the node is shut down.
+        """
+        try:
+            self._wait_for_clock()
+            self._wait_for_subscriber(self._pub_controls)
+            self._wait_for_subscriber(self._pub_init_pose)
+            start = None
+            while start is None or self._loop:
+                start = self.run_plan(start)
+        finally:
+            self.stop()
+
+    def run_plan(self, begin: Optional[int]) -> int:
+        """Place the car and send every command of the plan.
+
+        Args:
+            begin: when to place the car [ns]; the first command is due one period later. None:
+                at once, and the first command as soon as the car has taken the start pose.
+
+        Returns:
+            When the plan ends [ns].
+        """
+        placed = self._now() if begin is None else begin
+        self.send_init_pose(Placement(placed, Pose(*self._plan.start)))
+        start = self._now() if begin is None else placed + PERIOD
+        end = start + self._plan.duration
+        self._next_line = start
+        due = start
+        for index, row in enumerate(self._plan.rows, 1):
+            where = f"row {index} of {len(self._plan.rows)}"
+            self.send_command(row, due, where, end)
+            due += row.duration
+        self._send(Command(end, 0.0, 0.0))
+        if not self._loop:
+            self._report_end(end)
+        return end
+
+    def send_init_pose(self, placement: Placement) -> None:
+        """Place the car and, where anybody reports its pose, wait until it is there.
+
+        Raises:
+            DriveError: it reports another pose.
+        """
+        self._pub_init_pose.publish(conversions.placement_to_msg(placement))
+        topic = self._pose_sub.resolved_name
+        if not self._pose_is_published():
+            rospy.loginfo("nobody publishes %s, so the start pose is not checked", topic)
+            return
+
+        def is_there() -> bool:
+            return self._pose_stamp >= placement.stamp and _close(self._pose, placement.pose)
+
+        if not self._wait_for_pose(is_there, self._patience):
+            raise DriveError(
+                f"the car did not take the start pose {_shown(placement.pose)} within "
+                f"{self._patience:g} s; {topic} says {_shown(self._pose)}. "
+                "Is a wall there, or does something else place the car?"
+            )
+        self._driven = 0.0
+
+    def send_command(self, row: Row, start: int, where: str, end: int) -> None:
+        """Send a row's command at `start` [ns], and every 0.1 s from then on while it lasts.
+
+        Every second it says `where` in the plan this is, and how long it takes to the `end` [ns].
+        """
+        for due in range(start, start + row.duration, PERIOD):
+            self._send(Command(due, row.speed, row.steering_angle))
+            if due >= self._next_line:
+                self._next_line += NANOSECONDS
+                left = (end - due) / NANOSECONDS
+                rospy.loginfo(
+                    "%s: %g m/s, %g rad; %.1f s left", where, row.speed, row.steering_angle, left
+                )
+
+    def stop(self) -> None:
+        """Stop the car for good, unless it has not been driven, and see the last message off."""
+        with self._lock:
+            if self._last and not self._stopped:
+                if self._last.speed or self._last.steering_angle:
+                    self._publish(Command(max(self._now(), self._last.stamp), 0.0, 0.0))
+                self._flush()
+            self._stopped = True
+
+    def _send(self, command: Command) -> None:
+        """Wait for a command's stamp and publish it, unless the car has been stopped for good."""
+        self._wait_until(command.stamp)
+        with self._lock:
+            if self._stopped:
+                raise rospy.ROSInterruptException("the car has been stopped")
+            self._publish(command)
+
+    def _publish(self, command: Command) -> None:
+        """Publish a command; needs the lock."""
+        self._last = command
+        self._written = self._count_written()
+        self._pub_controls.publish(conversions.command_to_msg(command, self._frame))
+
+    def _flush(self) -> None:
+        """Wait until the last command is on its way: at its end rospy drops what is queued."""
+        deadline = time.monotonic() + 1.0
+        while time.monotonic() < deadline:
+            now = self._count_written()
+            if all(now[link] > count for link, count in self._written.items() if link in now):
+                return
+            time.sleep(0.001)
+
+    def _count_written(self) -> Dict[int, int]:
+        """Return how many commands have been written to each connection."""
+        _, _, connections = self._pub_controls.impl.get_stats()
+        return {link: count for link, _, count, connected in connections if connected}
+
+    def _wait_until(self, due: int) -> None:
+        """Sleep until `due` [ns].
+
+        Raises:
+            DriveError: that is long past, or far away, because the clock was set or the machine
+                stood still; what is left of the plan would not be what was planned.
+        """
+        while True:
+            early = due - self._now()
+            if abs(early) > STAMP_TOLERANCE:
+                raise DriveError(
+                    f"a command is due {early / NANOSECONDS:+.1f} s from now: the clock was set, "
+                    "or this machine stood still. The plan is given up"
+                )
+            if early <= 0:
+                return
+            rospy.sleep(rospy.Duration(0, early))
+
+    def _wait_for_clock(self) -> None:
+        """Wait until there is a time at all, which under use_sim_time somebody must publish."""
+        deadline = time.monotonic() + self._patience
+        while not self._now():
+            if time.monotonic() > deadline:
+                raise DriveError(
+                    f"use_sim_time is set, but nobody published /clock within {self._patience:g} s"
+                )
+            self._pause()
+
+    def _wait_for_subscriber(self, publisher: rospy.Publisher) -> None:
+        """Wait until somebody listens to what `publisher` has to say."""
+        began = time.monotonic()
+        said = False
+        while not publisher.get_num_connections():
+            waited = time.monotonic() - began
+            if waited > self._patience:
+                raise DriveError(
+                    f"nobody subscribes to {publisher.resolved_name} after {self._patience:g} s. "
+                    "Is the car running (roslaunch mushr_ros_intro sim.launch), and is that its "
+                    "topic (rostopic list)?"
+                )
+            if waited > 1.0 and not said:
+                said = True
+                rospy.loginfo("waiting for a subscriber to %s", publisher.resolved_name)
+            self._pause()
+
+    def _pause(self) -> None:
+        """Let a moment of wall-clock time pass."""
+        if rospy.is_shutdown():
+            raise rospy.ROSInterruptException("shut down while waiting")
+        time.sleep(0.01)
+
+    def _on_pose(self, msg: PoseStamped) -> None:
+        """Note where the car is, and how far it has come."""
+        try:
+            pose = conversions.pose_from_msg(msg.pose)
+        except conversions.MessageError as error:
+            rospy.logwarn_throttle(1.0, f"ignored a pose on {self._pose_sub.resolved_name}: {error}")
+            return
+        with self._poses:
+            if self._pose is not None:
+                self._driven += math.hypot(pose.x - self._pose.x, pose.y - self._pose.y)
+            self._pose, self._pose_stamp = pose, msg.header.stamp.to_nsec()
+            self._poses.notify_all()
+
+    def _pose_is_published(self) -> bool:
+        """Say whether anybody publishes the car's pose."""
+        topic = self._pose_sub.resolved_name
+        return topic in (name for name, _ in rospy.get_published_topics())
+
+    def _wait_for_pose(self, condition: Callable[[], bool], patience: float) -> bool:
+        """Wait until the car's reported pose meets a condition; say whether it does."""
+        deadline = time.monotonic() + patience
+        with self._poses:
+            while not condition():
+                if rospy.is_shutdown():
+                    raise rospy.ROSInterruptException("shut down while waiting")
+                if time.monotonic() > deadline:
+                    return False
+                self._poses.wait(0.1)
+        return True
+
+    def _report_end(self, end: int) -> None:
+        """Say where the car stopped, and where it should have."""
+        expected = prediction.final_pose(self._plan, self._car)
+        rospy.loginfo("the plan has been driven; its closed form ends at %s", _shown(expected))
+        if not self._pose_is_published():
+            return
+        if not self._wait_for_pose(lambda: self._pose_stamp >= end + SETTLING, self._patience):
+            rospy.logwarn("the car no longer reports its pose")
+            return
+        rospy.loginfo(
+            "the car drove %.2f m and stopped at %s; difference %.1e m, %.1e rad",
+            self._driven,
+            _shown(self._pose),
+            math.hypot(self._pose.x - expected.x, self._pose.y - expected.y),
+            abs(math.remainder(self._pose.theta - expected.theta, math.tau)),
+        )
+
+    @staticmethod
+    def _now() -> int:
+        """Return the present [ns]."""
+        return rospy.get_rostime().to_nsec()
+
+
+def _load_plan(plan_file: Any) -> Plan:
+    """Read the plan that ``~plan_file`` names.
+
+    roslaunch starts its nodes in ROS_HOME but leaves PWD as its own shell had it, so that is
+    where a relative path leads from.
+    """
+    if plan_file is None:
+        raise ParameterError(
+            "parameter ~plan_file is not set; expected the name or the path of a plan, "
+            "such as _plan_file:=figure_8"
+        )
+    plans = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "plans")
+    folders = [os.environ.get("PWD", "."), "."]
+    return read_plan(find_plan(text("~plan_file", plan_file), plans, folders))
+
+
+def _close(pose: Optional[Pose], other: Pose) -> bool:
+    """Say whether a reported pose is another one, within the tolerance."""
+    return (
+        pose is not None
+        and math.hypot(pose.x - other.x, pose.y - other.y) <= POSE_TOLERANCE
+        and abs(math.remainder(pose.theta - other.theta, math.tau)) <= POSE_TOLERANCE
+    )
+
+
+def _shown(pose: Optional[Pose]) -> str:
+    """Return a pose as text."""
+    if pose is None:
+        return "nothing"
+    return f"({pose.x:.6f} m, {pose.y:.6f} m, {pose.theta:.6f} rad)"
+
+
+def main() -> int:
+    """Run the node; return its exit status."""
+    rospy.init_node("path_publisher")
+    try:
+        node = PathPublisher()
+    except (ParameterError, PlanError) as error:
+        rospy.logfatal("%s: %s", rospy.get_name(), error)
+        return 1
+
+    status = 1
+
+    def drive() -> None:
+        nonlocal status
+        try:
+            node.run()
+            status = 0
+        except rospy.ROSInterruptException:
+            status = 0
+        except DriveError as error:
+            rospy.logfatal("%s: %s", rospy.get_name(), error)
+
+    # In a thread of its own, so that Ctrl-C, which rospy handles in this one, can send the stop
+    # without cutting a command in two.
+    thread = threading.Thread(target=drive, daemon=True)
+    rospy.on_shutdown(node.stop)
+    thread.start()
+    thread.join()
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())
