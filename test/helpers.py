@@ -1,0 +1,196 @@
+"""What several of the rostests need: recording topics, waiting with a deadline, the closed form."""
+
+import cmath
+import math
+import os
+import signal
+import struct
+import subprocess
+import threading
+import time
+
+import rospy
+
+POSITION_TOLERANCE = 1e-6
+"""[m] What the package promises; the sums of 1e-16 that are behind it reach about 1e-12."""
+ANGLE_TOLERANCE = 1e-6
+"""[rad] Likewise."""
+
+PATIENCE = 30.0
+"""[s] How long to wait for what should come at once: a busy machine is not a failure."""
+
+
+def float32(value):
+    """Return `value` as it travels in an AckermannDrive."""
+    return struct.unpack("f", struct.pack("f", value))[0]
+
+
+def closed_form(start, rows, wheelbase=0.33):
+    """Return the pose (x, y, theta) at the end of `rows` of (speed, steering angle, seconds).
+
+    Written in complex numbers, with the turning centre, and so not as the car does it.
+    """
+    position, heading = complex(start[0], start[1]), start[2]
+    for speed, steering_angle, duration in rows:
+        speed, steering_angle = float32(speed), float32(steering_angle)
+        turn_rate = speed * math.tan(steering_angle) / wheelbase
+        if turn_rate == 0.0:
+            position += speed * duration * cmath.exp(1j * heading)
+        else:
+            turned = heading + turn_rate * duration
+            centre = position + 1j * speed / turn_rate * cmath.exp(1j * heading)
+            position = centre - 1j * speed / turn_rate * cmath.exp(1j * turned)
+            heading = turned
+    return position.real, position.imag, heading
+
+
+def yaw_of(quaternion):
+    """Return the yaw [rad] of a rotation about the z axis."""
+    return 2.0 * math.atan2(quaternion.z, quaternion.w)
+
+
+def planar(pose):
+    """Return the (x, y, theta) of a geometry_msgs/Pose on the ground."""
+    return pose.position.x, pose.position.y, yaw_of(pose.orientation)
+
+
+def angle_between(one, other):
+    """Return the size of the angle [rad] between two headings."""
+    return abs(math.remainder(one - other, math.tau))
+
+
+def wait_for(condition, what, patience=PATIENCE):
+    """Return the first true value of `condition`; fail with `what` was waited for after a while."""
+    deadline = time.monotonic() + patience
+    while True:
+        value = condition()
+        if value:
+            return value
+        if time.monotonic() > deadline or rospy.is_shutdown():
+            raise AssertionError(f"waited {patience:g} s for {what}")
+        time.sleep(0.01)
+
+
+class Recording:
+    """Every message of a topic, in the order of arrival."""
+
+    def __init__(self, topic, kind):
+        self.topic = rospy.resolve_name(topic)
+        self._lock = threading.Lock()
+        self._messages = []
+        self._subscriber = rospy.Subscriber(topic, kind, self._take, tcp_nodelay=True)
+
+    def _take(self, message):
+        with self._lock:
+            self._messages.append(message)
+
+    @property
+    def messages(self):
+        with self._lock:
+            return list(self._messages)
+
+    @property
+    def last(self):
+        with self._lock:
+            return self._messages[-1] if self._messages else None
+
+    def clear(self):
+        with self._lock:
+            self._messages.clear()
+
+    def connected(self):
+        """Wait until somebody publishes the topic."""
+        wait_for(self._subscriber.get_num_connections, f"a publisher of {self.topic}")
+        return self
+
+    def after(self, stamp, patience=PATIENCE):
+        """Return the first message that is stamped after `stamp` (a rospy.Time)."""
+
+        def find():
+            return next((m for m in self.messages if m.header.stamp > stamp), None)
+
+        return wait_for(find, f"a message on {self.topic} after {stamp.to_sec():.3f}", patience)
+
+    def pose_at_rest(self, since, patience=PATIENCE):
+        """Return the pose (x, y, theta) of a car that reports the same one for 0.3 s after `since`.
+
+        0.3 s is longer than a command is good for.
+        """
+
+        def find():
+            messages = [m for m in self.messages if m.header.stamp >= since]
+            if not messages:
+                return None
+            tail = messages[-1].header.stamp - rospy.Duration(0.3)
+            if tail < since:
+                return None
+            poses = {planar(m.pose) for m in messages if m.header.stamp >= tail}
+            return poses if len(poses) == 1 else None
+
+        return wait_for(find, f"the car of {self.topic} to stand still", patience).pop()
+
+
+def publisher(topic, kind, **options):
+    """Return a publisher of `topic` that somebody listens to."""
+    made = rospy.Publisher(topic, kind, queue_size=100, tcp_nodelay=True, **options)
+    wait_for(made.get_num_connections, f"a subscriber of {made.resolved_name}")
+    return made
+
+
+class Process:
+    """A command that a test starts, watches and ends."""
+
+    def __init__(self, *command, **environment):
+        self._process = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, **environment, "PYTHONUNBUFFERED": "1"},
+            start_new_session=True,
+        )
+        self._lines = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self):
+        for line in self._process.stdout:
+            self._lines.append(line.decode(errors="replace"))
+
+    @property
+    def output(self):
+        return "".join(self._lines)
+
+    @property
+    def running(self):
+        return self._process.poll() is None
+
+    def send_signal(self, number):
+        """Send a signal to the process and to all that it has started."""
+        os.killpg(self._process.pid, number)
+
+    def wait(self, patience=PATIENCE):
+        """Return the exit status."""
+        try:
+            status = self._process.wait(patience)
+        except subprocess.TimeoutExpired:
+            self.end()
+            raise AssertionError(f"no end after {patience:g} s: {self.output}") from None
+        self._reader.join(5.0)
+        return status
+
+    def end(self):
+        """End the process, however it is."""
+        if self.running:
+            self.send_signal(signal.SIGKILL)
+            self._process.wait()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.end()
+
+
+def node(name, *arguments):
+    """Start a node of this package with rosrun."""
+    return Process("rosrun", "mushr_ros_intro", name, *arguments)
