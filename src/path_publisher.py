@@ -323,7 +323,8 @@ def _load_plan(plan_file: Any) -> Plan:
             "parameter ~plan_file is not set; expected the name or the path of a plan, "
             "such as _plan_file:=figure_8"
         )
-    plans = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "plans")
+    package = rospkg.RosPack().get_path("mushr_ros_intro")
+    plans = os.path.realpath(os.path.join(package, "plans"))
     folders = [os.environ.get("PWD", "."), "."]
     return read_plan(find_plan(text("~plan_file", plan_file), plans, folders))
 

@@ -1,0 +1,239 @@
+#!/usr/bin/python3
+"""Check the simulated car: events at their stamps, refusals, and reports that agree."""
+
+import math
+import random
+import unittest
+
+import rospy
+import rostest
+import tf2_ros
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from helpers import (
+    ANGLE_TOLERANCE,
+    POSITION_TOLERANCE,
+    Recording,
+    angle_between,
+    closed_form,
+    node,
+    planar,
+    publisher,
+    wait_for,
+    yaw_of,
+)
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Log
+from sensor_msgs.msg import JointState
+
+LEAD = rospy.Duration(0.3)
+"""How far ahead of the clock the tests stamp their first message: time to send the rest."""
+
+ROWS = [(2.0, 0.3), (1.0, -0.2), (-1.5, 0.25), (3.0, 0.0), (0.5, 1.2), (2.5, -0.1)]
+"""[m/s, rad] One command every 0.1 s."""
+
+
+def command(stamp, speed, steering_angle):
+    msg = AckermannDriveStamped()
+    msg.header.stamp = stamp
+    msg.header.frame_id = "car/base_footprint"
+    msg.drive.speed, msg.drive.steering_angle = speed, steering_angle
+    return msg
+
+
+def placement(stamp, x, y, theta, frame="map"):
+    msg = PoseWithCovarianceStamped()
+    msg.header.stamp = stamp
+    msg.header.frame_id = frame
+    msg.pose.pose.position.x, msg.pose.pose.position.y = x, y
+    msg.pose.pose.orientation.z = math.sin(theta / 2.0)
+    msg.pose.pose.orientation.w = math.cos(theta / 2.0)
+    return msg
+
+
+def at(begin, seconds):
+    return begin + rospy.Duration.from_sec(seconds)
+
+
+class TestCarSim(unittest.TestCase):
+    def setUp(self):
+        self.poses = Recording("/car/car_pose", PoseStamped).connected()
+        self.commands = publisher("/car/mux/ackermann_cmd_mux/output", AckermannDriveStamped)
+        self.placements = publisher("/initialpose", PoseWithCovarianceStamped)
+
+    def assert_pose(self, got, expected):
+        self.assertLess(math.hypot(got[0] - expected[0], got[1] - expected[1]), POSITION_TOLERANCE)
+        self.assertLess(angle_between(got[2], expected[2]), ANGLE_TOLERANCE)
+
+    def place(self, x=0.0, y=0.0, theta=0.0):
+        """Put the car somewhere, and wait until it says that it is there."""
+        stamp = rospy.Time.now()
+        self.placements.publish(placement(stamp, x, y, theta))
+        self.assert_pose(self.poses.pose_at_rest(stamp), (x, y, theta))
+
+    def rest_after(self, stamp):
+        return self.poses.pose_at_rest(at(stamp, 0.2))
+
+    def drive(self, order):
+        """Send ROWS in some order, 0.1 s apart by their stamps; return where the car ends."""
+        begin = rospy.Time.now() + LEAD
+        for index in order:
+            self.commands.publish(command(at(begin, 0.1 * index), *ROWS[index]))
+        return self.rest_after(at(begin, 0.1 * (len(ROWS) - 1)))
+
+    def test_0_start_pose(self):
+        # Tests run in the order of their names, so here nobody has placed the car yet.
+        self.assert_pose(planar(self.poses.after(rospy.Time(0)).pose), (1.0, -2.0, 0.5))
+
+    def test_in_order_late_twice_and_out_of_order(self):
+        rows = [(speed, angle, 0.1) for speed, angle in ROWS[:-1]] + [(*ROWS[-1], 0.2)]
+        expected = closed_form((0.0, 0.0, 0.0), rows)
+        in_order = list(range(len(ROWS)))
+        shuffled = in_order * 2
+        random.Random(1).shuffle(shuffled)
+        for order in (in_order, in_order[::-1], shuffled):
+            self.place()
+            self.assert_pose(self.drive(order), expected)
+
+    def test_late_commands(self):
+        self.place()
+        begin = rospy.Time.now() - rospy.Duration(0.8)
+        # The car already stands there again, and has to go back in time.
+        self.commands.publish(command(at(begin, 0.1), 2.0, 0.3))
+        self.placements.publish(placement(begin, 5.0, 5.0, 1.0))
+        wait_for(lambda: planar(self.poses.last.pose)[1] > 4.0, "the car to be placed")
+        expected = closed_form((5.0, 5.0, 1.0), [(2.0, 0.3, 0.2)])
+        self.assert_pose(self.rest_after(rospy.Time.now()), expected)
+
+    def test_placed_while_driving(self):
+        self.place()
+        begin = rospy.Time.now() + LEAD
+        odometry = Recording("/car/odom", Odometry).connected()
+        for index in range(7):
+            self.commands.publish(command(at(begin, 0.1 * index), 2.0, 0.1))
+        self.placements.publish(placement(at(begin, 0.35), -3.0, 4.0, 2.0))
+        # At rest from 0.35 s to the next command at 0.4 s.
+        expected = closed_form((-3.0, 4.0, 2.0), [(2.0, 0.1, 0.4)])
+        self.assert_pose(self.rest_after(at(begin, 0.6)), expected)
+        messages = odometry.messages
+        for one, other in zip(messages, messages[1:]):
+            seconds = (other.header.stamp - one.header.stamp).to_sec()
+            moved = math.hypot(
+                other.pose.pose.position.x - one.pose.pose.position.x,
+                other.pose.pose.position.y - one.pose.pose.position.y,
+            )
+            self.assertLessEqual(moved, 2.0 * seconds + POSITION_TOLERANCE, "odometry jumped")
+
+    def test_a_placement_forgets_the_command(self):
+        self.place()
+        begin = rospy.Time.now() + LEAD
+        self.commands.publish(command(begin, 2.0, 0.0))
+        self.placements.publish(placement(at(begin, 0.05), 7.0, 8.0, 0.0))
+        self.assert_pose(self.rest_after(begin), (7.0, 8.0, 0.0))
+
+    def test_command_timeout(self):
+        self.place()
+        begin = rospy.Time.now() + LEAD
+        self.commands.publish(command(begin, 2.0, 0.4))
+        expected = closed_form((0.0, 0.0, 0.0), [(2.0, 0.4, 0.2)])
+        self.assert_pose(self.rest_after(begin), expected)
+
+    def test_stamps_that_mean_now(self):
+        log = Recording("/rosout", Log).connected()
+        for stamp in (rospy.Time(0), rospy.Time.now() + rospy.Duration(10.0)):
+            self.place()
+            self.commands.publish(command(stamp, 2.0, 0.0))
+            wait_for(lambda: planar(self.poses.last.pose)[0] > 0.3, "the car to drive on")
+            self.assert_pose(self.rest_after(rospy.Time.now()), (0.4, 0.0, 0.0))
+        wait_for(lambda: any("synchronise" in m.msg for m in log.messages), "a warning")
+
+    def test_refuses_what_is_not_finite(self):
+        log = Recording("/rosout", Log).connected()
+        nan, infinity = float("nan"), float("inf")
+        zero = placement(rospy.Time.now(), 9.0, 9.0, 0.0)
+        zero.pose.pose.orientation.w = 0.0
+        bad_placements = {
+            "finite": placement(rospy.Time.now(), nan, 0.0, 0.0),
+            "length": zero,
+            "frame": placement(rospy.Time.now(), 9.0, 9.0, 0.0, frame="odom"),
+            "far": placement(rospy.Time.now(), 1e30, 0.0, 0.0),
+        }
+        self.place(1.0, 2.0, 3.0)
+        for word, msg in bad_placements.items():
+            log.clear()
+            self.placements.publish(msg)
+            self.assert_pose(self.poses.pose_at_rest(rospy.Time.now()), (1.0, 2.0, 3.0))
+            rospy.sleep(1.0)  # warnings are at most one a second
+            wait_for(lambda word=word: any(word in m.msg for m in log.messages), word)
+        for speed, angle in ((nan, 0.0), (1.0, infinity), (-infinity, nan), (1.0, 1.6)):
+            self.commands.publish(command(rospy.Time.now(), speed, angle))
+        self.assert_pose(self.rest_after(rospy.Time.now()), (1.0, 2.0, 3.0))
+
+    def test_reports_agree(self):
+        odometry = Recording("/car/odom", Odometry).connected()
+        joints = Recording("/car/joint_states", JointState).connected()
+        transforms = tf2_ros.Buffer()
+        listener = tf2_ros.TransformListener(transforms)
+        self.place(3.0, -1.0, 2.5)
+        speed, angle = 1.5, 0.3
+        begin = rospy.Time.now() + LEAD
+        for index in range(6):
+            self.commands.publish(command(at(begin, 0.1 * index), speed, angle))
+        self.rest_after(at(begin, 0.5))
+        turn_rate = speed * math.tan(angle) / 0.33
+
+        driving = [m for m in odometry.messages if begin < m.header.stamp < at(begin, 0.7)]
+        self.assertGreater(len(driving), 10)
+        for one, other in zip(driving, driving[1:]):
+            self.assertEqual(one.header.frame_id, "car/odom")
+            self.assertEqual(one.child_frame_id, "car/base_footprint")
+            self.assertAlmostEqual(one.twist.twist.linear.x, speed, delta=1e-6)
+            self.assertAlmostEqual(one.twist.twist.angular.z, turn_rate, delta=1e-6)
+            self.assertEqual(one.twist.twist.linear.y, 0.0)
+            seconds = (other.header.stamp - one.header.stamp).to_sec()
+            expected = closed_form(planar(one.pose.pose), [(speed, angle, seconds)])
+            self.assert_pose(planar(other.pose.pose), expected)
+
+        for msg in driving:
+            stamp = msg.header.stamp
+            pose = next(m for m in self.poses.messages if m.header.stamp == stamp).pose
+            for frame, wanted in (("map", pose), ("car/odom", msg.pose.pose)):
+                found = transforms.lookup_transform(frame, "car/base_footprint", stamp).transform
+                got = (found.translation.x, found.translation.y, yaw_of(found.rotation))
+                self.assert_pose(got, planar(wanted))
+            joint = next(m for m in joints.messages if m.header.stamp == stamp)
+            angles = dict(zip(joint.name, joint.position))
+            # Ackermann: the cotangents of the front wheels' angles differ by track / wheelbase.
+            left, right = angles["front_left_wheel_steer"], angles["front_right_wheel_steer"]
+            self.assertAlmostEqual(1 / math.tan(right) - 1 / math.tan(left), 0.25 / 0.33, places=6)
+        self.assertEqual(
+            sorted(joint.name),
+            [
+                "back_left_wheel_throttle",
+                "back_right_wheel_throttle",
+                "front_left_wheel_steer",
+                "front_left_wheel_throttle",
+                "front_right_wheel_steer",
+                "front_right_wheel_throttle",
+            ],
+        )
+        listener.unregister()
+
+    def test_bad_parameters(self):
+        for name, value, unit in (
+            ("wheelbase", "0.0", "m"),
+            ("track", "wide", "m"),
+            ("wheel_radius", ".nan", "m"),
+            ("command_timeout", "-1", "s"),
+            ("pose_rate", "0", "Hz"),
+            ("x", "true", "m"),
+        ):
+            with node("car_sim.py", "__name:=bad_car", f"_{name}:={value}") as car:
+                self.assertEqual(car.wait(), 1, car.output)
+                self.assertRegex(car.output, rf"parameter ~{name} is .* expected .* {unit}")
+                self.assertNotIn("Traceback", car.output)
+
+
+if __name__ == "__main__":
+    rospy.init_node("car_sim_test")
+    rostest.rosrun("mushr_ros_intro", "car_sim", TestCarSim)
