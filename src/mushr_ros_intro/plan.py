@@ -8,11 +8,10 @@ Comments from ``#`` to the end of the line, blank lines, spaces, CRLF and a byte
 are all fine.
 """
 
-import math
 import os
 import re
 import stat
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 
@@ -22,20 +21,39 @@ MAX_FILE_SIZE = 100_000_000
 """A plan file is refused beyond this size [bytes]; a plan of a million rows has twelve million."""
 
 MAX_DURATION = 1_000_000_000 * NANOSECONDS
-"""A plan is refused beyond this duration [ns], so that its stamps fit into ROS's 32 bits of seconds."""
+"""A plan beyond this duration [ns] is refused: its stamps must fit into ROS's 32 bits of seconds."""
 
 MAX_COORDINATE = 1e6
-"""A start pose further away [m] is refused: nobody means it, and it would cost digits."""
+"""A start pose beyond this [m, rad] is refused: nobody means it, and it would cost digits."""
 
-MAX_SPEED = 3.4028234663852886e38
-"""The largest speed [m/s] that an AckermannDrive, whose fields are float32, can carry."""
+MAX_SPEED = 1e3
+"""A speed beyond this [m/s] is refused, for the same reason."""
 
 MAX_STEERING_ANGLE = 1.57
 """The largest steering angle [rad]; at a right angle a bicycle would turn on the spot."""
 
-_NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+MAX_FAULTS = 1000
+"""After so many faults the rest of a file is not checked: it is no plan, and may be huge."""
+
+# Unambiguous, so that matching takes time in proportion to the line, whatever stands there.
+_NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+_CELL = rf"\s*({_NUMBER})\s*"
+_UNDECODABLE = "\udc80-\udcff"
+_END = f"(?:#[^{_UNDECODABLE}]*)?"
 _IS_NUMBER = re.compile(_NUMBER)
-_ROW = re.compile(rf"\s*({_NUMBER})\s*,\s*({_NUMBER})\s*(?:,\s*({_NUMBER})\s*)?(?:#.*)?")
+_IS_UNDECODABLE = re.compile(f"[{_UNDECODABLE}]")
+_START = re.compile(f"{_CELL},{_CELL},{_CELL}{_END}")
+_ROW = re.compile(f"{_CELL},{_CELL}(?:,{_CELL})?{_END}")
+
+_MIN_SECONDS = 1.0 / NANOSECONDS
+_MAX_SECONDS = MAX_DURATION / NANOSECONDS
+_LIMITS = {
+    "x": (MAX_COORDINATE, "metres"),
+    "y": (MAX_COORDINATE, "metres"),
+    "theta": (MAX_COORDINATE, "radians"),
+    "speed": (MAX_SPEED, "m/s"),
+    "steering angle": (MAX_STEERING_ANGLE, "radians"),
+}
 
 _START_COLUMNS = "a start pose 'x, y, theta' in m, m, rad"
 _ROW_COLUMNS = "'speed, steering angle' or 'speed, steering angle, duration' in m/s, rad, s"
@@ -151,7 +169,8 @@ def read_plan(path: str) -> Plan:
             raise refuse("this is not a regular file; expected a plan file")
         if status.st_size > MAX_FILE_SIZE:
             raise refuse(
-                f"the file has {status.st_size} bytes; expected a plan file of at most {MAX_FILE_SIZE}"
+                f"the file has {status.st_size} bytes; "
+                f"expected a plan file of at most {MAX_FILE_SIZE}"
             )
         with open(path, "rb") as file:
             data = file.read(MAX_FILE_SIZE + 1)
@@ -178,86 +197,99 @@ def parse_plan(data: bytes, path: str) -> Plan:
     start = None
     rows: List[Row] = []
     total = 0
+    others = 0  # lines that are not blank and no good row: the start pose, and faulty rows
     for number, line in enumerate(lines, 1):
-        match = _ROW.fullmatch(line) if start is not None else None
-        if match and match.group(3) is None:
-            duration = DEFAULT_DURATION
-            row = Row(float(match.group(1)), float(match.group(2)), duration, number)
-            good = abs(row.speed) <= MAX_SPEED and abs(row.steering_angle) <= MAX_STEERING_ANGLE
-        else:
-            good = False
-        if not good:
-            cells = _split(line)
-            if not cells:
-                continue
-            found = _cell_faults(path, number, line, cells, is_start=start is None)
-            faults += found
-            if start is None:
-                start = (0.0, 0.0, 0.0) if found else tuple(float(cell) for _, cell in cells)
-                continue
-            if found:
-                continue
-            values = [float(cell) for _, cell in cells]
-            duration = from_seconds(values[2]) if len(values) == 3 else DEFAULT_DURATION
-            row = Row(values[0], values[1], duration, number)
-        if total <= MAX_DURATION < total + duration:
-            limit = MAX_DURATION // NANOSECONDS
-            faults.append(
-                Fault(path, number, 1, f"here the plan exceeds {limit} s; expected a shorter plan")
-            )
-        total += duration
-        rows.append(row)
+        row = _read_row(line, number) if others else None
+        if row:
+            if total <= MAX_DURATION < total + row.duration:
+                limit = MAX_DURATION // NANOSECONDS
+                text = f"here the plan exceeds {limit} s; expected a shorter plan"
+                faults.append(Fault(path, number, 1, text))
+            total += row.duration
+            rows.append(row)
+            continue
+        if not others:
+            start = _read_start(line)
+        faults += _line_faults(path, number, line, is_start=not others)
+        others += not _is_blank(line)
+        if len(faults) >= MAX_FAULTS:
+            text = "too many faults; the rest of the file has not been checked"
+            faults.append(Fault(path, number + 1, 1, text))
+            break
 
-    if start is None:
+    if not others:
         faults.append(Fault(path, 1, 1, f"the file is empty; expected {_START_COLUMNS}"))
-    elif not rows and not faults:
-        faults.append(
-            Fault(path, len(lines), 1, f"no command after the start pose; expected {_ROW_COLUMNS}")
-        )
+    elif others == 1 and not rows:
+        text = f"no command after the start pose; expected {_ROW_COLUMNS}"
+        faults.append(Fault(path, len(lines), 1, text))
     if faults:
         raise PlanError(faults)
     assert start is not None
     return Plan(path, start, tuple(rows))
 
 
-def _split(line: str) -> List[Tuple[int, str]]:
-    """Cut a line into (column from 1, cell without the space around it); [] where it is blank."""
-    line = line.split("#", 1)[0]
-    if not line.strip():
-        return []
-    cells = []
-    column = 0
-    for cell in line.split(","):
-        content = cell.strip()
-        indent = len(cell) - len(cell.lstrip()) if content else 0
-        cells.append((column + indent + 1, content))
-        column += len(cell) + 1
-    return cells
+def _read_start(line: str) -> Optional[Tuple[float, float, float]]:
+    """Return the start pose that stands in a line, or None where there is no good one."""
+    match = _START.fullmatch(line)
+    if not match:
+        return None
+    x, y, theta = map(float, match.groups())
+    return (x, y, theta) if max(abs(x), abs(y), abs(theta)) <= MAX_COORDINATE else None
 
 
-def _cell_faults(
-    path: str, number: int, line: str, cells: Sequence[Tuple[int, str]], is_start: bool
-) -> List[Fault]:
-    """Find every fault in the cells of one line."""
-    undecodable = re.search("[\udc80-\udcff]", line)
+def _read_row(line: str, number: int) -> Optional[Row]:
+    """Return the row that stands in line `number`, or None where there is no good one."""
+    match = _ROW.fullmatch(line)
+    if not match:
+        return None
+    first, second, third = match.groups()
+    speed, steering_angle = float(first), float(second)
+    if abs(speed) > MAX_SPEED or abs(steering_angle) > MAX_STEERING_ANGLE:
+        return None
+    if third is None:
+        return Row(speed, steering_angle, DEFAULT_DURATION, number)
+    seconds = float(third)
+    if not _MIN_SECONDS <= seconds <= _MAX_SECONDS:
+        return None
+    return Row(speed, steering_angle, from_seconds(seconds), number)
+
+
+def _is_blank(line: str) -> bool:
+    """Say whether a line holds nothing but a comment."""
+    return not line.split("#", 1)[0].strip()
+
+
+def _line_faults(path: str, number: int, line: str, is_start: bool) -> List[Fault]:
+    """Find every fault of a line; there is none in a blank one."""
+    undecodable = _IS_UNDECODABLE.search(line)
     if undecodable:
         byte = ord(undecodable.group()) - 0xDC00
         text = f"byte 0x{byte:02x} is not UTF-8; expected a text file in UTF-8 or plain ASCII"
         return [Fault(path, number, undecodable.start() + 1, text)]
+    if _is_blank(line):
+        return []
     if is_start:
         names, least, columns = ("x", "y", "theta"), 3, _START_COLUMNS
     else:
         names, least, columns = ("speed", "steering angle", "duration"), 2, _ROW_COLUMNS
+
+    content = line.split("#", 1)[0].rstrip()
+    cells = content.split(",", len(names))
     if not least <= len(cells) <= len(names):
-        column = cells[len(names)][0] if len(cells) > len(names) else len(line.rstrip()) + 1
-        count = "1 column" if len(cells) == 1 else f"{len(cells)} columns"
-        return [Fault(path, number, column, f"{count}; expected {columns}")]
+        count = content.count(",") + 1
+        counted = "1 column" if count == 1 else f"{count} columns"
+        surplus = cells[-1].lstrip() if count > len(names) else ""
+        column = len(content) - len(surplus) + 1
+        return [Fault(path, number, column, f"{counted}; expected {columns}")]
 
     faults = []
-    for name, (column, cell) in zip(names, cells):
-        text = _number_fault(name, cell)
+    begin = 1  # the column in which a cell begins
+    for name, cell in zip(names, cells):
+        text = _number_fault(name, cell.strip())
         if text:
-            faults.append(Fault(path, number, column, text))
+            indent = len(cell) - len(cell.lstrip())
+            faults.append(Fault(path, number, begin + indent, text))
+        begin += len(cell) + 1
     return faults
 
 
@@ -271,13 +303,13 @@ def _number_fault(name: str, cell: str) -> str:
             return f"{name} is {shown}; expected a finite number"
         return f"{name} is {shown}, which is not a number; expected one such as 2.0"
     value = float(cell)
-    if not math.isfinite(value) or (name in "xy" and abs(value) > MAX_COORDINATE):
-        return f"{name} {shown} is too large; expected at most {MAX_COORDINATE:g}"
-    if name == "speed" and abs(value) > MAX_SPEED:
-        return f"speed {shown} does not fit into a float32; expected m/s"
-    if name == "steering angle" and abs(value) > MAX_STEERING_ANGLE:
-        limit = MAX_STEERING_ANGLE
-        return f"steering angle {shown} is out of range; expected radians, from -{limit} to {limit}"
-    if name == "duration" and not value * NANOSECONDS >= 0.5:
-        return f"duration {shown} is not positive; expected seconds, 1e-9 or more"
+    if name == "duration":
+        if value < _MIN_SECONDS:
+            return f"duration {shown} is not positive; expected seconds, {_MIN_SECONDS:g} or more"
+        if value > _MAX_SECONDS:
+            return f"duration {shown} is out of range; expected seconds, {_MAX_SECONDS:g} at most"
+        return ""
+    limit, unit = _LIMITS[name]
+    if abs(value) > limit:
+        return f"{name} {shown} is out of range; expected {unit}, from -{limit:g} to {limit:g}"
     return ""
