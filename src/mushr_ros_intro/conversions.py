@@ -1,19 +1,24 @@
 """Turn the package's values into ROS messages and back; the one module that knows both."""
 
+import io
 import math
+import struct
 from typing import List, Tuple
 
 import genpy
+import numpy as np
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import Pose as PoseMsg
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Quaternion, TransformStamped
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import OccupancyGrid, Odometry
+from nav_msgs.srv import GetMapResponse
 from sensor_msgs.msg import JointState
 from tf.transformations import quaternion_from_euler
 
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car, Command, Placement, State, front_wheel_angles
-from mushr_ros_intro.plan import MAX_COORDINATE
+from mushr_ros_intro.grid import Grid, as_travelled
+from mushr_ros_intro.plan import MAX_COORDINATE, MAX_SPEED
 from mushr_ros_intro.stamps import NANOSECONDS
 
 MAP_FRAME = "map"
@@ -91,7 +96,8 @@ def command_from_msg(msg: AckermannDriveStamped) -> Command:
     """Return the command that a message gives, with the stamp as it was sent.
 
     Raises:
-        MessageError: a number is not finite, or the steering angle is a right angle or more.
+        MessageError: a number is not finite, the speed is absurd, or the steering angle is a
+            right angle or more.
     """
     drive = msg.drive
     numbers = (
@@ -103,6 +109,8 @@ def command_from_msg(msg: AckermannDriveStamped) -> Command:
     )
     if not all(map(math.isfinite, numbers)):
         raise MessageError(f"command {numbers} is not finite; expected finite numbers")
+    if abs(drive.speed) > MAX_SPEED:
+        raise MessageError(f"speed is {drive.speed:g} m/s; expected at most {MAX_SPEED:g} m/s")
     if abs(drive.steering_angle) >= math.pi / 2:
         raise MessageError(
             f"steering angle {drive.steering_angle:g} is a right angle or more; expected radians"
@@ -165,3 +173,62 @@ def transforms_to_msgs(state: State, odom_frame: str, base_frame: str) -> List[T
         msg.transform.rotation = pose_to_msg(pose).orientation
         msgs.append(msg)
     return msgs
+
+
+class _GridMsg(OccupancyGrid):
+    """An OccupancyGrid whose data are an array, and are sent as they lie in memory.
+
+    genpy would make a Python integer of each cell, and a map may have a hundred million.
+    """
+
+    def serialize(self, buff: io.BytesIO) -> None:
+        """Write the message as genpy would; `data` is its last field."""
+        head = OccupancyGrid(header=self.header, info=self.info)
+        head.serialize(buff)
+        buff.seek(-4, io.SEEK_CUR)
+        buff.write(struct.pack("<I", len(self.data)))
+        buff.write(memoryview(self.data))
+
+
+class _GetMapResponse(GetMapResponse):
+    """A response that sends its map in the map's own way; it has no other field."""
+
+    def serialize(self, buff: io.BytesIO) -> None:
+        """Write the response as genpy would."""
+        self.map.serialize(buff)
+
+
+def grid_to_msg(grid: Grid, stamp: int, frame: str) -> OccupancyGrid:
+    """Return the message of a map in `frame`, loaded at `stamp` [ns]; its data are an array."""
+    msg = _GridMsg()
+    msg.header.stamp = msg.info.map_load_time = time_from(stamp)
+    msg.header.frame_id = frame
+    msg.info.resolution = grid.resolution
+    msg.info.width, msg.info.height = grid.width, grid.height
+    msg.info.origin = pose_to_msg(grid.origin)
+    msg.data = np.ascontiguousarray(grid.cells).reshape(-1)
+    return msg
+
+
+def map_response(msg: OccupancyGrid) -> GetMapResponse:
+    """Return the response of /static_map that holds the message of `grid_to_msg`."""
+    return _GetMapResponse(map=msg)
+
+
+def grid_from_msg(msg: OccupancyGrid) -> Grid:
+    """Return the map of a message; its data may be an array or, as rospy has it, a tuple.
+
+    Raises:
+        MessageError: it has no cells, not as many as it says, or impossible numbers.
+    """
+    info = msg.info
+    cells = np.array(msg.data, np.int8)
+    if cells.size != info.width * info.height:
+        raise MessageError(
+            f"the map has {cells.size} cells; expected {info.width} x {info.height}"
+        )
+    origin = pose_from_msg(info.origin)
+    try:
+        return Grid(cells.reshape(info.height, info.width), as_travelled(info.resolution), origin)
+    except ValueError as error:
+        raise MessageError(f"the map's {error}") from None
