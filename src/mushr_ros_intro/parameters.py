@@ -1,6 +1,5 @@
 """Check the values of a node's parameters."""
 
-import math
 from typing import Any
 
 
@@ -9,13 +8,13 @@ class ParameterError(ValueError):
 
 
 def number(name: str, value: Any, unit: str, least: float, most: float) -> float:
-    """Return `value` as a float if it is a number from `least` to `most`.
+    """Return `value` as a float if it is a number from `least` to `most`, which are finite.
 
     Raises:
         ParameterError: it is not.
     """
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not is_number or not math.isfinite(value) or not least <= value <= most:
+    if not is_number or not least <= value <= most:
         raise ParameterError(
             f"parameter {name} is {value!r}; expected a number from {least:g} to {most:g} {unit}"
         )
