@@ -46,7 +46,7 @@ def parse_config(raw: Any) -> Config:
 
     Raises:
         ConfigError: keys are missing or unknown, values are of the wrong kind, or two inputs
-            share a name, a topic or a priority.
+            share a name, a topic or a priority, or one has the topic of the publisher.
     """
     faults: List[str] = []
     if not isinstance(raw, dict):
@@ -73,6 +73,12 @@ def parse_config(raw: Any) -> Config:
                     f"expected each input to have its own"
                 )
             seen[value] = each.name
+    for each in inputs:
+        if each.topic == publisher:
+            faults.append(
+                f"input '{each.name}' has the topic '{publisher}' of the key 'publisher'; "
+                "expected another, or the mux would feed itself"
+            )
     if faults:
         raise ConfigError("; ".join(faults))
     return Config(tuple(sorted(inputs, key=lambda each: -each.priority)), publisher)
