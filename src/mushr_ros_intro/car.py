@@ -192,7 +192,7 @@ class History:
         return advance(state, max(stamp, state.stamp), self._car)
 
     def _forget(self, horizon: int) -> None:
-        """Drop the events up to `horizon` [ns], but for the state that they led to."""
-        old = bisect.bisect_right(self._events, (horizon, True))
+        """Drop the events before `horizon` [ns], but for the state that they led to."""
+        old = bisect.bisect_left(self._events, (horizon, False))
         del self._events[:old], self._payload[:old], self._states[:old]
 
