@@ -269,7 +269,7 @@ def _shown(value: Any) -> str:
     return f"is {text if len(text) <= 60 else text[:57] + '...'}"
 
 
-_DECIMAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
+_DECIMAL = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?", re.ASCII)
 
 
 def _as_number(value: Any, least: float, most: float) -> Optional[float]:

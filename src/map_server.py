@@ -1,0 +1,70 @@
+#!/usr/bin/python3
+"""Serve a map from a yaml file and a picture, as the node of the same name in ROS does."""
+
+import os
+import sys
+
+import rospkg
+import rospy
+from nav_msgs.msg import MapMetaData, OccupancyGrid
+from nav_msgs.srv import GetMap, GetMapRequest, GetMapResponse
+
+from mushr_ros_intro import conversions
+from mushr_ros_intro.grid import MapError, find_map, read_map
+from mushr_ros_intro.parameters import ParameterError, text
+
+
+class MapServer:
+    """The map server as a node.
+
+    Publishes ``map`` and ``map_metadata``, both latched, and offers the service ``static_map``.
+    """
+
+    def __init__(self) -> None:
+        frame = text("~frame_id", rospy.get_param("~frame_id", conversions.MAP_FRAME))
+        map_file = rospy.get_param("~map_file", None)
+        if map_file is None:
+            raise ParameterError(
+                "parameter ~map_file is not set; expected the name or the path of a map, "
+                "such as _map_file:=sandbox"
+            )
+        maps = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "maps")
+        # roslaunch starts its nodes in ROS_HOME but leaves PWD as its own shell had it.
+        folders = [os.environ.get("PWD", "."), "."]
+        path = find_map(text("~map_file", map_file), maps, folders)
+        grid = read_map(path)
+        self._msg = conversions.grid_to_msg(grid, rospy.get_rostime().to_nsec(), frame)
+
+        self._metadata_pub = rospy.Publisher("map_metadata", MapMetaData, queue_size=1, latch=True)
+        self._map_pub = rospy.Publisher("map", OccupancyGrid, queue_size=1, latch=True)
+        self._metadata_pub.publish(self._msg.info)
+        self._map_pub.publish(self._msg)
+        self._service = rospy.Service("static_map", GetMap, self._on_request)
+        rospy.loginfo(
+            "map %s: %d x %d cells of %g m, in the frame %s",
+            path,
+            grid.width,
+            grid.height,
+            grid.resolution,
+            frame,
+        )
+
+    def _on_request(self, _: GetMapRequest) -> GetMapResponse:
+        """Answer with the map."""
+        return conversions.map_response(self._msg)
+
+
+def main() -> int:
+    """Run the node; return its exit status."""
+    rospy.init_node("map_server")
+    try:
+        node = MapServer()  # noqa: F841, it lives as long as its topics and its service should
+    except (MapError, ParameterError) as error:
+        rospy.logfatal("%s: %s", rospy.get_name(), error)
+        return 1
+    rospy.spin()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
