@@ -97,7 +97,8 @@ class TestCarSim(unittest.TestCase):
 
     def test_late_commands(self):
         self.place()
-        begin = rospy.Time.now() - rospy.Duration(0.8)
+        begin = rospy.Time.now() + rospy.Duration(0.1)
+        wait_for(lambda: rospy.Time.now() > at(begin, 0.7), "time to pass")
         # The car already stands there again, and has to go back in time.
         self.commands.publish(command(at(begin, 0.1), 2.0, 0.3))
         self.placements.publish(placement(begin, 5.0, 5.0, 1.0))
@@ -228,7 +229,7 @@ class TestCarSim(unittest.TestCase):
             ("pose_rate", "0", "Hz"),
             ("x", "true", "m"),
         ):
-            with node("car_sim.py", "__name:=bad_car", f"_{name}:={value}") as car:
+            with node("car_sim.py", f"__name:=bad_{name}", f"_{name}:={value}") as car:
                 self.assertEqual(car.wait(), 1, car.output)
                 self.assertRegex(car.output, rf"parameter ~{name} is .* expected .* {unit}")
                 self.assertNotIn("Traceback", car.output)

@@ -66,7 +66,9 @@ def wait_for(condition, what, patience=PATIENCE):
         value = condition()
         if value:
             return value
-        if time.monotonic() > deadline or rospy.is_shutdown():
+        if rospy.is_shutdown():
+            raise AssertionError(f"shut down while waiting for {what}")
+        if time.monotonic() > deadline:
             raise AssertionError(f"waited {patience:g} s for {what}")
         time.sleep(0.01)
 

@@ -1,0 +1,204 @@
+#!/usr/bin/python3
+"""Check how path_publisher begins, ends, is interrupted, and refuses."""
+
+import glob
+import math
+import os
+import shutil
+import signal
+import tempfile
+import unittest
+
+import rospkg
+import rospy
+import rostest
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from helpers import (
+    ANGLE_TOLERANCE,
+    POSITION_TOLERANCE,
+    Process,
+    Recording,
+    angle_between,
+    closed_form,
+    node,
+    wait_for,
+)
+
+CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
+PACKAGE = rospkg.RosPack().get_path("mushr_ros_intro")
+COMMAND_TIMEOUT = 0.2
+"""[s] How long the car obeys its last command."""
+
+
+class TestPathPublisher(unittest.TestCase):
+    def setUp(self):
+        self.commands = Recording(CONTROL, AckermannDriveStamped)
+        self.placements = Recording("/initialpose", PoseWithCovarianceStamped)
+        self.poses = Recording("/car/car_pose", PoseStamped).connected()
+        self.folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, self.folder)
+
+    def plan(self, text, name="plan.txt"):
+        """Write a plan file; return its path."""
+        path = os.path.join(self.folder, name)
+        with open(path, "w") as file:
+            file.write(text)
+        return path
+
+    def wait_for_commands(self, count):
+        wait_for(lambda: len(self.commands.messages) >= count, f"{count} commands")
+
+    def assert_rests_at(self, expected):
+        last = self.commands.last.header.stamp
+        x, y, theta = self.poses.pose_at_rest(last + rospy.Duration(COMMAND_TIMEOUT))
+        self.assertLess(math.hypot(x - expected[0], y - expected[1]), POSITION_TOLERANCE)
+        self.assertLess(angle_between(theta, expected[2]), ANGLE_TOLERANCE)
+
+    def driven_so_far(self, speed, steering_angle):
+        """Return where commands of one kind have taken the car from the origin."""
+        stamps = [m.header.stamp for m in self.commands.messages]
+        seconds = (stamps[-1] - stamps[0]).to_sec()
+        if self.commands.last.drive.speed:
+            seconds += COMMAND_TIMEOUT
+        return closed_form((0.0, 0.0, 0.0), [(speed, steering_angle, seconds)])
+
+    def test_interrupted(self):
+        """Ctrl-C: the last message is a stop, and the car obeys it."""
+        path = self.plan("0,0,0\n1.0,0.2,60\n")
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self.setUp()
+            with node("path_publisher.py", f"_plan_file:={path}") as publisher:
+                self.wait_for_commands(5)
+                publisher.send_signal(number)
+                self.assertEqual(publisher.wait(), 0, publisher.output)
+            wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
+            self.assert_rests_at(self.driven_so_far(1.0, 0.2))
+
+    def test_killed(self):
+        """kill -9: no stop comes, and the car stops when the last command runs out."""
+        path = self.plan("0,0,0\n1.0,0.2,60\n")
+        with node("path_publisher.py", f"_plan_file:={path}") as publisher:
+            self.wait_for_commands(5)
+            publisher.send_signal(signal.SIGKILL)
+            publisher.wait()
+        self.assert_rests_at(self.driven_so_far(1.0, 0.2))
+        self.assertEqual(self.commands.last.drive.speed, 1.0)
+
+    def test_stalled(self):
+        """A publisher that cannot keep to its plan says so, stops the car and fails."""
+        path = self.plan("0,0,0\n1.0,0.0,60\n")
+        with node("path_publisher.py", f"_plan_file:={path}") as publisher:
+            self.wait_for_commands(5)
+            publisher.send_signal(signal.SIGSTOP)
+            stopped = rospy.Time.now()
+            wait_for(lambda: (rospy.Time.now() - stopped).to_sec() > 1.5, "time to pass")
+            publisher.send_signal(signal.SIGCONT)
+            self.assertEqual(publisher.wait(), 1, publisher.output)
+        self.assertIn("stood still", publisher.output)
+        wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
+
+    def test_loop(self):
+        """Each lap begins with the start pose and is due 0.1 s after the end of the one before."""
+        path = self.plan("1,2,0.5\n1.0,0.2,0.25\n-1.0,0.1,0.3\n")
+        with Process(
+            "roslaunch", "mushr_ros_intro", "path_publisher.launch", f"plan_file:={path}", "loop:=true"
+        ) as publisher:
+            wait_for(lambda: len(self.placements.messages) >= 4, "four laps", 60.0)
+            publisher.send_signal(signal.SIGINT)
+            publisher.wait()
+        commands = [m.header.stamp.to_nsec() for m in self.commands.messages]
+        begin = commands[0]
+        lap = [0, 100, 200, 250, 350, 450, 550]  # [ms], the last one is the stop
+        expected = [begin + (number * 650 + due) * 10**6 for number in range(3) for due in lap]
+        self.assertEqual(commands[: len(expected)], expected)
+        placements = [m.header.stamp.to_nsec() for m in self.placements.messages]
+        self.assertLessEqual(placements[0], begin)
+        self.assertEqual(placements[1:3], [begin + 550 * 10**6, begin + 1200 * 10**6])
+
+    def test_tutorial_listing(self):
+        """The tutorial's own way ends within the 0.2 s that the stop it does not send costs."""
+        rows = [(2.0, 0.09, 1.0), (3.0, -0.15, 1.0)]
+        path = self.plan("0,0,0.0\n2.0,0.09\n3.0,-0.15")
+        with node("listing.py", f"_plan_file:={path}") as listing:
+            self.assertEqual(listing.wait(), 0, listing.output)
+        self.assertGreaterEqual(len(self.commands.messages), 19)
+        x, y, _ = self.poses.pose_at_rest(rospy.Time.now() + rospy.Duration(COMMAND_TIMEOUT))
+        # Its rows begin when its thread wakes: they share 2 s, but not to the last millisecond.
+        slack = 3.0 * (COMMAND_TIMEOUT + 0.05)
+        expected = closed_form((0.0, 0.0, 0.0), rows)
+        self.assertLess(math.hypot(x - expected[0], y - expected[1]), slack)
+
+    def test_plans_by_name_and_by_path(self):
+        path = self.plan("3,4,1\n0.5,0.1,0.1\n", "mine.txt")
+        expected = closed_form((3.0, 4.0, 1.0), [(0.5, 0.1, 0.1)])
+        for name in (path, "mine.txt"):  # a relative path leads from where the user stands
+            self.commands.clear()
+            with Process(
+                "roslaunch", "mushr_ros_intro", "path_publisher.launch", f"plan_file:={name}",
+                PWD=self.folder,
+            ) as publisher:
+                self.assertEqual(publisher.wait(), 0, publisher.output)
+                self.assertIn("the car drove 0.05 m", publisher.output)
+            self.assert_rests_at(expected)
+        for name in ("parallel_parking", "parallel_parking.txt"):
+            self.commands.clear()
+            with node("path_publisher.py", f"_plan_file:={name}") as publisher:
+                self.wait_for_commands(1)
+            self.assertEqual(self.commands.messages[0].drive.speed, 1.0)
+
+    def test_refuses_and_publishes_nothing(self):
+        """Whatever is wrong with the plan or a parameter: one message, status 1, no message."""
+        broken = sorted(glob.glob(os.path.join(PACKAGE, "test", "broken_plans", "*.txt")))
+        self.assertGreater(len(broken), 5)
+        cases = [([f"_plan_file:={path}"], f"{path}:") for path in broken]
+        cases += [
+            ([f"_plan_file:={self.folder}"], f"{self.folder}:1:1: this is a directory"),
+            (["_plan_file:=/no/such/plan.txt"], "/no/such/plan.txt:1:1: no such plan file"),
+            (["_plan_file:=figure_9"], "circle, closed_figure_8, figure_8"),
+            (["_plan_file:=8"], "parameter ~plan_file is 8; expected text"),
+            ([], "parameter ~plan_file is not set"),
+            (["_plan_file:=circle", "_loop:=maybe"], "parameter ~loop is 'maybe'"),
+            (["_plan_file:=circle", "_subscriber_timeout:=-1"], "parameter ~subscriber_timeout"),
+            (
+                ["_plan_file:=circle", "_control_topic:=/nobody", "_subscriber_timeout:=0.5"],
+                "nobody subscribes to /nobody",
+            ),
+            (
+                ["_plan_file:=circle", "_init_pose_topic:=/nowhere", "_subscriber_timeout:=0.5"],
+                "nobody subscribes to /nowhere",
+            ),
+        ]
+        for first in range(0, len(cases), 6):  # six at a time
+            batch = cases[first : first + 6]
+            nodes = [
+                node("path_publisher.py", f"__name:=refused_{first + index}", *arguments)
+                for index, (arguments, _) in enumerate(batch)
+            ]
+            for process, (arguments, message) in zip(nodes, batch):
+                with process:
+                    self.assertEqual(process.wait(60.0), 1, (arguments, process.output))
+                    self.assertIn(message, process.output)
+                    self.assertNotIn("Traceback", process.output)
+        self.assertEqual(self.commands.messages, [])
+        self.assertEqual(self.placements.messages, [])
+
+    def test_start_pose_that_is_not_taken(self):
+        """Where the car reports another pose, the node says so, and sends no command."""
+        wrong = rospy.Subscriber("/wrong_initialpose", PoseWithCovarianceStamped)
+        with node(
+            "path_publisher.py",
+            "_plan_file:=slalom",
+            "_init_pose_topic:=/wrong_initialpose",
+            "_subscriber_timeout:=1.0",
+        ) as publisher:
+            # slalom starts at the origin, so the car must be elsewhere
+            self.assertEqual(publisher.wait(), 1, publisher.output)
+        wrong.unregister()
+        self.assertIn("did not take the start pose (0.000000 m", publisher.output)
+        self.assertEqual(self.commands.messages, [])
+
+
+if __name__ == "__main__":
+    rospy.init_node("path_publisher_test")
+    rostest.rosrun("mushr_ros_intro", "path_publisher", TestPathPublisher)
