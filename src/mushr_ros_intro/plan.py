@@ -174,6 +174,8 @@ def read_plan(path: str) -> Plan:
             )
         with open(path, "rb") as file:
             data = file.read(MAX_FILE_SIZE + 1)
+    except PlanError:
+        raise
     except FileNotFoundError:
         raise refuse("no such file; expected a plan file") from None
     except (OSError, ValueError) as error:
