@@ -42,9 +42,7 @@ class AckermannCmdMux:
 
         for each in self._config.inputs:
             topic = _private(each.topic)
-            rospy.Subscriber(
-                topic, AckermannDriveStamped, self._on_command, each, tcp_nodelay=True
-            )
+            rospy.Subscriber(topic, AckermannDriveStamped, self._on_command, each, tcp_nodelay=True)
             rospy.loginfo(
                 "input %s: %s, priority %d, timeout %g s",
                 each.name,
@@ -67,7 +65,7 @@ class AckermannCmdMux:
                     self._output_pub.publish(conversions.command_to_msg(command, self._frame))
                     self._announce()
                     continue
-                remaining = self._mux.deadline - now
+                remaining = (self._mux.deadline or now) - now
             try:
                 rospy.sleep(rospy.Duration(0, remaining))
             except rospy.exceptions.ROSTimeMovedBackwardsException:

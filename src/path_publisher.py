@@ -264,7 +264,9 @@ class PathPublisher:
         try:
             pose = conversions.pose_from_msg(msg.pose)
         except conversions.MessageError as error:
-            rospy.logwarn_throttle(1.0, f"ignored a pose on {self._pose_sub.resolved_name}: {error}")
+            rospy.logwarn_throttle(
+                1.0, f"ignored a pose on {self._pose_sub.resolved_name}: {error}"
+            )
             return
         with self._poses:
             if self._pose is not None:
@@ -298,12 +300,14 @@ class PathPublisher:
         if not self._wait_for_pose(lambda: self._pose_stamp >= end + SETTLING, self._patience):
             rospy.logwarn("the car no longer reports its pose")
             return
+        with self._poses:
+            pose, driven = self._pose or expected, self._driven
         rospy.loginfo(
             "the car drove %.2f m and stopped at %s; difference %.1e m, %.1e rad",
-            self._driven,
-            _shown(self._pose),
-            math.hypot(self._pose.x - expected.x, self._pose.y - expected.y),
-            abs(math.remainder(self._pose.theta - expected.theta, math.tau)),
+            driven,
+            _shown(pose),
+            math.hypot(pose.x - expected.x, pose.y - expected.y),
+            abs(math.remainder(pose.theta - expected.theta, math.tau)),
         )
 
     @staticmethod
@@ -342,7 +346,8 @@ def _shown(pose: Optional[Pose]) -> str:
     """Return a pose as text."""
     if pose is None:
         return "nothing"
-    return f"({pose.x:.6f} m, {pose.y:.6f} m, {pose.theta:.6f} rad)"
+    theta = math.remainder(pose.theta, math.tau)
+    return f"({pose.x:.6f} m, {pose.y:.6f} m, {theta:.6f} rad)"
 
 
 def main() -> int:

@@ -51,8 +51,11 @@ class TestDrive(unittest.TestCase):
             cls.poses[name] = Recording(f"/{name}/car_pose", PoseStamped).connected()
         processes = {
             name: Process(
-                "roslaunch", "mushr_ros_intro", "path_publisher.launch",
-                f"car_name:={name}", f"plan_file:={name}",
+                "roslaunch",
+                "mushr_ros_intro",
+                "path_publisher.launch",
+                f"car_name:={name}",
+                f"plan_file:={name}",
             )
             for name in cls.plans
         }

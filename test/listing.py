@@ -13,9 +13,7 @@ from tf.transformations import quaternion_from_euler
 
 def main():
     rospy.init_node("listing")
-    control_topic = rospy.get_param(
-        "~control_topic", "/car/mux/ackermann_cmd_mux/input/navigation"
-    )
+    control_topic = rospy.get_param("~control_topic", "/car/mux/ackermann_cmd_mux/input/navigation")
     commands = rospy.Publisher(control_topic, AckermannDriveStamped, queue_size=1)
     init_pose_topic = rospy.get_param("~init_pose_topic", "/initialpose")
     placements = rospy.Publisher(init_pose_topic, PoseWithCovarianceStamped, queue_size=1)

@@ -102,7 +102,11 @@ class TestPathPublisher(unittest.TestCase):
         """Each lap begins with the start pose and is due 0.1 s after the end of the one before."""
         path = self.plan("1,2,0.5\n1.0,0.2,0.25\n-1.0,0.1,0.3\n")
         with Process(
-            "roslaunch", "mushr_ros_intro", "path_publisher.launch", f"plan_file:={path}", "loop:=true"
+            "roslaunch",
+            "mushr_ros_intro",
+            "path_publisher.launch",
+            f"plan_file:={path}",
+            "loop:=true",
         ) as publisher:
             wait_for(lambda: len(self.placements.messages) >= 4, "four laps", 60.0)
             publisher.send_signal(signal.SIGINT)
@@ -135,7 +139,10 @@ class TestPathPublisher(unittest.TestCase):
         for name in (path, "mine.txt"):  # a relative path leads from where the user stands
             self.commands.clear()
             with Process(
-                "roslaunch", "mushr_ros_intro", "path_publisher.launch", f"plan_file:={name}",
+                "roslaunch",
+                "mushr_ros_intro",
+                "path_publisher.launch",
+                f"plan_file:={name}",
                 PWD=self.folder,
             ) as publisher:
                 self.assertEqual(publisher.wait(), 0, publisher.output)

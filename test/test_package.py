@@ -1,0 +1,54 @@
+"""Check that what is written in several places agrees, and that every node can be started."""
+
+import glob
+import os
+import re
+import stat
+import xml.etree.ElementTree as ElementTree
+
+PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+
+
+def read(name):
+    with open(os.path.join(PACKAGE, name), encoding="utf-8") as file:
+        return file.read()
+
+
+def executables(folder):
+    paths = glob.glob(os.path.join(PACKAGE, folder, "*.py"))
+    return {os.path.basename(p): p for p in paths if os.stat(p).st_mode & stat.S_IXUSR}
+
+
+def test_every_node_is_installed():
+    installed = set(re.findall(r"src/(\w+\.py)", read("CMakeLists.txt")))
+    assert installed == set(executables("src"))
+
+
+def test_every_executable_names_the_interpreter_that_knows_ros():
+    for name, path in {**executables("src"), **executables("test")}.items():
+        with open(path, "rb") as file:
+            assert file.readline() == b"#!/usr/bin/python3\n", name
+
+
+def test_every_rostest_is_registered():
+    registered = set(re.findall(r"add_rostest\(test/([\w.]+)\)", read("CMakeLists.txt")))
+    there = {os.path.basename(p) for p in glob.glob(os.path.join(PACKAGE, "test", "*.test"))}
+    assert registered == there
+
+
+def test_every_package_that_setup_installs_is_sorted():
+    listed = re.search(r'debian_packages="\n(.*?)\n"', read("scripts/setup"), re.DOTALL).group(1)
+    assert listed.split("\n") == sorted(listed.split("\n"), key=lambda name: name.encode())
+
+
+def test_versions_agree():
+    version = ElementTree.fromstring(read("package.xml")).findtext("version")
+    assert re.search(rf"^{re.escape(version)} \(", read("CHANGELOG.rst"), re.MULTILINE)
+
+
+def test_sources_are_ascii():
+    """Python files are read in the locale's encoding by catkin's relays."""
+    for pattern in ("src/*.py", "src/*/*.py", "test/*.py"):
+        for path in glob.glob(os.path.join(PACKAGE, pattern)):
+            with open(path, "rb") as file:
+                assert file.read().isascii(), path
