@@ -137,14 +137,10 @@ def advance(state: State, stamp: int, car: Car) -> State:
 def apply(state: State, event: Event, car: Car) -> State:
     """Return the state right after `event`, whose stamp is that of `state`."""
     if isinstance(event, Placement):
-        odom = compose(event.pose, inverse(state.odom_pose))
-        return state._replace(
-            pose=event.pose,
-            map_from_odom=odom,
-            speed=0.0,
-            steering_angle=0.0,
-            expires=event.stamp,
-        )
+        if event.pose != state.pose:  # or a message that comes twice would move it by rounding
+            odom = compose(event.pose, inverse(state.odom_pose))
+            state = state._replace(pose=event.pose, map_from_odom=odom)
+        return state._replace(speed=0.0, steering_angle=0.0, expires=event.stamp)
     return state._replace(
         speed=event.speed,
         steering_angle=event.steering_angle,
