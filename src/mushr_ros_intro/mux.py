@@ -102,7 +102,7 @@ def _parse_input(entry: Any, where: str, faults: List[str]) -> Optional[Input]:
     if priority is not None and priority != int(priority):
         faults.append(f"{where} has the priority {priority!r}; expected a whole number")
     if name == IDLE:
-        faults.append(f"{where} has the name '{IDLE}', which means that no input is live")
+        faults.append(f"{where} has the name '{IDLE}', which means that none is; expected another")
     if len(faults) > before or timeout is None or priority is None:
         return None
     return Input(name, topic, from_seconds(timeout), int(priority), str(entry.get("short_desc", "")))
