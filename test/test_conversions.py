@@ -1,0 +1,245 @@
+"""Values to messages and back, and the messages that are refused."""
+
+import io
+import math
+
+import pytest
+from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
+from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import Pose as PoseMsg
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mushr_ros_intro import conversions
+from mushr_ros_intro.bicycle import Pose, compose
+from mushr_ros_intro.car import Car, Command, Placement, advance, apply, at_rest
+from mushr_ros_intro.conversions import MessageError
+from mushr_ros_intro.prediction import as_float32
+
+ROUNDING = 1e-15
+"""[rad] Relative to a heading within half a turn, through a quaternion and back: some ulps."""
+
+STAMP = 1_700_000_000_123_456_789
+NOT_FINITE = [float("nan"), float("inf"), -float("inf")]
+
+stamps = st.integers(0, 2**32 * 10**9 - 1)
+poses = st.builds(Pose, st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(-1e3, 1e3))
+
+
+def travelled(msg):
+    """Return a message as it arrives."""
+    wire = io.BytesIO()
+    msg.serialize(wire)
+    return type(msg)().deserialize(wire.getvalue())
+
+
+def command_msg(**fields):
+    """Return a command with some fields of the drive."""
+    return AckermannDriveStamped(drive=AckermannDrive(**fields))
+
+
+def pose_msg(**fields):
+    """Return the origin with some numbers changed: x, y, z, qx, qy, qz, qw."""
+    msg = PoseMsg(orientation=Quaternion(w=1.0))
+    for name, value in fields.items():
+        setattr(msg.orientation if name[0] == "q" else msg.position, name[-1], value)
+    return msg
+
+
+def test_the_messages_are_the_real_ones():
+    assert AckermannDrive._md5sum == "3512e91b48d69674a0e86fadf1ea8231"
+    assert AckermannDriveStamped._md5sum == "1fd5d7f58889cefd44d29f6653240d0c"
+
+
+@given(stamps)
+def test_stamps_keep_every_nanosecond(stamp):
+    assert conversions.time_from(stamp).to_nsec() == stamp
+
+
+@given(stamps, st.floats(-1e3, 1e3), st.floats(-1.57, 1.57))
+def test_a_command_comes_back_as_float32(stamp, speed, angle):
+    msg = travelled(conversions.command_to_msg(Command(stamp, speed, angle), "car/base_footprint"))
+    assert msg.header.frame_id == "car/base_footprint"
+    expected = Command(stamp, as_float32(speed), as_float32(angle))
+    assert conversions.command_from_msg(msg) == expected
+
+
+@given(stamps, poses)
+def test_a_placement_comes_back(stamp, pose):
+    msg = travelled(conversions.placement_to_msg(Placement(stamp, pose)))
+    assert msg.header.frame_id == "map"
+    back = conversions.placement_from_msg(msg)
+    assert back.stamp == stamp and back.pose[:2] == pose[:2]
+    assert abs(back.pose.theta) <= math.pi
+    off = math.remainder(back.pose.theta - pose.theta, math.tau)
+    assert abs(off) <= 4 * ROUNDING * max(math.pi, abs(pose.theta))
+
+
+@pytest.mark.parametrize(
+    "field", ["steering_angle", "steering_angle_velocity", "speed", "acceleration", "jerk"]
+)
+@pytest.mark.parametrize("value", NOT_FINITE)
+def test_a_command_that_is_not_finite_is_refused(field, value):
+    with pytest.raises(MessageError, match="is not finite; expected finite numbers"):
+        conversions.command_from_msg(travelled(command_msg(**{field: value})))
+
+
+@pytest.mark.parametrize(
+    "fields, expected",
+    [
+        ({"speed": 1e30}, "speed is 1e+30 m/s; expected at most 1000 m/s"),
+        ({"speed": -1001.0}, "speed is -1001 m/s; expected at most 1000 m/s"),
+        ({"steering_angle": math.pi / 2}, "steering angle 1.5708 is a right angle or more"),
+        (
+            {"steering_angle": -30.0},
+            "steering angle -30 is a right angle or more; expected radians",
+        ),
+    ],
+)
+def test_a_command_out_of_range_is_refused(fields, expected):
+    with pytest.raises(MessageError) as caught:
+        conversions.command_from_msg(travelled(command_msg(**fields)))
+    assert str(caught.value).startswith(expected)
+
+
+@given(st.tuples(*[st.floats(width=32)] * 5))
+def test_what_is_not_refused_leaves_the_car_somewhere(numbers):
+    """Denormals, 1e30 and the like: no pose that is not finite."""
+    try:
+        command = conversions.command_from_msg(
+            AckermannDriveStamped(drive=AckermannDrive(*numbers))
+        )
+    except MessageError:
+        return
+    state = apply(at_rest(0, Pose(0.0, 0.0, 0.0)), command, Car())
+    state = advance(state, 10**9, Car())
+    assert all(map(math.isfinite, (*state.pose, *state.rolled, *state.odom_pose)))
+
+
+def test_denormals_are_numbers():
+    msg = travelled(command_msg(speed=1e-45, steering_angle=-1e-45))
+    assert conversions.command_from_msg(msg) == Command(0, 2.0**-149, -(2.0**-149))
+    assert conversions.pose_from_msg(pose_msg(x=5e-324, qz=-5e-324)) == (5e-324, 0.0, -1e-323)
+
+
+@pytest.mark.parametrize("field", ["x", "y", "z", "qx", "qy", "qz", "qw"])
+@pytest.mark.parametrize("value", NOT_FINITE)
+def test_a_pose_that_is_not_finite_is_refused(field, value):
+    with pytest.raises(MessageError, match="is not finite; expected finite numbers"):
+        conversions.pose_from_msg(pose_msg(**{field: value}))
+
+
+@pytest.mark.parametrize(
+    "fields, expected",
+    [
+        ({"x": 1e30}, "is too far away; expected 1e+06 m at most"),
+        ({"y": -1.1e6}, "is too far away; expected 1e+06 m at most"),
+        ({"qw": 0.0}, "quaternion (0.0, 0.0, 0.0, 0.0) has the length 0; expected 1"),
+        ({"qw": 5e-324}, "has the length 4.94066e-324; expected 1"),
+        ({"qw": 1e-4}, "has the length 0.0001; expected 1"),
+        ({"qz": 1e30}, "has the length 1e+30; expected 1"),
+        ({"qx": 1.7e308, "qy": 1.7e308}, "has the length inf; expected 1"),
+    ],
+)
+def test_a_pose_without_meaning_is_refused(fields, expected):
+    with pytest.raises(MessageError) as caught:
+        conversions.pose_from_msg(pose_msg(**fields))
+    assert expected in str(caught.value)
+
+
+@given(st.tuples(*[st.floats()] * 3), st.tuples(*[st.floats()] * 4))
+def test_any_pose_is_read_or_refused(position, orientation):
+    try:
+        pose = conversions.pose_from_msg(PoseMsg(Point(*position), Quaternion(*orientation)))
+    except MessageError:
+        return
+    assert all(map(math.isfinite, pose)) and abs(pose.theta) <= math.pi
+
+
+@pytest.mark.parametrize("length", [0.01, 1.0, 100.0])
+def test_the_yaw_does_not_depend_on_the_quaternions_length(length):
+    msg = pose_msg(qz=length * math.sin(0.4), qw=length * math.cos(0.4))
+    assert conversions.pose_from_msg(msg).theta == pytest.approx(0.8, abs=ROUNDING)
+
+
+def test_the_yaw_is_that_of_the_x_axis_on_a_slope():
+    """Pitched by 0.5 rad and then turned by 2 rad about the vertical."""
+    turn, pitch = 1.0, 0.25
+    msg = pose_msg(
+        qx=-math.sin(turn) * math.sin(pitch),
+        qy=math.cos(turn) * math.sin(pitch),
+        qz=math.sin(turn) * math.cos(pitch),
+        qw=math.cos(turn) * math.cos(pitch),
+    )
+    assert conversions.pose_from_msg(msg).theta == pytest.approx(2.0, abs=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    "frame, good", [("map", 1), ("/map", 1), ("", 1), ("odom", 0), ("map2", 0)]
+)
+def test_a_placement_is_in_the_map(frame, good):
+    msg = PoseWithCovarianceStamped()
+    msg.header.frame_id = frame
+    msg.pose.pose = pose_msg(x=1.0)
+    if good:
+        assert conversions.placement_from_msg(msg) == Placement(0, Pose(1.0, 0.0, 0.0))
+        return
+    with pytest.raises(MessageError) as caught:
+        conversions.placement_from_msg(msg)
+    assert str(caught.value) == f"pose is in the frame '{frame}'; expected 'map'"
+
+
+def moving():
+    """Return the state of a car that was placed, and has driven a bend since."""
+    state = advance(
+        apply(at_rest(0, Pose(1.0, 2.0, 0.5)), Command(0, 2.0, 0.3), Car()), 10**8, Car()
+    )
+    state = apply(state, Placement(10**8, Pose(-3.0, 4.0, -1.0)), Car())
+    state = apply(state, Command(10**8, 1.5, -0.4), Car())
+    return advance(state, 2 * 10**8, Car())._replace(stamp=STAMP)
+
+
+def test_pose_odometry_and_transforms_tell_the_same():
+    state = moving()
+    pose = conversions.car_pose_to_msg(state)
+    odom = conversions.odometry_to_msg(state, Car(), "car/odom", "car/base_footprint")
+    first, second = conversions.transforms_to_msgs(state, "car/odom", "car/base_footprint")
+    for msg in (pose, odom, first, second):
+        assert msg.header.stamp.to_nsec() == STAMP
+    assert pose.header.frame_id == first.header.frame_id == "map"
+    assert first.child_frame_id == "car/odom"
+    for msg in (odom, second):
+        assert msg.header.frame_id == "car/odom" and msg.child_frame_id == "car/base_footprint"
+
+    def planar(transform):
+        return Pose(
+            transform.translation.x,
+            transform.translation.y,
+            2.0 * math.atan2(transform.rotation.z, transform.rotation.w),
+        )
+
+    in_odom = conversions.pose_from_msg(odom.pose.pose)
+    assert planar(second.transform) == pytest.approx(in_odom, abs=1e-14)
+    in_map = compose(planar(first.transform), in_odom)
+    assert in_map == pytest.approx(conversions.pose_from_msg(pose.pose), abs=1e-14)
+    assert in_map == pytest.approx(state.pose, abs=1e-14)
+    twist = odom.twist.twist
+    assert twist.linear.x == 1.5 and twist.linear.y == 0.0
+    assert twist.angular.z == pytest.approx(1.5 * math.tan(-0.4) / 0.33, abs=1e-14)
+
+
+def test_joint_states_are_mushrs():
+    msg = conversions.joint_states_to_msg(moving(), Car())
+    joints = dict(zip(msg.name, msg.position))
+    assert sorted(joints) == [
+        "back_left_wheel_throttle",
+        "back_right_wheel_throttle",
+        "front_left_wheel_steer",
+        "front_left_wheel_throttle",
+        "front_right_wheel_steer",
+        "front_right_wheel_throttle",
+    ]
+    assert msg.header.stamp.to_nsec() == STAMP
+    assert joints["front_right_wheel_steer"] < -0.4 < joints["front_left_wheel_steer"] < 0.0
+    back = joints["back_left_wheel_throttle"] + joints["back_right_wheel_throttle"]
+    assert back / 2 == pytest.approx((0.2 + 0.15) / 0.0488, abs=1e-12)
