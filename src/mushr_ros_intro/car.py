@@ -191,4 +191,3 @@ class History:
         """Drop the events before `horizon` [ns], but for the state that they led to."""
         old = bisect.bisect_left(self._events, (horizon, False))
         del self._events[:old], self._payload[:old], self._states[:old]
-

@@ -140,7 +140,7 @@ def odometry_to_msg(state: State, car: Car, odom_frame: str, base_frame: str) ->
 
 
 def joint_states_to_msg(state: State, car: Car) -> JointState:
-    """Return the angles of MuSHR's six joints: the wheels' turning, and the front wheels' steering."""
+    """Return the angles of MuSHR's six joints: how the wheels have turned, and are steered."""
     left, right = front_wheel_angles(state.steering_angle, car)
     joints: List[Tuple[str, float]] = [
         ("front_left_wheel_throttle", state.rolled.front_left),
@@ -224,9 +224,7 @@ def grid_from_msg(msg: OccupancyGrid) -> Grid:
     info = msg.info
     cells = np.array(msg.data, np.int8)
     if cells.size != info.width * info.height:
-        raise MessageError(
-            f"the map has {cells.size} cells; expected {info.width} x {info.height}"
-        )
+        raise MessageError(f"the map has {cells.size} cells; expected {info.width} x {info.height}")
     origin = pose_from_msg(info.origin)
     try:
         return Grid(cells.reshape(info.height, info.width), as_travelled(info.resolution), origin)

@@ -105,7 +105,9 @@ def _parse_input(entry: Any, where: str, faults: List[str]) -> Optional[Input]:
         faults.append(f"{where} has the name '{IDLE}', which means that none is; expected another")
     if len(faults) > before or timeout is None or priority is None:
         return None
-    return Input(name, topic, from_seconds(timeout), int(priority), str(entry.get("short_desc", "")))
+    return Input(
+        name, topic, from_seconds(timeout), int(priority), str(entry.get("short_desc", ""))
+    )
 
 
 def _checked(raw: Dict[Any, Any], key: str, where: str, faults: List[str]) -> str:

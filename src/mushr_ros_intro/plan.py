@@ -21,7 +21,7 @@ MAX_FILE_SIZE = 100_000_000
 """A plan file is refused beyond this size [bytes]; a plan of a million rows has twelve million."""
 
 MAX_DURATION = 1_000_000_000 * NANOSECONDS
-"""A plan beyond this duration [ns] is refused: its stamps must fit into ROS's 32 bits of seconds."""
+"""A plan beyond this duration [ns] is refused: stamps must fit into ROS's 32 bits of seconds."""
 
 MAX_COORDINATE = 1e6
 """A start pose beyond this [m, rad] is refused: nobody means it, and it would cost digits."""
