@@ -58,18 +58,21 @@ class AckermannCmdMux:
                 continue
             with self._lock:
                 now = self._read_clock()
-                self._mux, stop = self._mux.expire(now)
-                if stop is not None:
-                    self._live.clear()
-                    command = Command(stop, 0.0, 0.0)
-                    self._output_pub.publish(conversions.command_to_msg(command, self._frame))
-                    self._announce()
-                    continue
+                self._expire(now)
                 remaining = (self._mux.deadline or now) - now
             try:
                 rospy.sleep(rospy.Duration(0, remaining))
             except rospy.exceptions.ROSTimeMovedBackwardsException:
                 pass  # _read_clock sees it too
+
+    def _expire(self, now: int) -> None:
+        """Stop the car if the last live input has run out at `now` [ns]; needs the lock."""
+        self._mux, stop = self._mux.expire(now)
+        if stop is not None:
+            self._live.clear()
+            command = Command(stop, 0.0, 0.0)
+            self._output_pub.publish(conversions.command_to_msg(command, self._frame))
+            self._announce()
 
     def _read_clock(self) -> int:
         """Return the present [ns]; needs the lock.
@@ -93,6 +96,8 @@ class AckermannCmdMux:
             return
         with self._lock:
             stamp = effective_stamp(command.stamp, self._read_clock())
+            # First what is over by then, so that what comes out depends on the stamps alone.
+            self._expire(stamp)
             self._mux, passes = self._mux.command(source, stamp)
             if passes:
                 self._frame = msg.header.frame_id

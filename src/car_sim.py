@@ -3,18 +3,22 @@
 
 import sys
 import threading
-from typing import Callable
+import time
+from typing import Callable, Optional
 
 import rospy
 import tf2_ros
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro import conversions
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car, Event, History, State, at_rest
+from mushr_ros_intro.clock import Stream, hear, horizon
 from mushr_ros_intro.parameters import ParameterError, number
 from mushr_ros_intro.plan import MAX_COORDINATE
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp, from_seconds
@@ -41,8 +45,9 @@ class CarSim:
                 parameter("command_timeout", Car().command_timeout / NANOSECONDS, "s", 0.001, 10.0)
             ),
         )
-        self._rate = parameter("pose_rate", 50.0, "Hz", 0.1, 1000.0)
-        start = Pose(
+        self._period = from_seconds(1.0 / parameter("pose_rate", 50.0, "Hz", 0.1, 1000.0))
+        self._factor = parameter("real_time_factor", 1.0, "", 0.0, 1e6)
+        self._start = Pose(
             parameter("x", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE),
             parameter("y", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE),
             parameter("theta", 0.0, "rad", -1e3, 1e3),
@@ -51,15 +56,29 @@ class CarSim:
         self._odom_frame = f"{prefix}/odom".lstrip("/")
         self._base_frame = f"{prefix}/base_footprint".lstrip("/")
 
-        self._lock = threading.Lock()
-        self._now = rospy.get_rostime().to_nsec()
-        self._history = History(self._car, at_rest(self._now, start))
+        self._keeps_clock = _nobody_else_keeps_the_clock()
+        rospy.loginfo("time: %s", self._describe_time())
 
-        # Each stands for the newest state, so a slow subscriber is better off without the old ones.
-        self._pose_pub = rospy.Publisher("car_pose", PoseStamped, queue_size=1, tcp_nodelay=True)
-        self._odom_pub = rospy.Publisher("odom", Odometry, queue_size=1, tcp_nodelay=True)
-        self._joint_pub = rospy.Publisher("joint_states", JointState, queue_size=1)
+        # Held while the state or the clock changes; notified of events and of the services.
+        self._changed = threading.Condition()
+        self._now = rospy.get_rostime().to_nsec()
+        if self._keeps_clock:
+            self._now = int(time.time()) * NANOSECONDS
+        self._stream: Optional[Stream] = None
+        self._paused = False
+        self._steps = 0
+        self._history = History(self._car, at_rest(self._now, self._start))
+
+        # In wall-clock time a slow subscriber is better off without old states; in simulated time,
+        # which may run fast, every one of them is to arrive.
+        queue_size = 10_000 if self._keeps_clock else 1
+        options = {"queue_size": queue_size, "tcp_nodelay": True}
+        self._pose_pub = rospy.Publisher("car_pose", PoseStamped, **options)
+        self._odom_pub = rospy.Publisher("odom", Odometry, **options)
+        self._joint_pub = rospy.Publisher("joint_states", JointState, **options)
         self._tf = tf2_ros.TransformBroadcaster()
+        if self._keeps_clock:
+            self._clock_pub = rospy.Publisher("/clock", Clock, **options)
 
         # No queue size: every message counts, and the history forgets none that is young enough.
         rospy.Subscriber(
@@ -76,15 +95,68 @@ class CarSim:
             conversions.command_from_msg,
             tcp_nodelay=True,
         )
+        rospy.Service("~reset", Trigger, self._on_reset)
+        if self._keeps_clock:
+            rospy.Service("~pause", Trigger, self._on_pause)
+            rospy.Service("~resume", Trigger, self._on_resume)
+            rospy.Service("~step", Trigger, self._on_step)
 
     def run(self) -> None:
         """Report the car's state at the pose rate until the node is shut down."""
-        rate = rospy.Rate(self._rate, reset=True)
+        if self._keeps_clock:
+            self._run_clock()
+            return
+        rate = rospy.Rate(NANOSECONDS / self._period, reset=True)
         while not rospy.is_shutdown():
-            with self._lock:
+            with self._changed:
                 state = self._history.state_at(self._read_clock())
             self._publish(state)
             rate.sleep()
+
+    def _run_clock(self) -> None:
+        """Keep the clock, and report the car's state each time that a pose is due.
+
+        The clock moves from one pose to the next, and stops on the way only where the commands
+        known so far reach no further.
+        """
+        next_pose = self._now + self._period
+        begin = (time.monotonic(), self._now)  # from where the real-time factor is kept
+        while not rospy.is_shutdown():
+            with self._changed:
+                now = self._now
+                wall = time.monotonic()
+                limit = horizon(self._stream, wall, self._factor == 0.0)
+                waits = limit is not None and limit <= now
+                if self._paused and not self._steps:
+                    self._changed.wait(0.1)
+                    begin = (time.monotonic(), now)
+                    continue
+                if waits and not self._steps:
+                    self._changed.wait(0.05)
+                    begin = (time.monotonic(), now)
+                    continue
+                target = next_pose
+                if limit is not None and not waits:
+                    target = min(next_pose, limit)
+                hurry = self._steps or (self._factor == 0.0 and limit is not None)
+                if not hurry:
+                    due = begin[0] + (target - begin[1]) / NANOSECONDS / (self._factor or 1.0)
+                    if due - wall > 0.0:
+                        self._changed.wait(due - wall)
+                        continue
+                    if wall - due > 0.1:
+                        begin = (wall, target)  # it fell behind, and does not catch up
+                else:
+                    begin = (wall, target)
+                self._now = target
+                state = self._history.state_at(target)
+                if target == next_pose and self._steps:
+                    self._steps -= 1
+                    self._changed.notify_all()
+            if target == next_pose:
+                next_pose += self._period
+                self._publish(state)
+            self._clock_pub.publish(Clock(clock=conversions.time_from(target)))
 
     def _on_message(self, msg: rospy.Message, read: Callable[[rospy.Message], Event]) -> None:
         """Take a command or a placement, to be applied at its stamp."""
@@ -93,10 +165,13 @@ class CarSim:
         except conversions.MessageError as error:
             rospy.logwarn_throttle(1.0, f"ignored a message on {_topic(msg)}: {error}")
             return
-        with self._lock:
+        with self._changed:
             now = self._read_clock()
             stamp = effective_stamp(event.stamp, now)
-            self._history.add(event._replace(stamp=stamp), now)
+            event_then = event._replace(stamp=stamp)
+            self._history.add(event_then, now)
+            self._stream = hear(self._stream, event_then, now, time.monotonic())
+            self._changed.notify_all()
         if event.stamp and stamp != event.stamp:
             ahead = (event.stamp - now) / NANOSECONDS
             rospy.logwarn_throttle(
@@ -111,6 +186,8 @@ class CarSim:
 
         Where the clock jumped back, the car is put at rest where it is and time starts afresh.
         """
+        if self._keeps_clock:
+            return self._now
         now = rospy.get_rostime().to_nsec()
         if now < self._now - STAMP_TOLERANCE:
             rospy.logwarn("the clock jumped back; the car stands and starts afresh")
@@ -131,9 +208,57 @@ class CarSim:
             )
         if self._joint_pub.get_num_connections():
             self._joint_pub.publish(conversions.joint_states_to_msg(state, self._car))
-        self._tf.sendTransform(
-            conversions.transforms_to_msgs(state, self._odom_frame, self._base_frame)
-        )
+        if self._tf.pub_tf.get_num_connections():
+            self._tf.sendTransform(
+                conversions.transforms_to_msgs(state, self._odom_frame, self._base_frame)
+            )
+
+    def _describe_time(self) -> str:
+        """Say whose time this is, and how fast it runs."""
+        if not self._keeps_clock:
+            return "from /clock" if rospy.get_param("/use_sim_time", False) else "wall-clock"
+        if self._factor == 0.0:
+            return "simulated, in lock-step with the commands"
+        return f"simulated, {self._factor:g} times real time"
+
+    def _on_pause(self, _: TriggerRequest) -> TriggerResponse:
+        """Hold the clock."""
+        return self._answer_at_clock(paused=True, steps=0)
+
+    def _on_resume(self, _: TriggerRequest) -> TriggerResponse:
+        """Let the clock run on."""
+        return self._answer_at_clock(paused=False, steps=0)
+
+    def _on_step(self, _: TriggerRequest) -> TriggerResponse:
+        """Let the held clock run to the next pose."""
+        return self._answer_at_clock(paused=True, steps=1)
+
+    def _answer_at_clock(self, paused: bool, steps: int) -> TriggerResponse:
+        """Hold the clock or let it go, and say when that is."""
+        with self._changed:
+            self._paused, self._steps = paused, steps
+            self._changed.notify_all()
+            while self._steps and not rospy.is_shutdown():
+                self._changed.wait(0.1)
+            return TriggerResponse(True, f"{self._now / NANOSECONDS:.9f} s")
+
+    def _on_reset(self, _: TriggerRequest) -> TriggerResponse:
+        """Put the car at its start pose, at rest, with its odometry at zero; time goes on."""
+        with self._changed:
+            now = self._read_clock()
+            self._history = History(self._car, at_rest(now, self._start))
+            self._stream = None
+            self._changed.notify_all()
+        return TriggerResponse(True, f"at the start pose since {now / NANOSECONDS:.9f} s")
+
+
+def _nobody_else_keeps_the_clock() -> bool:
+    """Say whether time is simulated, and this node is the one that has to keep it."""
+    if not rospy.get_param("/use_sim_time", False):
+        return False
+    publishers, _, _ = rospy.get_master().getSystemState()[2]
+    others = {name for topic, names in publishers if topic == "/clock" for name in names}
+    return not others - {rospy.get_name()}
 
 
 def _topic(msg: rospy.Message) -> str:

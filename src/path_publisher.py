@@ -61,11 +61,15 @@ class PathPublisher:
         wheelbase = rospy.get_param(f"/{car_name}/car_sim/wheelbase", Car().wheelbase)
         self._car = Car(wheelbase=number("car_sim/wheelbase", wheelbase, "m", 0.01, 100.0))
         self._frame = f"{car_name}/base_footprint"
+        self._leads = bool(rospy.get_param("/use_sim_time", False)) and rospy.has_param(
+            f"/{car_name}/car_sim/real_time_factor"
+        )
 
         self._lock = threading.Lock()
         self._stopped = False
         self._last: Optional[Command] = None
         self._written: Dict[int, int] = {}
+        self._release = 0
         self._next_line = 0
         self._poses = threading.Condition()
         self._pose: Optional[Pose] = None
@@ -113,15 +117,18 @@ class PathPublisher:
         """Place the car and send every command of the plan.
 
         Args:
-            begin: when to place the car [ns]; the first command is due one period later. None:
-                at once, and the first command as soon as the car has taken the start pose.
+            begin: when to place the car [ns], None: now. The first command is due one period
+                later, or as soon as the car has taken the start pose, if it takes longer.
 
         Returns:
             When the plan ends [ns].
         """
         placed = self._now() if begin is None else begin
         self.send_init_pose(Placement(placed, Pose(*self._plan.start)))
-        start = self._now() if begin is None else placed + PERIOD
+        start = placed + PERIOD
+        if begin is None and not self._leads:
+            start = max(start, self._now())
+        self._release = placed
         end = start + self._plan.duration
         self._next_line = start
         due = start
@@ -181,8 +188,13 @@ class PathPublisher:
             self._stopped = True
 
     def _send(self, command: Command) -> None:
-        """Wait for a command's stamp and publish it, unless the car has been stopped for good."""
-        self._wait_until(command.stamp)
+        """Publish a command when it is due, unless the car has been stopped for good.
+
+        The simulated car in simulated time gets each command when the one before it is due. So
+        it can let the clock run up to the newest stamp, knowing that nothing older will come.
+        """
+        self._wait_until(self._release if self._leads else command.stamp)
+        self._release = command.stamp
         with self._lock:
             if self._stopped:
                 raise rospy.ROSInterruptException("the car has been stopped")

@@ -1,0 +1,78 @@
+"""Decide how far a simulated clock may run: in lock-step, no further than the commands reach.
+
+A stream of commands is a promise. A command that is stamped ahead of the clock promises that
+nothing older will come, so the clock may run up to its stamp. One that is stamped with the present
+promises nothing, but streams are regular: the clock may run one period further, as learned from
+the stamps. Where nothing comes for a while of wall-clock time, the stream is over.
+
+Stamps are integer nanoseconds of simulated time; `wall` is in seconds of the computer's own time.
+"""
+
+from typing import NamedTuple, Optional
+
+from mushr_ros_intro.car import Event, Placement
+from mushr_ros_intro.stamps import NANOSECONDS
+
+DEFAULT_PERIOD = NANOSECONDS // 10
+"""Between the commands of a stream of which only one is known [ns]."""
+
+LONGEST_PERIOD = 2 * NANOSECONDS
+"""Commands further apart than this [ns] are two streams."""
+
+PATIENCE = 1.0
+"""How long the clock waits for the next command of a stream that drives the car [s]."""
+
+PATIENCE_AT_REST = 0.2
+"""How long it waits after a command to stand [s], with which most streams end."""
+
+
+class Stream(NamedTuple):
+    """What is known of the events (commands and placements) that reach the car."""
+
+    newest: int
+    """The youngest stamp [ns]."""
+    period: int
+    """Between stamps [ns]."""
+    ahead: bool
+    """Whether the newest is a command that was stamped ahead of the clock when it came."""
+    patience: float
+    """How long to wait for the next one [s]."""
+    heard: float
+    """When the last one came [s]."""
+
+    def over(self, wall: float) -> bool:
+        """Say whether at `wall` [s] the stream counts as ended."""
+        return wall > self.heard + self.patience
+
+
+def hear(stream: Optional[Stream], event: Event, clock: int, wall: float) -> Stream:
+    """Return the stream that an event adds to or begins.
+
+    Args:
+        stream: what was known before, None at the beginning.
+        event: a command, or a placement, after which commands are to be expected.
+        clock: the simulated time when it came [ns].
+        wall: the computer's own time when it came [s].
+    """
+    if stream is not None and event.stamp < stream.newest:
+        return stream._replace(heard=wall)  # late or out of order; the newest still counts
+    period = DEFAULT_PERIOD
+    if stream is not None and event.stamp - stream.newest <= LONGEST_PERIOD:
+        period = event.stamp - stream.newest or stream.period
+    if isinstance(event, Placement):
+        return Stream(event.stamp, DEFAULT_PERIOD, False, PATIENCE, wall)
+    at_rest = event.speed == 0.0 and event.steering_angle == 0.0
+    patience = PATIENCE_AT_REST if at_rest else PATIENCE
+    return Stream(event.stamp, period, event.stamp > clock, patience, wall)
+
+
+def horizon(stream: Optional[Stream], wall: float, lock_step: bool) -> Optional[int]:
+    """Return the instant [ns] up to which the clock may run at `wall` [s]; None: freely.
+
+    In lock-step it waits for every stream, otherwise only for one that promises.
+    """
+    if stream is None or stream.over(wall):
+        return None
+    if stream.ahead:
+        return stream.newest
+    return stream.newest + stream.period if lock_step else None
