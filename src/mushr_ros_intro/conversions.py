@@ -12,12 +12,13 @@ from geometry_msgs.msg import Pose as PoseMsg
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Quaternion, TransformStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
 from nav_msgs.srv import GetMapResponse
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, LaserScan
 from tf.transformations import quaternion_from_euler
 
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car, Command, Placement, State, front_wheel_angles
 from mushr_ros_intro.grid import Grid, as_travelled
+from mushr_ros_intro.laser import Beams
 from mushr_ros_intro.plan import MAX_COORDINATE, MAX_SPEED
 from mushr_ros_intro.stamps import NANOSECONDS
 
@@ -230,3 +231,27 @@ def grid_from_msg(msg: OccupancyGrid) -> Grid:
         return Grid(cells.reshape(info.height, info.width), as_travelled(info.resolution), origin)
     except ValueError as error:
         raise MessageError(f"the map's {error}") from None
+
+
+def scan_to_msg(
+    ranges: np.ndarray, beams: Beams, stamp: int, period: float, frame: str
+) -> LaserScan:
+    """Return the message of one scan.
+
+    Args:
+        ranges: one for each beam [m], with infinities as REP 117 has them.
+        beams: of the scanner.
+        stamp: when all beams were cast [ns].
+        period: from one scan to the next [s].
+        frame: of the scanner.
+    """
+    msg = LaserScan()
+    msg.header.stamp = time_from(stamp)
+    msg.header.frame_id = frame
+    msg.angle_min = beams.angle_min
+    msg.angle_max = beams.angle_min + (beams.count - 1) * beams.angle_increment
+    msg.angle_increment = beams.angle_increment
+    msg.scan_time = period
+    msg.range_min, msg.range_max = beams.range_min, beams.range_max
+    msg.ranges = ranges.tolist()
+    return msg

@@ -1,0 +1,125 @@
+#!/usr/bin/python3
+"""Simulate the car's laser scanner in the map."""
+
+import sys
+import threading
+from typing import Optional
+
+import rospy
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import OccupancyGrid
+from rospy.numpy_msg import numpy_msg
+from sensor_msgs.msg import LaserScan
+
+from mushr_ros_intro import conversions
+from mushr_ros_intro.bicycle import Pose, compose
+from mushr_ros_intro.laser import Beams, Laser, add_noise
+from mushr_ros_intro.parameters import ParameterError, number
+from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
+
+
+class LaserSim:
+    """The laser scanner as a node.
+
+    Subscribes to ``car_pose``, in the car's namespace, and to /map; publishes ``scan``, each cast
+    from a pose that the car reported, and with its stamp.
+    """
+
+    def __init__(self) -> None:
+        def parameter(name: str, default: float, unit: str, least: float, most: float) -> float:
+            value = number(f"~{name}", rospy.get_param(f"~{name}", default), unit, least, most)
+            rospy.loginfo(f"{name}: {value:g} {unit}".rstrip())
+            return value
+
+        usual = Beams()
+        self._beams = Beams(
+            angle_min=parameter("angle_min", usual.angle_min, "rad", -6.3, 6.3),
+            angle_increment=parameter("angle_increment", usual.angle_increment, "rad", 1e-4, 6.3),
+            count=_whole("beams", parameter("beams", usual.count, "", 1, 62832)),
+            range_min=parameter("range_min", usual.range_min, "m", 0.0, 1000.0),
+            range_max=parameter("range_max", usual.range_max, "m", 0.0, 1000.0),
+        )
+        fault = self._beams.fault()
+        if fault:
+            raise ParameterError(f"the beams that the parameters ask for: {fault}")
+        self._period = from_seconds(1.0 / parameter("scan_rate", 10.0, "Hz", 0.1, 1000.0))
+        self._mount = Pose(parameter("offset", 0.1227, "m", -10.0, 10.0), 0.0, 0.0)
+        self._noise_std = parameter("noise_std", 0.0, "m", 0.0, 1000.0)
+        self._seed = _whole("seed", parameter("seed", 0, "", 0, 1e9))
+        prefix = rospy.get_namespace().strip("/")
+        self._frame = f"{prefix}/laser_link".lstrip("/")
+
+        self._lock = threading.Lock()
+        self._laser: Optional[Laser] = None
+        self._slot = 0
+
+        self._scan_pub = rospy.Publisher("scan", LaserScan, queue_size=1, tcp_nodelay=True)
+        self._map_sub = rospy.Subscriber(
+            "/map", numpy_msg(OccupancyGrid), self._on_map, queue_size=1, buff_size=1 << 20
+        )
+        self._pose_sub = rospy.Subscriber(
+            "car_pose", PoseStamped, self._on_pose, queue_size=1, tcp_nodelay=True
+        )
+
+    def _on_map(self, msg: OccupancyGrid) -> None:
+        """Scan in this map from now on."""
+        try:
+            grid = conversions.grid_from_msg(msg)
+        except conversions.MessageError as error:
+            rospy.logwarn(f"ignored a map on {self._map_sub.resolved_name}: {error}")
+            return
+        laser = Laser(grid, self._beams)
+        with self._lock:
+            self._laser = laser
+        rospy.loginfo("scanning in a map of %d x %d cells", grid.width, grid.height)
+
+    def _on_pose(self, msg: PoseStamped) -> None:
+        """Scan, if this is the first pose of a scan's period."""
+        stamp = msg.header.stamp.to_nsec()
+        slot = stamp // self._period
+        with self._lock:
+            if self._laser is None or slot == self._slot:
+                return
+            self._slot = slot
+            laser = self._laser
+        if not self._scan_pub.get_num_connections():
+            return
+        try:
+            pose = conversions.pose_from_msg(msg.pose)
+        except conversions.MessageError as error:
+            rospy.logwarn_throttle(1.0, f"ignored a pose on {self._pose_sub.resolved_name}: {error}")
+            return
+        ranges = laser.scan(compose(pose, self._mount))
+        if self._noise_std:
+            ranges = add_noise(ranges, self._beams, self._noise_std, (self._seed, stamp))
+        period = self._period / NANOSECONDS
+        self._scan_pub.publish(
+            conversions.scan_to_msg(ranges, self._beams, stamp, period, self._frame)
+        )
+
+
+def _whole(name: str, value: float) -> int:
+    """Return a parameter's value if it is a whole number.
+
+    Raises:
+        ParameterError: it is not.
+    """
+    if value != int(value):
+        raise ParameterError(f"parameter ~{name} is {value:g}; expected a whole number")
+    return int(value)
+
+
+def main() -> int:
+    """Run the node; return its exit status."""
+    rospy.init_node("laser_sim")
+    try:
+        node = LaserSim()  # noqa: F841, it lives as long as its subscriptions should
+    except ParameterError as error:
+        rospy.logfatal("%s: %s", rospy.get_name(), error)
+        return 1
+    rospy.spin()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
