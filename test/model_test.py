@@ -8,8 +8,8 @@ import rospy
 import rostest
 import tf2_ros
 from ackermann_msgs.msg import AckermannDriveStamped
-from tf2_msgs.msg import TFMessage
 from tf.transformations import euler_from_quaternion
+from tf2_msgs.msg import TFMessage
 
 PATIENCE = 20.0
 """For anything that must happen [s]; on a busy machine nodes take long to start."""

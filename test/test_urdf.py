@@ -14,7 +14,8 @@ URDF = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "urdf", "m
 
 STEER = {f"front_{side}_wheel_steer": "0 0 1" for side in ("left", "right")}
 THROTTLE = {
-    f"{end}_{side}_wheel_throttle": "0 1 0" for end in ("front", "back") for side in ("left", "right")
+    f"{end}_wheel_throttle": "0 1 0"
+    for end in ("front_left", "front_right", "back_left", "back_right")
 }
 
 ROUNDING = 1e-9
@@ -36,14 +37,14 @@ def position(robot, link):
             assert origin.get("rpy") is None
             total = [a + float(b) for a, b in zip(total, origin.get("xyz").split())]
         link = joint.find("parent").get("link")
-    return pytest.approx(total, abs=ROUNDING)
+    return total
 
 
 def test_check_urdf():
     """urdfdom's own checker accepts the model, with base_footprint as its root."""
     if not shutil.which("check_urdf"):
         pytest.skip("there is no check_urdf; it is in Debian's liburdfdom-tools")
-    done = subprocess.run(["check_urdf", URDF], stdout=subprocess.PIPE, universal_newlines=True)
+    done = subprocess.run(["check_urdf", URDF], stdout=subprocess.PIPE, text=True)
     assert done.returncode == 0, done.stdout
     assert "root Link: base_footprint" in done.stdout
 
@@ -59,16 +60,18 @@ def test_joints(robot):
 
 
 def test_size(robot):
-    """The wheels stand on the ground where the kinematics has them, the laser where MuSHR has it."""
+    """The wheels are where the kinematics has them, on the ground; the laser is as MuSHR's."""
     car = Car()
     for end, x in (("front", car.wheelbase), ("back", 0.0)):
         for side, y in (("left", 0.5 * car.track), ("right", -0.5 * car.track)):
             link = f"{end}_{side}_wheel_link"
-            assert [x, y, car.wheel_radius] == position(robot, link)
+            assert position(robot, link) == pytest.approx([x, y, car.wheel_radius], abs=ROUNDING)
             radius = robot.find(f"link[@name='{link}']//cylinder").get("radius")
             assert float(radius) == car.wheel_radius
-    assert [0.158, 0.0, 0.0947] == position(robot, "base_link")
-    assert [0.158 - 0.0353, 0.0, 0.0947 + 0.1078] == position(robot, "laser_link")
+    assert position(robot, "base_link") == pytest.approx([0.158, 0.0, 0.0947], abs=ROUNDING)
+    assert position(robot, "laser_link") == pytest.approx(
+        [0.158 - 0.0353, 0.0, 0.0947 + 0.1078], abs=ROUNDING
+    )
 
 
 def test_prefix():
