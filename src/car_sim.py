@@ -6,6 +6,8 @@ import threading
 import time
 from typing import Callable, Optional
 
+import rosgraph
+import rosnode
 import rospy
 import tf2_ros
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -31,7 +33,9 @@ class CarSim:
     ``mux/ackermann_cmd_mux/output``; publishes ``car_pose``, ``odom``, ``joint_states`` and /tf.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, keeps_clock: bool) -> None:
+        """Set up the node, which publishes the simulated time as well if it `keeps_clock`."""
+
         def parameter(name: str, default: float, unit: str, least: float, most: float) -> float:
             value = number(f"~{name}", rospy.get_param(f"~{name}", default), unit, least, most)
             rospy.loginfo("%s: %g %s", name, value, unit)
@@ -56,7 +60,7 @@ class CarSim:
         self._odom_frame = f"{prefix}/odom".lstrip("/")
         self._base_frame = f"{prefix}/base_footprint".lstrip("/")
 
-        self._keeps_clock = _nobody_else_keeps_the_clock()
+        self._keeps_clock = keeps_clock
         rospy.loginfo("time: %s", self._describe_time())
 
         # Held while the state or the clock changes; notified of events and of the services.
@@ -116,45 +120,44 @@ class CarSim:
     def _run_clock(self) -> None:
         """Keep the clock, and report the car's state each time that a pose is due.
 
-        The clock moves from one pose to the next, and stops on the way only where the commands
-        known so far reach no further.
+        In lock-step the clock moves as far as the known commands reach in one step, and the poses
+        on the way are reported just before it does.
         """
         next_pose = self._now + self._period
-        begin = (time.monotonic(), self._now)  # from where the real-time factor is kept
+        begin = (time.monotonic(), self._now)  # the real-time factor is kept from here
         while not rospy.is_shutdown():
             with self._changed:
-                now = self._now
                 wall = time.monotonic()
                 limit = horizon(self._stream, wall, self._factor == 0.0)
-                waits = limit is not None and limit <= now
-                if self._paused and not self._steps:
-                    self._changed.wait(0.1)
-                    begin = (time.monotonic(), now)
-                    continue
-                if waits and not self._steps:
-                    self._changed.wait(0.05)
-                    begin = (time.monotonic(), now)
-                    continue
                 target = next_pose
-                if limit is not None and not waits:
-                    target = min(next_pose, limit)
-                hurry = self._steps or (self._factor == 0.0 and limit is not None)
-                if not hurry:
+                if self._steps:
+                    begin = (wall, target)
+                elif self._paused or (limit is not None and limit <= self._now):
+                    self._changed.wait(0.05)
+                    if self._paused or self._factor == 0.0:
+                        begin = (time.monotonic(), self._now)
+                    continue
+                elif limit is not None and self._factor == 0.0:
+                    target = limit
+                    begin = (wall, target)
+                else:
+                    target = next_pose if limit is None else min(next_pose, limit)
                     due = begin[0] + (target - begin[1]) / NANOSECONDS / (self._factor or 1.0)
-                    if due - wall > 0.0:
+                    if wall < due:
                         self._changed.wait(due - wall)
                         continue
-                    if wall - due > 0.1:
-                        begin = (wall, target)  # it fell behind, and does not catch up
-                else:
-                    begin = (wall, target)
+                    if wall > due + 0.1:
+                        begin = (wall, target)  # a clock that fell behind does not catch up
+                states = [
+                    self._history.state_at(stamp)
+                    for stamp in range(next_pose, target + 1, self._period)
+                ]
+                next_pose += len(states) * self._period
                 self._now = target
-                state = self._history.state_at(target)
-                if target == next_pose and self._steps:
+                if self._steps:
                     self._steps -= 1
                     self._changed.notify_all()
-            if target == next_pose:
-                next_pose += self._period
+            for state in states:
                 self._publish(state)
             self._clock_pub.publish(Clock(clock=conversions.time_from(target)))
 
@@ -252,13 +255,17 @@ class CarSim:
         return TriggerResponse(True, f"at the start pose since {now / NANOSECONDS:.9f} s")
 
 
-def _nobody_else_keeps_the_clock() -> bool:
-    """Say whether time is simulated, and this node is the one that has to keep it."""
-    if not rospy.get_param("/use_sim_time", False):
+def _has_to_keep_the_clock() -> bool:
+    """Say whether time is to be simulated, and nobody that is alive does so yet."""
+    master = rosgraph.Master("car_sim")
+    try:
+        if not master.getParam("/use_sim_time"):
+            return False
+        publishers, _, _ = master.getSystemState()
+    except (rosgraph.MasterException, OSError):
         return False
-    publishers, _, _ = rospy.get_master().getSystemState()[2]
-    others = {name for topic, names in publishers if topic == "/clock" for name in names}
-    return not others - {rospy.get_name()}
+    names = {name for topic, nodes in publishers if topic == "/clock" for name in nodes}
+    return not any(rosnode.rosnode_ping(name, max_count=1) for name in names)
 
 
 def _topic(msg: rospy.Message) -> str:
@@ -268,9 +275,11 @@ def _topic(msg: rospy.Message) -> str:
 
 def main() -> int:
     """Run the node; return its exit status."""
-    rospy.init_node("car_sim")
+    keeps_clock = _has_to_keep_the_clock()
+    # Who keeps the clock does not listen to it too.
+    rospy.init_node("car_sim", disable_rostime=keeps_clock)
     try:
-        node = CarSim()
+        node = CarSim(keeps_clock)
     except ParameterError as error:
         rospy.logfatal("%s: %s", rospy.get_name(), error)
         return 1
