@@ -68,9 +68,10 @@ class Grid:
             )
         if not all(map(math.isfinite, self.origin)):
             raise ValueError(f"origin is {tuple(self.origin)}; expected finite numbers")
-        own = self.cells.view()
-        own.flags.writeable = False
-        object.__setattr__(self, "cells", own)
+        if self.cells.flags.writeable:  # then somebody else could write to it
+            own = self.cells.copy()
+            own.flags.writeable = False
+            object.__setattr__(self, "cells", own)
 
     @property
     def height(self) -> int:
@@ -204,6 +205,7 @@ def read_map(path: str) -> Grid:
         raise MapError(faults)
     assert pixels is not None
     cells = _cells(pixels, negate == "1", occupied, free, mode)
+    cells.flags.writeable = False
     return Grid(cells, as_travelled(resolution), origin)
 
 
@@ -257,7 +259,7 @@ def _read_yaml(path: str) -> Dict[str, Any]:
         problem = getattr(error, "problem", None) or str(error).splitlines()[0]
         raise refuse(f"{where}{problem}; expected yaml") from None
     if not isinstance(raw, dict):
-        raise refuse(f"the file holds {_shown(raw)}; expected keys such as 'image: map.png'")
+        raise refuse("the file has no keys; expected such as 'image: map.png'")
     return raw
 
 
