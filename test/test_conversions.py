@@ -3,17 +3,23 @@
 import io
 import math
 
+import numpy as np
 import pytest
 from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
 from geometry_msgs.msg import Pose as PoseMsg
 from hypothesis import given
 from hypothesis import strategies as st
+from nav_msgs.msg import OccupancyGrid
+from nav_msgs.srv import GetMapResponse
+from rospy.numpy_msg import numpy_msg
 
 from mushr_ros_intro import conversions
 from mushr_ros_intro.bicycle import Pose, compose
 from mushr_ros_intro.car import Car, Command, Placement, advance, apply, at_rest
 from mushr_ros_intro.conversions import MessageError
+from mushr_ros_intro.grid import Grid, as_travelled
+from mushr_ros_intro.laser import Beams
 from mushr_ros_intro.prediction import as_float32
 
 ROUNDING = 1e-15
@@ -243,3 +249,89 @@ def test_joint_states_are_mushrs():
     assert joints["front_right_wheel_steer"] < -0.4 < joints["front_left_wheel_steer"] < 0.0
     back = joints["back_left_wheel_throttle"] + joints["back_right_wheel_throttle"]
     assert back / 2 == pytest.approx((0.2 + 0.15) / 0.0488, abs=1e-12)
+
+
+def sample_grid():
+    """Return a map with one cell of every value, no two rows alike, and its origin turned."""
+    return Grid(np.arange(-128, 128).astype(np.int8).reshape(16, 16)[:, :-1], 0.05, Pose(-3, 4, 2.5))
+
+
+@pytest.mark.parametrize("kind", [OccupancyGrid, numpy_msg(OccupancyGrid)])
+def test_a_map_travels_to_the_cell(kind):
+    grid = sample_grid()
+    wire = io.BytesIO()
+    conversions.grid_to_msg(grid, STAMP, "map").serialize(wire)
+    msg = kind().deserialize(wire.getvalue())
+    assert (msg.header.frame_id, msg.header.stamp.to_nsec()) == ("map", STAMP)
+    assert msg.info.map_load_time.to_nsec() == STAMP
+    assert (msg.info.width, msg.info.height) == (15, 16)
+    assert list(msg.data[:3]) == [-128, -127, -126]  # row by row, from the bottom
+    back = conversions.grid_from_msg(msg)
+    assert (back.cells == grid.cells).all()
+    assert back.resolution == grid.resolution
+    assert (back.origin.x, back.origin.y) == (grid.origin.x, grid.origin.y)
+    assert abs(back.origin.theta - grid.origin.theta) < 4 * ROUNDING
+
+
+def test_a_map_is_sent_as_genpy_would_send_it():
+    msg = conversions.grid_to_msg(sample_grid(), STAMP, "map")
+    plain = OccupancyGrid(header=msg.header, info=msg.info, data=msg.data.tolist())
+    response = GetMapResponse(map=plain)
+    sent = {}
+    for each in (msg, plain, conversions.map_response(msg), response):
+        wire = io.BytesIO()
+        wire.write(b"what was sent before")
+        each.serialize(wire)
+        sent[type(each).__name__] = wire.getvalue()
+    assert len(sent) == 4
+    assert len(set(sent.values())) == 1
+
+
+@given(st.floats(1e-4, 1e3), poses)
+def test_the_place_of_a_map_travels(resolution, origin):
+    grid = Grid(np.zeros((1, 2), np.int8), as_travelled(resolution), origin)
+    back = conversions.grid_from_msg(travelled(conversions.grid_to_msg(grid, STAMP, "map")))
+    assert back.resolution == grid.resolution
+    turned = math.remainder(back.origin.theta - origin.theta, math.tau)
+    assert abs(turned) <= ROUNDING * max(4.0, abs(origin.theta))
+
+
+@pytest.mark.parametrize(
+    "changes, expected",
+    [
+        ({"width": 3}, "the map has 4 cells; expected 3 x 2"),
+        ({"width": 0, "height": 0}, "the map has 4 cells; expected 0 x 0"),
+        ({"resolution": 0.0}, "the map's resolution is 0.0; expected a number from"),
+        ({"resolution": math.nan}, "the map's resolution is nan; expected a number from"),
+        ({"origin": PoseMsg()}, "quaternion"),
+        ({"origin": PoseMsg(position=Point(x=math.inf))}, "is not finite"),
+    ],
+)
+def test_an_impossible_map(changes, expected):
+    msg = conversions.grid_to_msg(Grid(np.zeros((2, 2), np.int8), 0.1), STAMP, "map")
+    for field, value in changes.items():
+        setattr(msg.info, field, value)
+    with pytest.raises(MessageError) as caught:
+        conversions.grid_from_msg(msg)
+    assert expected in str(caught.value)
+
+
+def test_a_map_without_cells():
+    msg = OccupancyGrid()
+    msg.info.resolution = 0.1
+    msg.info.origin.orientation.w = 1.0
+    with pytest.raises(MessageError, match="expected"):
+        conversions.grid_from_msg(msg)
+
+
+def test_a_scan():
+    beams = Beams(count=3)
+    ranges = np.array([math.inf, 2.5, -math.inf])
+    msg = travelled(conversions.scan_to_msg(ranges, beams, STAMP, 0.1, "car/laser_link"))
+    assert (msg.header.frame_id, msg.header.stamp.to_nsec()) == ("car/laser_link", STAMP)
+    assert list(msg.ranges) == [math.inf, 2.5, -math.inf]
+    assert msg.angle_min == as_float32(beams.angle_min)
+    assert msg.angle_max == as_float32(beams.angle_min + 2 * beams.angle_increment)
+    assert msg.angle_increment == as_float32(beams.angle_increment)
+    assert (msg.range_min, msg.range_max) == (as_float32(0.02), 10.0)
+    assert (msg.scan_time, msg.time_increment, len(msg.intensities)) == (as_float32(0.1), 0.0, 0)
