@@ -4,8 +4,6 @@
 import importlib.util
 import os
 import pty
-import select
-import shutil
 import signal
 import subprocess
 import termios
@@ -15,6 +13,7 @@ import unittest
 import rospy
 import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
+from display import Display, require
 from std_msgs.msg import String
 
 from helpers import PATIENCE, Process, Recording, float32, wait_for
@@ -52,7 +51,7 @@ class Commands:
     def wait_for_drive(self, wanted):
         wait_for(
             lambda: drives(self.commands.messages)[-1:] == [wanted],
-            f"{wanted}, got {drives(self.commands.messages)[-5:]}",
+            f"the command {wanted}",
         )
 
     def wait_for_silence(self):
@@ -97,57 +96,29 @@ class WindowTest(Commands, unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        for program in ("Xvfb", "xdotool"):
-            if not shutil.which(program):
-                raise unittest.SkipTest(f"there is no {program}, so no window is tried")
+        require("Xvfb", "xdotool")
         if not importlib.util.find_spec("tkinter"):
-            raise unittest.SkipTest("there is no tkinter, so no window is tried")
-        reader, writer = os.pipe()
-        cls.screen = subprocess.Popen(
-            ["Xvfb", "-displayfd", str(writer), "-noreset", "-nolisten", "tcp"],
-            pass_fds=[writer],
-            stderr=subprocess.DEVNULL,
-        )
-        os.close(writer)
-        with open(reader, encoding="ascii") as answer:
-            ready, _, _ = select.select([reader], [], [], PATIENCE)
-            cls.display = ":" + answer.readline().strip() if ready else ""
-        if len(cls.display) < 2:
-            cls.tearDownClass()
-            raise AssertionError(f"Xvfb named no display within {PATIENCE:g} s")
+            raise unittest.SkipTest("there is no tkinter (Debian's python3-tk)")
+        cls.display = Display()
 
     @classmethod
     def tearDownClass(cls):
-        cls.screen.terminate()
-        cls.screen.wait()
-
-    def xdotool(self, *arguments):
-        return subprocess.run(
-            ["xdotool", *arguments],
-            env={**os.environ, "DISPLAY": self.display},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        ).stdout.split()
+        cls.display.end()
 
     def setUp(self):
         super().setUp()
-        self.node = Process(*NODE, DISPLAY=self.display)
+        self.node = Process(*NODE, DISPLAY=self.display.name)
         self.addCleanup(self.node.end)
-        self.addCleanup(self.xdotool, "keyup", "w", "keyup", "a")
+        self.addCleanup(self.display.xdotool, "keyup", "w", "keyup", "a")
         self.commands.connected()
-        found = wait_for(lambda: self.xdotool("search", "--name", "^Teleop car$"), "the window")
-        self.window = found[0]
-
-        def focus():
-            self.xdotool("windowfocus", self.window)
-            return self.xdotool("getwindowfocus") == [self.window]
-
-        wait_for(focus, "the window to have the focus")
+        found = wait_for(
+            lambda: self.display.xdotool("search", "--name", "^Teleop car$"), "the window"
+        )
+        wait_for(lambda: self.display.focus(found[0]), "the window to have the focus")
 
     def test_keys(self):
         """Commands while keys are held, a stop when they are released, and then silence."""
-        self.xdotool("keydown", "w")
+        self.display.xdotool("keydown", "w")
         self.wait_for_drive(FORWARD)
         self.assertEqual(self.active.last.data, "teleop")
         began = rospy.Time.now()
@@ -157,36 +128,33 @@ class WindowTest(Commands, unittest.TestCase):
         first = held[0].header.stamp
         self.assertLessEqual(len(held), 10 * (last - first).to_sec() + 1.5, "more than 10 Hz")
 
-        self.xdotool("keydown", "a")
+        self.display.xdotool("keydown", "a")
         self.wait_for_drive(FORWARD_LEFT)
-        self.xdotool("keyup", "a")
+        self.display.xdotool("keyup", "a")
         self.wait_for_drive(FORWARD)
-        self.xdotool("keyup", "w")
+        self.display.xdotool("keyup", "w")
         self.wait_for_silence()
         self.check_headers()
 
     def test_focus(self):
         """Where the window loses the focus the car stops, though the key is still down."""
-        self.xdotool("keydown", "w")
+        self.display.xdotool("keydown", "w")
         self.wait_for_drive(FORWARD)
         other = subprocess.Popen(
             ["/usr/bin/python3", "-c", "import tkinter; tkinter.Tk(className='other').mainloop()"],
-            env={**os.environ, "DISPLAY": self.display},
+            env={**os.environ, "DISPLAY": self.display.name},
         )
         self.addCleanup(other.wait)
         self.addCleanup(other.kill)
-        window = wait_for(lambda: self.xdotool("search", "--name", "^other$"), "another window")[0]
-
-        def focus():
-            self.xdotool("windowfocus", window)
-            return self.xdotool("getwindowfocus") == [window]
-
-        wait_for(focus, "the other window to have the focus")
+        window = wait_for(
+            lambda: self.display.xdotool("search", "--name", "^other$"), "another window"
+        )[0]
+        wait_for(lambda: self.display.focus(window), "the other window to have the focus")
         self.wait_for_silence()
 
     def test_end(self):
         """Ctrl-C with a key down: the stop goes out before the node ends."""
-        self.xdotool("keydown", "w")
+        self.display.xdotool("keydown", "w")
         self.wait_for_drive(FORWARD)
         self.node.send_signal(signal.SIGINT)
         self.assertEqual(self.node.wait(), 0, self.node.output)
