@@ -35,7 +35,7 @@ class LaserSim:
         self._beams = Beams(
             angle_min=parameter("angle_min", usual.angle_min, "rad", -6.3, 6.3),
             angle_increment=parameter("angle_increment", usual.angle_increment, "rad", 1e-4, 6.3),
-            count=_whole("beams", parameter("beams", usual.count, "", 1, 62832)),
+            number=_whole("beams", parameter("beams", usual.number, "", 1, 62832)),
             range_min=parameter("range_min", usual.range_min, "m", 0.0, 1000.0),
             range_max=parameter("range_max", usual.range_max, "m", 0.0, 1000.0),
         )
@@ -87,7 +87,9 @@ class LaserSim:
         try:
             pose = conversions.pose_from_msg(msg.pose)
         except conversions.MessageError as error:
-            rospy.logwarn_throttle(1.0, f"ignored a pose on {self._pose_sub.resolved_name}: {error}")
+            rospy.logwarn_throttle(
+                1.0, f"ignored a pose on {self._pose_sub.resolved_name}: {error}"
+            )
             return
         ranges = laser.scan(compose(pose, self._mount))
         if self._noise_std:

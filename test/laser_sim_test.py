@@ -7,8 +7,9 @@ import unittest
 import rospy
 import rostest
 from geometry_msgs.msg import PoseStamped
-from helpers import Recording, node, publisher, wait_for
 from sensor_msgs.msg import LaserScan
+
+from helpers import Recording, node, publisher, wait_for
 
 HALF_TRACK = 1.4
 """[m] Of race_loop's straight, whose walls are at this to either side of its middle."""
@@ -17,7 +18,7 @@ OFFSET = 0.1227
 EXACT = 2e-6
 """[m] The ranges are float32, and so are the angles of the message."""
 BEAM = 90
-"""Beams in a quarter turn; the first one looks straight back, and the profile's pi has six digits."""
+"""Beams in an eighth of a turn, from straight back on; the profile's pi has six digits."""
 LOST_DIGITS = 3e-6
 """[rad]"""
 

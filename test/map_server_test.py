@@ -9,9 +9,10 @@ import unittest
 import rospkg
 import rospy
 import rostest
-from helpers import PATIENCE, Process, Recording, node, wait_for, yaw_of
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap
+
+from helpers import PATIENCE, Process, Recording, node, wait_for, yaw_of
 
 PACKAGE = rospkg.RosPack().get_path("mushr_ros_intro")
 

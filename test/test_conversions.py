@@ -253,7 +253,9 @@ def test_joint_states_are_mushrs():
 
 def sample_grid():
     """Return a map with one cell of every value, no two rows alike, and its origin turned."""
-    return Grid(np.arange(-128, 128).astype(np.int8).reshape(16, 16)[:, :-1], 0.05, Pose(-3, 4, 2.5))
+    return Grid(
+        np.arange(-128, 128).astype(np.int8).reshape(16, 16)[:, :-1], 0.05, Pose(-3, 4, 2.5)
+    )
 
 
 @pytest.mark.parametrize("kind", [OccupancyGrid, numpy_msg(OccupancyGrid)])
@@ -325,7 +327,7 @@ def test_a_map_without_cells():
 
 
 def test_a_scan():
-    beams = Beams(count=3)
+    beams = Beams(number=3)
     ranges = np.array([math.inf, 2.5, -math.inf])
     msg = travelled(conversions.scan_to_msg(ranges, beams, STAMP, 0.1, "car/laser_link"))
     assert (msg.header.frame_id, msg.header.stamp.to_nsec()) == ("car/laser_link", STAMP)

@@ -17,7 +17,7 @@ from mushr_ros_intro.stamps import NANOSECONDS
 PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 NARROWED = 3e-9
-"""[m] The way to a wall is narrowed down to 1e-9 m, and that far is no hit; the rest is rounding."""
+"""[m] A way is narrowed down to 1e-9 m, and so far into a wall is no hit; the rest is rounding."""
 
 CLEAR_CUT = 1e-6
 """[m] The oracle says nothing about bodies that are this near to touching."""
@@ -29,13 +29,13 @@ CAR = Footprint()
 SHORT = Footprint(front=0.3, back=0.2, half_width=0.1)
 
 
-def grid_of(rows, resolution=0.5, origin=Pose(0.0, 0.0, 0.0)):
+def grid_of(rows, resolution):
     """Return the grid of a drawing, top row first, whose walls are #."""
     cells = [[100 if cell == "#" else 0 for cell in row] for row in reversed(rows)]
-    return Grid(np.array(cells, np.int8), resolution, origin)
+    return Grid(np.array(cells, np.int8), resolution)
 
 
-ROOM = grid_of(["########", "#      #", "#      #", "#      #", "########"])
+ROOM = grid_of(["########", "#      #", "#      #", "#      #", "########"], 0.5)
 """Free from 0.5 to 3.5 m in x, and from 0.5 to 2.0 m in y."""
 
 
@@ -43,7 +43,10 @@ def corners_of(footprint, pose):
     """Return the corners of the body, counter-clockwise."""
     f, b, w = footprint
     turn = complex(math.cos(pose.theta), math.sin(pose.theta))
-    return [complex(pose.x, pose.y) + turn * c for c in (-b - 1j * w, f - 1j * w, f + 1j * w, -b + 1j * w)]
+    return [
+        complex(pose.x, pose.y) + turn * c
+        for c in (-b - 1j * w, f - 1j * w, f + 1j * w, -b + 1j * w)
+    ]
 
 
 def cross(a, b):
@@ -171,10 +174,10 @@ def test_a_bend_by_hand(bend, resolution):
     assert abs(got - expected) < 2 * NARROWED  # the corner does not meet the wall head-on
 
 
-def noisy_world(seed, origin=Pose(2.0, -1.0, 0.7)):
+def noisy_world(seed):
     dice = np.random.default_rng(seed)
     cells = np.where(dice.random((60, 80)) < 0.01, 100, 0).astype(np.int8)
-    return Grid(cells, 0.1, origin), dice
+    return Grid(cells, 0.1, Pose(2.0, -1.0, 0.7)), dice
 
 
 @pytest.mark.parametrize("seed", range(6))

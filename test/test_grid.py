@@ -192,9 +192,7 @@ def test_every_pixel_becomes_what_map_server_makes_of_it(tmp_path, picture, nega
         path = write_yaml(
             tmp_path, mode=mode, negate=negate, occupied_thresh=occupied, free_thresh=free
         )
-        expected = expected_cells(
-            channels.tolist(), has_alpha, negate, occupied, free, mode
-        )
+        expected = expected_cells(channels.tolist(), has_alpha, negate, occupied, free, mode)
         assert read_map(path).cells.tolist() == expected
 
 

@@ -23,7 +23,7 @@ GRAZING = 1e-9
 ROUNDING = 1e-12
 """[m] Between the same scan alone and in a batch."""
 
-FEW = Beams(angle_min=-2.0, angle_increment=0.05, count=81, range_min=0.02, range_max=6.0)
+FEW = Beams(angle_min=-2.0, angle_increment=0.05, number=81, range_min=0.02, range_max=6.0)
 
 
 def walk(occupied, side, x, y, angle, reach):
@@ -111,7 +111,7 @@ def test_noise_against_the_walk(share):
             x, y = dice.uniform(-2.0, size + 2.0)
             pose = compose(grid.origin, Pose(x, y, dice.uniform(-9.0, 9.0)))
             judged += judge(grid, FEW, pose)[0]
-    assert judged > 0.99 * 4 * 6 * FEW.count
+    assert judged > 0.99 * 4 * 6 * FEW.number
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -120,7 +120,7 @@ def test_an_asymmetric_map_against_the_walk(seed):
     x, y = dice.uniform((-1.0, -1.0), (6.0, 5.0))
     pose = compose(ASYMMETRIC.origin, Pose(x, y, dice.uniform(-4.0, 4.0)))
     judged, _ = judge(ASYMMETRIC, FEW, pose)
-    assert judged > 0.9 * FEW.count
+    assert judged > 0.9 * FEW.number
 
 
 @pytest.mark.parametrize("name", ["sandbox", "race_loop", "rooms"])
@@ -130,19 +130,19 @@ def test_the_shipped_maps_against_the_walk(name):
     for _ in range(3):
         x, y = dice.uniform(-2.0, 2.0, 2)
         judged, hits = judge(grid, Beams(), Pose(x, 0.5 * y, dice.uniform(-4.0, 4.0)))
-        assert judged > 0.99 * Beams().count
+        assert judged > 0.99 * Beams().number
         assert bool(hits) == (name != "sandbox")
 
 
 def test_the_defaults_are_mushr_s():
     beams = Beams()
-    assert beams.count == 720
+    assert beams.number == 720
     assert beams.range_max == 10.0
-    last = beams.angle_min + (beams.count - 1) * beams.angle_increment
+    last = beams.angle_min + (beams.number - 1) * beams.angle_increment
     assert math.pi - 0.01 < last < math.pi
 
 
-CROSS = Beams(angle_min=0.0, angle_increment=math.pi / 2, count=4, range_min=0.1, range_max=20.0)
+CROSS = Beams(angle_min=0.0, angle_increment=math.pi / 2, number=4, range_min=0.1, range_max=20.0)
 
 
 def test_distances_by_hand():
@@ -162,10 +162,10 @@ def test_distances_by_hand():
 
 
 def test_no_beam_through_a_diagonal():
-    """A wall of cells that touch in their corners only: beams at its corners end there, or before."""
+    """A wall of cells that touch in their corners only: beams at these end there, or before."""
     side, count = 0.5, 20
     falling = np.where(np.eye(count, dtype=bool), 100, 0).astype(np.int8)[::-1]
-    beam = Beams(angle_min=0.0, angle_increment=1.0, count=1, range_min=0.0, range_max=100.0)
+    beam = Beams(angle_min=0.0, angle_increment=1.0, number=1, range_min=0.0, range_max=100.0)
     laser = Laser(Grid(falling, side), beam)
     for x, y in ((4.0, 5.0), (4.5, 4.5), (1.3, 7.7), (6.5, 6.5), (9.9, 1.1)):
         for number in range(1, count):
@@ -231,9 +231,9 @@ def test_one_pose_or_many():
     local = dice.uniform((0.0, 0.0, -4.0), (10.0, 8.0, 4.0), (100, 3))
     poses = np.array([compose(grid.origin, Pose(*pose)) for pose in local.tolist()])
     many = laser.scan(poses)
-    assert many.shape == (100, FEW.count)
-    assert laser.scan(poses[:0]).shape == (0, FEW.count)
-    assert laser.scan(poses[0]).shape == laser.scan(Pose(*poses[0])).shape == (FEW.count,)
+    assert many.shape == (100, FEW.number)
+    assert laser.scan(poses[:0]).shape == (0, FEW.number)
+    assert laser.scan(poses[0]).shape == laser.scan(Pose(*poses[0])).shape == (FEW.number,)
     for pose, ranges in zip(poses, many):
         alone = laser.scan(pose)
         finite = np.isfinite(ranges)
@@ -255,7 +255,7 @@ def test_the_same_ranges_whatever_was_scanned_before(monkeypatch):
 def test_beams_of_less_than_a_full_turn(count):
     grid, _ = noise_map(3, 0.05)
     pose = compose(grid.origin, Pose(5.1, 4.2, 1.0))
-    beams = Beams(angle_min=1.0, angle_increment=0.00872665, count=count)
+    beams = Beams(angle_min=1.0, angle_increment=0.00872665, number=count)
     judged, _ = judge(grid, beams, pose)
     assert judged >= 0.98 * count
 
@@ -263,8 +263,8 @@ def test_beams_of_less_than_a_full_turn(count):
 @pytest.mark.parametrize(
     "beams, expected",
     [
-        (Beams(count=0), "0 beams are 0.00872665 rad apart; expected at least one beam"),
-        (Beams(count=722), "722 beams are 0.00872665 rad apart; expected at least one beam, and"),
+        (Beams(number=0), "0 beams are 0.00872665 rad apart; expected at least one beam"),
+        (Beams(number=722), "722 beams are 0.00872665 rad apart; expected at least one beam, and"),
         (Beams(angle_increment=-0.1), "expected at least one beam, and less than a full turn"),
         (Beams(angle_increment=math.nan), "expected at least one beam, and less than a full turn"),
         (Beams(range_min=10.0), "range_min is 10 and range_max is 10 m; expected a range_min from"),

@@ -250,7 +250,7 @@ def scan_to_msg(
     msg.header.stamp = time_from(stamp)
     msg.header.frame_id = frame
     msg.angle_min = beams.angle_min
-    msg.angle_max = beams.angle_min + (beams.count - 1) * beams.angle_increment
+    msg.angle_max = beams.angle_min + (beams.number - 1) * beams.angle_increment
     msg.angle_increment = beams.angle_increment
     msg.scan_time = period
     msg.range_min, msg.range_max = beams.range_min, beams.range_max

@@ -11,7 +11,7 @@ import re
 import stat
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 import yaml
@@ -297,14 +297,13 @@ def _number(
 def _origin(raw: Dict[str, Any], fault: Any) -> Pose:
     """Return the pose at 'origin'; where there is none, report it."""
     value = raw.get("origin")
-    numbers: Tuple[Optional[float], ...] = ()
-    if isinstance(value, list):
-        numbers = tuple(_as_number(each, -MAX_COORDINATE, MAX_COORDINATE) for each in value)
-    if len(numbers) != 3 or None in numbers:
-        text = f"expected [x, y, yaw] in m, m, rad, each at most {MAX_COORDINATE:g}"
-        fault("origin", f"{_shown(value)}; {text}")
-        return ORIGIN
-    return Pose(*numbers)
+    if isinstance(value, list) and len(value) == 3:
+        x, y, yaw = (_as_number(each, -MAX_COORDINATE, MAX_COORDINATE) for each in value)
+        if x is not None and y is not None and yaw is not None:
+            return Pose(x, y, yaw)
+    text = f"expected [x, y, yaw] in m, m, rad, each at most {MAX_COORDINATE:g}"
+    fault("origin", f"{_shown(value)}; {text}")
+    return ORIGIN
 
 
 # The picture ------------------------------------------------------------------------------------
@@ -421,9 +420,7 @@ def _read_pgm(file: Any, header_only: bool) -> Optional[_Pixels]:
     return _Pixels(stretched[shades].reshape(height, width, 1), False)
 
 
-def _cells(
-    pixels: _Pixels, negate: bool, occupied: float, free: float, mode: str
-) -> np.ndarray:
+def _cells(pixels: _Pixels, negate: bool, occupied: float, free: float, mode: str) -> np.ndarray:
     """Turn a picture into the values of cells, (height, width), row 0 at the bottom.
 
     The shade is the mean of the channels; in trinary mode opacity counts as one of them, because

@@ -31,7 +31,7 @@ class Beams(NamedTuple):
     """Direction of the first beam [rad], counter-clockwise from straight ahead."""
     angle_increment: float = 0.00872665
     """From one beam to the next [rad], positive."""
-    count: int = 720
+    number: int = 720
     """How many there are; together less than a full turn."""
     range_min: float = 0.02
     """What is nearer cannot be measured [m]."""
@@ -40,10 +40,10 @@ class Beams(NamedTuple):
 
     def fault(self) -> str:
         """Say why these beams make no scanner, and what was expected, or nothing."""
-        turn = max(1, self.count - 1) * self.angle_increment
-        if self.count < 1 or not 0.0 < turn < math.tau:
+        turn = max(1, self.number - 1) * self.angle_increment
+        if self.number < 1 or not 0.0 < turn < math.tau:
             return (
-                f"{self.count} beams are {self.angle_increment:g} rad apart; "
+                f"{self.number} beams are {self.angle_increment:g} rad apart; "
                 "expected at least one beam, and less than a full turn"
             )
         if not 0.0 <= self.range_min < self.range_max:
@@ -54,13 +54,16 @@ class Beams(NamedTuple):
         return ""
 
 
+MUSHR_NANO = Beams()
+
+
 class _Tile(NamedTuple):
     """The faces that can be seen from a tile, the horizontal ones first, far ones before near."""
 
     corners: np.ndarray
     """x and y of their ends [m], (2, C)."""
     ends: np.ndarray
-    """Which corner each face begins and ends at, counter-clockwise as seen from its front: (2, F)."""
+    """At which corner each face begins and ends, counter-clockwise seen from its front, (2, F)."""
     offsets: np.ndarray
     """x of the vertical, y of the horizontal faces [m], (F,)."""
     fronts: np.ndarray
@@ -72,7 +75,7 @@ class _Tile(NamedTuple):
 class Laser:
     """A scanner in a map that does not change."""
 
-    def __init__(self, grid: Grid, beams: Beams = Beams()):
+    def __init__(self, grid: Grid, beams: Beams = MUSHR_NANO):
         """Prepare to scan.
 
         Raises:
@@ -100,11 +103,11 @@ class Laser:
         """
         given = np.asarray(poses, float)
         many = given.reshape(-1, 3)
-        ranges = np.empty((len(many), self._beams.count))
+        ranges = np.empty((len(many), self._beams.number))
         with np.errstate(divide="ignore", invalid="ignore"):
             for first in range(0, len(many), _BATCH):
                 ranges[first : first + _BATCH] = self._cast(many[first : first + _BATCH])
-        return ranges.reshape(given.shape[:-1] + (self._beams.count,))
+        return ranges.reshape(given.shape[:-1] + (self._beams.number,))
 
     def _cast(self, poses: np.ndarray) -> np.ndarray:
         """Return the ranges (N, beams) of a few poses (N, 3)."""
@@ -162,7 +165,7 @@ class Laser:
                 break
             places, ranges = places[nearer], ranges[nearer]
             nearest[places] = ranges
-        result = nearest.reshape(len(poses), 4, self._slots)[..., : self._beams.count].min(axis=1)
+        result = nearest.reshape(len(poses), 4, self._slots)[..., : self._beams.number].min(axis=1)
         result[result > self._beams.range_max] = np.inf
         result[inside] = 0.0
         result[result < self._beams.range_min] = -np.inf
@@ -245,7 +248,7 @@ def _hidden(begin: np.ndarray, end: np.ndarray, box: np.ndarray) -> np.ndarray:
             start = box[:, 0] + corner
             part = (line - start[across]) / (points[across] - start[across])
             crossing = start[along] + part * (points[along] - start[along])
-            crossed &= (0.0 < part) & (part < 1.0) & (low < crossing) & (crossing < high)
+            crossed &= (part > 0.0) & (part < 1.0) & (crossing > low) & (crossing < high)
         half = begin.shape[1]
         hidden |= (crossed[:, :half] & crossed[:, half:]).any(axis=0)
     return hidden
@@ -276,8 +279,8 @@ def _find_faces(grid: Grid) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndar
     """
     occupied = np.pad(grid.occupied, 1).astype(np.int8)
     found: List[List[np.ndarray]] = []
-    for vertical in (0, 1):
-        cells = occupied.T if vertical else occupied
+    for is_vertical in (0, 1):
+        cells = occupied.T if is_vertical else occupied
         # +1 where a wall begins above, that is, seen from below; -1 where one ends.
         changes = np.diff(cells, axis=0)[:, 1:-1]
         edges = np.diff(np.pad(changes, ((0, 0), (1, 1))), axis=1) != 0
@@ -286,12 +289,13 @@ def _find_faces(grid: Grid) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndar
         starts = np.flatnonzero(front)
         line, first, last, front = line[starts], place[starts], place[starts + 1], front[starts]
         # Below a face the beams sweep it from right to left, to the left of one from low to high.
-        upward = (front > 0) if vertical else (front < 0)
+        upward = (front > 0) if is_vertical else (front < 0)
         begin = np.where(upward, first, last)
         end = np.where(upward, last, first)
-        if vertical:
+        if is_vertical:
             ends = [np.stack((line, begin)), np.stack((line, end))]
         else:
             ends = [np.stack((begin, line)), np.stack((end, line))]
-        found.append(ends + [front, np.full(len(line), vertical, np.int8)])
-    return tuple(np.concatenate(parts, axis=-1) for parts in zip(*found))
+        found.append(ends + [front, np.full(len(line), is_vertical, np.int8)])
+    begin, end, fronts, vertical = (np.concatenate(parts, axis=-1) for parts in zip(*found))
+    return begin, end, fronts, vertical
