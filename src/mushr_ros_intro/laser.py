@@ -115,41 +115,41 @@ class Laser:
         tiles = [self._tile(math.floor(p.x / TILE), math.floor(p.y / TILE)) for p in locals_]
         inside = [self._is_inside(pose) for pose in locals_]
         x, y, theta = np.array(locals_).T
+        numbers = np.arange(len(tiles))
 
         # The direction of each corner, in beams from the first one, rounded up to a whole one.
         counts = [tile.corners.shape[1] for tile in tiles]
+        pose = np.repeat(numbers, counts)
         corners = np.concatenate([tile.corners for tile in tiles], axis=1)
-        corners[0] -= np.repeat(x, counts)
-        corners[1] -= np.repeat(y, counts)
+        corners[0] -= x.take(pose)
+        corners[1] -= y.take(pose)
         turn = math.tau / self._beams.angle_increment
         where = np.arctan2(corners[1], corners[0])
-        where -= np.repeat(theta + self._beams.angle_min, counts)
+        where -= (theta + self._beams.angle_min).take(pose)
         where *= 1.0 / self._beams.angle_increment
         where -= turn * np.floor(where / turn)
         slots = np.ceil(where).astype(np.int64)
 
         # The beams that each face covers: where they begin, and how many they are.
-        shifts = np.cumsum([0] + counts[:-1])
-        face_counts = [len(tile.offsets) for tile in tiles]
+        pose = np.repeat(numbers, [len(tile.offsets) for tile in tiles])
         ends = np.concatenate([tile.ends for tile in tiles], axis=1)
-        ends += np.repeat(shifts, face_counts)
-        vertical = np.concatenate([tile.vertical for tile in tiles])
-        offsets = np.concatenate([tile.offsets for tile in tiles])
-        offsets -= np.where(vertical, np.repeat(x, face_counts), np.repeat(y, face_counts))
-        begin, end = slots[ends]
+        ends += (np.cumsum(counts) - counts).take(pose)
+        begin, end = slots.take(ends)
         covered = end - begin
-        covered[covered < 0] += self._slots
+        covered += self._slots * (covered < 0)
+        kind = 2 * pose  # of the face, for each pose horizontal or vertical
+        kind += np.concatenate([tile.vertical for tile in tiles])
+        offsets = np.concatenate([tile.offsets for tile in tiles])
+        offsets -= np.column_stack((y, x)).take(kind)
         fronts = np.concatenate([tile.fronts for tile in tiles])
-        covered[offsets * fronts <= 0.0] = 0
+        covered *= offsets * fronts > 0.0
 
-        # One place for each pose, horizontal or vertical, and beam, twice round.
-        size = 4 * self._slots
+        # A place for each beam of each kind of face, twice round.
         turned = self._directions * np.exp(1j * theta)[:, np.newaxis]
-        inverse = np.empty((len(poses), 2, 2, self._slots))
+        inverse = np.empty((len(tiles), 2, 2, self._slots))
         inverse[:, 0, :] = (1.0 / turned.imag)[:, np.newaxis]
         inverse[:, 1, :] = (1.0 / turned.real)[:, np.newaxis]
-        begin += vertical * (2 * self._slots)
-        begin += np.repeat(np.arange(len(poses)) * size, face_counts)
+        begin += 2 * self._slots * kind
         begin -= np.cumsum(covered) - covered
         face = np.repeat(np.arange(len(covered)), covered)
         places = begin.take(face)
@@ -157,7 +157,7 @@ class Laser:
         ranges = offsets.take(face)
         ranges *= inverse.reshape(-1).take(places)
 
-        nearest = np.full(len(poses) * size, np.inf)
+        nearest = np.full(inverse.size, np.inf)
         nearest[places] = ranges  # of several for one place, an arbitrary one
         while True:
             nearer = np.flatnonzero(ranges < nearest[places])
@@ -165,7 +165,7 @@ class Laser:
                 break
             places, ranges = places[nearer], ranges[nearer]
             nearest[places] = ranges
-        result = nearest.reshape(len(poses), 4, self._slots)[..., : self._beams.number].min(axis=1)
+        result = nearest.reshape(len(tiles), 4, self._slots)[..., : self._beams.number].min(axis=1)
         result[result > self._beams.range_max] = np.inf
         result[inside] = 0.0
         result[result < self._beams.range_min] = -np.inf
