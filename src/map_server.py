@@ -1,9 +1,14 @@
 #!/usr/bin/python3
-"""Serve a map from a yaml file and a picture, as the node of the same name in ROS does."""
+"""Serve a map from a yaml file and a picture, as the node of the same name in ROS does.
+
+Where ROS's own is installed (the package map_server), this becomes that one.
+"""
 
 import os
 import sys
+from typing import Optional
 
+import roslib.packages
 import rospkg
 import rospy
 from nav_msgs.msg import MapMetaData, OccupancyGrid
@@ -20,18 +25,9 @@ class MapServer:
     Publishes ``map`` and ``map_metadata``, both latched, and offers the service ``static_map``.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, path: str) -> None:
+        """Serve the map whose yaml file is at `path`."""
         frame = text("~frame_id", rospy.get_param("~frame_id", conversions.MAP_FRAME))
-        map_file = rospy.get_param("~map_file", None)
-        if map_file is None:
-            raise ParameterError(
-                "parameter ~map_file is not set; expected the name or the path of a map, "
-                "such as _map_file:=sandbox"
-            )
-        maps = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "maps")
-        # roslaunch starts its nodes in ROS_HOME but leaves PWD as its own shell had it.
-        folders = [os.environ.get("PWD", "."), "."]
-        path = find_map(text("~map_file", map_file), maps, folders)
         grid = read_map(path)
         self._msg = conversions.grid_to_msg(grid, rospy.get_rostime().to_nsec(), frame)
 
@@ -54,11 +50,39 @@ class MapServer:
         return conversions.map_response(self._msg)
 
 
+def _find_map() -> str:
+    """Return the path of the yaml file that ``~map_file`` names."""
+    map_file = rospy.get_param("~map_file", None)
+    if map_file is None:
+        raise ParameterError(
+            "parameter ~map_file is not set; expected the name or the path of a map, "
+            "such as _map_file:=sandbox"
+        )
+    maps = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "maps")
+    # roslaunch starts its nodes in ROS_HOME but leaves PWD as its own shell had it.
+    folders = [os.environ.get("PWD", "."), "."]
+    return find_map(text("~map_file", map_file), maps, folders)
+
+
+def _find_real_map_server() -> Optional[str]:
+    """Return the path of ROS's own map_server, or None where it is not installed."""
+    try:
+        found = roslib.packages.find_node("map_server", "map_server")
+    except rospkg.ResourceNotFound:
+        return None
+    return found[0] if found else None
+
+
 def main() -> int:
     """Run the node; return its exit status."""
     rospy.init_node("map_server")
     try:
-        node = MapServer()  # noqa: F841, it lives as long as its topics and its service should
+        path = _find_map()
+        real = _find_real_map_server()
+        if real:
+            rospy.loginfo("map %s: served by %s", path, real)
+            os.execv(real, [real, path, f"__name:={rospy.get_name().rsplit('/', 1)[-1]}"])
+        node = MapServer(path)  # noqa: F841, it lives as long as its topics and its service should
     except (MapError, ParameterError) as error:
         rospy.logfatal("%s: %s", rospy.get_name(), error)
         return 1
