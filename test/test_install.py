@@ -21,6 +21,7 @@ def shell(script, folder, **variables):
         "HOME": str(folder),
         "ROS_HOME": str(folder / "ros"),
         "ROS_HOSTNAME": "localhost",
+        "LD_PRELOAD": os.environ.get("LD_PRELOAD", ""),  # see scripts/loopback.c
         **variables,
     }
     return subprocess.Popen(
