@@ -4,16 +4,20 @@ import os
 import select
 import shutil
 import subprocess
-import unittest
 
 from helpers import PATIENCE
 
 
-def require(*programs):
-    """Skip the test, and say so, where one of the programs is missing."""
+def require(test, *programs):
+    """Skip the test where one of the programs is missing.
+
+    rosunit forgets what is skipped, so it is also said in words that scripts/count_results reads.
+    """
     for program in programs:
         if not shutil.which(program):
-            raise unittest.SkipTest(f"there is no {program} on the PATH")
+            reason = f"there is no {program} on the PATH"
+            print(f"SKIPPED {test.id()}: {reason}")
+            test.skipTest(reason)
 
 
 class Display:

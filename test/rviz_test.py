@@ -68,7 +68,7 @@ class RvizTest(unittest.TestCase):
     """One rviz for all that is to be seen: it takes seconds to start."""
 
     def setUp(self):
-        require("Xvfb", "rviz", "xdotool")
+        require(self, "Xvfb", "rviz", "xdotool")
         self.display = Display()
         self.addCleanup(self.display.end)
         self.rviz = Process(
