@@ -11,16 +11,28 @@ import rosnode
 import rospy
 import tf2_ros
 from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid, Odometry
 from rosgraph_msgs.msg import Clock
+from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro import conversions
 from mushr_ros_intro.bicycle import Pose
-from mushr_ros_intro.car import Car, Event, History, State, at_rest
+from mushr_ros_intro.car import (
+    Car,
+    Contact,
+    Event,
+    History,
+    Placement,
+    State,
+    World,
+    at_rest,
+    halted,
+)
 from mushr_ros_intro.clock import Stream, hear, horizon
+from mushr_ros_intro.footprint import is_free, on_map
 from mushr_ros_intro.parameters import ParameterError, number
 from mushr_ros_intro.plan import MAX_COORDINATE
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp, from_seconds
@@ -30,7 +42,9 @@ class CarSim:
     """The simulated car as a node.
 
     Topics, relative to the car's namespace: subscribes to ``initialpose`` and
-    ``mux/ackermann_cmd_mux/output``; publishes ``car_pose``, ``odom``, ``joint_states`` and /tf.
+    ``mux/ackermann_cmd_mux/output``, and to /map, where somebody publishes one; publishes
+    ``car_pose``, ``odom``, ``joint_states`` and /tf, and ``~collision``, latched: the pose at which
+    the car stands against a wall, and no pose once it stands there no longer.
     """
 
     def __init__(self, keeps_clock: bool) -> None:
@@ -72,6 +86,9 @@ class CarSim:
         self._paused = False
         self._steps = 0
         self._history = History(self._car, at_rest(self._now, self._start))
+        self._world: Optional[World] = None
+        self._announced: Optional[Contact] = None
+        self._is_on_map = True
 
         # In wall-clock time a slow subscriber is better off without old states; in simulated time,
         # which may run fast, every one of them is to arrive.
@@ -80,10 +97,15 @@ class CarSim:
         self._pose_pub = rospy.Publisher("car_pose", PoseStamped, **options)
         self._odom_pub = rospy.Publisher("odom", Odometry, **options)
         self._joint_pub = rospy.Publisher("joint_states", JointState, **options)
+        self._collision_pub = rospy.Publisher("~collision", PoseArray, queue_size=10, latch=True)
+        self._collision_pub.publish(conversions.collision_to_msg(None, self._now))
         self._tf = tf2_ros.TransformBroadcaster()
         if self._keeps_clock:
             self._clock_pub = rospy.Publisher("/clock", Clock, **options)
 
+        self._map_sub = rospy.Subscriber(
+            "/map", numpy_msg(OccupancyGrid), self._on_map, queue_size=1, buff_size=1 << 20
+        )
         # No queue size: every message counts, and the history forgets none that is young enough.
         rospy.Subscriber(
             "initialpose",
@@ -161,12 +183,39 @@ class CarSim:
                 self._publish(state)
             self._clock_pub.publish(Clock(clock=conversions.time_from(target)))
 
+    def _on_map(self, msg: OccupancyGrid) -> None:
+        """Put up the walls of a map."""
+        try:
+            world = World(conversions.grid_from_msg(msg))
+        except conversions.MessageError as error:
+            rospy.logwarn(f"ignored a map on {self._map_sub.resolved_name}: {error}")
+            return
+        is_free(*world, self._start)  # what is worked out once is worked out here, without the lock
+        with self._changed:
+            self._world = world
+            self._history.build(world)
+            state = self._history.state_at(self._read_clock())
+        rospy.loginfo("driving in a map of %d x %d cells", world.grid.width, world.grid.height)
+        if not is_free(*world, state.pose):
+            rospy.logwarn(
+                f"the car stands in a wall at {state.pose}; it can only drive out of it, or be "
+                "placed elsewhere"
+            )
+
     def _on_message(self, msg: rospy.Message, read: Callable[[rospy.Message], Event]) -> None:
         """Take a command or a placement, to be applied at its stamp."""
         try:
             event = read(msg)
         except conversions.MessageError as error:
             rospy.logwarn_throttle(1.0, f"ignored a message on {_topic(msg)}: {error}")
+            return
+        world = self._world
+        if world and isinstance(event, Placement) and not is_free(*world, event.pose):
+            rospy.logwarn_throttle(
+                1.0,
+                f"refused to place the car at {event.pose}, as {_topic(msg)} asks: it would stand "
+                "in a wall there. It stays where it was; expected a pose with room for its body",
+            )
             return
         with self._changed:
             now = self._read_clock()
@@ -195,8 +244,7 @@ class CarSim:
         if now < self._now - STAMP_TOLERANCE:
             rospy.logwarn("the clock jumped back; the car stands and starts afresh")
             state = self._history.state_at(self._now)
-            rest = state._replace(stamp=now, speed=0.0, expires=now)
-            self._history = History(self._car, rest)
+            self._history = History(self._car, halted(state, now), self._world)
             self._now = now
         self._now = max(self._now, now)
         return self._now
@@ -215,6 +263,24 @@ class CarSim:
             self._tf.sendTransform(
                 conversions.transforms_to_msgs(state, self._odom_frame, self._base_frame)
             )
+        self._announce(state)
+
+    def _announce(self, state: State) -> None:
+        """Say once where the car hit a wall, that it is off it again, and that it left the map."""
+        if state.collision != self._announced:
+            self._announced = state.collision
+            self._collision_pub.publish(conversions.collision_to_msg(state.collision, state.stamp))
+            if state.collision:
+                rospy.logwarn(
+                    f"the car hit a wall and stands at {state.collision.pose}; "
+                    "it can drive away from it"
+                )
+        if self._world is None:
+            return
+        is_on_map = on_map(*self._world, state.pose)
+        if self._is_on_map and not is_on_map:
+            rospy.logwarn(f"the car left the map at {state.pose}; there are no walls out there")
+        self._is_on_map = is_on_map
 
     def _describe_time(self) -> str:
         """Say whose time this is, and how fast it runs."""
@@ -249,7 +315,7 @@ class CarSim:
         """Put the car at its start pose, at rest, with its odometry at zero; time goes on."""
         with self._changed:
             now = self._read_clock()
-            self._history = History(self._car, at_rest(now, self._start))
+            self._history = History(self._car, at_rest(now, self._start), self._world)
             self._stream = None
             self._changed.notify_all()
         return TriggerResponse(True, f"at the start pose since {now / NANOSECONDS:.9f} s")

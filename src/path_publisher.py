@@ -356,10 +356,7 @@ def _close(pose: Optional[Pose], other: Pose) -> bool:
 
 def _shown(pose: Optional[Pose]) -> str:
     """Return a pose as text."""
-    if pose is None:
-        return "nothing"
-    theta = math.remainder(pose.theta, math.tau)
-    return f"({pose.x:.6f} m, {pose.y:.6f} m, {theta:.6f} rad)"
+    return "nothing" if pose is None else str(pose)
 
 
 def main() -> int:

@@ -17,6 +17,10 @@ class Pose(NamedTuple):
     y: float
     theta: float
 
+    def __str__(self) -> str:
+        theta = math.remainder(self.theta, math.tau)
+        return f"({self.x:.6f} m, {self.y:.6f} m, {theta:.6f} rad)"
+
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
 

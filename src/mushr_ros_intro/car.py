@@ -5,15 +5,24 @@ which it arrives. The car keeps a short history of events in the order of their 
 message that comes late, twice, or after a younger one is put in its place, and the pose at any
 instant depends on the messages alone and not on how busy the machine is.
 
+What a command makes of the car until the next event, up to the wall that it may hit, is settled
+when the event applies. So every later instant is evaluated from there, and asking for one between
+two others changes nothing.
+
 All instants are integer nanoseconds.
 """
 
 import bisect
 import math
-from typing import List, NamedTuple, Tuple, Union
+from typing import List, NamedTuple, Optional, Tuple, Union
 
 from mushr_ros_intro.bicycle import Pose, compose, curvature, drive_arc, inverse
+from mushr_ros_intro.footprint import Footprint, free_way, is_free
+from mushr_ros_intro.grid import Grid
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
+
+_NUDGE = 1e-7
+"""A car at a wall tries to drive this far [m] to find out whether the wall is in its way."""
 
 
 class Car(NamedTuple):
@@ -27,6 +36,24 @@ class Car(NamedTuple):
     """Radius of the wheels [m]."""
     command_timeout: int = 200_000_000
     """How long a command is good for after its stamp [ns]; then the car stops."""
+
+
+class World(NamedTuple):
+    """What the car may hit, and with what."""
+
+    grid: Grid
+    """The map."""
+    footprint: Footprint = Footprint()
+    """The car's body."""
+
+
+class Contact(NamedTuple):
+    """The car stands against a wall."""
+
+    stamp: int
+    """Since when [ns]."""
+    pose: Pose
+    """Where: the last free pose, in the map frame."""
 
 
 class Command(NamedTuple):
@@ -61,6 +88,23 @@ class Wheels(NamedTuple):
     back_right: float
 
 
+class Piece(NamedTuple):
+    """A part of the car's way, on which it holds its speed and its steering angle."""
+
+    begin: float
+    """When it begins [s], counted from the event that set the car in motion."""
+    pose: Pose
+    """Where it begins, in the map frame."""
+    rolled: Wheels
+    """How far each wheel has turned by then [rad]."""
+    speed: float
+    """Forward speed [m/s]."""
+    steering_angle: float
+    """Steering angle [rad], left positive."""
+    collision: Optional[Contact]
+    """The contact that the car stands in, None where there is none."""
+
+
 class State(NamedTuple):
     """All that there is to know about the car at one instant."""
 
@@ -74,10 +118,14 @@ class State(NamedTuple):
     """Forward speed [m/s]."""
     steering_angle: float
     """Steering angle [rad], left positive."""
-    expires: int
-    """When the held command is no longer good [ns]."""
     rolled: Wheels
     """How far each wheel has turned [rad]."""
+    collision: Optional[Contact] = None
+    """The contact in which the car stands at a wall, from the hit until it drives away."""
+    moved: int = 0
+    """The stamp of the event that set it in motion [ns]."""
+    motion: Tuple[Piece, ...] = ()
+    """What that makes of the car; the last piece, on which it stands, has no end."""
 
     @property
     def odom_pose(self) -> Pose:
@@ -91,7 +139,12 @@ class State(NamedTuple):
 
 def at_rest(stamp: int, pose: Pose) -> State:
     """Return the state of a car that has never moved, its odometry at zero."""
-    return State(stamp, pose, pose, 0.0, 0.0, stamp, Wheels(0.0, 0.0, 0.0, 0.0))
+    return State(stamp, pose, pose, 0.0, 0.0, Wheels(0.0, 0.0, 0.0, 0.0))
+
+
+def halted(state: State, stamp: int) -> State:
+    """Return the state of a car that has been halted where `state` has it, at `stamp` [ns]."""
+    return state._replace(stamp=stamp, speed=0.0, motion=())
 
 
 def front_wheel_angles(steering_angle: float, car: Car) -> Tuple[float, float]:
@@ -113,47 +166,107 @@ def _wheel_ratios(steering_angle: float, car: Car) -> Wheels:
     )
 
 
+def _follow(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
+    """Return the pose, and how far each wheel has turned [rad], some time into a piece."""
+    distance = piece.speed * seconds
+    if distance == 0.0:
+        return piece.pose, piece.rolled
+    pose = drive_arc(piece.pose, distance, curvature(piece.steering_angle, car.wheelbase))
+    ratios = _wheel_ratios(piece.steering_angle, car)
+    rolled = Wheels(
+        *(angle + distance * ratio / car.wheel_radius for angle, ratio in zip(piece.rolled, ratios))
+    )
+    return pose, rolled
+
+
 def advance(state: State, stamp: int, car: Car) -> State:
     """Return the state at `stamp` [ns], not before `state.stamp`, if nothing happens until then.
 
-    The car drives the arc of the command that it holds until that command is no longer good,
-    and then stands.
+    The car drives the arc of the command that it holds until that command is no longer good, or
+    a wall is in the way, and then stands.
     """
-    driven = min(stamp, state.expires) - state.stamp
-    if driven > 0 and state.speed != 0.0:
-        distance = state.speed * (driven / NANOSECONDS)
-        pose = drive_arc(state.pose, distance, curvature(state.steering_angle, car.wheelbase))
-        ratios = _wheel_ratios(state.steering_angle, car)
-        rolled = Wheels(
-            *(
-                angle + distance * ratio / car.wheel_radius
-                for angle, ratio in zip(state.rolled, ratios)
-            )
-        )
-        state = state._replace(pose=pose, rolled=rolled)
-    return state._replace(stamp=stamp, speed=state.speed if stamp < state.expires else 0.0)
+    if not state.motion:
+        return state._replace(stamp=stamp)
+    seconds = (stamp - state.moved) / NANOSECONDS
+    piece = next(piece for piece in reversed(state.motion) if piece.begin <= seconds)
+    pose, rolled = _follow(piece, seconds - piece.begin, car)
+    return state._replace(
+        stamp=stamp,
+        pose=pose,
+        speed=piece.speed,
+        rolled=rolled,
+        collision=piece.collision,
+    )
 
 
-def apply(state: State, event: Event, car: Car) -> State:
-    """Return the state right after `event`, whose stamp is that of `state`."""
+def apply(state: State, event: Event, car: Car, world: Optional[World] = None) -> State:
+    """Return the state right after `event`, whose stamp is that of `state`.
+
+    Without a `world` there are no walls.
+    """
     if isinstance(event, Placement):
         if event.pose != state.pose:  # or a message that comes twice would move it by rounding
             odom = compose(event.pose, inverse(state.odom_pose))
-            state = state._replace(pose=event.pose, map_from_odom=odom)
-        return state._replace(speed=0.0, steering_angle=0.0, expires=event.stamp)
-    return state._replace(
-        speed=event.speed,
-        steering_angle=event.steering_angle,
-        expires=event.stamp + car.command_timeout,
-    )
+            state = state._replace(pose=event.pose, map_from_odom=odom, collision=None)
+        return halted(state, event.stamp)._replace(steering_angle=0.0)
+    motion = _set_in_motion(state, event, car, world)
+    state = state._replace(steering_angle=event.steering_angle, moved=event.stamp, motion=motion)
+    return advance(state, event.stamp, car)
+
+
+def _set_in_motion(
+    state: State, command: Command, car: Car, world: Optional[World]
+) -> Tuple[Piece, ...]:
+    """Return what the car in a state does on a command, until it stands."""
+    rest = Piece(0.0, state.pose, state.rolled, 0.0, command.steering_angle, state.collision)
+    if command.speed == 0.0:
+        return (rest,)
+    piece = rest._replace(speed=command.speed, collision=None)
+    if world is not None and _is_blocked(state, piece, car, world):
+        return (rest,)
+    end = car.command_timeout / NANOSECONDS
+    contact = None
+    if world is not None:
+        free = _free_time(piece, end, car, world)
+        if free < end:
+            end = free
+            stamp = state.stamp + round(end * NANOSECONDS)
+            contact = Contact(stamp, _follow(piece, end, car)[0])
+    pose, rolled = _follow(piece, end, car)
+    rest = rest._replace(begin=end, pose=pose, rolled=rolled, collision=contact)
+    return (piece, rest)
+
+
+def _is_blocked(state: State, piece: Piece, car: Car, world: World) -> bool:
+    """Say whether the wall at which the car stands is in the way.
+
+    The distance to the wall is known to TOUCH; if the car could go further it would creep.
+    """
+    if state.collision is None:
+        return False
+    ahead = math.copysign(_NUDGE, piece.speed)
+    pose = drive_arc(state.pose, ahead, curvature(piece.steering_angle, car.wheelbase))
+    return not is_free(world.grid, world.footprint, pose)
+
+
+def _free_time(piece: Piece, seconds: float, car: Car, world: World) -> float:
+    """Return for how long the car can follow a piece before it hits something, at most [s]."""
+    speed = abs(piece.speed)
+
+    def at(way: float) -> Pose:
+        return _follow(piece, way / speed, car)[0]
+
+    way = free_way(world.grid, world.footprint, at, speed * seconds)
+    return seconds if way == speed * seconds else way / speed
 
 
 class History:
     """The events of the last while, in order, and the car's state after each of them."""
 
-    def __init__(self, car: Car, start: State):
-        """Start from the state `start`."""
+    def __init__(self, car: Car, start: State, world: Optional[World] = None):
+        """Start from the state `start`, in a `world` where there are walls."""
         self._car = car
+        self._world = world
         self._events: List[Tuple[int, bool]] = []  # the order: placements before commands
         self._payload: List[Event] = []
         self._states = [start]  # the state after each event; the first is from before them
@@ -175,17 +288,26 @@ class History:
         place = bisect.bisect_right(self._events, key)
         self._events.insert(place, key)
         self._payload.insert(place, event)
-        del self._states[place + 1 :]
-        for later in self._payload[place:]:
-            state = advance(self._states[-1], later.stamp, self._car)
-            self._states.append(apply(state, later, self._car))
+        self._redo(place)
         self._forget(now - STAMP_TOLERANCE)
+
+    def build(self, world: World) -> None:
+        """Put up the walls of `world`, in the place of others, for all that is in the history."""
+        self._world = world
+        self._redo(0)
 
     def state_at(self, stamp: int) -> State:
         """Return the state at `stamp` [ns]; before the history begins, that at its beginning."""
         place = bisect.bisect_right(self._events, (stamp, True))
         state = self._states[place]
         return advance(state, max(stamp, state.stamp), self._car)
+
+    def _redo(self, place: int) -> None:
+        """Work out the states after the events from the one at `place` on."""
+        del self._states[place + 1 :]
+        for event in self._payload[place:]:
+            state = advance(self._states[-1], event.stamp, self._car)
+            self._states.append(apply(state, event, self._car, self._world))
 
     def _forget(self, horizon: int) -> None:
         """Drop the events before `horizon` [ns], but for the state that they led to."""

@@ -3,20 +3,26 @@
 import io
 import math
 import struct
-from typing import List, Tuple
+from typing import List, Optional, Tuple
 
 import genpy
 import numpy as np
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import Pose as PoseMsg
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Quaternion, TransformStamped
+from geometry_msgs.msg import (
+    PoseArray,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    TransformStamped,
+)
 from nav_msgs.msg import OccupancyGrid, Odometry
 from nav_msgs.srv import GetMapResponse
 from sensor_msgs.msg import JointState, LaserScan
 from tf.transformations import quaternion_from_euler
 
 from mushr_ros_intro.bicycle import Pose
-from mushr_ros_intro.car import Car, Command, Placement, State, front_wheel_angles
+from mushr_ros_intro.car import Car, Command, Contact, Placement, State, front_wheel_angles
 from mushr_ros_intro.grid import Grid, as_travelled
 from mushr_ros_intro.laser import Beams
 from mushr_ros_intro.plan import MAX_COORDINATE, MAX_SPEED
@@ -125,6 +131,18 @@ def car_pose_to_msg(state: State) -> PoseStamped:
     msg.header.stamp = time_from(state.stamp)
     msg.header.frame_id = MAP_FRAME
     msg.pose = pose_to_msg(state.pose)
+    return msg
+
+
+def collision_to_msg(contact: Optional[Contact], stamp: int) -> PoseArray:
+    """Return the pose at which the car stands against a wall, stamped with when it hit it.
+
+    Without a contact the message has no pose, and the stamp [ns] that is given.
+    """
+    msg = PoseArray()
+    msg.header.stamp = time_from(contact.stamp if contact else stamp)
+    msg.header.frame_id = MAP_FRAME
+    msg.poses = [pose_to_msg(contact.pose)] if contact else []
     return msg
 
 

@@ -5,7 +5,7 @@ and so is what is off the map; `on_map` tells.
 """
 
 import math
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import Callable, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -63,13 +63,6 @@ def free_distance(
 ) -> float:
     """Return how far along an arc the car can drive before it hits something.
 
-    The way is tried every few millimetres, and the first hit narrowed down to 1e-9 m, so the pose
-    at the returned distance is free. What the body hits and leaves again between two tries is not
-    noticed: in a bend, the corner of a cell that it reaches into by a millimetre or two.
-
-    A car that is in a wall already may move as long as no try covers more wall than the one
-    before, and from the first free one on as any other.
-
     Args:
         grid: the map.
         footprint: of the car.
@@ -80,20 +73,44 @@ def free_distance(
     Returns:
         A distance from 0 to `distance` [m]; `distance` itself if nothing is in the way.
     """
+    sign = math.copysign(1.0, distance)
 
-    def at(along: float) -> Pose:
-        return grid.to_grid(drive_arc(pose, along, curvature))
+    def at(way: float) -> Pose:
+        return drive_arc(pose, sign * way, curvature)
 
+    return sign * free_way(grid, footprint, at, abs(distance))
+
+
+def free_way(grid: Grid, footprint: Footprint, at: Callable[[float], Pose], length: float) -> float:
+    """Return how far along a path the car can drive before it hits something.
+
+    The way is tried every few millimetres, and the first hit narrowed down to 1e-9 m, so the pose
+    at the returned distance is free. What the body hits and leaves again between two tries is not
+    noticed: in a bend, the corner of a cell that it reaches into by a millimetre or two.
+
+    A car that is in a wall already may move as long as no try covers more wall than the one
+    before, and from the first free one on as any other.
+
+    Args:
+        grid: the map.
+        footprint: of the car.
+        at: the pose of base_footprint [map frame] after a way from 0 to `length` [m]. It moves by
+            as much as the way grows, or by less.
+        length: of the path [m].
+
+    Returns:
+        A way from 0 to `length` [m]; `length` itself if nothing is in the way.
+    """
     start = 0.0
-    if not is_free(grid, footprint, pose):
-        start = _leave(grid, footprint, pose, curvature, distance)
-        if start == distance or not is_free(grid, footprint, drive_arc(pose, start, curvature)):
+    if not is_free(grid, footprint, at(0.0)):
+        start = _leave(grid, footprint, at, length)
+        if start == length or not is_free(grid, footprint, at(start)):
             return start
-    step = math.copysign(min(0.5 * grid.resolution, _STEP), distance)
-    last = math.ceil((distance - start) / step)  # the number of the last try
+    step = min(0.5 * grid.resolution, _STEP)
+    last = math.ceil((length - start) / step)  # the number of the last try
 
     def way(number: int) -> float:
-        return distance if number >= last else start + number * step
+        return length if number >= last else start + number * step
 
     reach = math.hypot(max(footprint.front, footprint.back), footprint.half_width)
     pieces: List[Tuple[int, int]] = [(0, last)]  # from after the first to the second, next on top
@@ -101,8 +118,8 @@ def free_distance(
         low, high = pieces.pop()
         if low == high:
             continue
-        middle = at(0.5 * (way(low) + way(high)))
-        radius = 0.5 * abs(way(high) - way(low)) + reach
+        middle = grid.to_grid(at(0.5 * (way(low) + way(high))))
+        radius = 0.5 * (way(high) - way(low)) + reach
         box = (middle.x - radius, middle.y - radius, middle.x + radius, middle.y + radius)
         if not _window(grid, *box)[2].any():
             continue
@@ -111,30 +128,29 @@ def free_distance(
             pieces += [(half, high), (low, half)]
             continue
         cells = _occupied(grid, *box)
-        poses = [at(way(number)) for number in range(low + 1, high + 1)]
+        poses = [grid.to_grid(at(way(number))) for number in range(low + 1, high + 1)]
         hits = _hits(cells, grid.resolution, footprint, poses)
         if hits.any():
             hit = low + 1 + int(hits.argmax())
-            free_way, hit_way = way(hit - 1), way(hit)
-            while abs(hit_way - free_way) > TOUCH:
-                between = 0.5 * (free_way + hit_way)
-                if _hits(cells, grid.resolution, footprint, [at(between)])[0]:
-                    hit_way = between
+            free, blocked = way(hit - 1), way(hit)
+            while blocked - free > TOUCH:
+                between = 0.5 * (free + blocked)
+                pose = grid.to_grid(at(between))
+                if _hits(cells, grid.resolution, footprint, [pose])[0]:
+                    blocked = between
                 else:
-                    free_way = between
-            return free_way
-    return distance
+                    free = between
+            return free
+    return length
 
 
-def _leave(
-    grid: Grid, footprint: Footprint, pose: Pose, curvature: float, distance: float
-) -> float:
+def _leave(grid: Grid, footprint: Footprint, at: Callable[[float], Pose], length: float) -> float:
     """Return how far a car that is in a wall may go, to the first free try at most [m]."""
-    step = math.copysign(0.5 * grid.resolution, distance)
-    way, covered = 0.0, _covered(grid, footprint, pose)
-    for number in range(1, math.ceil(distance / step) + 1):
-        further = number * step if abs(number * step) < abs(distance) else distance
-        here = drive_arc(pose, further, curvature)
+    step = 0.5 * grid.resolution
+    way, covered = 0.0, _covered(grid, footprint, at(0.0))
+    for number in range(1, math.ceil(length / step) + 1):
+        further = min(number * step, length)
+        here = at(further)
         if is_free(grid, footprint, here):
             return further
         before, covered = covered, _covered(grid, footprint, here)
