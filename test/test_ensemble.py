@@ -1,0 +1,308 @@
+"""Many cars at once: against the single car, against fine quadrature, and against the moments."""
+
+import itertools
+import math
+import os
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mushr_ros_intro import ensemble, prediction
+from mushr_ros_intro.bicycle import Pose, drive_arc
+from mushr_ros_intro.car import Car
+from mushr_ros_intro.ensemble import Errors
+from mushr_ros_intro.plan import parse_plan, read_plan
+
+PLANS = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "plans")
+
+ROUNDING = 1e-12
+"""[m, rad] Between one arc a row and one a tick, in doubles."""
+
+ANALYTIC = 1e-9
+"""[m^2, m, rad] What a short sum of squares is known to; the quadrature is good to 1e-12."""
+
+NOTHING = 1e-250
+"""[m, rad] What is left of 1e-300, which stands for 0 in a quotient."""
+
+SIGMAS = 5.0
+"""Standard errors that a mean of random numbers may be off: by chance 1 in 2 million is."""
+
+NOISE = Errors(speed=0.05, steering_angle=0.02)
+ALL = Errors(0.02, 0.01, 0.05, 0.03, 0.05, 0.02)
+
+
+def plan_named(name):
+    return read_plan(os.path.join(PLANS, name + ".txt"))
+
+
+def plan_of(*rows, start="0, 0, 0"):
+    return parse_plan("\n".join((start, *rows)).encode(), "plan")
+
+
+def drive(plan, errors, runs=1, seed=1, every=10**9):
+    """Return the poses (instants, runs, 3)."""
+    return np.concatenate(list(ensemble.drive(plan, Car(), errors, runs, seed, every)), axis=1)
+
+
+# Without errors ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", sorted(entry[:-4] for entry in os.listdir(PLANS)))
+def test_without_errors_every_car_ends_where_the_single_car_does(name):
+    plan = plan_named(name)
+    poses = drive(plan, Errors(), runs=ensemble.WIDTH + 3)
+    assert poses.shape == (1, ensemble.WIDTH + 3, 3)
+    expected = np.array(prediction.final_pose(plan, Car()))
+    assert np.abs(poses[0] - expected).max() <= ROUNDING
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(-5, 5), st.floats(-0.6, 0.6), st.sampled_from([0.05, 0.1, 0.25, 1, 3.14])
+        ),
+        min_size=1,
+        max_size=6,
+    ),
+    st.integers(1, 20),
+)
+def test_on_the_way_the_cars_are_where_the_single_car_is(rows, every):
+    plan = plan_of(*("{:.6f}, {:.6f}, {}".format(*row) for row in rows), start="1, 2, 3")
+    poses = drive(plan, Errors(), every=every)[:, 0]
+    instants = ensemble.instants(plan, every)
+    assert len(instants) == len(poses)
+    assert instants[-1] == plan.duration
+    for instant, pose in zip(instants, poses):
+        assert tuple(pose) == pytest.approx(pose_at(plan, instant), abs=ROUNDING)
+
+
+def pose_at(plan, instant):
+    """Return where the ideal car is, from row to row and a part of the last one."""
+    pose = Pose(*plan.start)
+    for row in plan.rows:
+        seconds = min(row.duration, instant) / 1e9
+        bend = math.tan(prediction.as_float32(row.steering_angle)) / 0.33
+        pose = drive_arc(pose, prediction.as_float32(row.speed) * seconds, bend)
+        instant -= min(row.duration, instant)
+    return pose
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-30, 1e-15, 1e-8, 0.0099, -0.0099])
+def test_there_is_no_dead_band(angle):
+    plan = plan_of(f"2, {angle}, 22")
+    expected = np.array(prediction.final_pose(plan, Car()))
+    assert np.abs(drive(plan, Errors())[0, 0] - expected).max() <= ROUNDING
+
+
+def test_instants_end_ticks():
+    plan = plan_of("1, 0, 0.25", "1, 0, 0.3")
+    assert ensemble.count_ticks(plan) == 6
+    milliseconds = [round(each / 1e6) for each in ensemble.instants(plan, 1)]
+    assert milliseconds == [100, 200, 250, 350, 450, 550]
+    assert [round(each / 1e6) for each in ensemble.instants(plan, 4)] == [350, 550]
+    assert ensemble.instants(plan, 1000) == [plan.duration]
+
+
+# The errors -------------------------------------------------------------------------------------
+
+
+def test_the_seed_decides():
+    plan = plan_named("slalom")
+    poses = drive(plan, ALL, runs=50, seed=7)
+    assert (poses == drive(plan, ALL, runs=50, seed=7)).all()
+    assert (poses != drive(plan, ALL, runs=50, seed=8)).all()
+    assert len(np.unique(poses[0, :, 0])) == 50
+
+
+def test_what_a_car_does_does_not_depend_on_who_looks():
+    plan = plan_named("slalom")
+    seldom = drive(plan, ALL, runs=50, every=10**9)[-1]
+    often = drive(plan, ALL, runs=50, every=3)[-1]
+    assert np.abs(seldom - often).max() <= ROUNDING
+
+
+def test_the_first_cars_are_the_same_however_many_there_are():
+    plan = plan_named("slalom")
+    few = drive(plan, ALL, runs=ensemble.WIDTH)
+    many = drive(plan, ALL, runs=ensemble.WIDTH + 100)
+    assert (many[:, : ensemble.WIDTH] == few).all()
+    assert (many[:, ensemble.WIDTH :] != few[:, :100]).all()
+
+
+def test_a_car_that_is_told_to_stand_stands():
+    poses = drive(plan_of("0, 0.3, 5"), NOISE, runs=100)
+    assert np.abs(poses).max() <= NOTHING
+
+
+def assert_is(values, mean, deviation):
+    """Assert that random values have a mean and a standard deviation, within their errors."""
+    count = len(values)
+    assert abs(values.mean() - mean) <= SIGMAS * deviation / math.sqrt(count)
+    assert abs(values.var() / deviation**2 - 1.0) <= SIGMAS * math.sqrt(2.0 / count)
+
+
+@pytest.mark.parametrize(
+    "errors, deviation",
+    [
+        (Errors(speed_scale=0.03), 0.03 * 20.0),
+        (Errors(speed=0.1), 0.1 * 0.1 * math.sqrt(100)),
+        (Errors(start_position=0.2), 0.2),
+    ],
+)
+def test_straight_ahead_the_spread_is_known(errors, deviation):
+    """100 ticks of 0.1 s at 2 m/s are 20 m."""
+    plan = plan_of("2, 0, 10")
+    x, y, theta = drive(plan, errors, runs=20_000)[0].T
+    assert_is(x, 20.0, deviation)
+    if errors.start_position:
+        assert_is(y, 0.0, deviation)
+        assert abs(np.corrcoef(x, y)[0, 1]) <= SIGMAS / math.sqrt(20_000)
+    else:
+        assert np.abs(y).max() <= NOTHING
+    assert np.abs(theta).max() <= NOTHING
+
+
+def test_the_steering_errors_turn_the_car():
+    plan = plan_of("2, 0, 1")
+    for errors, ticks in ((Errors(steering_offset=0.01), 1), (Errors(steering_angle=0.01), 10)):
+        theta = drive(plan, errors, runs=20_000)[0, :, 2]
+        deviation = 0.01 * 2.0 / 0.33 / math.sqrt(ticks)  # tan is its argument, to 1e-4 of it
+        assert_is(theta, 0.0, deviation)
+    theta = drive(plan, Errors(start_heading=0.2), runs=20_000)[0, :, 2]
+    assert_is(theta, 0.0, 0.2)
+
+
+def test_spread_is_mean_and_covariance():
+    plan = plan_named("slalom")
+    runs = 2 * ensemble.WIDTH + 17
+    poses = drive(plan, ALL, runs=runs, seed=3, every=20)
+    result = ensemble.spread(plan, Car(), ALL, runs, 3, 20)
+    assert result.runs == runs
+    assert (result.cloud == poses[-1]).all()
+    for number, each in enumerate(poses):
+        assert result.mean[number] == pytest.approx(each.mean(axis=0), abs=ROUNDING)
+        assert result.covariance[number] == pytest.approx(np.cov(each.T), abs=ROUNDING)
+
+
+def test_memory_does_not_grow_with_the_number_of_cars():
+    plan = plan_of("1, 0.1, 0.3")
+    peaks = []
+    for runs in (20_000, 200_000):
+        tracemalloc.start()
+        result = ensemble.spread(plan, Car(), ALL, runs, 1, 1)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert len(result.cloud) == ensemble.CLOUD
+    assert peaks[1] <= 1.1 * peaks[0]  # the Python objects of the moment come and go
+
+
+# The moments ------------------------------------------------------------------------------------
+
+
+def brute_force(plan, errors):
+    """Return mean and covariance by quadrature over every random number of every tick at once."""
+    ticks = list(ensemble.ticks(plan, Car()))
+    deviations = [
+        *(errors.speed_scale, errors.steering_offset, errors.start_heading),
+        *([errors.speed, errors.steering_angle] * len(ticks)),
+    ]
+    axes, weights = [], []
+    for deviation in deviations:
+        node, weight = np.polynomial.hermite_e.hermegauss(7 if deviation else 1)
+        axes.append(node * deviation)
+        weights.append(weight / weight.sum())
+    values = np.array(list(itertools.product(*axes)))
+    weight = np.array([math.prod(each) for each in itertools.product(*weights)])
+    scale, offset, heading = values[:, :3].T
+    x, y, theta = plan.start[0] + 0 * scale, plan.start[1] + 0 * scale, plan.start[2] + heading
+    for number, tick in enumerate(ticks):
+        distance = tick.speed * (1 + scale) + values[:, 3 + 2 * number]
+        distance = distance * tick.duration / 1e9
+        angle = tick.steering_angle + offset + values[:, 4 + 2 * number]
+        turn = distance * np.tan(angle) / 0.33
+        x = x + distance * np.sinc(turn / math.tau) * np.cos(theta + turn / 2)
+        y = y + distance * np.sinc(turn / math.tau) * np.sin(theta + turn / 2)
+        theta = theta + turn
+    poses = np.stack((x, y, theta))
+    mean = (poses * weight).sum(axis=1)
+    apart = poses - mean[:, np.newaxis]
+    covariance = (apart * weight) @ apart.T
+    covariance[[0, 1], [0, 1]] += errors.start_position**2
+    return mean, covariance
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [
+        Errors(speed=0.3, steering_angle=0.05),
+        Errors(speed=0.3, start_heading=0.2, start_position=0.1),
+        Errors(speed_scale=0.1, steering_offset=0.02, start_heading=0.2),
+        Errors(steering_angle=0.05, steering_offset=0.02, start_position=0.3),
+    ],
+)
+def test_moments_are_those_of_every_random_number_at_once(errors):
+    plan = plan_of("3, 0.2, 0.1", "-2, -0.1, 0.15", start="1, 2, 0.5")
+    mean, covariance = brute_force(plan, errors)
+    result = ensemble.moments(plan, Car(), errors, 1000)
+    assert result.mean[-1] == pytest.approx(mean, abs=ANALYTIC)
+    assert result.covariance[-1] == pytest.approx(covariance, abs=ANALYTIC)
+
+
+def test_moments_of_a_start_that_is_turned():
+    """Straight ahead, with theta normal: <cos theta> is exp(-s^2 / 2), and so on."""
+    s, way = 0.3, 10.0
+    result = ensemble.moments(plan_of("2, 0, 5"), Car(), Errors(start_heading=s), 1000)
+    cos = math.exp(-0.5 * s * s)
+    assert result.mean[-1] == pytest.approx((way * cos, 0.0, 0.0), abs=ANALYTIC)
+    cos_2 = math.exp(-2.0 * s * s)
+    xx = way**2 * (0.5 + 0.5 * cos_2 - cos**2)
+    yy = way**2 * (0.5 - 0.5 * cos_2)
+    expected = [[xx, 0, 0], [0, yy, way * s * s * cos], [0, way * s * s * cos, s * s]]
+    assert result.covariance[-1] == pytest.approx(np.array(expected), abs=ANALYTIC)
+
+
+def test_without_errors_the_moments_are_the_single_car():
+    plan = plan_named("figure_8")
+    result = ensemble.moments(plan, Car(), Errors(), 7)
+    assert (result.covariance == 0.0).all()
+    for instant, mean in zip(ensemble.instants(plan, 7), result.mean):
+        assert tuple(mean) == pytest.approx(pose_at(plan, instant), abs=ROUNDING)
+
+
+@pytest.mark.parametrize("errors", [NOISE, ALL])
+@pytest.mark.parametrize("name", ["figure_8", "parallel_parking", "slalom"])
+def test_the_sampler_agrees_with_the_moments(name, errors):
+    """All along the plan, every entry of mean and covariance, within its standard error."""
+    plan, every = plan_named(name), 7
+    expected = ensemble.moments(plan, Car(), errors, every)
+    poses = drive(plan, errors, runs=20_000, seed=1, every=every)
+    assert len(poses) == len(expected.mean) == len(ensemble.instants(plan, every))
+    deviations = poses - expected.mean[:, np.newaxis]
+    products = deviations[..., :, np.newaxis] * deviations[..., np.newaxis, :]
+    for values, mean in ((poses, expected.mean), (products, expected.covariance)):
+        error = values.std(axis=1) / math.sqrt(20_000)
+        assert (np.abs(values.mean(axis=1) - mean) <= SIGMAS * error + ROUNDING).all()
+
+
+def test_ellipse():
+    squared = -2.0 * math.log(0.05)
+    major, minor, direction = ensemble.ellipse(np.diag([1.0, 9.0]))
+    assert (major, minor) == pytest.approx((3.0 * squared**0.5, squared**0.5))
+    assert abs(direction) == pytest.approx(0.5 * math.pi)
+    major, minor, direction = ensemble.ellipse(np.array([[2.0, 1.0, 7], [1.0, 2.0, 7], [7, 7, 7]]))
+    assert (major, minor) == pytest.approx(((3.0 * squared) ** 0.5, squared**0.5))
+    assert direction == pytest.approx(0.25 * math.pi)
+    assert ensemble.ellipse(np.zeros((2, 2))) == (0.0, 0.0, 0.0)
+
+
+def test_of_all_cars_19_of_20_are_in_the_ellipse():
+    covariance = np.array([[2.0, 0.8], [0.8, 1.0]])
+    major, minor, direction = ensemble.ellipse(covariance)
+    points = np.random.Generator(np.random.SFC64(1)).multivariate_normal((0, 0), covariance, 20_000)
+    along = points @ (math.cos(direction), math.sin(direction))
+    across = points @ (-math.sin(direction), math.cos(direction))
+    inside = ((along / major) ** 2 + (across / minor) ** 2 <= 1.0).mean()
+    assert abs(inside - 0.95) <= SIGMAS * math.sqrt(0.95 * 0.05 / 20_000)
