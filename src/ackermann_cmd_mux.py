@@ -10,6 +10,7 @@ from std_msgs.msg import String
 
 from mushr_ros_intro import conversions
 from mushr_ros_intro.car import Command
+from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.mux import ConfigError, Input, Mux, parse_config
 from mushr_ros_intro.stamps import STAMP_TOLERANCE, effective_stamp
 
@@ -40,6 +41,8 @@ class AckermannCmdMux:
         self._active_pub = rospy.Publisher("~active", String, queue_size=1, latch=True)
         self._announce()
 
+        # Who finds an input to send to may count on the way to the car.
+        wait_until_connected(self._output_pub, "subscribers")
         for each in self._config.inputs:
             topic = _private(each.topic)
             rospy.Subscriber(topic, AckermannDriveStamped, self._on_command, each, tcp_nodelay=True)

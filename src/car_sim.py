@@ -33,6 +33,7 @@ from mushr_ros_intro.car import (
 )
 from mushr_ros_intro.clock import Stream, hear, horizon
 from mushr_ros_intro.footprint import is_free, on_map
+from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.parameters import ParameterError, number
 from mushr_ros_intro.plan import MAX_COORDINATE
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp, from_seconds
@@ -114,7 +115,7 @@ class CarSim:
             conversions.placement_from_msg,
             tcp_nodelay=True,
         )
-        rospy.Subscriber(
+        self._command_sub = rospy.Subscriber(
             "mux/ackermann_cmd_mux/output",
             AckermannDriveStamped,
             self._on_message,
@@ -129,6 +130,8 @@ class CarSim:
 
     def run(self) -> None:
         """Report the car's state at the pose rate until the node is shut down."""
+        # Who hears the car may count on its hearing the commands.
+        wait_until_connected(self._command_sub, "publishers")
         if self._keeps_clock:
             self._run_clock()
             return

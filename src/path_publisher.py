@@ -16,6 +16,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from mushr_ros_intro import conversions, prediction
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car, Command, Placement
+from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
 from mushr_ros_intro.plan import Plan, PlanError, Row, find_plan, read_plan
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
@@ -249,7 +250,7 @@ class PathPublisher:
             self._pause()
 
     def _wait_for_subscriber(self, publisher: rospy.Publisher) -> None:
-        """Wait until somebody listens to what `publisher` has to say."""
+        """Wait until somebody listens to `publisher`, and all who are going to do."""
         began = time.monotonic()
         said = False
         while not publisher.get_num_connections():
@@ -264,6 +265,8 @@ class PathPublisher:
                 said = True
                 rospy.loginfo("waiting for a subscriber to %s", publisher.resolved_name)
             self._pause()
+        if not wait_until_connected(publisher, "subscribers", self._patience):
+            rospy.logwarn("not every subscriber to %s is connected", publisher.resolved_name)
 
     def _pause(self) -> None:
         """Let a moment of wall-clock time pass."""

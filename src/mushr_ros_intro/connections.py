@@ -1,0 +1,58 @@
+"""Wait until a topic's two ends have found each other.
+
+ROS connects nodes some time after they have told the master of a topic, and what is published
+before that is lost.
+"""
+
+import time
+from typing import Any, List
+
+import rosgraph
+import rosnode
+
+PATIENCE = 5.0
+"""How long a node waits at its start for the other ends of its topics [s of wall-clock time]."""
+
+_PING_AFTER = 0.5  # [s] from when on those are left out that do not answer
+
+
+def peers(topic: str, role: str) -> List[str]:
+    """Return the names of the nodes that are registered at a topic.
+
+    Args:
+        topic: its full name.
+        role: "publishers" or "subscribers".
+
+    Raises:
+        rosgraph.MasterException, OSError: the master does not answer.
+    """
+    publishers, subscribers, _ = rosgraph.Master("mushr_ros_intro").getSystemState()
+    entries = publishers if role == "publishers" else subscribers
+    return [name for entry, names in entries if entry == topic for name in names]
+
+
+def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> bool:
+    """Wait until `end` is connected with every live node at the other end of its topic.
+
+    Args:
+        end: a rospy.Publisher or rospy.Subscriber.
+        role: what the nodes at the other end are, "publishers" or "subscribers".
+        patience: how long to wait [s of wall-clock time].
+
+    Returns:
+        Whether it is connected with all of them. Nobody at the other end counts as connected.
+    """
+    began = time.monotonic()
+    while True:
+        waited = time.monotonic() - began
+        try:
+            names = peers(end.resolved_name, role)
+        except (rosgraph.MasterException, OSError):
+            return False
+        if len(names) > end.get_num_connections() and waited > _PING_AFTER:
+            names = [name for name in names if rosnode.rosnode_ping(name, max_count=1)]
+        if end.get_num_connections() >= len(names):
+            return True
+        if waited > patience:
+            return False
+        time.sleep(0.01)
