@@ -19,8 +19,11 @@ DEFAULT_PERIOD = NANOSECONDS // 10
 LONGEST_PERIOD = 2 * NANOSECONDS
 """Commands further apart than this [ns] are two streams."""
 
-PATIENCE = 1.0
-"""How long the clock waits for the next command of a stream that drives the car [s]."""
+PATIENCE = 3.0
+"""How long the clock waits for the next command of a stream that drives the car [s].
+
+On a machine with ten processes to a core, a publisher may well be kept from it for a second.
+"""
 
 PATIENCE_AT_REST = 0.2
 """How long it waits after a command to stand [s], with which most streams end."""

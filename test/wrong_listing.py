@@ -1,0 +1,52 @@
+#!/usr/bin/python3
+"""The tutorial's listing with a fault: wrong_listing.py FAULT, for replays to find."""
+
+import sys
+
+import rospy
+from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from tf.transformations import quaternion_from_euler
+
+FAULTS = ("crash", "hang", "nan", "order", "placeless", "silent", "slow")
+
+
+def main(fault):
+    rospy.init_node("wrong_listing")
+    commands = rospy.Publisher(
+        "/car/mux/ackermann_cmd_mux/input/navigation", AckermannDriveStamped, queue_size=1
+    )
+    placements = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1)
+    with open(rospy.get_param("~plan_file")) as plan_file:
+        plan = [tuple(map(float, line.split(","))) for line in plan_file]
+    if fault == "order":
+        plan[2], plan[3] = plan[3], plan[2]
+    rospy.sleep(1.0)
+    if fault == "silent":
+        rospy.spin()
+
+    x, y, theta = plan[0]
+    placement = PoseWithCovarianceStamped()
+    position, orientation = placement.pose.pose.position, placement.pose.pose.orientation
+    position.x, position.y = x, y
+    orientation.x, orientation.y, orientation.z, orientation.w = quaternion_from_euler(0, 0, theta)
+    if fault != "placeless":
+        placements.publish(placement)
+    for row, (speed, steering_angle) in enumerate(plan[1:], 1):
+        if fault == "crash" and row == 3:
+            raise IndexError("list index out of range \x1b[0m")  # no character for XML
+        if fault == "hang" and row == 3:
+            rospy.spin()
+        if fault == "nan" and row == 3:
+            speed = float("nan")
+        drive = AckermannDrive(speed=speed, steering_angle=steering_angle)
+        rate = rospy.Rate(1 if fault == "slow" else 10)
+        begin = rospy.Time.now()
+        while rospy.Time.now() - begin < rospy.Duration(1.0):
+            commands.publish(AckermannDriveStamped(drive=drive))
+            rate.sleep()
+
+
+if __name__ == "__main__":
+    assert sys.argv[1] in FAULTS
+    main(sys.argv[1])
