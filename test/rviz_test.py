@@ -1,8 +1,10 @@
 #!/usr/bin/python3
 """Look at the package's view in rviz, on a display of its own, and click in it."""
 
+import math
 import re
 import tempfile
+import time
 import unittest
 
 import rospy
@@ -12,7 +14,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamp
 from nav_msgs.msg import Odometry
 from PIL import ImageGrab
 
-from helpers import Process, Recording, planar, wait_for
+from helpers import PATIENCE, Process, Recording, planar, wait_for
 
 PLAN = b"44.0, 44.0, 0.0\n1.5, 0.2, 2.0\n0.0, 0.0, 0.1\n"
 """Near a corner of the default map, so that walls and what the laser sees are in the picture."""
@@ -53,8 +55,20 @@ KNOWN = (
 SCALE = 50.0
 """Of the view that follows the car [pixel/m]."""
 
-PIXEL = 1.5 / SCALE
-"""How far a click may be off [m]: a pixel, and half a one from its corner to its middle."""
+PIXEL = 2.0 / SCALE
+"""How far two clicks may be off [m]: a pixel each."""
+
+ANGLE = 0.02
+"""How far the angle of a drag over 120 pixels may be off [rad]: a pixel and a half."""
+
+ROUNDING = 1e-6
+"""Of a pose on its way through a message to the car [m, rad]."""
+
+AGAIN = 3.0
+"""When to try an action again [s], in case rviz was not ready for it."""
+
+HAND = ("sleep", "0.1")
+"""What xdotool does between two movements, as a hand does: rviz looks once a frame."""
 
 
 def shows(picture, colour):
@@ -125,39 +139,67 @@ class RvizTest(unittest.TestCase):
         car_pose = Recording("/car/car_pose", PoseStamped).connected()
         clicked = Recording("/clicked_point", PointStamped).connected()
         placed = Recording("/initialpose", PoseWithCovarianceStamped).connected()
-        x, y, _ = planar(wait_for(lambda: car_pose.last, "the car's pose").pose)
         middle = ((SCENE[0] + SCENE[2]) // 2, (SCENE[1] + SCENE[3]) // 2)
-        right, up = 120, -90
-
-        def point():
-            self.display.xdotool("mousemove", str(middle[0] + right), str(middle[1] + up))
-            self.display.xdotool("key", "c", "click", "1")
-            return clicked.last
-
-        first = wait_for(point, "a clicked point")
-        self.assertEqual(first.header.frame_id, "map")
-        right, up = -100, 60
-        clicked.clear()
-        second = wait_for(point, "another clicked point")
-        self.assertAlmostEqual(first.point.x - second.point.x, 220 / SCALE, delta=PIXEL)
-        self.assertAlmostEqual(first.point.y - second.point.y, 150 / SCALE, delta=PIXEL)
-
-        def place():
-            where = [str(number) for number in (middle[0] - 100, middle[1] + 60)]
-            ahead = [str(number) for number in (middle[0] - 100, middle[1] - 60)]
-            self.display.xdotool("key", "p", "mousemove", *where, "mousedown", "1")
-            self.display.xdotool("mousemove", *ahead, "mouseup", "1")
-            return placed.last
-
-        pose = planar(wait_for(place, "a pose estimate").pose.pose)
-        self.assertAlmostEqual(pose[0], second.point.x, delta=PIXEL)
-        self.assertAlmostEqual(pose[1], second.point.y, delta=PIXEL)
-        self.assertAlmostEqual(pose[2], 1.5707963, delta=0.01)
-        self.assertAlmostEqual(pose[0], x - 100 / SCALE, delta=0.3)
-        wait_for(
-            lambda: max(abs(a - b) for a, b in zip(planar(car_pose.last.pose), pose)) < 1e-6,
-            f"the car to be at {pose}",
+        one, other, third = (
+            (middle[0] + right, middle[1] - up) for right, up in ((120, 90), (-100, -60), (90, -50))
         )
+
+        # Escape first: the key of the tool that is in use would put it away.
+        def point(pixel):
+            self.display.xdotool(
+                "mousemove", *map(str, pixel), *HAND, "key", "Escape", "c", *HAND, "click", "1"
+            )
+
+        def drag():
+            up = [("mousemove", str(third[0]), str(third[1] - dy), *HAND) for dy in (60, 120)]
+            self.display.xdotool("mousemove", *map(str, third), *HAND, "key", "Escape", "p", *HAND)
+            self.display.xdotool("mousedown", "1", *HAND, *up[0], *up[1], "mouseup", "1")
+
+        first = self.answer(clicked, lambda: point(one), lambda _: True, "a clicked point")
+        self.assertEqual(first.header.frame_id, "map")
+
+        def is_at(pixel, x, y):
+            return (
+                abs(first.point.x - x - (one[0] - pixel[0]) / SCALE) < PIXEL
+                and abs(first.point.y - y - (pixel[1] - one[1]) / SCALE) < PIXEL
+            )
+
+        self.answer(
+            clicked,
+            lambda: point(other),
+            lambda msg: is_at(other, msg.point.x, msg.point.y),
+            "another clicked point, as far from the first as the pixels are",
+        )
+        self.answer(
+            placed,
+            drag,
+            lambda msg: is_at(third, *planar(msg.pose.pose)[:2])
+            and abs(planar(msg.pose.pose)[2] - math.pi / 2) < ANGLE,
+            "a pose estimate there, looking up",
+        )
+
+        def has_obeyed():
+            wanted, got = planar(placed.last.pose.pose), planar(car_pose.last.pose)
+            return math.dist(wanted, got) < ROUNDING
+
+        wait_for(has_obeyed, "the car to be where it was placed")
+
+    def answer(self, recording, act, is_right, what):
+        """Act in rviz, again where nothing comes of it in a while; return the right message."""
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            act()
+            again = time.monotonic() + AGAIN
+
+            def result(again=again):
+                found = [message for message in recording.messages if is_right(message)]
+                return found or time.monotonic() > again
+
+            found = wait_for(result, what)
+            if found is not True:
+                return found[0]
+            if time.monotonic() > deadline:
+                raise AssertionError(f"waited {PATIENCE:g} s for {what}")
 
 
 if __name__ == "__main__":
