@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+PACKAGE = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 NOETIC = "/opt/ros/noetic"
 PATIENCE = 120
 """[s] How long a build, or the drive of a short plan, may take on a busy machine."""

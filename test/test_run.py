@@ -10,8 +10,7 @@ import uuid
 
 import pytest
 
-RUN = os.path.join(os.path.dirname(os.path.dirname(os.path.abspath(__file__))), "scripts", "run")
-CHECKOUT = os.path.dirname(os.path.dirname(os.path.realpath(RUN)))
+CHECKOUT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 PATIENCE = 60.0
 """[s] How long a step of the script may take on a busy machine."""
 
@@ -49,12 +48,14 @@ class Run:
         self.log = folder / "log"
         with open(self.log, "w") as log:
             self.process = subprocess.Popen(
-                [RUN, "a plan.txt"],
+                [f"{CHECKOUT}/scripts/run", "a plan.txt"],
                 cwd=str(folder),
                 env=environment,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
+                # Whoever runs the tests in the background has it ignored.
+                preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
             )
 
     def wait_for_text(self, text):
