@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from mushr_ros_intro import conversions
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import (
-    Car,
+    Command,
     Contact,
     Event,
     History,
@@ -32,10 +32,11 @@ from mushr_ros_intro.car import (
     halted,
 )
 from mushr_ros_intro.clock import Stream, hear, horizon
-from mushr_ros_intro.footprint import is_free, on_map
 from mushr_ros_intro.connections import wait_until_connected
+from mushr_ros_intro.footprint import is_free, on_map
 from mushr_ros_intro.parameters import ParameterError, number
 from mushr_ros_intro.plan import MAX_COORDINATE
+from mushr_ros_intro.profile import car_from
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp, from_seconds
 
 
@@ -56,14 +57,8 @@ class CarSim:
             rospy.loginfo("%s: %g %s", name, value, unit)
             return value
 
-        self._car = Car(
-            wheelbase=parameter("wheelbase", Car().wheelbase, "m", 0.01, 100.0),
-            track=parameter("track", Car().track, "m", 0.01, 100.0),
-            wheel_radius=parameter("wheel_radius", Car().wheel_radius, "m", 0.001, 10.0),
-            command_timeout=from_seconds(
-                parameter("command_timeout", Car().command_timeout / NANOSECONDS, "s", 0.001, 10.0)
-            ),
-        )
+        self._car = car_from(rospy.get_param("~", {}), "~")
+        rospy.loginfo("%s", self._car)
         self._period = from_seconds(1.0 / parameter("pose_rate", 50.0, "Hz", 0.1, 1000.0))
         self._factor = parameter("real_time_factor", 1.0, "", 0.0, 1e6)
         self._start = Pose(
@@ -153,7 +148,7 @@ class CarSim:
         while not rospy.is_shutdown():
             with self._changed:
                 wall = time.monotonic()
-                limit = horizon(self._stream, wall, self._factor == 0.0)
+                limit = horizon(self._stream, wall, self._factor == 0.0, self._period)
                 target = next_pose
                 if self._steps:
                     begin = (wall, target)
@@ -220,6 +215,16 @@ class CarSim:
                 "in a wall there. It stays where it was; expected a pose with room for its body",
             )
             return
+        if isinstance(event, Command):
+            asked = (event.speed, event.steering_angle)
+            possible = self._car.within_limits(*asked)
+            if possible != asked:
+                rospy.logwarn_throttle(
+                    10.0,
+                    "asked for {:g} m/s and {:g} rad; this car does {:g} m/s and {:g} rad".format(
+                        *asked, *possible
+                    ),
+                )
         with self._changed:
             now = self._read_clock()
             stamp = effective_stamp(event.stamp, now)

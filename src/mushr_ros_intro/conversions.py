@@ -96,6 +96,8 @@ def command_to_msg(command: Command, frame: str) -> AckermannDriveStamped:
     msg.header.frame_id = frame
     msg.drive.speed = command.speed
     msg.drive.steering_angle = command.steering_angle
+    msg.drive.acceleration = command.acceleration
+    msg.drive.steering_angle_velocity = command.steering_angle_velocity
     return msg
 
 
@@ -122,7 +124,13 @@ def command_from_msg(msg: AckermannDriveStamped) -> Command:
         raise MessageError(
             f"steering angle {drive.steering_angle:g} is a right angle or more; expected radians"
         )
-    return Command(msg.header.stamp.to_nsec(), drive.speed, drive.steering_angle)
+    return Command(
+        msg.header.stamp.to_nsec(),
+        drive.speed,
+        drive.steering_angle,
+        drive.acceleration,
+        drive.steering_angle_velocity,
+    )
 
 
 def car_pose_to_msg(state: State) -> PoseStamped:

@@ -8,7 +8,7 @@ class ParameterError(ValueError):
 
 
 def number(name: str, value: Any, unit: str, least: float, most: float) -> float:
-    """Return `value` as a float if it is a number from `least` to `most`, which are finite.
+    """Return `value` as a float if it is a number from `least` to `most`.
 
     Raises:
         ParameterError: it is not.
