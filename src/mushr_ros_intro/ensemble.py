@@ -69,7 +69,7 @@ class Tick(NamedTuple):
 def ticks(plan: Plan, car: Car) -> Iterator[Tick]:
     """Yield the commands of a plan as the car gets them, float32 and within its limits."""
     for row in plan.rows:
-        speed, angle = as_float32(row.speed), as_float32(row.steering_angle)
+        speed, angle = car.within_limits(as_float32(row.speed), as_float32(row.steering_angle))
         tick = Tick(PERIOD, speed, angle)
         count, rest = divmod(row.duration, PERIOD)
         for _ in range(count):
@@ -138,7 +138,7 @@ def _drive_block(
     pose = np.array(plan.start)[:, np.newaxis] + per_run[2:] * np.array(
         [[errors.start_position], [errors.start_position], [errors.start_heading]]
     )
-    has_ramps = not all(map(math.isinf, _ramps(car)))
+    has_ramps = not (math.isinf(car.acceleration) and math.isinf(car.steering_rate))
     fleet = _Limited(car, count) if has_ramps else _Fleet(car, count)
     is_noisy = errors.speed != 0.0 or errors.steering_angle != 0.0
 
@@ -288,19 +288,19 @@ class _Limited(_Fleet):
     "Solving Ordinary Differential Equations I", section II.7).
     """
 
-    POINTS = 4
-
-    def __init__(self, car: Car, count: int):
+    def __init__(self, car: Car, count: int, points: int = 4):
         super().__init__(car, count)
         # Once a large array has been freed, the C library keeps the memory of smaller ones; if it
         # gave that back each time, fetching it again would take as long as the arithmetic.
         np.empty(2_000_000)
-        self._acceleration, self._steering_rate = (min(each, _AT_ONCE) for each in _ramps(car))
+        self._acceleration, self._steering_rate = (
+            min(each, _AT_ONCE) for each in (car.acceleration, car.steering_rate)
+        )
         self._speed = np.zeros(count)
         self._angle = np.zeros(count)
-        nodes, weights = np.polynomial.legendre.leggauss(self.POINTS)
+        nodes, weights = np.polynomial.legendre.leggauss(points)
         self._nodes, self._weights = 0.5 * (nodes + 1.0), 0.5 * weights
-        powers = np.arange(self.POINTS)
+        powers = np.arange(points)
         # From 0 to each node, the integral of the polynomial through given values at the nodes.
         integrals = self._nodes[:, np.newaxis] ** (powers + 1) / (powers + 1)
         self._to_nodes = integrals @ np.linalg.inv(self._nodes[:, np.newaxis] ** powers)
@@ -309,11 +309,25 @@ class _Limited(_Fleet):
         self, pose: np.ndarray, seconds: np.ndarray, speeds: np.ndarray, angles: np.ndarray
     ) -> None:
         """Drive a block of ticks; see the base class."""
-        acceleration, steering_rate = self._acceleration, self._steering_rate
-        speed = self._ramp(self._speed, speeds, acceleration * seconds[:, 0])
-        angle = self._ramp(self._angle, angles, steering_rate * seconds[:, 0])
+        speed = self._ramp(self._speed, speeds, self._acceleration * seconds[:, 0])
+        angle = self._ramp(self._angle, angles, self._steering_rate * seconds[:, 0])
         self._speed, self._angle = speed[-1].copy(), angle[-1].copy()
+        self._move(pose, *self.way(seconds, speed, angle))
 
+    def way(
+        self, seconds: np.ndarray, speed: np.ndarray, angle: np.ndarray
+    ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return how far ahead [m] and to the left [m] ticks lead, and how far they turn [rad].
+
+        Args:
+            seconds: how long they last [s], (ticks, 1).
+            speed: where they begin, and where the last one ends [m/s], (ticks + 1, cars).
+            angle: the steering angle there [rad].
+
+        Returns:
+            Three arrays (ticks, cars).
+        """
+        acceleration, steering_rate = self._acceleration, self._steering_rate
         speed_change, angle_change = speed[1:] - speed[:-1], angle[1:] - angle[:-1]
         speed_ramp = np.abs(speed_change) / acceleration  # [s], how long it lasts
         angle_ramp = np.minimum(np.abs(angle_change) / steering_rate, seconds)
@@ -343,7 +357,7 @@ class _Limited(_Fleet):
         arc_left = np.empty_like(distance)
         self._arc(distance, arc_turn, arc_left)
         _append(way, (distance, arc_left, arc_turn))
-        self._move(pose, *way)
+        return way
 
     def stop(self, pose: np.ndarray, offset: np.ndarray) -> None:
         """Let the cars roll out, each until it stands."""
@@ -417,9 +431,91 @@ def _append(way: Sequence[np.ndarray], more: Sequence[np.ndarray]) -> None:
     turn += more[2]
 
 
-def _ramps(car: Car) -> Tuple[float, float]:
-    """Return a car's acceleration [m/s^2] and steering rate [rad/s], infinite for none."""
-    return getattr(car, "acceleration", math.inf), getattr(car, "steering_rate", math.inf)
+# The single car ---------------------------------------------------------------------------------
+
+
+class Track(NamedTuple):
+    """Where a car without errors is where each of a sequence of commands begins and ends."""
+
+    instants: np.ndarray
+    """When the commands begin, and when the last one ends [ns], (commands + 1,)."""
+    poses: np.ndarray
+    """x [m], y [m] and theta [rad] then, in the map frame, (commands + 1, 3)."""
+    speeds: np.ndarray
+    """The speed then [m/s], (commands + 1,); a car that obeys at once has that of the past."""
+    angles: np.ndarray
+    """The steering angle then [rad], likewise."""
+    distances: np.ndarray
+    """How far the car drives during each command, forward or in reverse [m], (commands,)."""
+
+
+def commands(plan: Plan, car: Car) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return each row of a plan as a car gets it, float32 and within its limits.
+
+    Returns:
+        Durations [ns], speeds [m/s] and steering angles [rad], (rows,).
+    """
+    durations = np.array([row.duration for row in plan.rows], np.int64)
+    speeds = np.array([row.speed for row in plan.rows], np.float32).astype(np.float64)
+    angles = np.array([row.steering_angle for row in plan.rows], np.float32).astype(np.float64)
+    np.clip(speeds, -car.speed_limit, car.speed_limit, out=speeds)
+    np.clip(angles, -car.steering_limit_right, car.steering_limit_left, out=angles)
+    return durations, speeds, angles
+
+
+def follow(
+    start: Sequence[float],
+    durations: np.ndarray,
+    speeds: np.ndarray,
+    angles: np.ndarray,
+    car: Car,
+) -> Track:
+    """Drive one car, without errors, through commands that may last as long as one likes.
+
+    This is for plans of a million rows. It agrees with car.py to less than a nanometre a ramp.
+
+    Args:
+        start: x [m], y [m] and theta [rad]; the car is at rest there.
+        durations: of the commands [ns], (commands,).
+        speeds: within the car's limits [m/s], likewise.
+        angles: steering angles within the car's limits [rad], likewise.
+        car: that drives them.
+    """
+    instants = np.zeros(len(durations) + 1, np.int64)
+    np.cumsum(durations, out=instants[1:])
+    seconds = durations / NANOSECONDS
+    speeds = _single_ramp(speeds, min(car.acceleration, _AT_ONCE) * seconds)
+    angles = _single_ramp(angles, min(car.steering_rate, _AT_ONCE) * seconds)
+    fleet = _Limited(car, 1, points=8)
+    poses = np.empty((len(durations) + 1, 3))
+    poses[0] = start
+    for first in range(0, len(durations), fleet.most):
+        end = min(first + fleet.most, len(durations))
+        columns = seconds[first:end], speeds[first : end + 1], angles[first : end + 1]
+        ahead, left, turn = fleet.way(*(each[:, np.newaxis] for each in columns))
+        steps = np.concatenate((poses[first : first + 1, 2], turn[:, 0])).cumsum()
+        poses[first + 1 : end + 1, 2] = steps[1:]
+        cos, sin = np.cos(steps[:-1]), np.sin(steps[:-1])
+        poses[first + 1 : end + 1, 0] = cos * ahead[:, 0] - sin * left[:, 0]
+        poses[first + 1 : end + 1, 1] = sin * ahead[:, 0] + cos * left[:, 0]
+        np.cumsum(poses[first : end + 1, :2], axis=0, out=poses[first : end + 1, :2])
+    before, after = speeds[:-1], speeds[1:]
+    acceleration = min(car.acceleration, _AT_ONCE)
+    ramp = np.abs(after - before) / acceleration
+    there_and_back = 0.5 * (before**2 + after**2) / acceleration
+    distances = np.where(before * after < 0.0, there_and_back, 0.5 * np.abs(before + after) * ramp)
+    distances += np.abs(after) * np.maximum(seconds - ramp, 0.0)
+    return Track(instants, poses, speeds, angles, distances)
+
+
+def _single_ramp(targets: np.ndarray, most: np.ndarray) -> np.ndarray:
+    """Return where each part of a ramp from zero begins, and where the last one ends."""
+    values = [0.0]
+    value = 0.0
+    for target, change in zip(targets.tolist(), most.tolist()):
+        value = max(value - change, min(value + change, target))
+        values.append(value)
+    return np.array(values)
 
 
 # What comes out ---------------------------------------------------------------------------------
