@@ -13,6 +13,7 @@ from mushr_ros_intro.clock import (
 )
 
 SECOND = 1_000_000_000
+POSE_PERIOD = SECOND // 50
 
 
 def listen(*events):
@@ -23,56 +24,81 @@ def listen(*events):
     return stream
 
 
+def limit(stream, wall, lock_step):
+    """Return the horizon for a car that reports its pose at 50 Hz."""
+    return horizon(stream, wall, lock_step, POSE_PERIOD)
+
+
 def go(stamp):
     return Command(stamp, 1.0, 0.1)
 
 
 def test_nothing_holds_the_clock_before_the_first_event():
-    assert horizon(None, 0.0, lock_step=True) is None
+    assert limit(None, 0.0, lock_step=True) is None
 
 
 @pytest.mark.parametrize("lock_step", [True, False])
 def test_a_command_ahead_of_the_clock_is_a_promise(lock_step):
     stream = listen((go(5 * SECOND), 4 * SECOND, 0.0))
-    assert horizon(stream, 0.0, lock_step) == 5 * SECOND
+    assert limit(stream, 0.0, lock_step) == 5 * SECOND
 
 
 def test_a_command_of_the_present_promises_one_period_in_lock_step_only():
     stream = listen((go(5 * SECOND), 5 * SECOND, 0.0))
-    assert horizon(stream, 0.0, lock_step=True) == 5 * SECOND + DEFAULT_PERIOD
-    assert horizon(stream, 0.0, lock_step=False) is None
+    assert limit(stream, 0.0, lock_step=True) == 5 * SECOND + DEFAULT_PERIOD
+    assert limit(stream, 0.0, lock_step=False) is None
 
 
 def test_the_period_is_learned_from_the_stamps():
     period = SECOND // 4
     events = [(go(5 * SECOND + k * period), 5 * SECOND + k * period, 0.01 * k) for k in range(3)]
-    assert horizon(listen(*events), 0.02, True) == 5 * SECOND + 3 * period
+    assert limit(listen(*events), 0.02, True) == 5 * SECOND + 3 * period
     events.append((go(5 * SECOND + 2 * period), 5 * SECOND + 2 * period, 0.03))  # twice
-    assert horizon(listen(*events), 0.03, True) == 5 * SECOND + 3 * period
+    assert limit(listen(*events), 0.03, True) == 5 * SECOND + 3 * period
 
 
 def test_commands_far_apart_are_two_streams():
     far = 5 * SECOND + LONGEST_PERIOD + 1
     stream = listen((go(5 * SECOND), 5 * SECOND, 0.0), (go(far), far, 0.1))
-    assert horizon(stream, 0.1, True) == far + DEFAULT_PERIOD
+    assert limit(stream, 0.1, True) == far + DEFAULT_PERIOD
 
 
 def test_a_late_command_does_not_set_the_horizon_back():
     stream = listen((go(5 * SECOND), 4 * SECOND, 0.0), (go(4 * SECOND), 4 * SECOND, 0.5))
-    assert horizon(stream, 0.5, True) == 5 * SECOND
+    assert limit(stream, 0.5, True) == 5 * SECOND
 
 
 def test_after_a_placement_the_clock_waits_for_the_first_command():
-    stream = listen((Placement(5 * SECOND, ORIGIN), 4 * SECOND, 0.0))
-    assert horizon(stream, PATIENCE, True) == 5 * SECOND + DEFAULT_PERIOD
+    """It runs until the placement has been reported, and not to a command that is due later."""
+    placed = (Placement(5 * SECOND, ORIGIN), 4 * SECOND, 0.0)
+    assert limit(listen(placed), PATIENCE, True) == 5 * SECOND + POSE_PERIOD
+    assert limit(listen(placed), PATIENCE, False) is None
+    begin = 5 * SECOND + DEFAULT_PERIOD
+    driven = listen(placed, (go(begin), 5 * SECOND + POSE_PERIOD, 0.0))
+    assert driven.ahead
+    assert limit(driven, 0.0, False) == begin
+
+
+def test_a_placement_teaches_no_period():
+    begin = 5 * SECOND + POSE_PERIOD
+    stream = listen((Placement(5 * SECOND, ORIGIN), 4 * SECOND, 0.0), (go(begin), begin, 0.1))
+    assert limit(stream, 0.1, True) == begin + DEFAULT_PERIOD
+
+
+def test_a_placement_does_not_undo_the_command_of_its_stamp():
+    """Both of the listing's first messages say now, and the second may arrive first."""
+    now = 5 * SECOND
+    for events in ([go(now), Placement(now, ORIGIN)], [Placement(now, ORIGIN), go(now)]):
+        stream = listen(*((event, now, 0.0) for event in events))
+        assert limit(stream, 0.0, True) == now + DEFAULT_PERIOD
 
 
 def test_patience_ends():
     driving = listen((go(5 * SECOND), 4 * SECOND, 7.0))
-    assert horizon(driving, 7.0 + PATIENCE, True) == 5 * SECOND
-    assert horizon(driving, 7.01 + PATIENCE, True) is None
+    assert limit(driving, 7.0 + PATIENCE, True) == 5 * SECOND
+    assert limit(driving, 7.01 + PATIENCE, True) is None
     standing = listen((Command(5 * SECOND, 0.0, 0.0), 4 * SECOND, 7.0))
-    assert horizon(standing, 7.0 + PATIENCE_AT_REST, True) == 5 * SECOND
-    assert horizon(standing, 7.01 + PATIENCE_AT_REST, True) is None
+    assert limit(standing, 7.0 + PATIENCE_AT_REST, True) == 5 * SECOND
+    assert limit(standing, 7.01 + PATIENCE_AT_REST, True) is None
     steering = listen((Command(5 * SECOND, 0.0, 0.3), 4 * SECOND, 7.0))
-    assert horizon(steering, 7.0 + PATIENCE, True) == 5 * SECOND
+    assert limit(steering, 7.0 + PATIENCE, True) == 5 * SECOND

@@ -3,7 +3,9 @@
 A stream of commands is a promise. A command that is stamped ahead of the clock promises that
 nothing older will come, so the clock may run up to its stamp. One that is stamped with the present
 promises nothing, but streams are regular: the clock may run one period further, as learned from
-the stamps. Where nothing comes for a while of wall-clock time, the stream is over.
+the stamps. After a placement it runs on until the car has reported where it is now, and no
+further: whoever placed it may well be waiting for that before sending a command. Where nothing
+comes for a while of wall-clock time, the stream is over.
 
 Stamps are integer nanoseconds of simulated time; `wall` is in seconds of the computer's own time.
 """
@@ -35,7 +37,9 @@ class Stream(NamedTuple):
     newest: int
     """The youngest stamp [ns]."""
     period: int
-    """Between stamps [ns]."""
+    """Between the stamps of commands [ns]."""
+    placed: bool
+    """Whether the newest is a placement."""
     ahead: bool
     """Whether the newest is a command that was stamped ahead of the clock when it came."""
     patience: float
@@ -57,25 +61,31 @@ def hear(stream: Optional[Stream], event: Event, clock: int, wall: float) -> Str
         clock: the simulated time when it came [ns].
         wall: the computer's own time when it came [s].
     """
-    if stream is not None and event.stamp < stream.newest:
+    is_placement = isinstance(event, Placement)
+    if stream is not None and (event.stamp, not is_placement) < (stream.newest, not stream.placed):
         return stream._replace(heard=wall)  # late or out of order; the newest still counts
     period = DEFAULT_PERIOD
-    if stream is not None and event.stamp - stream.newest <= LONGEST_PERIOD:
+    if stream is not None and not stream.placed and event.stamp - stream.newest <= LONGEST_PERIOD:
         period = event.stamp - stream.newest or stream.period
     if isinstance(event, Placement):
-        return Stream(event.stamp, DEFAULT_PERIOD, False, PATIENCE, wall)
+        return Stream(event.stamp, DEFAULT_PERIOD, True, False, PATIENCE, wall)
     at_rest = event.speed == 0.0 and event.steering_angle == 0.0
     patience = PATIENCE_AT_REST if at_rest else PATIENCE
-    return Stream(event.stamp, period, event.stamp > clock, patience, wall)
+    return Stream(event.stamp, period, False, event.stamp > clock, patience, wall)
 
 
-def horizon(stream: Optional[Stream], wall: float, lock_step: bool) -> Optional[int]:
+def horizon(
+    stream: Optional[Stream], wall: float, lock_step: bool, pose_period: int
+) -> Optional[int]:
     """Return the instant [ns] up to which the clock may run at `wall` [s]; None: freely.
 
-    In lock-step it waits for every stream, otherwise only for one that promises.
+    In lock-step it waits for every stream, otherwise only for one that promises. The car reports
+    its pose every `pose_period` [ns].
     """
     if stream is None or stream.over(wall):
         return None
     if stream.ahead:
         return stream.newest
-    return stream.newest + stream.period if lock_step else None
+    if not lock_step:
+        return None
+    return stream.newest + (pose_period if stream.placed else stream.period)
