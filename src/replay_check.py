@@ -25,7 +25,8 @@ from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car
 from mushr_ros_intro.parameters import ParameterError, number, text
 from mushr_ros_intro.plan import Plan, PlanError, find_plan, read_plan
-from mushr_ros_intro.stamps import NANOSECONDS, effective_stamp, from_seconds
+from mushr_ros_intro.profile import car_from
+from mushr_ros_intro.stamps import NANOSECONDS, effective_stamp
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 POSES = "/car/car_pose"
@@ -268,10 +269,7 @@ def replay() -> Tuple[report.Replay, List[report.Check]]:
     publisher = text("~publisher", rospy.get_param("~publisher", None))
     patience = number("~patience", rospy.get_param("~patience", 30.0), "s", 0.1, 1e4)
     folder = str(rospy.get_param("~report", ""))
-    car = Car(
-        wheelbase=rospy.get_param("/car/car_sim/wheelbase", Car().wheelbase),
-        command_timeout=from_seconds(rospy.get_param("/car/car_sim/command_timeout", 0.2)),
-    )
+    car = car_from(rospy.get_param("/car/car_sim", {}), "/car/car_sim/")
     default = report.default_tolerances(plan, car)
     tolerances = report.Tolerances(
         _tolerance("~position_tolerance", "m", default.position),
@@ -299,7 +297,7 @@ def replay() -> Tuple[report.Replay, List[report.Check]]:
             "plan_file": plan.path,
             "publisher": publisher,
             "car": rospy.get_param("~car", "ideal"),
-            "seed": rospy.get_param("~seed", 0),
+            "seed": rospy.get_param("~seed", ""),
             "tolerances": tolerances._asdict(),
             "simulated_seconds": simulated,
             "wall_clock_seconds": elapsed,

@@ -115,7 +115,7 @@ def default_tolerances(plan: Plan, car: Car) -> Tolerances:
 
 
 def predicted_poses(plan: Plan, car: Car, instants: Sequence[int]) -> np.ndarray:
-    """Return where a car that gets the plan's commands in time is.
+    """Return where a car is that gets the plan's commands in time and has no noise.
 
     Args:
         plan: what is driven.
@@ -125,7 +125,8 @@ def predicted_poses(plan: Plan, car: Car, instants: Sequence[int]) -> np.ndarray
     Returns:
         x [m], y [m] and theta [rad]; N x 3.
     """
-    holds = car._replace(command_timeout=plan.duration)  # as long as its row is repeated
+    # Each command holds for as long as its row is repeated, and as it is meant.
+    holds = car._replace(command_timeout=plan.duration, speed_noise=0.0, steering_noise=0.0)
     commands, due = [], 0
     for row in plan.rows:
         commands.append(Command(due, as_float32(row.speed), as_float32(row.steering_angle)))

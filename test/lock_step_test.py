@@ -1,0 +1,83 @@
+#!/usr/bin/python3
+"""Check that in lock-step a drive is the same to the bit, with idle cores and with busy ones."""
+
+import glob
+import io
+import os
+import unittest
+
+import rospkg
+import rospy
+import rostest
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped
+from helpers import Recording, node, wait_for
+from nav_msgs.msg import Odometry
+from std_srvs.srv import Trigger
+
+TAIL = rospy.Duration(0.5)
+"""How long after its last command a drive is recorded: it stands after 0.2 s."""
+
+TOPICS = {
+    "/car/car_pose": PoseStamped,
+    "/car/odom": Odometry,
+    "/car/mux/ackermann_cmd_mux/output": AckermannDriveStamped,
+}
+
+
+def in_bits(message, begin):
+    """Return a message as it travels, with its stamp counted from `begin`."""
+    since = message.header.stamp - begin
+    message.header.seq = 0  # counts what the publisher has published since it began
+    message.header.stamp = rospy.Time(0)
+    buffer = io.BytesIO()
+    message.serialize(buffer)
+    return since.to_nsec(), buffer.getvalue()
+
+
+class TestLockStep(unittest.TestCase):
+    def setUp(self):
+        rospy.wait_for_service("/car/car_sim/reset")
+        self.reset = rospy.ServiceProxy("/car/car_sim/reset", Trigger)
+        self.recordings = [Recording(topic, kind).connected() for topic, kind in TOPICS.items()]
+
+    def drive(self, plan):
+        """Drive a plan; return what came on every topic, and how long it took."""
+        self.assertTrue(self.reset().success)  # or the odometry would go on
+        for recording in self.recordings:
+            recording.clear()
+        poses, _, commands = self.recordings
+        with node("path_publisher.py", f"_plan_file:={plan}") as publisher:
+            self.assertEqual(publisher.wait(60.0), 0, publisher.output)
+        begin = commands.messages[0].header.stamp
+        wait_for(lambda: commands.last.drive.speed == 0.0, "the stop")
+        # The plan's stop, and the one that the mux adds when nothing comes any more.
+        end = next(m.header.stamp for m in commands.messages[::-1] if m.drive.speed) + TAIL
+        poses.after(end)
+        self.recordings[1].after(end)
+        return [
+            [in_bits(m, begin) for m in r.messages if begin <= m.header.stamp <= end]
+            for r in self.recordings
+        ]
+
+    def test_to_the_bit(self):
+        folder = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "plans")
+        plans = sorted(glob.glob(folder + "/*.txt"))
+        self.assertGreaterEqual(len(plans), 6)
+        idle = {plan: self.drive(plan) for plan in plans}
+        busy = [node("busy.py", f"__name:=busy_{number}") for number in (1, 2)]
+        self.addCleanup(lambda: [process.end() for process in busy])
+        for process in busy:
+            self.assertTrue(process.running, process.output)
+        for plan in plans:
+            again = self.drive(plan)
+            for topic, one, other in zip(TOPICS, idle[plan], again):
+                self.assertGreater(len(one), 50, f"{plan}: {topic}")
+                for first, second in zip(one, other):
+                    self.assertEqual(first, second, f"{plan}: {topic}")
+                self.assertEqual(len(one), len(other), f"{plan}: {topic}")
+
+
+if __name__ == "__main__":
+    rospy.init_node("lock_step_test")
+    rostest.rosrun("mushr_ros_intro", "lock_step", TestLockStep)
