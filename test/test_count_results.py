@@ -27,7 +27,7 @@ def count(folder, files=("test_plan.py", "drive.test"), **results):
     run = subprocess.run(
         [COUNT, str(folder / "tests"), str(folder / "results")],
         stdout=subprocess.PIPE,
-        universal_newlines=True,
+        text=True,
         check=False,
     )
     return run.returncode, run.stdout.splitlines()

@@ -30,7 +30,7 @@ def shell(script, folder, **variables):
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        universal_newlines=True,
+        text=True,
         start_new_session=True,
     )
 

@@ -1,5 +1,6 @@
-"""Check scripts/run: from anywhere, in an odd environment, on loopback only, and without a trace."""
+"""Check scripts/run: from anywhere, in an odd environment, on loopback only, leaving no trace."""
 
+import contextlib
 import glob
 import os
 import re
@@ -69,12 +70,9 @@ class Run:
         """Return the folders in /proc of all that the script has started and that still runs."""
         found = []
         for path in glob.glob("/proc/[0-9]*/environ"):
-            try:
-                with open(path, "rb") as file:
-                    if self.mark.encode() in file.read():
-                        found.append(os.path.dirname(path))
-            except OSError:  # it has just ended, or is another user's
-                pass
+            with contextlib.suppress(OSError), open(path, "rb") as file:  # ended, another user's
+                if self.mark.encode() in file.read():
+                    found.append(os.path.dirname(path))
         return found
 
     def listening(self):
@@ -82,10 +80,8 @@ class Run:
         files = set()
         for process in self.processes():
             for path in glob.glob(f"{process}/fd/*"):
-                try:
+                with contextlib.suppress(OSError):  # closed meanwhile
                     files.add(os.readlink(path))
-                except OSError:  # closed meanwhile
-                    pass
         addresses = []
         for table in glob.glob("/proc/net/tcp*"):
             with open(table) as file:
