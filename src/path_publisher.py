@@ -12,23 +12,28 @@ import rospkg
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Path
 
 from mushr_ros_intro import conversions, prediction
 from mushr_ros_intro.bicycle import Pose
-from mushr_ros_intro.car import Car, Command, Placement
+from mushr_ros_intro.car import Command, Placement
 from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
 from mushr_ros_intro.plan import Plan, PlanError, Row, find_plan, read_plan
+from mushr_ros_intro.profile import car_from
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
 
-PERIOD = NANOSECONDS // 10
+PERIOD = prediction.COMMAND_PERIOD
 """Between the commands of a row [ns]."""
 
 POSE_TOLERANCE = 1e-3
 """How far from the start pose the car may report itself [m, rad] once it has taken it."""
 
 SETTLING = 2 * PERIOD
-"""How long after the end of a plan [ns] the car's pose is compared with the prediction."""
+"""How long after the car should stand [ns] its pose is compared with the prediction."""
+
+MAX_PATH_POSES = 10_000
+"""The predicted path of a long plan has no more poses than about this many."""
 
 
 class DriveError(RuntimeError):
@@ -40,7 +45,9 @@ class PathPublisher:
 
     Publishes geometry_msgs/PoseWithCovarianceStamped on ``~init_pose_topic`` and
     ackermann_msgs/AckermannDriveStamped on ``~control_topic``; listens to /CAR_NAME/car_pose,
-    where the car says that it has taken the start pose, and in the end where it stopped.
+    where the car says that it has taken the start pose, and in the end where it stopped. Before
+    it drives, it publishes nav_msgs/Path on ``~predicted_path``, latched, where the plan takes the
+    car; what car that is stands in the parameters of /CAR_NAME/car_sim.
     """
 
     def __init__(self) -> None:
@@ -59,8 +66,9 @@ class PathPublisher:
         )
         self._loop = flag("~loop", rospy.get_param("~loop", False))
         self._plan = _load_plan(rospy.get_param("~plan_file", None))
-        wheelbase = rospy.get_param(f"/{car_name}/car_sim/wheelbase", Car().wheelbase)
-        self._car = Car(wheelbase=number("car_sim/wheelbase", wheelbase, "m", 0.01, 100.0))
+        car_sim = f"/{car_name}/car_sim"
+        self._car = car_from(rospy.get_param(car_sim, {}), f"{car_sim}/")
+        self._rest, self._expected = prediction.rest(self._plan, self._car)
         self._frame = f"{car_name}/base_footprint"
         self._leads = bool(rospy.get_param("/use_sim_time", False)) and rospy.has_param(
             f"/{car_name}/car_sim/real_time_factor"
@@ -87,6 +95,7 @@ class PathPublisher:
         self._pose_sub = rospy.Subscriber(
             f"/{car_name}/car_pose", PoseStamped, self._on_pose, tcp_nodelay=True
         )
+        self._pub_path = rospy.Publisher("~predicted_path", Path, queue_size=1, latch=True)
         rospy.loginfo(
             "plan %s: %d rows, %g s, %.2f m; commands to %s, start pose to %s",
             self._plan.path,
@@ -106,6 +115,7 @@ class PathPublisher:
         """
         try:
             self._wait_for_clock()
+            self._publish_path()
             self._wait_for_subscriber(self._pub_controls)
             self._wait_for_subscriber(self._pub_init_pose)
             start = None
@@ -113,6 +123,12 @@ class PathPublisher:
                 start = self.run_plan(start)
         finally:
             self.stop()
+
+    def _publish_path(self) -> None:
+        """Publish where the plan takes the car, stamped as if it were driven from now on."""
+        period = max(PERIOD, self._rest // MAX_PATH_POSES)
+        states = prediction.trajectory(self._plan, self._car, period)
+        self._pub_path.publish(conversions.path_to_msg(states, self._now()))
 
     def run_plan(self, begin: Optional[int]) -> int:
         """Place the car and send every command of the plan.
@@ -308,11 +324,15 @@ class PathPublisher:
 
     def _report_end(self, end: int) -> None:
         """Say where the car stopped, and where it should have."""
-        expected = prediction.final_pose(self._plan, self._car)
-        rospy.loginfo("the plan has been driven; its closed form ends at %s", _shown(expected))
+        expected = self._expected
+        means = "closed form" if self._car.is_ideal else "prediction"
+        rospy.loginfo("the plan has been driven; its %s ends at %s", means, _shown(expected))
         if not self._pose_is_published():
             return
-        if not self._wait_for_pose(lambda: self._pose_stamp >= end + SETTLING, self._patience):
+        rolling = self._rest - self._plan.duration  # a car with limits does not stand at once
+        stands = end + rolling + SETTLING
+        patience = self._patience + rolling / NANOSECONDS
+        if not self._wait_for_pose(lambda: self._pose_stamp >= stands, patience):
             rospy.logwarn("the car no longer reports its pose")
             return
         with self._poses:

@@ -16,7 +16,7 @@ from rospy.numpy_msg import numpy_msg
 
 from mushr_ros_intro import conversions
 from mushr_ros_intro.bicycle import Pose, compose
-from mushr_ros_intro.car import Car, Command, Placement, advance, apply, at_rest
+from mushr_ros_intro.car import Car, Command, Contact, Placement, advance, apply, at_rest
 from mushr_ros_intro.conversions import MessageError
 from mushr_ros_intro.grid import Grid, as_travelled
 from mushr_ros_intro.laser import Beams
@@ -203,6 +203,30 @@ def moving():
     state = apply(state, Placement(10**8, Pose(-3.0, 4.0, -1.0)), Car())
     state = apply(state, Command(10**8, 1.5, -0.4), Car())
     return advance(state, 2 * 10**8, Car())._replace(stamp=STAMP)
+
+
+def test_a_command_s_rates_travel():
+    command = Command(STAMP, 1.0, 0.25, 0.5, -2.0)
+    msg = travelled(conversions.command_to_msg(command, "car/base_footprint"))
+    assert (msg.drive.acceleration, msg.drive.steering_angle_velocity) == (0.5, -2.0)
+    assert conversions.command_from_msg(msg) == command
+
+
+def test_a_path_counts_its_stamps_from_its_beginning():
+    states = [moving()._replace(stamp=number * 10**8) for number in range(3)]
+    path = conversions.path_to_msg(iter(states), STAMP)
+    assert (path.header.frame_id, path.header.stamp.to_nsec()) == ("map", STAMP)
+    assert [pose.header.stamp.to_nsec() - STAMP for pose in path.poses] == [0, 10**8, 2 * 10**8]
+    assert conversions.pose_from_msg(path.poses[1].pose)[:2] == moving().pose[:2]
+
+
+def test_a_collision_has_a_pose_while_it_lasts():
+    contact = Contact(STAMP, Pose(1.0, 2.0, 0.5))
+    msg = conversions.collision_to_msg(contact, STAMP + 10**9)
+    assert (msg.header.frame_id, msg.header.stamp.to_nsec()) == ("map", STAMP)
+    assert [conversions.pose_from_msg(pose) for pose in msg.poses] == [pytest.approx(contact.pose)]
+    free = conversions.collision_to_msg(None, STAMP + 10**9)
+    assert (free.header.stamp.to_nsec(), free.poses) == (STAMP + 10**9, [])
 
 
 def test_pose_odometry_and_transforms_tell_the_same():

@@ -3,7 +3,7 @@
 import io
 import math
 import struct
-from typing import List, Optional, Tuple
+from typing import Iterable, List, Optional, Tuple
 
 import genpy
 import numpy as np
@@ -16,7 +16,7 @@ from geometry_msgs.msg import (
     Quaternion,
     TransformStamped,
 )
-from nav_msgs.msg import OccupancyGrid, Odometry
+from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from nav_msgs.srv import GetMapResponse
 from sensor_msgs.msg import JointState, LaserScan
 from tf.transformations import quaternion_from_euler
@@ -139,6 +139,15 @@ def car_pose_to_msg(state: State) -> PoseStamped:
     msg.header.stamp = time_from(state.stamp)
     msg.header.frame_id = MAP_FRAME
     msg.pose = pose_to_msg(state.pose)
+    return msg
+
+
+def path_to_msg(states: Iterable[State], begin: int) -> Path:
+    """Return the poses of states as a path in the map; their stamps count from `begin` [ns]."""
+    msg = Path()
+    msg.header.stamp = time_from(begin)
+    msg.header.frame_id = MAP_FRAME
+    msg.poses = [car_pose_to_msg(state._replace(stamp=begin + state.stamp)) for state in states]
     return msg
 
 

@@ -1,0 +1,77 @@
+#!/usr/bin/python3
+"""Check that cars of every profile end where the published prediction has them."""
+
+import contextlib
+import re
+import signal
+import unittest
+
+import rospy
+import rostest
+from nav_msgs.msg import Path
+
+from helpers import Process, Recording, angle_between, node, planar, wait_for
+
+PROMISED = 1e-9
+"""[m, rad] Between the predicted and the driven final pose."""
+
+PATIENCE = 30.0
+"""[s] For a car to start and to drive a plan in lock-step, on a busy machine."""
+
+ENDS = re.compile(r"ends at \((\S+) m, (\S+) m, (\S+) rad\)")
+DIFFERENCE = re.compile(r"difference (\S+) m, (\S+) rad")
+
+
+@contextlib.contextmanager
+def car(*arguments):
+    """Start a car in lock-step; end it, and wait until its nodes have gone."""
+    options = ("use_sim_time:=true", "real_time_factor:=0", "map:=", "laser:=false")
+    with Process("roslaunch", "mushr_ros_intro", "sim.launch", *options, *arguments) as launch:
+        try:
+            yield
+        finally:
+            launch.send_signal(signal.SIGINT)
+            launch.wait()
+
+
+class TestProfiles(unittest.TestCase):
+    def drive(self, plan):
+        """Drive a plan; return the pose at which the prediction ends."""
+        arguments = (f"_plan_file:={plan}", "_subscriber_timeout:=20.0", "__name:=driver")
+        with node("path_publisher.py", *arguments) as publisher:
+            self.assertEqual(publisher.wait(PATIENCE), 0, publisher.output)
+        found = DIFFERENCE.search(publisher.output)
+        self.assertTrue(found, publisher.output)
+        for difference in map(float, found.groups()):
+            self.assertLess(difference, PROMISED, publisher.output)
+        return tuple(map(float, ENDS.search(publisher.output).groups()))
+
+    def test_every_profile(self):
+        ends = {}
+        paths = Recording("/driver/predicted_path", Path)
+        for number, profile in enumerate(("ideal", "racecar_mit", "mushr_tx2", "mushr_nano")):
+            for noise in ("true", "false") if profile == "mushr_nano" else ("false",):
+                with car(f"car:={profile}", f"noise:={noise}", f"seed:={number}"):
+                    for plan in ("parallel_parking", "figure_8"):
+                        ends[profile, noise, plan] = self.drive(plan)
+        self.assertEqual(len(set(ends.values())), len(ends))  # each is a car of its own
+        wait_for(lambda: len(paths.messages) == len(ends), "the predicted paths")
+        self.check_path(paths.last, ends["mushr_nano", "false", "figure_8"])
+
+    def check_path(self, path, end):
+        self.assertEqual(path.header.frame_id, "map")
+        self.assertEqual({pose.header.frame_id for pose in path.poses}, {"map"})
+        self.assertEqual(planar(path.poses[0].pose)[:2], (0.0, 0.0))
+        x, y, theta = planar(path.poses[-1].pose)
+        self.assertAlmostEqual(x, end[0], delta=1e-6)  # the node shows that many digits
+        self.assertAlmostEqual(y, end[1], delta=1e-6)
+        self.assertLess(angle_between(theta, end[2]), 1e-6)
+        stamps = [(pose.header.stamp - path.header.stamp).to_sec() for pose in path.poses]
+        self.assertEqual(stamps[:221], [number / 10 for number in range(221)])
+        # Braking from 0.929 m/s takes 0.37 s.
+        self.assertAlmostEqual(stamps[-1], 22.0 + 0.9286 / 2.5, delta=1e-3)
+
+
+if __name__ == "__main__":
+    rospy.init_node("profiles_test")
+    rostest.rosrun("mushr_ros_intro", "profiles", TestProfiles)
