@@ -9,7 +9,6 @@ from typing import Callable, Optional
 import rosgraph
 import rosnode
 import rospy
-import tf2_ros
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
@@ -17,6 +16,7 @@ from rosgraph_msgs.msg import Clock
 from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
+from tf2_msgs.msg import TFMessage
 
 from mushr_ros_intro import conversions
 from mushr_ros_intro.bicycle import Pose
@@ -95,7 +95,8 @@ class CarSim:
         self._joint_pub = rospy.Publisher("joint_states", JointState, **options)
         self._collision_pub = rospy.Publisher("~collision", PoseArray, queue_size=10, latch=True)
         self._collision_pub.publish(conversions.collision_to_msg(None, self._now))
-        self._tf = tf2_ros.TransformBroadcaster()
+        # As tf2_ros's broadcaster does, which is the one thing that would bring tf2_ros in (7 MB).
+        self._tf_pub = rospy.Publisher("/tf", TFMessage, queue_size=100, tcp_nodelay=True)
         if self._keeps_clock:
             self._clock_pub = rospy.Publisher("/clock", Clock, **options)
 
@@ -267,8 +268,8 @@ class CarSim:
             )
         if self._joint_pub.get_num_connections():
             self._joint_pub.publish(conversions.joint_states_to_msg(state, self._car))
-        if self._tf.pub_tf.get_num_connections():
-            self._tf.sendTransform(
+        if self._tf_pub.get_num_connections():
+            self._tf_pub.publish(
                 conversions.transforms_to_msgs(state, self._odom_frame, self._base_frame)
             )
         self._announce(state)

@@ -11,8 +11,9 @@ from typing import Any, Callable, Dict, Optional
 import rospkg
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Quaternion
 from nav_msgs.msg import Path
+from tf.transformations import quaternion_from_euler
 
 from mushr_ros_intro import conversions, prediction
 from mushr_ros_intro.bicycle import Pose
@@ -66,13 +67,8 @@ class PathPublisher:
         )
         self._loop = flag("~loop", rospy.get_param("~loop", False))
         self._plan = _load_plan(rospy.get_param("~plan_file", None))
-        car_sim = f"/{car_name}/car_sim"
-        self._car = car_from(rospy.get_param(car_sim, {}), f"{car_sim}/")
-        self._rest, self._expected = prediction.rest(self._plan, self._car)
+        self._car_sim = f"/{car_name}/car_sim"
         self._frame = f"{car_name}/base_footprint"
-        self._leads = bool(rospy.get_param("/use_sim_time", False)) and rospy.has_param(
-            f"/{car_name}/car_sim/real_time_factor"
-        )
 
         self._lock = threading.Lock()
         self._stopped = False
@@ -115,14 +111,22 @@ class PathPublisher:
         """
         try:
             self._wait_for_clock()
-            self._publish_path()
             self._wait_for_subscriber(self._pub_controls)
             self._wait_for_subscriber(self._pub_init_pose)
+            self._meet_car()
+            self._publish_path()
             start = None
             while start is None or self._loop:
                 start = self.run_plan(start)
         finally:
             self.stop()
+
+    def _meet_car(self) -> None:
+        """Read from the parameters of the simulated car, if it is one, what car it is."""
+        parameters = rospy.get_param(self._car_sim, {})
+        self._car = car_from(parameters, f"{self._car_sim}/")
+        self._rest, self._expected = prediction.rest(self._plan, self._car)
+        self._leads = not rospy.rostime.is_wallclock() and "real_time_factor" in parameters
 
     def _publish_path(self) -> None:
         """Publish where the plan takes the car, stamped as if it were driven from now on."""
@@ -164,7 +168,13 @@ class PathPublisher:
         Raises:
             DriveError: it reports another pose.
         """
-        self._pub_init_pose.publish(conversions.placement_to_msg(placement))
+        x, y, theta = placement.pose
+        msg = PoseWithCovarianceStamped()
+        msg.header.stamp = conversions.time_from(placement.stamp)
+        msg.header.frame_id = conversions.MAP_FRAME
+        msg.pose.pose.position = Point(x=x, y=y)
+        msg.pose.pose.orientation = Quaternion(*quaternion_from_euler(0, 0, theta))
+        self._pub_init_pose.publish(msg)
         topic = self._pose_sub.resolved_name
         if not self._pose_is_published():
             rospy.loginfo("nobody publishes %s, so the start pose is not checked", topic)
@@ -400,7 +410,7 @@ def main() -> int:
             status = 0
         except rospy.ROSInterruptException:
             status = 0
-        except DriveError as error:
+        except (DriveError, ParameterError) as error:
             rospy.logfatal("%s: %s", rospy.get_name(), error)
 
     # In a thread of its own, so that Ctrl-C, which rospy handles in this one, can send the stop

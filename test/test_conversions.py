@@ -72,7 +72,10 @@ def test_a_command_comes_back_as_float32(stamp, speed, angle):
 
 @given(stamps, poses)
 def test_a_placement_comes_back(stamp, pose):
-    msg = travelled(conversions.placement_to_msg(Placement(stamp, pose)))
+    msg = PoseWithCovarianceStamped()
+    msg.header.stamp, msg.header.frame_id = conversions.time_from(stamp), "map"
+    msg.pose.pose = conversions.pose_to_msg(pose)
+    msg = travelled(msg)
     assert msg.header.frame_id == "map"
     back = conversions.placement_from_msg(msg)
     assert back.stamp == stamp and back.pose[:2] == pose[:2]
