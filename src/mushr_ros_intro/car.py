@@ -26,7 +26,10 @@ _NUDGE = 1e-7
 """A car at a wall tries to drive this far [m] to find out whether the wall is in its way."""
 
 _LARGEST_STEP = 0.125
-"""By how much at most [rad] things turn in a step of the quadrature; its error is below 1e-12."""
+"""By how much at most [rad] things turn in a step of the quadrature.
+
+Its error grows with the seventh power; along figure_8 it comes to some 1e-11 m.
+"""
 
 _MOST_STEPS = 1000
 """More steps than this the quadrature does not take, for angles next to a right angle."""
@@ -230,6 +233,8 @@ def _wheel_ratios(steering_angle: float, car: Car) -> Wheels:
 
 def _follow(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
     """Return the pose, and how far each wheel has turned [rad], some time into a piece."""
+    if seconds == 0.0:
+        return piece.pose, piece.rolled
     if piece.steering_rate != 0.0 and (piece.speed != 0.0 or piece.acceleration != 0.0):
         return _quadrature(piece, seconds, car)
     distance = piece.speed * seconds + 0.5 * piece.acceleration * seconds * seconds
