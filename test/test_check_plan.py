@@ -192,6 +192,11 @@ def test_ramps_that_do_not_fit_into_their_rows():
     ]
 
 
+def test_ramps_that_just_fit_into_their_rows():
+    """0.5 m/s takes 0.2 s, and 0.4 rad takes 0.125 s."""
+    assert not faults("0,0,0\n0.5,0.4,0.2\n0.25,0,0.125\n0,0,0.1\n", "mushr_nano")
+
+
 def test_a_wall_ahead():
     """The body ends 0.38 m before the rear axle, and the wall is at 5 m."""
     report = checked("0,0,0\n1, 0\n2, 0, 9\n", grid=walled())
@@ -282,6 +287,13 @@ def test_a_speed_that_is_off_makes_an_error_in_proportion_to_the_way(monkeypatch
     result = scatter(checked("0,0,0\n1,0,20\n"), Car(speed_noise=1e-9), 4000, 1)
     assert growth(result) == pytest.approx(1.0, abs=1e-3)
     assert result.rms_errors / result.distances == pytest.approx(0.02, rel=5 / math.sqrt(8000))
+
+
+def test_off_the_plan_counts_from_where_the_car_comes_to_rest():
+    report = report_on("straight_line", "mushr_nano")
+    result = scatter(report, car_named("mushr_nano"), 100, 1)
+    assert result.distances[-1] == pytest.approx(report.length, abs=SAME)
+    assert list(result.planned[-1]) == pytest.approx(list(report.final_pose), abs=SAME)
 
 
 def test_the_ideal_car_does_not_spread():

@@ -151,6 +151,14 @@ def test_a_car_that_is_told_to_stand_stands():
     assert (poses == 0.0).all()
 
 
+def test_a_car_that_is_told_to_stop_rolls_on_without_new_errors():
+    slow = Car(acceleration=0.5)
+    poses = drive(plan_of("2, 0, 1", "0, 0, 3"), NOISE, runs=100, every=10, car=slow)
+    assert len(np.unique(poses[0, :, 2])) == 100
+    assert (poses[:, :, 2] == poses[0, :, 2]).all()
+    assert (np.diff(poses[:, :, 0], axis=0) >= 0.0).all()
+
+
 def assert_is(values, mean, deviation):
     """Assert that random values have a mean and a standard deviation, within their errors."""
     count = len(values)

@@ -45,6 +45,9 @@ Tyres and battery are worth a few per cent of the speed, a servo's trim about ha
 who puts the car down by eye is off by a thumb's width and a degree.
 """
 
+_FLOAT32 = 1e-6
+"""By this part a ramp may be too long for its row: commands are float32, which is less exact."""
+
 _MARKS = 10  # rows of the table that shows how the spread grows
 
 
@@ -258,7 +261,7 @@ def _ramp_faults(rows: Track, lines: _Lines, car_name: str, car: Car) -> Iterato
         begins = values[: len(targets)]
         needed = np.abs(targets - begins) / rate
         seconds = durations / NANOSECONDS
-        for first, last in _runs(needed > seconds * (1.0 + 1e-9)):
+        for first, last in _runs(needed > seconds * (1.0 + _FLOAT32)):
             verb = "is" if first == last else "are"
             text = (
                 f"{_rows_named(first, last)} {verb} too short: the {car_name} needs "
