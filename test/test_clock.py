@@ -1,6 +1,7 @@
 """Check how far the simulated clock may run."""
 
 import pytest
+
 from mushr_ros_intro.bicycle import ORIGIN
 from mushr_ros_intro.car import Command, Placement
 from mushr_ros_intro.clock import (
@@ -61,6 +62,14 @@ def test_commands_far_apart_are_two_streams():
     far = 5 * SECOND + LONGEST_PERIOD + 1
     stream = listen((go(5 * SECOND), 5 * SECOND, 0.0), (go(far), far, 0.1))
     assert limit(stream, 0.1, True) == far + DEFAULT_PERIOD
+
+
+def test_a_pause_after_a_stop_is_no_period():
+    """Neither is the time after which the mux sends one."""
+    end, stop, begin = 5 * SECOND, 5 * SECOND + SECOND // 5, 6 * SECOND
+    events = [go(end), Command(stop, 0.0, 0.0), go(begin)]
+    stream = listen(*((event, event.stamp, 0.0) for event in events))
+    assert limit(stream, 0.1, True) == begin + DEFAULT_PERIOD
 
 
 def test_a_late_command_does_not_set_the_horizon_back():

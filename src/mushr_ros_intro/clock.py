@@ -12,7 +12,7 @@ Stamps are integer nanoseconds of simulated time; `wall` is in seconds of the co
 
 from typing import NamedTuple, Optional
 
-from mushr_ros_intro.car import Event, Placement
+from mushr_ros_intro.car import Command, Event, Placement
 from mushr_ros_intro.stamps import NANOSECONDS
 
 DEFAULT_PERIOD = NANOSECONDS // 10
@@ -62,14 +62,16 @@ def hear(stream: Optional[Stream], event: Event, clock: int, wall: float) -> Str
         wall: the computer's own time when it came [s].
     """
     is_placement = isinstance(event, Placement)
+    at_rest = isinstance(event, Command) and event.speed == 0.0 and event.steering_angle == 0.0
     if stream is not None and (event.stamp, not is_placement) < (stream.newest, not stream.placed):
         return stream._replace(heard=wall)  # late or out of order; the newest still counts
     period = DEFAULT_PERIOD
     if stream is not None and not stream.placed and event.stamp - stream.newest <= LONGEST_PERIOD:
         period = event.stamp - stream.newest or stream.period
+        if at_rest or stream.patience == PATIENCE_AT_REST:
+            period = min(period, stream.period)  # the mux's stop, or the first of another stream
     if isinstance(event, Placement):
         return Stream(event.stamp, DEFAULT_PERIOD, True, False, PATIENCE, wall)
-    at_rest = event.speed == 0.0 and event.steering_angle == 0.0
     patience = PATIENCE_AT_REST if at_rest else PATIENCE
     return Stream(event.stamp, period, False, event.stamp > clock, patience, wall)
 
