@@ -2,7 +2,7 @@
 
 import pytest
 
-from mushr_ros_intro.parameters import ParameterError, flag, number, text
+from mushr_ros_intro.parameters import ParameterError, file_name, flag, folder, number, text
 
 
 @pytest.mark.parametrize("value", [0.5, 1, 2.0, 2])
@@ -48,3 +48,21 @@ def test_text():
         with pytest.raises(ParameterError) as caught:
             text("~topic", value)
         assert f"parameter ~topic is {value!r}; expected text" in str(caught.value)
+
+
+def test_folder(monkeypatch):
+    monkeypatch.setenv("PWD", "/here")
+    monkeypatch.setenv("HOME", "/home/me")
+    assert folder("~folder", "plans") == "/here/plans"
+    assert folder("~folder", "/plans") == "/plans"
+    assert folder("~folder", "~/plans") == "/home/me/plans"
+    with pytest.raises(ParameterError):
+        folder("~folder", "")
+
+
+def test_file_name():
+    assert file_name("~name", "a.txt") == "a.txt"
+    for value in ("", ".", "..", "a/b", "/a", 3, None):
+        with pytest.raises(ParameterError) as caught:
+            file_name("~name", value)
+        assert f"parameter ~name is {value!r}; expected a file's name" in str(caught.value)

@@ -1,13 +1,24 @@
-"""Plan files: what is read from good ones, and what is said about bad ones."""
+"""Plan files: what is read from good ones, what is said about bad ones, what is written."""
 
 import os
+import resource
+import struct
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mushr_ros_intro import plan as module
-from mushr_ros_intro.plan import PlanError, Row, find_plan, parse_plan, read_plan
+from mushr_ros_intro.plan import (
+    PlanError,
+    Row,
+    WriteError,
+    find_plan,
+    parse_plan,
+    plan_text,
+    read_plan,
+    write_plan,
+)
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 PLANS = os.path.join(os.path.dirname(HERE), "plans")
@@ -279,3 +290,90 @@ def test_a_plan_that_is_not_there_is_told_with_those_that_are(folders, name):
         find_plan(name, str(plans), [str(here)])
     expected = f"no such plan file; expected the path of a file, or the name of one in {plans}"
     assert f"{name or repr('')}:1:1: {expected}: circle, eight" == str(caught.value)
+
+
+ROWS = [Row(2.0, 0.3400000035762787, 250_000_001, 0), Row(-0.5, -0.0, 10 * SECOND, 0)]
+
+NOBODY = 65534
+"""The user who owns nothing."""
+
+
+def float32(value):
+    return struct.unpack("f", struct.pack("f", value))[0]
+
+
+def test_text_of_a_plan():
+    assert plan_text((0.0, -1.5, 0.785), ROWS) == (
+        "# x [m], y [m], theta [rad]\n"
+        "0.0, -1.5, 0.785\n"
+        "# speed [m/s], steering angle [rad], duration [s]\n"
+        "2.0, 0.34, 0.250000001\n"
+        "-0.5, 0.0, 10.0\n"
+    )
+
+
+coordinates = st.floats(-1e6, 1e6)
+written_rows = st.builds(
+    Row, st.floats(-1e3, 1e3), st.floats(-1.57, 1.57), st.integers(1, 10**15), st.just(0)
+)
+
+
+@given(st.tuples(*[coordinates] * 3), st.lists(written_rows, min_size=1, max_size=5))
+def test_what_is_written_is_read_again(start, rows):
+    plan = parse_plan(plan_text(start, rows).encode(), "p")
+    assert plan.start == start
+    for got, row in zip(plan.rows, rows):
+        assert float32(got.speed) == float32(row.speed)
+        assert float32(got.steering_angle) == float32(row.steering_angle)
+        assert got.duration == row.duration
+    assert len(plan.rows) == len(rows)
+
+
+def test_no_file_is_overwritten(tmp_path):
+    (tmp_path / "mine_2.txt").mkdir()
+    paths = [write_plan(str(tmp_path), "mine.txt", (0, 0, x), ROWS) for x in range(3)]
+    assert [os.path.basename(path) for path in paths] == ["mine.txt", "mine_3.txt", "mine_4.txt"]
+    assert [read_plan(path).start[2] for path in paths] == [0.0, 1.0, 2.0]
+
+
+def test_where_nothing_can_be_written(tmp_path):
+    gone = str(tmp_path / "gone")
+    with pytest.raises(WriteError, match=r"gone/mine.txt cannot be written \(No such file or dir"):
+        write_plan(gone, "mine.txt", (0, 0, 0), ROWS)
+    locked = tmp_path / "locked"
+    locked.mkdir()
+    locked.chmod(0o555)
+    user = os.geteuid()
+    if user == 0:
+        os.seteuid(NOBODY)  # root may write anywhere
+    try:
+        with pytest.raises(WriteError, match=r"mine.txt cannot be written \(Permission denied\)"):
+            write_plan(str(locked), "mine.txt", (0, 0, 0), ROWS)
+    finally:
+        os.seteuid(user)
+    assert os.listdir(str(locked)) == []
+
+
+def test_nothing_stays_of_a_file_for_which_there_is_no_room(tmp_path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50, limits[1]))
+    try:
+        with pytest.raises(WriteError, match=r"mine.txt cannot be written \(File too large\)"):
+            write_plan(str(tmp_path), "mine.txt", (0, 0, 0), ROWS)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert os.listdir(str(tmp_path)) == []
+
+
+@pytest.mark.parametrize(
+    "row, expected",
+    [
+        (Row(1.0, 1.5705, SECOND, 0), "mine.txt:4:6: steering angle '1.5705' is out of range"),
+        (Row(1.0, 0.0, 10**19, 0), "duration '10000000000.0' is out of range"),
+    ],
+)
+def test_what_could_not_be_read_is_not_written(tmp_path, row, expected):
+    with pytest.raises(WriteError) as caught:
+        write_plan(str(tmp_path), "mine.txt", (0, 0, 0), [row])
+    assert expected in str(caught.value)
+    assert os.listdir(str(tmp_path)) == []

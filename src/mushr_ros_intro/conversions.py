@@ -8,7 +8,6 @@ from typing import Iterable, List, Optional, Tuple
 import genpy
 import numpy as np
 from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import Pose as PoseMsg
 from geometry_msgs.msg import (
     PointStamped,
     PoseArray,
@@ -17,6 +16,7 @@ from geometry_msgs.msg import (
     Quaternion,
     TransformStamped,
 )
+from geometry_msgs.msg import Pose as PoseMsg
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from nav_msgs.srv import GetMapResponse
 from sensor_msgs.msg import JointState, LaserScan

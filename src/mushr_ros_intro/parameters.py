@@ -1,5 +1,6 @@
 """Check the values of a node's parameters."""
 
+import os
 from typing import Any
 
 
@@ -40,4 +41,27 @@ def text(name: str, value: Any) -> str:
     """
     if not isinstance(value, str) or not value.strip():
         raise ParameterError(f"parameter {name} is {value!r}; expected text that is not empty")
+    return value
+
+
+def folder(name: str, value: Any) -> str:
+    """Return the path of the folder `value`; a relative one leads from where the user stands.
+
+    roslaunch starts its nodes in ROS_HOME but leaves PWD as its own shell had it.
+
+    Raises:
+        ParameterError: it is not text.
+    """
+    path = os.path.join(os.environ.get("PWD", "."), os.path.expanduser(text(name, value)))
+    return os.path.realpath(path)
+
+
+def file_name(name: str, value: Any) -> str:
+    """Return `value` if it can name a file in a folder.
+
+    Raises:
+        ParameterError: it cannot.
+    """
+    if not isinstance(value, str) or value in ("", ".", "..") or os.sep in value:
+        raise ParameterError(f"parameter {name} is {value!r}; expected a file's name, no folder")
     return value

@@ -1,4 +1,4 @@
-"""Read plan files: a start pose, then a speed and a steering angle a line.
+"""Read and write plan files: a start pose, then a speed and a steering angle a line.
 
     0, 0, 0.785       the start pose: x [m], y [m], theta [rad]
     2.0, 0.09         speed [m/s], steering angle [rad, left positive], for one second
@@ -8,9 +8,11 @@ Comments from ``#`` to the end of the line, blank lines, spaces, CRLF and a byte
 are all fine.
 """
 
+import itertools
 import os
 import re
 import stat
+import struct
 from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
@@ -110,6 +112,10 @@ class PlanError(ValueError):
         if len(self.faults) > self.SHOWN:
             lines.append(f"... and {len(self.faults) - self.SHOWN} more faults")
         super().__init__("\n".join(lines))
+
+
+class WriteError(RuntimeError):
+    """A plan that could not be written; says where and why."""
 
 
 def find_plan(name: str, plans: str, folders: Sequence[str]) -> str:
@@ -228,6 +234,76 @@ def parse_plan(data: bytes, path: str) -> Plan:
         raise PlanError(faults)
     assert start is not None
     return Plan(path, start, tuple(rows))
+
+
+def write_plan(folder: str, name: str, start: Sequence[float], rows: Sequence[Row]) -> str:
+    """Write a plan into a new file.
+
+    No file is overwritten: where there is one of that name, the new one gets a number. Nothing
+    stays of a file that cannot be written to its end.
+
+    Args:
+        folder: the folder that the file goes into.
+        name: of the file.
+        start: x [m], y [m], theta [rad] in the map frame.
+        rows: the commands; the lines that they name do not matter.
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        WriteError: it cannot be written, or read_plan would not take it.
+    """
+    data = plan_text(start, rows).encode()
+    try:
+        parse_plan(data, name)
+    except PlanError as error:
+        raise WriteError(f"this is no plan that can be driven: {error}") from None
+    stem, ending = os.path.splitext(name)
+    for number in itertools.count(1):
+        path = os.path.join(folder, name if number == 1 else f"{stem}_{number}{ending}")
+        try:
+            with open(path, "xb") as file:
+                try:
+                    file.write(data)
+                    file.flush()
+                    os.fsync(file.fileno())
+                except BaseException:
+                    os.unlink(path)
+                    raise
+        except FileExistsError:
+            continue
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise WriteError(f"{path} cannot be written ({reason})") from None
+        return path
+    raise AssertionError("there is always another number")
+
+
+def plan_text(start: Sequence[float], rows: Sequence[Row]) -> str:
+    """Return the text of a plan file.
+
+    The start pose and the durations are exact. Speeds and steering angles have the digits that
+    they keep as float32, as which they travel.
+
+    Args:
+        start: x [m], y [m], theta [rad] in the map frame.
+        rows: the commands; the lines that they name do not matter.
+    """
+    lines = ["# x [m], y [m], theta [rad]", ", ".join(repr(float(value)) for value in start)]
+    lines.append("# speed [m/s], steering angle [rad], duration [s]")
+    for row in rows:
+        seconds, rest = divmod(row.duration, NANOSECONDS)
+        duration = f"{seconds}.{rest:09d}".rstrip("0") + ("" if rest else "0")
+        lines.append(f"{_as_float32(row.speed)}, {_as_float32(row.steering_angle)}, {duration}")
+    return "\n".join(lines) + "\n"
+
+
+def _as_float32(value: float) -> str:
+    """Return the shortest number that is the same as `value` when both travel as float32."""
+    travelling = struct.pack("<f", value + 0.0)  # no negative zero
+    texts = (f"{value + 0.0:.{digits}g}" for digits in range(1, 10))
+    return next(repr(float(t)) for t in texts if struct.pack("<f", float(t)) == travelling)
 
 
 def _read_start(line: str) -> Optional[Tuple[float, float, float]]:
