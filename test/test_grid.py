@@ -274,7 +274,7 @@ def test_a_picture_elsewhere(tmp_path):
         ({"image": "none.png"}, "none.png': it cannot be read (No such file or directory)"),
         ({"image": "."}, "this is not a regular file; expected a PNG or PGM picture"),
         ({"image": "map.yaml"}, "map.yaml': this is neither PNG nor PGM (P2 or P5)"),
-        ({"image": '"a\\0b"'}, "embedded null byte"),
+        ({"image": '"a\\0b"'}, "embedded null"),
     ],
 )
 def test_a_broken_key(tmp_path, changes, expected):
