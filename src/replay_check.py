@@ -23,6 +23,7 @@ from nav_msgs.msg import MapMetaData
 from mushr_ros_intro import conversions, report
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car
+from mushr_ros_intro.checks import as_number
 from mushr_ros_intro.parameters import ParameterError, number, text
 from mushr_ros_intro.plan import Plan, PlanError, find_plan, read_plan
 from mushr_ros_intro.profile import car_from
@@ -380,9 +381,7 @@ def _tolerance(name: str, unit: str, default: float) -> float:
     value = rospy.get_param(name, AUTO)
     if value == AUTO:
         return default
-    with contextlib.suppress(TypeError, ValueError):
-        value = float(value)  # roslaunch takes 1e-6 for text
-    return number(name, value, unit, 0.0, 1e6)
+    return number(name, as_number(value), unit, 0.0, 1e6)
 
 
 def _find_plan(name: str) -> str:

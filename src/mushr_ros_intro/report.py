@@ -13,6 +13,7 @@ import numpy as np
 
 from mushr_ros_intro.bicycle import Pose, compose, inverse
 from mushr_ros_intro.car import Car, Command, advance, apply, at_rest
+from mushr_ros_intro.checks import apart, shown, turned
 from mushr_ros_intro.plan import Plan
 from mushr_ros_intro.prediction import as_float32
 from mushr_ros_intro.stamps import NANOSECONDS
@@ -162,11 +163,11 @@ def frechet_distance(one: np.ndarray, other: np.ndarray) -> float:
     for k in range(n + m - 1):
         low, high = max(0, k - m + 1), min(n - 1, k)
         ends = other[k - high : k - low + 1][::-1]
-        apart = np.hypot(one[low : high + 1, 0] - ends[:, 0], one[low : high + 1, 1] - ends[:, 1])
+        leash = np.hypot(one[low : high + 1, 0] - ends[:, 0], one[low : high + 1, 1] - ends[:, 1])
         shortest = np.minimum(last[low + 1 : high + 2], last[low : high + 1])
         shortest = np.minimum(shortest, before[low : high + 1])
         present = np.full(n + 1, np.inf)
-        present[low + 1 : high + 2] = np.maximum(apart, shortest)
+        present[low + 1 : high + 2] = np.maximum(leash, shortest)
         before, last = last, present
     return float(last[n])
 
@@ -252,11 +253,11 @@ def _judge_start(replay: Replay, begin: int, tolerances: Tolerances) -> Check:
     got = replay.starts[0]
     if not all(map(math.isfinite, got)):
         return Check("start_pose", False, f"the node sent the start pose {got}; {expected}")
-    if _apart(got, wanted) > _START_TOLERANCE or _turned(got, wanted) > _START_TOLERANCE:
+    if apart(got, wanted) > _START_TOLERANCE or turned(got, wanted) > _START_TOLERANCE:
         return Check("start_pose", False, f"the node sent the start pose {shown(got)}; {expected}")
     there = Pose(*replay.poses[begin])
     passed = (
-        _apart(there, wanted) <= tolerances.position and _turned(there, wanted) <= tolerances.angle
+        apart(there, wanted) <= tolerances.position and turned(there, wanted) <= tolerances.angle
     )
     return Check("start_pose", passed, f"the car began at {shown(there)}; {expected}")
 
@@ -345,20 +346,20 @@ def _judge_rate(replay: Replay) -> Check:
 def _judge_drive(replay: Replay, begin: int, tolerances: Tolerances) -> List[Check]:
     """Judge the path that was driven, and where it ends."""
     driven, predicted = drive(replay, begin)
-    apart = frechet_distance(driven[:, :2], predicted[:, :2])
+    leash = frechet_distance(driven[:, :2], predicted[:, :2])
     path = Check(
         "path",
-        apart <= tolerances.path,
-        f"the driven path is {apart:.3g} m from the predicted one where it is furthest; "
+        leash <= tolerances.path,
+        f"the driven path is {leash:.3g} m from the predicted one where it is furthest; "
         f"allowed are {tolerances.path:.3g} m",
     )
     end, wanted = Pose(*driven[-1]), Pose(*predicted[-1])
-    distance, turned = _apart(end, wanted), _turned(end, wanted)
+    distance, angle = apart(end, wanted), turned(end, wanted)
     message = (
-        f"the car ended at {shown(end)}, {distance:.3g} m and {turned:.3g} rad from {shown(wanted)}"
+        f"the car ended at {shown(end)}, {distance:.3g} m and {angle:.3g} rad from {shown(wanted)}"
         f"; allowed are {tolerances.position:.3g} m and {tolerances.angle:.3g} rad"
     )
-    passed = distance <= tolerances.position and turned <= tolerances.angle
+    passed = distance <= tolerances.position and angle <= tolerances.angle
     if not passed and not _stopped(replay):
         message += ". " + _NO_STOP[0].upper() + _NO_STOP[1:]
     return [path, Check("final_pose", passed, message)]
@@ -504,22 +505,6 @@ def _draw(
         ("time [s]", "distance from the start [m]"),
         [(seconds, away, "driven"), (seconds, there, "predicted")],
     )
-
-
-def shown(pose: Pose) -> str:
-    """Return a pose as text."""
-    theta = math.remainder(pose.theta, math.tau)
-    return f"({pose.x:.4f} m, {pose.y:.4f} m, {theta:.4f} rad)"
-
-
-def _apart(one: Pose, other: Pose) -> float:
-    """Return how far two poses are apart [m]."""
-    return math.hypot(one.x - other.x, one.y - other.y)
-
-
-def _turned(one: Pose, other: Pose) -> float:
-    """Return the angle between two headings [rad], not negative."""
-    return abs(math.remainder(one.theta - other.theta, math.tau))
 
 
 def _said(speed: float, steering_angle: float) -> str:
