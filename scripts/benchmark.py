@@ -1,0 +1,226 @@
+"""Measure the package on this machine; run by scripts/benchmark.
+
+Figures are medians where nothing else is said. They vary from machine to machine, and on a busy
+one; compare those of one run.
+"""
+
+import json
+import os
+import re
+import signal
+import socket
+import statistics
+import subprocess
+import sys
+import threading
+import time
+import xmlrpc.client
+from contextlib import contextmanager, suppress
+
+import laser_benchmark
+import rosgraph
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+
+from mushr_ros_intro import ensemble
+from mushr_ros_intro.car import Car
+from mushr_ros_intro.plan import read_plan
+
+SCRIPTS = os.path.dirname(os.path.abspath(__file__))
+CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
+RUNS = 20
+PLAN_SECONDS = 22.0
+"""Of figure_8 [s]."""
+
+
+def free_port():
+    """Return a port that nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+@contextmanager
+def running(*command):
+    """Run a command meanwhile, and end it and all that it has started."""
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
+    try:
+        yield process
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGINT)
+        process.wait()
+
+
+@contextmanager
+def simulation(*arguments):
+    """Run the car and the mux under a master of their own meanwhile."""
+    port = free_port()
+    os.environ["ROS_MASTER_URI"] = f"http://localhost:{port}"
+    launch = ("mushr_ros_intro", "sim.launch", "map:=", "laser:=false", *arguments)
+    with running("roslaunch", "-p", str(port), *launch):
+        while not rosgraph.is_master_online():
+            time.sleep(0.05)
+        yield
+
+
+def in_a_process(function, *arguments):
+    """Return what `function` prints as JSON in a process of its own, for rospy starts only once."""
+    command = [sys.executable, os.path.abspath(__file__), function, *map(str, arguments)]
+    return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+
+
+def drive_repeatedly(runs):
+    """Drive figure_8 again and again; return the real-time factors and the final poses."""
+    rospy.init_node("benchmark", disable_rostime=True, disable_signals=True)
+    changed = threading.Condition()
+    first, poses = [], []
+
+    def on_command(msg):
+        with changed:
+            if not first:
+                first.append((time.monotonic(), msg.header.stamp))
+
+    def on_pose(msg):
+        with changed:
+            poses.append((time.monotonic(), msg))
+            changed.notify_all()
+
+    rospy.Subscriber(CONTROL, AckermannDriveStamped, on_command, tcp_nodelay=True)
+    rospy.Subscriber("/car/car_pose", PoseStamped, on_pose, tcp_nodelay=True)
+    factors, finals = [], []
+    for _ in range(int(runs)):
+        with changed:
+            first.clear()
+            poses.clear()
+        node = ["rosrun", "mushr_ros_intro", "path_publisher.py", "_plan_file:=figure_8"]
+        subprocess.run(node, check=True, stdout=subprocess.DEVNULL, timeout=120)
+        with changed:
+            began, stamp = first[0]
+            end = stamp + rospy.Duration(PLAN_SECONDS)
+            ended, msg = next((wall, msg) for wall, msg in poses if msg.header.stamp >= end)
+        factors.append(PLAN_SECONDS / (ended - began))
+        position, turn = msg.pose.position, msg.pose.orientation
+        finals.append((position.x, position.y, turn.z, turn.w))
+    return {"factors": factors, "finals": finals}
+
+
+def cpu_and_memory(seconds):
+    """Return the CPU seconds a second and the resident memory [MB] of the car and the mux."""
+    rospy.init_node("benchmark", disable_signals=True)
+    master = rosgraph.Master("/benchmark")
+    tick = os.sysconf("SC_CLK_TCK")
+
+    def used(pid):
+        with open(f"/proc/{pid}/stat") as file:
+            fields = file.read().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / tick
+
+    def resident(pid):
+        with open(f"/proc/{pid}/status") as file:
+            return int(re.search(r"VmRSS:\s+(\d+)", file.read()).group(1)) / 1e3
+
+    node = ["rosrun", "mushr_ros_intro", "path_publisher.py", "_plan_file:=figure_8"]
+    rospy.Subscriber("/car/car_pose", PoseStamped)
+    with subprocess.Popen(node, stdout=subprocess.DEVNULL) as publisher:
+        rospy.wait_for_message(CONTROL, AckermannDriveStamped, timeout=30)
+        pids = [
+            xmlrpc.client.ServerProxy(master.lookupNode(name)).getPid("/benchmark")[2]
+            for name in ("/car/car_sim", "/car/mux/ackermann_cmd_mux")
+        ]
+        before, began = [used(pid) for pid in pids], time.monotonic()
+        time.sleep(float(seconds))
+        elapsed = time.monotonic() - began
+        after = [used(pid) for pid in pids]
+        memory = [resident(pid) for pid in pids]
+        publisher.terminate()
+    return {"cpu": (sum(after) - sum(before)) / elapsed, "memory": sum(memory)}
+
+
+def latencies(samples):
+    """Return the times [s] from a command's publication to the odometry that shows it."""
+    rospy.init_node("benchmark", disable_signals=True)
+    seen = threading.Condition()
+    latest = [0.0]
+
+    def on_odometry(msg):
+        with seen:
+            latest[0] = msg.twist.twist.linear.x
+            seen.notify_all()
+
+    rospy.Subscriber("/car/odom", Odometry, on_odometry, tcp_nodelay=True)
+    commands = rospy.Publisher(CONTROL, AckermannDriveStamped, queue_size=10, tcp_nodelay=True)
+    while not commands.get_num_connections():
+        time.sleep(0.01)
+    found = []
+    for sample in range(int(samples)):
+        msg = AckermannDriveStamped()
+        msg.header.stamp = rospy.Time.now()
+        msg.drive.speed = 1.0 + (sample % 8) / 8.0  # exact as a float32
+        with seen:
+            began = time.monotonic()
+            commands.publish(msg)
+            if seen.wait_for(lambda speed=msg.drive.speed: latest[0] == speed, timeout=1.0):
+                found.append(time.monotonic() - began)
+        time.sleep(0.0937)  # out of step with the poses
+    return sorted(found)
+
+
+def measure():
+    """Yield (what, figure, unit)."""
+    for load, busy in (("", 0), (", four busy loops beside it", 4)):
+        loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
+        try:
+            with simulation("use_sim_time:=true", "real_time_factor:=0"):
+                result = in_a_process("drive_repeatedly", RUNS)
+        finally:
+            for loop in loops:
+                loop.kill()
+                loop.wait()
+        factor = statistics.median(result["factors"])
+        yield f"figure_8 in lock-step{load}, median of {RUNS}", factor, "times real time"
+        spread = max(max(values) - min(values) for values in zip(*result["finals"]))
+        yield f"largest spread of the final pose over these {RUNS} runs", spread, "m, rad"
+    with simulation():
+        result = in_a_process("cpu_and_memory", 15)
+        yield "CPU time of car and mux, poses at 50 Hz", result["cpu"], "s per s"
+        yield "memory of car and mux together", result["memory"], "MB"
+        found = in_a_process("latencies", 150)
+        yield "from command to pose, p50", 1e3 * found[len(found) // 2], "ms"
+        yield "from command to pose, p99", 1e3 * found[len(found) * 99 // 100], "ms"
+    yield "laser scans, one pose at a time", laser_benchmark.scans_per_second(1), "scans/s"
+    yield "laser scans, 32 poses at a time", laser_benchmark.scans_per_second(32), "scans/s"
+    plan = read_plan(os.path.join(os.path.dirname(SCRIPTS), "plans", "figure_8.txt"))
+    nano = Car(speed_limit=0.929, acceleration=2.5, steering_rate=3.2)
+    errors = ensemble.Errors(speed=0.01, steering_angle=0.01)
+    for name, car, cars in (
+        ("ideal", Car(), 1000),
+        ("ideal", Car(), 4096),
+        ("limited", nano, 4096),
+    ):
+        rates = [ensemble.car_ticks_per_second(plan, car, errors, cars) for _ in range(9)]
+        yield f"{cars} {name} cars with noise, median of 9", statistics.median(rates), "car-steps/s"
+    began = time.monotonic()
+    subprocess.run([os.path.join(SCRIPTS, "test")], stdout=subprocess.DEVNULL, check=True)
+    yield "the whole test suite", time.monotonic() - began, "s"
+
+
+def main():
+    """Print the table, or what one measurement gives."""
+    if len(sys.argv) > 1 and sys.argv[1] in ("drive_repeatedly", "cpu_and_memory", "latencies"):
+        print(json.dumps(globals()[sys.argv[1]](*sys.argv[2:])))
+        return
+    as_json = "--json" in sys.argv
+    rows = []
+    for what, figure, unit in measure():
+        rows.append({"what": what, "figure": figure, "unit": unit})
+        if not as_json:
+            print(f"{what:62s} {figure:12.6g} {unit}", flush=True)
+    if as_json:
+        print(json.dumps(rows, indent=2))
+
+
+if __name__ == "__main__":
+    main()
