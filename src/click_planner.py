@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from mushr_ros_intro import conversions, prediction
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car
-from mushr_ros_intro.clicks import ClickError, pose_after, row_to
+from mushr_ros_intro.clicks import ClickError, path, pose_after, row_to
 from mushr_ros_intro.parameters import ParameterError, file_name, folder, number, text
 from mushr_ros_intro.plan import (
     MAX_SPEED,
@@ -170,11 +170,11 @@ class ClickPlanner:
         if plan is None or not plan.rows:
             return TriggerResponse(False, "nothing saved: there is no click yet")
         try:
-            path = write_plan(self._folder, self._name, plan.start, plan.rows)
+            file = write_plan(self._folder, self._name, plan.start, plan.rows)
         except WriteError as error:
             return TriggerResponse(False, f"nothing saved: {error}")
-        rospy.loginfo("saved %s", path)
-        return TriggerResponse(True, f"saved {path}; {summary}")
+        rospy.loginfo("saved %s", file)
+        return TriggerResponse(True, f"saved {file}; {summary}")
 
     def _summary(self) -> str:
         """Say how long the plan is; needs the lock."""
@@ -194,7 +194,7 @@ class ClickPlanner:
             self._path_pub.publish(conversions.path_to_msg([], now))
             return
         period = max(PERIOD, plan.duration // MAX_PATH_POSES)
-        states = prediction.trajectory(plan, self._car, period)
+        states = path(Pose(*plan.start), plan.rows, self._car, period)
         self._path_pub.publish(conversions.path_to_msg(states, now))
 
 

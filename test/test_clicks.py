@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from helpers import closed_form
 from mushr_ros_intro.bicycle import Pose, drive_arc
 from mushr_ros_intro.car import Car
-from mushr_ros_intro.clicks import MAX_DISTANCE, ClickError, arc_to, pose_after, row_to
-from mushr_ros_intro.plan import parse_plan, plan_text
+from mushr_ros_intro.clicks import MAX_DISTANCE, ClickError, arc_to, path, pose_after, row_to
+from mushr_ros_intro.plan import Row, parse_plan, plan_text
 from mushr_ros_intro.prediction import as_float32, final_pose
 
 CAR = Car(steering_limit_left=0.34, steering_limit_right=0.25)
@@ -138,3 +138,18 @@ def test_the_limit_itself_is_driven():
     assert row_to(Pose(0.0, 0.0, 0.0), (1.0, 0.0), 1.0, straight).duration == SECOND
     with pytest.raises(ClickError, match="a radius of infinite m"):
         row_to(Pose(0.0, 0.0, 0.0), (1.0, 0.1), 1.0, straight)
+
+
+def test_path():
+    start = Pose(1.0, 2.0, 0.5)
+    rows = [Row(1.0, 0.2, 250_000_000, 0), Row(-2.0, 0.0, SECOND, 0)]
+    states = list(path(start, rows, CAR, 100_000_000))
+    assert [state.stamp for state in states] == [
+        *(0, 83_333_333, 166_666_666, 250_000_000),
+        *(250_000_000 + number * SECOND // 10 for number in range(1, 11)),
+    ]
+    for state in states:
+        seconds = [min(0.25, state.stamp / SECOND), max(0.0, state.stamp / SECOND - 0.25)]
+        driven = [(row.speed, row.steering_angle, part) for row, part in zip(rows, seconds)]
+        assert state.pose == pytest.approx(closed_form(start, driven), abs=ARC_TOLERANCE)
+    assert [state.pose for state in path(start, [], CAR, SECOND)] == [start]

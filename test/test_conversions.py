@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
-from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped, Quaternion
 from geometry_msgs.msg import Pose as PoseMsg
 from hypothesis import given
 from hypothesis import strategies as st
@@ -364,3 +364,21 @@ def test_a_scan():
     assert msg.angle_increment == as_float32(beams.angle_increment)
     assert (msg.range_min, msg.range_max) == (as_float32(0.02), 10.0)
     assert (msg.scan_time, msg.time_increment, len(msg.intensities)) == (as_float32(0.1), 0.0, 0)
+
+
+def test_a_point_is_read_or_refused():
+    def read(x, y, z=0.0, frame="map"):
+        msg = PointStamped(point=Point(x, y, z))
+        msg.header.frame_id = frame
+        return conversions.point_from_msg(travelled(msg))
+
+    for frame in ("map", "/map", ""):
+        assert read(1.5, -2.5, 0.3, frame) == (1.5, -2.5)
+    for value in NOT_FINITE:
+        for numbers in ((value, 0.0, 0.0), (0.0, value, 0.0), (0.0, 0.0, value)):
+            with pytest.raises(MessageError, match="not finite"):
+                read(*numbers)
+    with pytest.raises(MessageError, match="1e.06 m at most"):
+        read(0.0, -1.1e6)
+    with pytest.raises(MessageError, match="in the frame 'car/odom'; expected 'map'"):
+        read(0.0, 0.0, frame="car/odom")

@@ -6,10 +6,10 @@ than half a circle.
 """
 
 import math
-from typing import NamedTuple, Tuple
+from typing import Iterator, NamedTuple, Sequence, Tuple
 
 from mushr_ros_intro.bicycle import Pose, curvature, drive_arc
-from mushr_ros_intro.car import Car
+from mushr_ros_intro.car import Car, State, at_rest
 from mushr_ros_intro.plan import Row
 from mushr_ros_intro.prediction import as_float32
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
@@ -92,6 +92,22 @@ def pose_after(pose: Pose, row: Row, car: Car) -> Pose:
     """Return where a row's command, rounded to float32 as it travels, takes an ideal car."""
     distance = as_float32(row.speed) * row.duration / NANOSECONDS
     return drive_arc(pose, distance, curvature(as_float32(row.steering_angle), car.wheelbase))
+
+
+def path(start: Pose, rows: Sequence[Row], car: Car, period: int) -> Iterator[State]:
+    """Yield states along the rows, at least one every `period` [ns], and one where each row ends.
+
+    Their stamps count from the start [ns].
+    """
+    stamp, pose = 0, start
+    yield at_rest(stamp, pose)
+    for row in rows:
+        parts = -(-row.duration // period)
+        for part in range(1, parts + 1):
+            passed = row.duration * part // parts
+            yield at_rest(stamp + passed, pose_after(pose, row._replace(duration=passed), car))
+        stamp += row.duration
+        pose = pose_after(pose, row, car)
 
 
 def _radius(steering_angle: float, car: Car) -> str:

@@ -1,0 +1,134 @@
+"""What is recorded of a drive: rows that the car follows to where the drive ended."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mushr_ros_intro.bicycle import Pose
+from mushr_ros_intro.car import Car, Command, History, at_rest
+from mushr_ros_intro.plan import Plan, parse_plan, plan_text
+from mushr_ros_intro.prediction import as_float32, final_pose
+from mushr_ros_intro.recording import Recording
+
+MS = 1_000_000
+"""[ns]"""
+
+CAR = Car()
+START = Pose(1.0, -2.0, 0.7)
+
+REPLAY_TOLERANCE = 1e-9
+"""[m, rad] Between a drive and its replay: the same arcs, cut elsewhere."""
+
+
+def recorded(*commands):
+    """Return the rows (speed, angle, duration [ms]) of commands (at [ms], speed, angle)."""
+    recording = Recording(CAR.command_timeout)
+    for at, speed, angle in commands:
+        recording.add(Command(at * MS, speed, angle), at * MS)
+    return [(row.speed, row.steering_angle, row.duration / MS) for row in recording.rows()]
+
+
+def test_every_change_becomes_a_row():
+    drive = [(1000 + 100 * k, 1.0, 0.0 if k < 3 else 0.3) for k in range(6)]
+    assert recorded(*drive) == [(1.0, 0.0, 300.0), (1.0, 0.3, 400.0)]
+    assert recorded(*drive, (1550, -1.0, 0.3), (1600, 0.0, 0.0)) == [
+        (1.0, 0.0, 300.0),
+        (1.0, 0.3, 250.0),
+        (-1.0, 0.3, 50.0),
+    ]
+
+
+def test_nothing_is_recorded_while_the_car_stands():
+    assert recorded() == []
+    assert recorded((0, 0.0, 0.0), (100, 0.0, 0.0)) == []
+    assert recorded((0, 0.0, 0.3)) == []
+    stop = (0.0, 0.0)
+    assert recorded((0, *stop), (500, 1.0, 0.1), (600, *stop), (900, *stop)) == [(1.0, 0.1, 100.0)]
+    assert recorded((0, 0.0, 0.3), (100, 1.0, 0.3)) == [(0.0, 0.3, 100.0), (1.0, 0.3, 200.0)]
+
+
+def test_a_gap_becomes_a_stop():
+    assert recorded((0, 1.0, 0.1), (150, 1.0, 0.1), (1000, 1.0, 0.1)) == [
+        (1.0, 0.1, 350.0),
+        (0.0, 0.1, 650.0),
+        (1.0, 0.1, 200.0),
+    ]
+    # The mux's own stop, 0.2 s after the last command, and a pause of 10 s.
+    assert recorded((0, 1.0, 0.1), (200, 0.0, 0.0), (10200, -1.0, 0.0)) == [
+        (1.0, 0.1, 200.0),
+        (0.0, 0.0, 10000.0),
+        (-1.0, 0.0, 200.0),
+    ]
+
+
+def test_of_commands_with_the_same_stamp_the_last_one_counts():
+    assert recorded((0, 1.0, 0.1), (0, 2.0, 0.2)) == [(2.0, 0.2, 200.0)]
+    assert recorded((0, 1.0, 0.1), (100, 2.0, 0.0), (100, 0.5, 0.0), (2000, 0.0, 0.0)) == [
+        (1.0, 0.1, 100.0),
+        (0.5, 0.0, 200.0),
+    ]
+
+
+def test_begin():
+    recording = Recording(CAR.command_timeout)
+    assert recording.begin is None
+    recording.add(Command(1000 * MS, 0.0, 0.0), 1000 * MS)
+    assert recording.begin is None
+    recording.add(Command(1500 * MS, 1.0, 0.0), 1500 * MS)
+    assert recording.begin == 1500 * MS
+    recording.add(Command(1400 * MS, 1.0, 0.0), 1500 * MS)  # late
+    assert recording.begin == 1400 * MS
+    for at in range(1600, 9000, 100):
+        recording.add(Command(at * MS, 1.0, 0.0), at * MS)
+        assert recording.begin == 1400 * MS
+
+
+def test_forget_until():
+    recording = Recording(CAR.command_timeout)
+    for at in range(0, 5000, 100):
+        recording.add(Command(at * MS, 1.0, 0.0), at * MS)
+    recording.forget_until(4750 * MS)
+    assert recording.begin == 4800 * MS
+    assert [row.duration for row in recording.rows()] == [300 * MS]
+
+
+def test_a_long_drive_takes_no_room():
+    recording = Recording(CAR.command_timeout)
+    for at in range(0, 100_000, 100):
+        recording.add(Command(at * MS, 1.0, 0.0), at * MS)
+    assert len(recording._changes) == 1 and len(recording._recent) <= 12
+
+
+commands = st.tuples(
+    st.integers(0, 400),
+    st.sampled_from([0.0, 1.0, 2.0, -1.5]),
+    st.sampled_from([0.0, 0.3, -0.1]),
+    st.integers(-900, 900),
+)
+
+
+@given(st.lists(commands, min_size=1, max_size=30))
+def test_the_replay_ends_where_the_drive_did(steps):
+    """Commands some [ms] after one another, each delivered early or late, to car and recorder."""
+    now, drive = 10_000 * MS, []
+    for pause, speed, angle, late in steps:
+        now += pause * MS
+        drive.append((now + late * MS, Command(now, as_float32(speed), as_float32(angle))))
+    recording = Recording(CAR.command_timeout)
+    history = History(CAR, at_rest(0, START))
+    for arrival, command in sorted(drive, key=lambda each: each[0]):
+        recording.add(command, arrival)
+        history.add(command, arrival)
+    end = history.state_at(now + 10_000 * MS).pose
+    rows = recording.rows()
+    if not rows:
+        assert end == START
+        return
+    assert rows[-1].speed != 0.0
+    for plan in (
+        Plan("", START, rows),
+        parse_plan(plan_text(START, rows).encode(), "recorded.txt"),
+    ):
+        replayed = final_pose(plan, CAR)
+        assert math.dist(replayed, end) < REPLAY_TOLERANCE
