@@ -11,9 +11,10 @@ import rospy
 import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped
-from helpers import Recording, node, wait_for
 from nav_msgs.msg import Odometry
 from std_srvs.srv import Trigger
+
+from helpers import Recording, node, wait_for
 
 TAIL = rospy.Duration(0.5)
 """How long after its last command a drive is recorded: it stands after 0.2 s."""

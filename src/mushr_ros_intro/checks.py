@@ -3,6 +3,7 @@
 Stamps are integer nanoseconds, and differences between them are said in seconds.
 """
 
+import bisect
 import math
 import threading
 import time
@@ -132,17 +133,36 @@ def rate_faults(
                 f"there are {step:g} s between the stamps of messages {number - 1} and {number}; "
                 f"expected {period / NANOSECONDS:g} s"
             )
-    begin = stamps[0] - jitter if stamps else 0
-    for row, duration in enumerate(durations, 1):
-        count = sum(begin <= stamp < begin + duration for stamp in stamps)
+    counts = _count_by_row(stamps, durations, period) if stamps else [0] * len(durations)
+    for row, (count, duration) in enumerate(zip(counts, durations), 1):
         expected = -(-duration // period)
         if count != expected:
             faults.append(
                 f"row {row} ({duration / NANOSECONDS:g} s) has {count} messages; "
                 f"expected {expected}"
             )
-        begin += duration
     return faults
+
+
+def _count_by_row(stamps: Sequence[int], durations: Sequence[int], period: int) -> List[int]:
+    """Return how many messages each row has: those that are nearest to one of its due instants."""
+    dues: List[int] = []
+    rows: List[int] = []
+    begin = stamps[0]
+    for row, duration in enumerate(durations):
+        row_dues = range(begin, begin + duration, period)
+        dues += row_dues
+        rows += [row] * len(row_dues)
+        begin += duration
+    dues.append(begin)
+    rows.append(len(durations))  # what comes after the plan
+    counts = [0] * (len(durations) + 1)
+    for stamp in stamps:
+        place = min(bisect.bisect_left(dues, stamp), len(dues) - 1)
+        if place > 0 and stamp - dues[place - 1] < dues[place] - stamp:
+            place -= 1
+        counts[rows[place]] += 1
+    return counts[:-1]
 
 
 def odometry_faults(

@@ -1,0 +1,191 @@
+#!/usr/bin/python3
+"""Check the clock that the car keeps, at whatever factor it runs."""
+
+import math
+import os
+import shutil
+import signal
+import tempfile
+import time
+import unittest
+
+import rospy
+import rostest
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
+from helpers import (
+    ANGLE_TOLERANCE,
+    POSITION_TOLERANCE,
+    Process,
+    Recording,
+    angle_between,
+    closed_form,
+    node,
+    planar,
+    publisher,
+    wait_for,
+)
+
+COMMANDS = "/car/mux/ackermann_cmd_mux/input/navigation"
+POSE_PERIOD = 20_000_000
+"""[ns]"""
+PATIENCE = 60.0
+"""[s] For simulated time to pass; the clock's own patience is 3 s."""
+ROWS = [(1.0, 0.2, 0.25), (-1.0, 0.1, 0.3)]
+
+
+class TestClock(unittest.TestCase):
+    def setUp(self):
+        self.factor = rospy.get_param("/car/car_sim/real_time_factor")
+        for name in ("pause", "resume", "step", "reset"):
+            rospy.wait_for_service(f"/car/car_sim/{name}", PATIENCE)
+            setattr(self, name, rospy.ServiceProxy(f"/car/car_sim/{name}", Trigger))
+        self.poses = Recording("/car/car_pose", PoseStamped).connected()
+        self.commands = Recording(COMMANDS, AckermannDriveStamped)
+        self.folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, self.folder)
+        self.addCleanup(self.resume)
+
+    def plan(self, *rows):
+        path = os.path.join(self.folder, "plan.txt")
+        with open(path, "w") as file:
+            file.write("\n".join(", ".join(map(str, row)) for row in ((0.0, 0.0, 0.0), *rows)))
+        return path
+
+    def runs_on(self, seconds, what):
+        """Wait until `seconds` of simulated time have passed; return how long that took."""
+        begin, wall = rospy.Time.now(), time.monotonic()
+        end = begin + rospy.Duration.from_sec(seconds)
+        self.poses.after(end, PATIENCE)
+        elapsed = time.monotonic() - wall
+        print(f"factor {self.factor:g}, {what}: {seconds:g} s took {elapsed:.2f} s")
+        return elapsed
+
+    def assert_at(self, got, expected):
+        if self.factor > 1.0:
+            return  # a message that is late by 0.1 s on a busy machine is 1 s late on this clock
+        self.assertLess(math.hypot(got[0] - expected[0], got[1] - expected[1]), POSITION_TOLERANCE)
+        self.assertLess(angle_between(got[2], expected[2]), ANGLE_TOLERANCE)
+
+    def stamps(self):
+        return [m.header.stamp.to_nsec() for m in self.poses.messages]
+
+    def test_every_pose_once_and_in_time(self):
+        """Also while somebody is connected who never sends anything."""
+        silent = publisher(COMMANDS, AckermannDriveStamped)
+        self.addCleanup(silent.unregister)
+        clock = Recording("/clock", Clock).connected()
+        self.poses.clear()
+        self.runs_on(1.0, "nothing drives")
+        stamps = self.stamps()
+        self.assertGreater(len(stamps), 50)
+        steps = {later - earlier for earlier, later in zip(stamps, stamps[1:])}
+        self.assertEqual(steps, {POSE_PERIOD})
+        ticks = [m.clock.to_nsec() for m in clock.messages]
+        self.assertEqual({b - a for a, b in zip(ticks, ticks[1:])}, {POSE_PERIOD})
+
+    def test_pause_and_step(self):
+        wait_for(lambda: self.poses.last, "a pose")
+        answer = self.pause()
+        self.assertTrue(answer.success)
+        held = float(answer.message.split()[0])
+        for _ in range(5):
+            answer = self.step()
+            self.assertTrue(answer.success)
+        now = float(answer.message.split()[0])
+        self.assertAlmostEqual(now, held + 0.1, delta=1e-6)  # a double holds it to 2.4e-7 s
+        wait_for(lambda: abs(self.poses.last.header.stamp.to_sec() - now) < 1e-6, "the last step")
+        stamps = [stamp for stamp in self.stamps() if stamp > (held + 0.001) * 1e9]
+        self.assertEqual(len(stamps), 5)
+        self.assertAlmostEqual(float(self.pause().message.split()[0]), now, delta=1e-6)
+        self.resume()
+        self.runs_on(0.5, "resumed")
+
+    def test_reset(self):
+        odometry = Recording("/car/odom", Odometry).connected()
+        with node("path_publisher.py", f"_plan_file:={self.plan(*ROWS)}") as driver:
+            self.assertEqual(driver.wait(PATIENCE), 0, driver.output)
+        self.assert_at(planar(self.poses.last.pose), closed_form((0.0, 0.0, 0.0), ROWS))
+        before = self.poses.last.header.stamp
+        self.assertTrue(self.reset().success)
+        reset = self.poses.after(before + rospy.Duration(0.1), PATIENCE)
+        self.assertEqual(planar(reset.pose), (0.0, 0.0, 0.0))
+        after = odometry.after(before + rospy.Duration(0.1), PATIENCE)
+        self.assertEqual(planar(after.pose.pose), (0.0, 0.0, 0.0))
+        stamps = self.stamps()
+        self.assertEqual(stamps, sorted(stamps))
+
+    def test_a_client_that_dies(self):
+        """The car stops when the last command runs out, and the clock goes on."""
+        path = self.plan((1.0, 0.2, 600.0))
+        with node("path_publisher.py", f"_plan_file:={path}") as driver:
+            wait_for(lambda: len(self.commands.messages) >= 5, "five commands", PATIENCE)
+            driver.send_signal(signal.SIGKILL)
+            driver.wait()
+        self.runs_on(1.0, "after the client died")
+        messages = self.commands.messages
+        seconds = (messages[-1].header.stamp - messages[0].header.stamp).to_sec() + 0.2
+        pose = self.poses.pose_at_rest(messages[-1].header.stamp + rospy.Duration(0.3), PATIENCE)
+        self.assert_at(pose, closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)]))
+
+    def test_a_client_that_stands_still(self):
+        """The clock goes on without it, and it gives its plan up when it comes back."""
+        path = self.plan((1.0, 0.2, 600.0))
+        with node("path_publisher.py", f"_plan_file:={path}") as driver:
+            wait_for(lambda: len(self.commands.messages) >= 5, "five commands", PATIENCE)
+            driver.send_signal(signal.SIGSTOP)
+            self.runs_on(2.0, "while the client stood still")
+            driver.send_signal(signal.SIGCONT)
+            self.assertEqual(driver.wait(PATIENCE), 1, driver.output)
+            self.assertIn("stood still", driver.output)
+
+
+class TestFactors(unittest.TestCase):
+    """The same at other factors, all at the same time; those runs have no others to do."""
+
+    runs = {}
+    folder = None
+
+    @classmethod
+    def begin(cls):
+        if rospy.get_param("/car/car_sim/real_time_factor") != 0:
+            return
+        cls.folder = tempfile.mkdtemp()
+        cls.runs = {
+            factor: Process(
+                "rostest",
+                "mushr_ros_intro",
+                "clock.test",
+                f"real_time_factor:={factor}",
+                ROS_TEST_RESULTS_DIR=os.path.join(cls.folder, str(factor)),
+            )
+            for factor in (0.5, 1.0, 10.0)
+        }
+
+    @classmethod
+    def tearDownClass(cls):
+        for run in cls.runs.values():
+            run.end()
+        if cls.folder:
+            shutil.rmtree(cls.folder)
+
+    def test_other_factors(self):
+        for factor, run in self.runs.items():
+            status = run.wait(150.0)
+            self.assertEqual(status, 0, f"factor {factor:g}: {run.output}")
+
+
+class AllTests(unittest.TestSuite):
+    def __init__(self):
+        loader = unittest.TestLoader()
+        super().__init__(map(loader.loadTestsFromTestCase, (TestClock, TestFactors)))
+
+
+if __name__ == "__main__":
+    rospy.init_node("clock_test")
+    TestFactors.begin()
+    rostest.rosrun("mushr_ros_intro", "clock", "__main__.AllTests")

@@ -1,0 +1,215 @@
+"""Check the verdicts on a replay, on drives that are computed and not driven."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mushr_ros_intro.bicycle import Pose
+from mushr_ros_intro.car import Car
+from mushr_ros_intro.plan import parse_plan
+from mushr_ros_intro.report import (
+    Replay,
+    Sent,
+    default_tolerances,
+    frechet_distance,
+    judge,
+    predicted_poses,
+    verdict,
+)
+
+PLAN = parse_plan(b"1,2,0.5\n2.0,0.1\n1.0,-0.1,0.5\n1.0,-0.1,0.25\n", "plan.txt")
+SECOND = 1_000_000_000
+TENTH = SECOND // 10
+BEGIN = 100 * SECOND
+DUES = [*range(0, SECOND, TENTH), *range(SECOND, 15 * TENTH, TENTH), 15 * TENTH, 16 * TENTH]
+DUES += [17 * TENTH]
+END = SECOND * 7 // 4
+ROUNDING = 1e-9
+"""[m] Of the sums behind a prediction."""
+
+
+def commands(stop=True):
+    """Return what path_publisher sends for PLAN."""
+    angle = {True: np.float32(0.1).item(), False: np.float32(-0.1).item()}
+    sent = [
+        Sent(BEGIN + due, True, 2.0 if due < SECOND else 1.0, angle[due < SECOND]) for due in DUES
+    ]
+    return [*sent, Sent(BEGIN + END, True, 0.0, 0.0)] if stop else sent
+
+
+def replay(**changes):
+    """Return a replay in which everything is right, but for `changes`."""
+    instants = list(range(-TENTH, END + SECOND // 2, SECOND // 50))
+    right = Replay(
+        plan=PLAN,
+        car=Car(),
+        outcome="",
+        starts=(Pose(1.0, 2.0, 0.5),),
+        sent=tuple(commands()),
+        stamps=np.array(instants) + BEGIN,
+        poses=predicted_poses(PLAN, Car(), instants),
+        collisions=(),
+        map_origin=Pose(-5.0, -5.0, 0.0),
+        map_size=(20.0, 20.0),
+    )
+    return right._replace(**changes)
+
+
+def failed(seen):
+    """Return the checks that a replay fails, and the verdict."""
+    checks = judge(seen, default_tolerances(seen.plan, seen.car))
+    return {check.name for check in checks if not check.passed}, verdict(checks, seen)
+
+
+def test_all_is_right():
+    assert failed(replay()) == (set(), "everything is right")
+
+
+def test_the_tolerances_are_what_a_missing_stop_costs():
+    tolerances = default_tolerances(PLAN, Car())
+    assert tolerances.position == tolerances.path == pytest.approx(0.2 * 2.0)
+    assert tolerances.angle == pytest.approx(0.2 * 2.0 * math.tan(0.1) / 0.33)
+
+
+def test_no_stop():
+    names, said = failed(replay(sent=tuple(commands(stop=False))))
+    assert names == set()
+    assert said.startswith("everything is right, but the node sends no stop")
+
+
+@pytest.mark.parametrize(
+    ("changes", "name", "message"),
+    [
+        ({"outcome": "it crashed"}, "node", "it crashed"),
+        ({"sent": ()}, "commands", "no command came"),
+        ({"stamps": np.array([], int), "poses": np.zeros((0, 3))}, "path", "never reported"),
+        ({"starts": ()}, "start_pose", "sent no start pose"),
+        ({"starts": (Pose(1.0, 2.1, 0.5),)}, "start_pose", "start pose (1.0000 m, 2.1000 m"),
+        ({"starts": (Pose(math.nan, 2.0, 0.5),)}, "start_pose", "nan"),
+        ({"collisions": (Pose(3.0, 2.0, 0.0),)}, "collision", "a wall at (3.0000 m, 2.0000 m"),
+        ({"map_size": (7.0, 20.0)}, "map", "left the map of 7 m x 20 m"),
+        ({"map_origin": Pose(-5.0, 8.0, -math.pi / 2), "map_size": (9.0, 7.0)}, "map", "left"),
+    ],
+)
+def test_what_is_wrong(changes, name, message):
+    seen = replay(**changes)
+    checks = {check.name: check for check in judge(seen, default_tolerances(PLAN, Car()))}
+    assert not checks[name].passed
+    assert message in checks[name].message
+
+
+def altered(change):
+    sent = commands()
+    change(sent)
+    return replay(sent=tuple(sent))
+
+
+def drop(sent):
+    del sent[4]
+
+
+def hurry(sent):
+    sent[:10] = [each._replace(time=BEGIN + k * TENTH // 2) for k, each in enumerate(sent[:10])]
+
+
+def pause(sent):
+    sent[5] = sent[5]._replace(time=sent[5].time + TENTH * 6 // 10)
+
+
+def swap(sent):
+    values = [each[2:] for each in sent[10:18] + sent[:10]]
+    sent[:18] = [Sent(*each[:2], *value) for each, value in zip(sent, values)]
+
+
+def mirror(sent):
+    sent[:10] = [each._replace(steering_angle=-each.steering_angle) for each in sent[:10]]
+
+
+def cut(sent):
+    del sent[10:]
+
+
+def prolong(sent):
+    sent[-1:] = [sent[-1]._replace(speed=3.0)]
+
+
+def spoil(sent):
+    sent[3] = sent[3]._replace(speed=math.inf)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (drop, "rate: row 1 (1 s) came with 9 messages, 8.89 a second; expected 10"),
+        (hurry, "rate: the 10 commands of row 1 (1 s) are stamped within 0.45 s"),
+        (pause, "rate: in row 1 (1 s) nothing came for 0.16 s; expected a command every 0.1 s"),
+        (
+            swap,
+            "commands: the rows are in the wrong order: where row 1 of the plan has 2 m/s, 0.1 rad,"
+            " there came 1 m/s, -0.1 rad",
+        ),
+        (
+            mirror,
+            "commands: where row 1 of the plan has 2 m/s, 0.1 rad, there came 2 m/s, -0.1 rad",
+        ),
+        (cut, "commands: the commands end with row 1 of 3"),
+        (
+            prolong,
+            "commands: after the last row came a command that the plan has not: 3 m/s, 0 rad",
+        ),
+        (spoil, "commands: command 4 has the speed inf and the steering angle 0.1; expected"),
+    ],
+)
+def test_what_is_wrong_with_the_commands(change, message):
+    assert failed(altered(change))[1].startswith(message)
+
+
+def test_a_car_that_is_off():
+    seen = replay()
+    shifted = seen._replace(poses=seen.poses + [0.5, 0.0, 0.0])
+    names, said = failed(shifted)
+    assert names == {"start_pose", "path", "final_pose"}
+    path = next(check for check in judge(shifted, default_tolerances(PLAN, Car()))[4:5])
+    assert path.name == "path"
+    assert "0.5 m from the predicted one" in path.message
+    assert failed(seen._replace(poses=seen.poses + [0.3, 0.0, 0.0]))[0] == set()
+
+
+def test_the_prediction_is_the_closed_form():
+    """Two arcs, written out with their turning centres."""
+    pose = complex(1.0, 2.0), 0.5
+    for speed, angle, seconds in ((2.0, 0.1, 1.0), (1.0, -0.1, 0.75)):
+        radius = 0.33 / math.tan(np.float32(angle).item())
+        turned = pose[1] + speed * seconds / radius
+        centre = pose[0] + 1j * radius * np.exp(1j * pose[1])
+        pose = centre - 1j * radius * np.exp(1j * turned), turned
+    got = predicted_poses(PLAN, Car(), [0, END, END + SECOND])
+    assert got[0] == pytest.approx([1.0, 2.0, 0.5])
+    for row in got[1:]:
+        assert row == pytest.approx([pose[0].real, pose[0].imag, pose[1]], abs=ROUNDING)
+
+
+def frechet_by_definition(one, other):
+    """Fill the whole table of the recursion, cell by cell."""
+    table = np.full((len(one) + 1, len(other) + 1), np.inf)
+    table[0, 0] = 0.0
+    for i, here in enumerate(one, 1):
+        for j, there in enumerate(other, 1):
+            before = min(table[i - 1, j], table[i, j - 1], table[i - 1, j - 1])
+            table[i, j] = max(math.dist(here, there), before)
+    return table[-1, -1]
+
+
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 7), (7, 1), (2, 3), (20, 33), (40, 40)])
+def test_frechet_distance(n, m):
+    random = np.random.default_rng(n + m)
+    one, other = random.normal(size=(n, 2)), random.normal(size=(m, 2))
+    assert frechet_distance(one, other) == pytest.approx(frechet_by_definition(one, other))
+    assert frechet_distance(one, one) == 0.0
+    assert frechet_distance(one, one + [3.0, 4.0]) <= 5.0 + ROUNDING
+
+
+def test_frechet_distance_minds_the_direction():
+    there = np.column_stack([np.linspace(0.0, 10.0, 101), np.zeros(101)])
+    assert frechet_distance(there, there[::-1]) == pytest.approx(10.0)
