@@ -101,7 +101,7 @@ class PlanRecorder:
             if begin is not None and begin < stamp:
                 self._warn_of_loss("the car has been placed anew")
             self._recording.forget_until(stamp)
-            while self._poses and self._poses[0][0] < stamp:
+            while self._poses and self._poses[0][0] <= stamp:
                 self._poses.popleft()
             self._find_start()
 

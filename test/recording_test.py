@@ -216,6 +216,7 @@ class TestRecording(unittest.TestCase):
         process.send_signal(signal.SIGINT)
         self.assertEqual(process.wait(), 0, process.output)
         self.assertIn("recorded_3.txt; the plan has 4 rows, 0.850 s", process.output)
+        self.assertNotIn("WARN", process.output)
         self.assertEqual(read(os.path.join(self.folder, "recorded_3.txt"))[1], rows)
 
     def test_where_nothing_can_be_written(self):
