@@ -56,6 +56,11 @@ def test_a_skipped_test_is_told(tmp_path):
     )
 
 
+def test_a_test_node_that_is_named_like_a_test_file(tmp_path):
+    files = ("test_plan.py", "test_nodes_test.py", "drive.test")
+    assert count(tmp_path, files=files) == (0, ["2 passed, 0 failed"])
+
+
 def test_a_test_file_without_a_test(tmp_path):
     status, lines = count(tmp_path, files=("test_plan.py", "test_mux.py", "drive.test"))
     assert (status, lines) == (1, ["FAILED test_mux.py: ran nothing", "2 passed, 1 failed"])
