@@ -48,6 +48,7 @@ class PlanRecorder:
         self._recording = Recording(self._command_timeout)
         self._now = 0
         self._start: Optional[Pose] = None
+        self._placed: Optional[Pose] = None  # where the car has last been placed
         self._saved: Tuple[Row, ...] = ()
         self._poses: Deque[Tuple[int, Pose]] = deque()  # of the last while, with their stamps
 
@@ -92,16 +93,17 @@ class PlanRecorder:
     def _on_placement(self, msg: PoseWithCovarianceStamped) -> None:
         """Begin anew where the car is placed."""
         try:
-            stamp = conversions.placement_from_msg(msg).stamp
+            placement = conversions.placement_from_msg(msg)
         except conversions.MessageError:
             return  # of which the car says that it ignores it
         with self._lock:
-            stamp = effective_stamp(stamp, self._read_clock())
+            stamp = effective_stamp(placement.stamp, self._read_clock())
+            self._placed = placement.pose
             begin = self._recording.begin
             if begin is not None and begin < stamp:
                 self._warn_of_loss("the car has been placed anew")
             self._recording.forget_until(stamp)
-            while self._poses and self._poses[0][0] <= stamp:
+            while self._poses and self._poses[0][0] < stamp:
                 self._poses.popleft()
             self._find_start()
 
@@ -130,7 +132,7 @@ class PlanRecorder:
                     f"not recording: {self._pose_sub.resolved_name} has not said where the car is",
                 )
             elif before is None:
-                rospy.loginfo("recording from %s on", self._start)
+                rospy.loginfo("recording")
 
     def _find_start(self) -> None:
         """Find where the car was before the first command; needs the lock."""
@@ -142,7 +144,7 @@ class PlanRecorder:
         if not before:
             return
         self._start = before[-1]
-        if math.hypot(before[0].x - before[-1].x, before[0].y - before[-1].y) > AT_REST:
+        if _apart(before[0], self._start) and _apart(self._placed or before[0], self._start):
             rospy.logwarn(
                 "the car was driving when the recording began, so the start pose is only about "
                 "right; expected it to stand"
@@ -222,6 +224,11 @@ class PlanRecorder:
             rospy.logfatal("%s: the drive is not saved: %s", rospy.get_name(), error)
             return False
         return True
+
+
+def _apart(one: Pose, other: Pose) -> bool:
+    """Say whether the car has moved between two poses."""
+    return math.hypot(one.x - other.x, one.y - other.y) > AT_REST
 
 
 def main() -> int:
