@@ -176,6 +176,17 @@ def test_a_car_that_is_off():
     assert failed(seen._replace(poses=seen.poses + [0.3, 0.0, 0.0]))[0] == set()
 
 
+def test_a_drive_that_ends_early():
+    """However soon the recording ends, the plan's end is what was expected."""
+    count = int(np.searchsorted(replay().stamps, BEGIN + SECOND // 2))
+    seen = replay(stamps=replay().stamps[:count], poses=replay().poses[:count])
+    checks = {check.name: check for check in judge(seen, default_tolerances(PLAN, Car()))}
+    wanted = predicted_poses(PLAN, Car(), [END])[0]
+    assert not checks["path"].passed
+    assert f"rad from ({wanted[0]:.4f} m, {wanted[1]:.4f} m" in checks["final_pose"].message
+    assert not checks["final_pose"].passed
+
+
 def test_the_prediction_is_the_closed_form():
     """Two arcs, written out with their turning centres."""
     pose = complex(1.0, 2.0), 0.5

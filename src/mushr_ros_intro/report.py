@@ -33,6 +33,9 @@ _START_TOLERANCE = 1e-3
 _LEAST_TOLERANCE = 1e-6
 """No default tolerance is smaller [m, rad]: the car promises that much."""
 
+_BRAKING = 5 * NANOSECONDS
+"""How long any car takes to stand after the plan's end [ns]."""
+
 _JITTER = PERIOD // 2
 """How far a stamp may be from where it belongs [ns]."""
 
@@ -345,7 +348,7 @@ def _judge_rate(replay: Replay) -> Check:
 
 def _judge_drive(replay: Replay, begin: int, tolerances: Tolerances) -> List[Check]:
     """Judge the path that was driven, and where it ends."""
-    driven, predicted = drive(replay, begin)
+    _, driven, predicted = drive(replay, begin)
     leash = frechet_distance(driven[:, :2], predicted[:, :2])
     path = Check(
         "path",
@@ -365,19 +368,30 @@ def _judge_drive(replay: Replay, begin: int, tolerances: Tolerances) -> List[Che
     return [path, Check("final_pose", passed, message)]
 
 
-def drive(replay: Replay, begin: int) -> Tuple[np.ndarray, np.ndarray]:
+def drive(replay: Replay, begin: int) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where the car was from the pose `begin` on, and where it should have been.
 
-    Both are N x 3, at the instants at which it reported; what follows the last move is left out.
+    Where the recording ends before the plan does, the car is taken to stand from there on. What
+    follows the last move of both is left out.
+
+    Returns:
+        The instants, counted from the first command [s], N of them; the poses of the car then, and
+        those that were predicted, N x 3 each: x [m], y [m], theta [rad].
     """
-    poses, stamps = replay.poses[begin:], replay.stamps[begin:]
-    predicted = predicted_poses(replay.plan, replay.car, (stamps - replay.sent[0].time).tolist())
+    poses = replay.poses[begin:]
+    instants = (replay.stamps[begin:] - replay.sent[0].time).tolist()
+    end = replay.plan.duration + _BRAKING
+    step = max(NANOSECONDS // 50, (end - instants[-1]) // 10_000)
+    instants += range(instants[-1] + step, end + step, step)
+    standing = np.repeat(poses[-1:], len(instants) - len(poses), axis=0)
+    poses = np.concatenate([poses, standing])
+    predicted = predicted_poses(replay.plan, replay.car, instants)
     moves = np.flatnonzero(
         np.any(np.diff(poses, axis=0) != 0.0, axis=1)
         | np.any(np.diff(predicted, axis=0) != 0.0, axis=1)
     )
-    end = int(moves[-1]) + 2 if len(moves) else 1
-    return poses[:end], predicted[:end]
+    last = int(moves[-1]) + 2 if len(moves) else 1
+    return np.array(instants[:last]) / NANOSECONDS, poses[:last], predicted[:last]
 
 
 def _judge_rest(replay: Replay) -> Check:
@@ -436,9 +450,7 @@ def write(folder: str, replay: Replay, checks: Sequence[Check], facts: Dict[str,
     }
     if replay.sent and len(replay.stamps):
         begin = _first_pose(replay)
-        driven, predicted = drive(replay, begin)
-        stamps = replay.stamps[begin : begin + len(driven)]
-        seconds = (stamps - replay.sent[0].time) / NANOSECONDS
+        seconds, driven, predicted = drive(replay, begin)
         away = np.hypot(*(driven[:, :2] - replay.plan.start[:2]).T)
         names = ("x", "y", "theta")
         content["final_pose"] = dict(zip(names, driven[-1].tolist()))
