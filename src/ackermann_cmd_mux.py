@@ -3,6 +3,7 @@
 
 import sys
 import threading
+from contextlib import suppress
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -63,10 +64,9 @@ class AckermannCmdMux:
                 now = self._read_clock()
                 self._expire(now)
                 remaining = (self._mux.deadline or now) - now
-            try:
+            # Where time moves backwards, _read_clock sees it too.
+            with suppress(rospy.exceptions.ROSTimeMovedBackwardsException):
                 rospy.sleep(rospy.Duration(0, remaining))
-            except rospy.exceptions.ROSTimeMovedBackwardsException:
-                pass  # _read_clock sees it too
 
     def _expire(self, now: int) -> None:
         """Stop the car if the last live input has run out at `now` [ns]; needs the lock."""
@@ -128,10 +128,8 @@ def main() -> int:
     except ConfigError as error:
         rospy.logfatal("%s: the mux's configuration %s", rospy.get_name(), error)
         return 1
-    try:
+    with suppress(rospy.ROSInterruptException):
         node.run()
-    except rospy.ROSInterruptException:
-        pass
     return 0
 
 

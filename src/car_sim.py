@@ -4,6 +4,7 @@
 import sys
 import threading
 import time
+from contextlib import suppress
 from typing import Callable, Optional
 
 import rosgraph
@@ -358,10 +359,8 @@ def main() -> int:
     except ParameterError as error:
         rospy.logfatal("%s: %s", rospy.get_name(), error)
         return 1
-    try:
+    with suppress(rospy.ROSInterruptException):
         node.run()
-    except rospy.ROSInterruptException:
-        pass
     return 0
 
 

@@ -6,8 +6,9 @@ import unittest
 import rospy
 import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
-from helpers import Recording, node, publisher, wait_for
 from std_msgs.msg import String
+
+from helpers import Recording, node, publisher, wait_for
 
 MUX = "/car/mux/ackermann_cmd_mux"
 TIMEOUT = 0.2
@@ -122,7 +123,7 @@ class TestMux(unittest.TestCase):
                 "subscribers": [{**entry, "timeout": 0.0}],
             },
         }
-        for index, (fault, configuration) in enumerate(configurations.items()):
+        for index, configuration in enumerate(configurations.values()):
             rospy.set_param(f"/bad_{index}", configuration)
         nodes = {
             fault: node("ackermann_cmd_mux.py", f"__name:=bad_{index}")

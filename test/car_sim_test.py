@@ -10,6 +10,10 @@ import rostest
 import tf2_ros
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Log
+from sensor_msgs.msg import JointState
+
 from helpers import (
     ANGLE_TOLERANCE,
     POSITION_TOLERANCE,
@@ -22,9 +26,6 @@ from helpers import (
     wait_for,
     yaw_of,
 )
-from nav_msgs.msg import Odometry
-from rosgraph_msgs.msg import Log
-from sensor_msgs.msg import JointState
 
 LEAD = rospy.Duration(0.3)
 """How far ahead of the clock the tests stamp their first message: time to send the rest."""

@@ -13,6 +13,7 @@ import rospy
 import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+
 from helpers import (
     ANGLE_TOLERANCE,
     POSITION_TOLERANCE,
@@ -30,7 +31,8 @@ PERIOD = 100_000_000
 
 def read(path):
     """Read a plan file that is known to be good."""
-    lines = [line.split("#")[0].strip() for line in open(path)]
+    with open(path) as file:
+        lines = [line.split("#")[0].strip() for line in file]
     numbers = [tuple(map(float, line.split(","))) for line in lines if line]
     return numbers[0], [(row + (1.0,))[:3] for row in numbers[1:]]
 

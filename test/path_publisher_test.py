@@ -14,6 +14,7 @@ import rospy
 import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+
 from helpers import (
     ANGLE_TOLERANCE,
     POSITION_TOLERANCE,

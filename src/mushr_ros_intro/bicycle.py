@@ -36,7 +36,7 @@ def compose(outer: Pose, inner: Pose) -> Pose:
 
 
 def inverse(pose: Pose) -> Pose:
-    """Return the pose that undoes `pose`: compose(pose, inverse(pose)) is the origin."""
+    """Return the pose that undoes `pose`: the two composed are the origin."""
     cos, sin = math.cos(pose.theta), math.sin(pose.theta)
     return Pose(-cos * pose.x - sin * pose.y, sin * pose.x - cos * pose.y, -pose.theta)
 
