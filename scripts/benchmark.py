@@ -6,6 +6,7 @@ one; compare those of one run.
 
 import json
 import os
+import random
 import re
 import signal
 import socket
@@ -154,6 +155,7 @@ def latencies(samples):
     commands = rospy.Publisher(CONTROL, AckermannDriveStamped, queue_size=10, tcp_nodelay=True)
     while not commands.get_num_connections():
         time.sleep(0.01)
+    dice = random.Random(1)
     found = []
     for sample in range(int(samples)):
         msg = AckermannDriveStamped()
@@ -164,7 +166,7 @@ def latencies(samples):
             commands.publish(msg)
             if seen.wait_for(lambda speed=msg.drive.speed: latest[0] == speed, timeout=1.0):
                 found.append(time.monotonic() - began)
-        time.sleep(0.0937)  # out of step with the poses
+        time.sleep(dice.uniform(0.08, 0.12))  # out of step with the poses
     return sorted(found)
 
 

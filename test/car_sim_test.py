@@ -162,11 +162,13 @@ class TestCarSim(unittest.TestCase):
         }
         self.place(1.0, 2.0, 3.0)
         for word, msg in bad_placements.items():
-            log.clear()
-            self.placements.publish(msg)
-            self.assert_pose(self.poses.pose_at_rest(rospy.Time.now()), (1.0, 2.0, 3.0))
-            rospy.sleep(1.0)  # warnings are at most one a second
-            wait_for(lambda word=word: any(word in m.msg for m in log.messages), word)
+
+            def warned(word=word, msg=msg):
+                self.placements.publish(msg)  # again and again: there is one warning a second
+                return any(word in m.msg for m in log.messages)
+
+            wait_for(warned, f"a warning with the word {word}")
+        self.assert_pose(self.poses.pose_at_rest(rospy.Time.now()), (1.0, 2.0, 3.0))
         for speed, angle in ((nan, 0.0), (1.0, infinity), (-infinity, nan), (1.0, 1.6)):
             self.commands.publish(command(rospy.Time.now(), speed, angle))
         self.assert_pose(self.rest_after(rospy.Time.now()), (1.0, 2.0, 3.0))
