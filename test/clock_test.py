@@ -145,7 +145,7 @@ class TestClock(unittest.TestCase):
 
 
 class TestFactors(unittest.TestCase):
-    """The clock at other factors, all at the same time; those runs have the first two tests to do."""
+    """The clock at other factors, all at the same time; those runs have two tests to do."""
 
     runs = {}
     folder = None
