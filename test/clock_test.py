@@ -82,7 +82,7 @@ class TestClock(unittest.TestCase):
         self.poses.clear()
         self.runs_on(1.0, "nothing drives")
         stamps = self.stamps()
-        self.assertGreater(len(stamps), 50)
+        self.assertGreater(len(stamps), 25, "too few poses to compare")
         steps = {later - earlier for earlier, later in zip(stamps, stamps[1:])}
         self.assertEqual(steps, {POSE_PERIOD})
         ticks = [m.clock.to_nsec() for m in clock.messages]
