@@ -123,6 +123,8 @@ class PathPublisher:
 
     def _meet_car(self) -> None:
         """Read from the parameters of the simulated car, if it is one, what car it is."""
+        if rospy.rostime.is_wallclock() and rospy.get_param("/use_sim_time", False):
+            raise DriveError("use_sim_time was set after this node had started; start it again")
         parameters = rospy.get_param(self._car_sim, {})
         self._car = car_from(parameters, f"{self._car_sim}/")
         self._rest, self._expected = prediction.rest(self._plan, self._car)

@@ -24,12 +24,16 @@ LOST_DIGITS = 3e-6
 
 
 class TestLaserSim(unittest.TestCase):
+    begin = 1_000_000
+
     def setUp(self):
         self.scans = Recording("/car/scan", LaserScan).connected()
         self.noisy = Recording("/noisy/scan", LaserScan).connected()
         self.poses = publisher("/car/car_pose", PoseStamped)
         wait_for(lambda: self.poses.get_num_connections() >= 2, "both lasers")
-        self.stamp = rospy.Time(1_000_000)
+        # Not the stamps of the test before, whose last scans may still be on their way.
+        TestLaserSim.begin += 1000
+        self.stamp = rospy.Time(TestLaserSim.begin)
 
     def report(self, stamp, x, y, theta):
         msg = PoseStamped()

@@ -28,10 +28,13 @@ def car(*arguments):
     options = ("use_sim_time:=true", "real_time_factor:=0", "map:=", "laser:=false")
     with Process("roslaunch", "mushr_ros_intro", "sim.launch", *options, *arguments) as launch:
         try:
+            # A driver that is there before the launch file's parameters would take wall-clock time.
+            wait_for(lambda: rospy.has_param("/car/car_sim/seed"), "the car's parameters")
             yield
         finally:
             launch.send_signal(signal.SIGINT)
             launch.wait()
+            rospy.delete_param("/car/car_sim")
 
 
 class TestProfiles(unittest.TestCase):
