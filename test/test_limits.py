@@ -170,7 +170,7 @@ def test_a_steered_start_by_hand():
         assert then.pose == state.pose
     tx2 = CARS["mushr_tx2"]
     right = apply(at_rest(0, Pose(0.0, 0.0, 0.0)), Command(0, -9.0, -1.0), tx2)
-    assert advance(right, 150 * MS, tx2).steering_angle == -0.2472
+    assert advance(right, 150 * MS, tx2).steering_angle == -0.3296
     # 1.625 m/s takes 0.65 s; by then the command is over, and it has brought 0.5 m/s
     assert advance(right, 200 * MS, tx2).speed == pytest.approx(-0.5, abs=ROUNDING)
 
@@ -297,9 +297,22 @@ def test_profiles():
     assert not Car(acceleration=1.0).is_ideal and not Car(speed_noise=0.1).is_ideal
     keys = {tuple(values) for values in PROFILES.values()}
     assert len(keys) == 1  # the same ones in the same order, so that none is left from another
-    # Worked out from vesc.yaml with a pocket calculator: servo 0.15 to 0.85 by gain and offset.
-    assert CARS["mushr_nano"].steering_limit_left == pytest.approx(0.35 / 0.8)
-    assert CARS["mushr_nano"].speed_limit == pytest.approx(3250 / 3500, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "name, erpm_gain, servo_gain, servo_offset",
+    [
+        ("mushr_nano", -3500.0, 0.8, 0.5),
+        ("mushr_tx2", -2000.0, 1.2135, 0.55),
+        ("racecar_mit", 4614.0, -1.2135, 0.5304),
+    ],
+)
+def test_limits_are_what_the_motor_controller_clips_at(name, erpm_gain, servo_gain, servo_offset):
+    """MuSHR's vesc.yaml: erpm and servo are gain times order plus offset, and then clipped."""
+    car = CARS[name]
+    servo = sorted((servo - servo_offset) / servo_gain for servo in (0.15, 0.85))
+    assert (-car.steering_limit_right, car.steering_limit_left) == pytest.approx(servo, abs=1e-4)
+    assert car.speed_limit == pytest.approx(3250.0 / abs(erpm_gain), abs=1e-4)
 
 
 @pytest.mark.parametrize(
