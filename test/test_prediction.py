@@ -152,6 +152,21 @@ def test_every_car_does_what_was_predicted(name, profile, noise, walls):
         assert one == pytest.approx(other, abs=PROMISED)
 
 
+@pytest.mark.parametrize("noise", [False, True])
+def test_where_the_car_is_at_any_instants(noise):
+    """The same as where the simulated car is then; before the first command, at the start."""
+    with open(os.path.join(PLANS, "..", "config", "cars", "mushr_nano.yaml")) as file:
+        car = car_from({**yaml.safe_load(file), "noise": noise, "seed": 3}, "~")
+    plan = plan_named("figure_8")
+    states = states_of(car, plan, None)
+    instants = [state.stamp for state in states]
+    before, *then = prediction.states_at(plan, car, [-SECOND, *instants])
+    assert before.pose == plan.start
+    for one, other in zip(then, states):
+        assert one.pose == pytest.approx(other.pose, abs=PROMISED)
+    assert len(then) == len(states)
+
+
 def row_ends(plan):
     ends = [0]
     for row in plan.rows:

@@ -15,10 +15,10 @@ import numpy as np
 
 from mushr_ros_intro.car import Car
 from mushr_ros_intro.plan import Plan
-from mushr_ros_intro.prediction import as_float32
+from mushr_ros_intro.prediction import COMMAND_PERIOD, as_float32
 from mushr_ros_intro.stamps import NANOSECONDS
 
-PERIOD = NANOSECONDS // 10
+PERIOD = COMMAND_PERIOD
 """How long a tick is [ns], but for the last one of a row."""
 
 WIDTH = 1024

@@ -7,7 +7,7 @@ import math
 import struct
 from collections import deque
 from itertools import accumulate
-from typing import Iterator, Optional, Tuple
+from typing import Iterable, Iterator, Optional, Tuple
 
 from mushr_ros_intro.bicycle import Pose, curvature, drive_arc
 from mushr_ros_intro.car import Car, Command, State, World, advance, apply, at_rest
@@ -43,6 +43,22 @@ def trajectory(plan: Plan, car: Car, period: int, world: Optional[World] = None)
         yield advance(state, due, car)
         due += period
     yield advance(state, end, car)
+
+
+def states_at(plan: Plan, car: Car, instants: Iterable[int]) -> Iterator[State]:
+    """Yield the states of the car at rising instants, counted from the first command [ns].
+
+    Before that, it stands at the start pose. There are no walls, and commands are rounded to
+    float32, as the car gets them.
+    """
+    car, commands = _commands(plan, car, None)
+    state = at_rest(0, Pose(*plan.start))
+    upcoming = next(commands, None)
+    for instant in instants:
+        while upcoming is not None and upcoming.stamp <= instant:
+            state = apply(advance(state, upcoming.stamp, car), upcoming, car)
+            upcoming = next(commands, None)
+        yield advance(state, max(instant, state.stamp), car)
 
 
 def row_poses(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Pose]:

@@ -12,10 +12,10 @@ from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from mushr_ros_intro.bicycle import Pose, compose, inverse
-from mushr_ros_intro.car import Car, Command, advance, apply, at_rest
+from mushr_ros_intro.car import Car
 from mushr_ros_intro.checks import apart, shown, turned
 from mushr_ros_intro.plan import Plan
-from mushr_ros_intro.prediction import as_float32
+from mushr_ros_intro.prediction import as_float32, states_at
 from mushr_ros_intro.stamps import NANOSECONDS
 
 RATE = 10
@@ -129,21 +129,8 @@ def predicted_poses(plan: Plan, car: Car, instants: Sequence[int]) -> np.ndarray
     Returns:
         x [m], y [m] and theta [rad]; N x 3.
     """
-    # Each command holds for as long as its row is repeated, and as it is meant.
-    holds = car._replace(command_timeout=plan.duration, speed_noise=0.0, steering_noise=0.0)
-    commands, due = [], 0
-    for row in plan.rows:
-        commands.append(Command(due, as_float32(row.speed), as_float32(row.steering_angle)))
-        due += row.duration
-    commands.append(Command(due, 0.0, 0.0))
-    state = at_rest(0, Pose(*plan.start))
-    poses, upcoming = [], 0
-    for instant in instants:
-        while upcoming < len(commands) and commands[upcoming].stamp <= instant:
-            command = commands[upcoming]
-            state = apply(advance(state, command.stamp, holds), command, holds)
-            upcoming += 1
-        poses.append(advance(state, max(instant, state.stamp), holds).pose)
+    car = car._replace(speed_noise=0.0, steering_noise=0.0)
+    poses = [state.pose for state in states_at(plan, car, instants)]
     return np.array(poses, float).reshape(-1, 3)
 
 
