@@ -230,6 +230,15 @@ def test_a_wall_is_hit_where_the_simulated_car_hits_it(rows, car_name):
     assert f"t = {contact.stamp / 1e9:.1f} s" in fault.text
 
 
+@pytest.mark.parametrize("car", ["ideal", "mushr_nano"])
+@pytest.mark.parametrize("angle", [0.0, 0.1, -0.3, 0.6])
+def test_a_row_that_lasts_for_years_hits_what_one_of_a_minute_does(angle, car):
+    """And takes no years: after one turn of the circle there is nothing new."""
+    years = faults(f"0,0,0\n0.5, {angle}, 1e9\n", car, walled())
+    assert years == faults(f"0,0,0\n0.5, {angle}, 60\n", car, walled())
+    assert any("hits a wall" in each for each in years) == (angle != 0.6)
+
+
 def test_rolling_on_into_a_wall():
     report = checked("0,0,0\n0.9, 0, 5.19\n", "mushr_nano", walled(5.0))
     (fault,) = report.faults

@@ -9,7 +9,7 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tu
 
 import numpy as np
 
-from mushr_ros_intro.bicycle import Pose
+from mushr_ros_intro.bicycle import Pose, curvature
 from mushr_ros_intro.car import Car, Command, World, apply, at_rest
 from mushr_ros_intro.ensemble import (
     PERIOD,
@@ -26,7 +26,7 @@ from mushr_ros_intro.ensemble import (
 )
 from mushr_ros_intro.footprint import Footprint, is_free, on_map
 from mushr_ros_intro.grid import Grid
-from mushr_ros_intro.plan import Fault, Plan
+from mushr_ros_intro.plan import MAX_DURATION, Fault, Plan
 from mushr_ros_intro.stamps import NANOSECONDS
 
 MAX_FINE_TICKS = 200_000
@@ -291,10 +291,12 @@ def _map_fault(
         if left is not None and index >= left:
             break
         stamp, duration = int(path.instants[index]), int(np.diff(path.instants[index:][:2])[0])
+        speed, angle = float(targets[0][index]), float(targets[1][index])
+        duration = min(duration, _enough(path, index, speed, angle, car, grid))
         state = at_rest(stamp, Pose(*path.poses[index].tolist()))._replace(
             speed=float(path.speeds[index]), steering_angle=float(path.angles[index])
         )
-        command = Command(stamp, float(targets[0][index]), float(targets[1][index]))
+        command = Command(stamp, speed, angle)
         moved = apply(state, command, car._replace(command_timeout=duration), world)
         contacts = [piece.collision for piece in moved.motion if piece.collision is not None]
         if contacts and contacts[0].stamp <= stamp + duration:
@@ -307,6 +309,22 @@ def _map_fault(
     row = int(row_of[left - 1])
     text = _happens(lines, row, "leaves the map", int(path.instants[left]), where)
     return lines.fault(row, 0, text), None
+
+
+def _enough(path: Track, index: int, speed: float, angle: float, car: Car, grid: Grid) -> int:
+    """Return how long [ns] a step has to be followed to find what it hits on the map.
+
+    When its ramps have ended it is an arc, which repeats itself after a turn, or has left the map
+    when it is longer than the map's edges.
+    """
+    if speed == 0.0:
+        return MAX_DURATION
+    seconds = abs(speed - path.speeds[index]) / car.acceleration
+    seconds += abs(angle - path.angles[index]) / car.steering_rate
+    edges = 2.0 * (grid.width + grid.height) * grid.resolution
+    bend = abs(curvature(angle, car.wheelbase))
+    seconds += min(edges, 2.0 * math.pi / bend if bend else edges) / abs(speed)
+    return math.ceil(min(seconds * NANOSECONDS, MAX_DURATION))
 
 
 def _happens(lines: _Lines, row: int, what: str, stamp: int, pose: Pose) -> str:
