@@ -9,15 +9,14 @@ import sys
 from typing import Optional
 
 import rospkg
-import yaml
 
 from mushr_ros_intro.car import Car
 from mushr_ros_intro.check import Report, Scatter, as_json, as_text, check, scatter, verdict
 from mushr_ros_intro.ensemble import count_ticks
 from mushr_ros_intro.grid import Grid, MapError, find_map, read_map
 from mushr_ros_intro.parameters import ParameterError
-from mushr_ros_intro.plan import PlanError, find_plan, read_plan
-from mushr_ros_intro.profile import car_from
+from mushr_ros_intro.plan import PlanError, find_plan, parse_plan, read_bytes
+from mushr_ros_intro.profile import car_from, names_in, read_profile
 
 MOST_RUNS = 10_000_000
 MOST_CAR_TICKS = 20_000_000_000
@@ -40,7 +39,8 @@ def main() -> int:
     if arguments.plot and len(arguments.plans) > 1:
         return _refuse("--plot draws one plan; expected one PLAN")
     try:
-        car = _read_profile(os.path.join(profiles, f"{arguments.car}.yaml"))
+        path = os.path.join(profiles, f"{arguments.car}.yaml")
+        car = car_from({**read_profile(path), "noise": True}, f"{path}: ")
         map_path, grid = "", None
         if arguments.map is not None:
             map_path = _shortened(find_map(arguments.map, maps))
@@ -88,7 +88,6 @@ def main() -> int:
 
 def _parser(profiles: str) -> argparse.ArgumentParser:
     """Return what reads the command line; it ends the program with status 2 on a bad one."""
-    cars = sorted(each[:-5] for each in os.listdir(profiles) if each.endswith(".yaml"))
     parser = argparse.ArgumentParser(
         prog="check_plan.py",
         description="Check plans before they are driven: what they do, whether the car can do "
@@ -96,7 +95,9 @@ def _parser(profiles: str) -> argparse.ArgumentParser:
         "faults, 2 if it has been called wrongly.",
     )
     parser.add_argument("plans", metavar="PLAN", nargs="+", help="a name in plans/, or a path")
-    parser.add_argument("--car", choices=cars, default="ideal", help="the car; default ideal")
+    parser.add_argument(
+        "--car", choices=names_in(profiles), default="ideal", help="the car; default ideal"
+    )
     parser.add_argument(
         "--map", metavar="MAP", help="a name in maps/, or a yaml file; default none"
     )
@@ -138,23 +139,14 @@ def _shortened(path: str) -> str:
     return min(path, os.path.relpath(path), key=len)
 
 
-def _read_profile(path: str) -> Car:
-    """Read a car's profile, with its noise."""
-    with open(path, encoding="utf-8") as file:
-        values = yaml.safe_load(file) or {}
-    return car_from({**values, "noise": True}, f"{path}: ")
-
-
 def _check(path: str, car_name: str, car: Car, map_path: str, grid: Optional[Grid]) -> Report:
     """Read and check the plan in a file.
 
     Raises:
         PlanError: it is no plan.
     """
-    plan = read_plan(path)
-    with open(path, "rb") as file:
-        data = file.read()
-    return check(plan, data, car_name, car, map_path, grid)
+    data = read_bytes(path)
+    return check(parse_plan(data, path), data, car_name, car, map_path, grid)
 
 
 def _plot(path: str, report: Report, result: Optional[Scatter], grid: Optional[Grid]) -> bool:

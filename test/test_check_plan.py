@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from mushr_ros_intro import ensemble, prediction
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car, Command, World, advance, apply, at_rest
-from mushr_ros_intro.check import as_json, as_text, check, growth, scatter
+from mushr_ros_intro.check import as_json, as_text, check, growth, scatter, slowed
 from mushr_ros_intro.grid import Grid, read_map
 from mushr_ros_intro.plan import PlanError, parse_plan, read_plan
 from mushr_ros_intro.profile import car_from
@@ -181,6 +181,21 @@ def test_limits_that_are_not_the_same_on_both_sides():
 
 def test_the_limit_itself_is_no_fault():
     assert not faults("0,0,0\n0.9286,0.4375,1\n-0.9286,-0.4375,2\n", "mushr_nano")
+
+
+def test_a_plan_is_slowed_down_and_says_where():
+    data = b"0,0,0\n# slow\n0.5, 0.1\n 2, 0\n-3, 0.2, 0.5\n-1, 0\n1.5,0\n"
+    plan = parse_plan(data, "my.txt")
+    slow, said = slowed(plan, data, 1.0)
+    assert [row.speed for row in slow.rows] == [0.5, 1.0, -1.0, -1.0, 1.0]
+    assert [row[1:] for row in slow.rows] == [row[1:] for row in plan.rows]
+    assert (slow.path, slow.start) == (plan.path, plan.start)
+    assert [str(each) for each in said] == [
+        "my.txt:4:2: rows 2 to 3 ask for 2 to -3 m/s; the largest speed allowed is 1 m/s, "
+        "and that is sent",
+        "my.txt:7:1: row 5 asks for 1.5 m/s; the largest speed allowed is 1 m/s, and that is sent",
+    ]
+    assert slowed(plan, data, math.inf) == (plan, [])
 
 
 def test_ramps_that_do_not_fit_into_their_rows():

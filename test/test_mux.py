@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.mux import IDLE, Config, ConfigError, Input, Mux, parse_config
+from mushr_ros_intro.mux import IDLE, Config, ConfigError, Input, Mux, has_lost, parse_config
 
 MS = 1_000_000
 """[ns]"""
@@ -193,3 +193,23 @@ def test_in_order_a_command_passes_unless_a_higher_one_is_live(steps):
         assert passes is not blocked
         assert mux.active == ("teleop" if blocked else source.name)
         last[source] = now
+
+
+@pytest.mark.parametrize(
+    "active, had, lost",
+    [
+        ("navigation", False, False),
+        ("navigation", True, False),
+        ("Navigation", True, False),  # as MuSHR's mux calls its inputs
+        ("idle", False, False),
+        ("Default", False, False),  # MuSHR sends stops there, six a second
+        ("idle", True, True),
+        ("Default", True, True),
+        ("teleop", False, True),
+        ("Teleoperation", False, True),
+        ("Teleoperation", True, True),
+        ("Safety", False, True),
+    ],
+)
+def test_who_has_lost_the_car(active, had, lost):
+    assert has_lost("navigation", active, had) == lost

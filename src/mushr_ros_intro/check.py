@@ -185,6 +185,35 @@ def check(
     )
 
 
+def slowed(plan: Plan, data: bytes, most: float) -> Tuple[Plan, List[Fault]]:
+    """Return a plan with no speed above a limit, forward and in reverse.
+
+    Args:
+        plan: to be slowed down.
+        data: the bytes of its file, where columns are looked up.
+        most: the limit [m/s].
+
+    Returns:
+        The plan that is left of it, and what each run of rows that are too fast gets instead.
+    """
+    speeds = np.array([row.speed for row in plan.rows])
+    is_fast = np.abs(speeds) > most
+    lines = _Lines(plan, data)
+    said = [
+        lines.fault(
+            first,
+            0,
+            f"{_asks(first, last, speeds, 'm/s')}; the largest speed allowed is {most:g} m/s, "
+            "and that is sent",
+        )
+        for first, last in _runs(is_fast)
+    ]
+    rows = list(plan.rows)
+    for index in np.flatnonzero(is_fast).tolist():
+        rows[index] = rows[index]._replace(speed=math.copysign(most, rows[index].speed))
+    return plan._replace(rows=tuple(rows)), said
+
+
 # What is wrong ----------------------------------------------------------------------------------
 
 
@@ -226,6 +255,14 @@ def _rows_named(first: int, last: int) -> str:
     return f"row {first + 1}" if first == last else f"rows {first + 1} to {last + 1}"
 
 
+def _asks(first: int, last: int, values: np.ndarray, unit: str) -> str:
+    """Say what rows, counted from 0, ask for."""
+    part = values[first : last + 1]
+    span = sorted({float(part.min()), float(part.max())}, key=abs)
+    shown = " to ".join(f"{each:.6g}" for each in span)
+    return f"{_rows_named(first, last)} {'asks' if first == last else 'ask'} for {shown} {unit}"
+
+
 def _limit_faults(plan: Plan, lines: _Lines, car_name: str, car: Car) -> Iterator[Fault]:
     """Yield a fault for each run of rows that ask for more than the car does."""
     speeds = np.array([row.speed for row in plan.rows])
@@ -239,11 +276,7 @@ def _limit_faults(plan: Plan, lines: _Lines, car_name: str, car: Car) -> Iterato
         asked = (speeds, angles)[cell]
         # The car's limits are compared with what travels, and that is a float32.
         for first, last in _runs(values.astype(np.float32) > np.float32(limit)):
-            part = asked[first : last + 1]
-            span = sorted({float(part.min()), float(part.max())}, key=abs)
-            shown = " to ".join(f"{each:.6g}" for each in span)
-            verb = "asks" if first == last else "ask"
-            text = f"{_rows_named(first, last)} {verb} for {shown} {('m/s', 'rad')[cell]}; "
+            text = f"{_asks(first, last, asked, ('m/s', 'rad')[cell])}; "
             text += f"the {car_name} {does.format(limit)} at most"
             yield lines.fault(first, cell, text)
 

@@ -11,6 +11,9 @@ from mushr_ros_intro.stamps import from_seconds
 
 IDLE = "idle"
 
+NOBODY = (IDLE, "default")
+"""What a mux calls active, in lower case, while nobody drives: MuSHR's gets stops by default."""
+
 
 class Input(NamedTuple):
     """One input of the mux."""
@@ -171,3 +174,15 @@ class Mux(NamedTuple):
     def restart(self, now: int) -> "Mux":
         """Let every live input run out at `now` [ns], because the clock was set back to it."""
         return self._replace(expires=tuple((each, now) for each, _ in self.expires))
+
+
+def has_lost(ours: str, active: str, had: bool) -> bool:
+    """Say whether the sender of an input does not, or no longer, drive the car.
+
+    Args:
+        ours: the name of its input, such as navigation; MuSHR's mux says Navigation.
+        active: what the mux calls active.
+        had: whether it has called our input active before.
+    """
+    name = active.strip().lower()
+    return name != ours.lower() and (had or name not in NOBODY)

@@ -163,6 +163,15 @@ def read_plan(path: str) -> Plan:
     Raises:
         PlanError: the file cannot be read, or is no plan; it names every fault of the file.
     """
+    return parse_plan(read_bytes(path), path)
+
+
+def read_bytes(path: str) -> bytes:
+    """Return what stands in the plan file at `path`.
+
+    Raises:
+        PlanError: it cannot be read, or is too large for a plan.
+    """
 
     def refuse(text: str) -> PlanError:
         return PlanError([Fault(path, 1, 1, text)])
@@ -179,7 +188,7 @@ def read_plan(path: str) -> Plan:
                 f"expected a plan file of at most {MAX_FILE_SIZE}"
             )
         with open(path, "rb") as file:
-            data = file.read(MAX_FILE_SIZE + 1)
+            return file.read(MAX_FILE_SIZE + 1)
     except PlanError:
         raise
     except FileNotFoundError:
@@ -187,7 +196,6 @@ def read_plan(path: str) -> Plan:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise refuse(f"the file cannot be read ({reason}); expected a plan file") from None
-    return parse_plan(data, path)
 
 
 def parse_plan(data: bytes, path: str) -> Plan:

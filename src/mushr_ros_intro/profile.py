@@ -1,12 +1,26 @@
-"""Read what a car is from the parameters of car_sim, which the profiles in config/cars/ fill."""
+"""Read what a car is: from its profile in config/cars/, or from the parameters of car_sim."""
 
-from typing import Any, Mapping
+import os
+from typing import Any, Dict, List, Mapping
+
+import yaml
 
 from mushr_ros_intro.car import Car
 from mushr_ros_intro.parameters import ParameterError, flag, number
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 
 _INFINITY = float("inf")
+
+
+def names_in(folder: str) -> List[str]:
+    """Return the names of the profiles in a folder, sorted."""
+    return sorted(each[:-5] for each in os.listdir(folder) if each.endswith(".yaml"))
+
+
+def read_profile(path: str) -> Dict[str, Any]:
+    """Return the parameters that stand in the file of a profile."""
+    with open(path, encoding="utf-8") as file:
+        return yaml.safe_load(file) or {}
 
 
 def car_from(values: Mapping[str, Any], place: str) -> Car:
