@@ -6,22 +6,29 @@ import os
 import sys
 import threading
 import time
-from typing import Any, Callable, Dict, Optional
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import rospkg
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Quaternion
-from nav_msgs.msg import Path
+from geometry_msgs.msg import Point, PoseArray, PoseStamped, PoseWithCovarianceStamped, Quaternion
+from nav_msgs.msg import OccupancyGrid, Path
+from rospy.numpy_msg import numpy_msg
+from std_msgs.msg import String
 from tf.transformations import quaternion_from_euler
+from visualization_msgs.msg import MarkerArray
 
 from mushr_ros_intro import conversions, prediction
-from mushr_ros_intro.bicycle import Pose
-from mushr_ros_intro.car import Command, Placement
-from mushr_ros_intro.connections import wait_until_connected
+from mushr_ros_intro.bicycle import Pose, compose, inverse
+from mushr_ros_intro.car import Command, Placement, World
+from mushr_ros_intro.check import SHOWN_FAULTS, Report, check, scatter, slowed
+from mushr_ros_intro.connections import PATIENCE, wait_until_connected
+from mushr_ros_intro.ensemble import count_ticks, ellipse
+from mushr_ros_intro.grid import Grid
+from mushr_ros_intro.mux import NOBODY, Watch
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
-from mushr_ros_intro.plan import Plan, PlanError, Row, find_plan, read_plan
-from mushr_ros_intro.profile import car_from
+from mushr_ros_intro.plan import Fault, Plan, PlanError, Row, find_plan, parse_plan, read_bytes
+from mushr_ros_intro.profile import car_from, names_in, read_profile
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
 
 PERIOD = prediction.COMMAND_PERIOD
@@ -36,6 +43,16 @@ SETTLING = 2 * PERIOD
 MAX_PATH_POSES = 10_000
 """The predicted path of a long plan has no more poses than about this many."""
 
+MAX_WALL_COMMANDS = 10_000
+"""A plan with more commands is predicted as if there were no walls: they take time to look at."""
+
+MAP_TOPIC = "/map"
+
+SPREAD_RUNS = 1000
+SPREAD_SEED = 1
+MAX_SPREAD_COMMANDS = 20_000
+"""The spread of a plan with more commands is not shown: it would take more than seconds."""
+
 
 class DriveError(RuntimeError):
     """A plan that cannot be driven, or not to its end; says why."""
@@ -47,8 +64,12 @@ class PathPublisher:
     Publishes geometry_msgs/PoseWithCovarianceStamped on ``~init_pose_topic`` and
     ackermann_msgs/AckermannDriveStamped on ``~control_topic``; listens to /CAR_NAME/car_pose,
     where the car says that it has taken the start pose, and in the end where it stopped. Before
-    it drives, it publishes nav_msgs/Path on ``~predicted_path``, latched, where the plan takes the
-    car; what car that is stands in the parameters of /CAR_NAME/car_sim.
+    it drives, it checks the plan, on the map on /map where there is one, and publishes, latched,
+    nav_msgs/Path on ``~predicted_path``: where the plan takes the car. What car that is stands in
+    the parameters of /CAR_NAME/car_sim, or in the profile ``~car``. With ``~spread`` it publishes
+    likewise geometry_msgs/PoseArray on ``~spread_poses`` and visualization_msgs/MarkerArray on
+    ``~spread_ellipses``: where cars with errors end, and pass. Where ``~active_topic`` is set
+    (std_msgs/String, of the mux), the plan is over when somebody else drives the car.
     """
 
     def __init__(self) -> None:
@@ -65,8 +86,19 @@ class PathPublisher:
         self._patience = number(
             "~subscriber_timeout", rospy.get_param("~subscriber_timeout", 10.0), "s", 0.0, 1e6
         )
+        self._places_car = flag("~send_init_pose", rospy.get_param("~send_init_pose", True))
         self._loop = flag("~loop", rospy.get_param("~loop", False))
-        self._plan = _load_plan(rospy.get_param("~plan_file", None))
+        self._is_strict = flag("~strict", rospy.get_param("~strict", False))
+        self._shows_spread = flag("~spread", rospy.get_param("~spread", False))
+        self._countdown = number("~countdown", rospy.get_param("~countdown", 0.0), "s", 0.0, 1e4)
+        max_speed = rospy.get_param("~max_speed", math.inf)
+        max_speed = number("~max_speed", max_speed, "m/s", 0.001, math.inf)
+        active_topic = _text_or_none("~active_topic")
+        self._profile, self._profile_name = _load_profile(_text_or_none("~car"))
+        plan, self._data = _load_plan(rospy.get_param("~plan_file", None))
+        self._plan, changes = slowed(plan, self._data, max_speed)
+        for line in _shown(changes):
+            rospy.logwarn("%s", line)
         self._car_sim = f"/{car_name}/car_sim"
         self._frame = f"{car_name}/base_footprint"
 
@@ -76,6 +108,9 @@ class PathPublisher:
         self._written: Dict[int, int] = {}
         self._release = 0
         self._next_line = 0
+        self._watch = Watch(control_topic.rsplit("/", 1)[-1])
+        self._active: Optional[str] = None
+        self._is_over = False
         self._poses = threading.Condition()
         self._pose: Optional[Pose] = None
         self._pose_stamp = 0
@@ -92,14 +127,24 @@ class PathPublisher:
             f"/{car_name}/car_pose", PoseStamped, self._on_pose, tcp_nodelay=True
         )
         self._pub_path = rospy.Publisher("~predicted_path", Path, queue_size=1, latch=True)
+        if self._shows_spread:
+            self._pub_spread = rospy.Publisher("~spread_poses", PoseArray, queue_size=1, latch=True)
+            self._pub_ellipses = rospy.Publisher(
+                "~spread_ellipses", MarkerArray, queue_size=1, latch=True
+            )
+        self._active_sub = None
+        if active_topic:
+            self._active_sub = rospy.Subscriber(active_topic, String, self._on_active)
         rospy.loginfo(
-            "plan %s: %d rows, %g s, %.2f m; commands to %s, start pose to %s",
+            "plan %s: %d rows, %g s, %.2f m; commands to %s, %s",
             self._plan.path,
             len(self._plan.rows),
             self._plan.duration / NANOSECONDS,
             prediction.length(self._plan),
             self._pub_controls.resolved_name,
-            self._pub_init_pose.resolved_name,
+            f"start pose to {self._pub_init_pose.resolved_name}"
+            if self._places_car
+            else "no start pose",
         )
 
     def run(self) -> None:
@@ -112,9 +157,12 @@ class PathPublisher:
         try:
             self._wait_for_clock()
             self._wait_for_subscriber(self._pub_controls)
-            self._wait_for_subscriber(self._pub_init_pose)
+            if self._places_car:
+                self._wait_for_subscriber(self._pub_init_pose)
             self._meet_car()
-            self._publish_path()
+            self._look_ahead()
+            self._wait_for_mux()
+            self._count_down()
             start = None
             while start is None or self._loop:
                 start = self.run_plan(start)
@@ -125,29 +173,98 @@ class PathPublisher:
         """Read from the parameters of the simulated car, if it is one, what car it is."""
         if rospy.rostime.is_wallclock() and rospy.get_param("/use_sim_time", False):
             raise DriveError("use_sim_time was set after this node had started; start it again")
-        parameters = rospy.get_param(self._car_sim, {})
-        self._car = car_from(parameters, f"{self._car_sim}/")
-        self._rest, self._expected = prediction.rest(self._plan, self._car)
-        self._leads = not rospy.rostime.is_wallclock() and "real_time_factor" in parameters
+        simulated = rospy.get_param(self._car_sim, {})
+        self._leads = not rospy.rostime.is_wallclock() and "real_time_factor" in simulated
+        if self._profile is None:
+            self._profile, place = simulated, f"{self._car_sim}/"
+        else:
+            place = "~car: "
+        self._car = car_from(self._profile, place)
+        self._noisy_car = car_from({**self._profile, "noise": True}, place)
 
-    def _publish_path(self) -> None:
-        """Publish where the plan takes the car, stamped as if it were driven from now on."""
+    def _look_ahead(self) -> None:
+        """Check the plan, and publish where it takes the car, stamped as if driven from now on.
+
+        Raises:
+            DriveError: the plan has faults, and is to be driven only without any.
+        """
+        grid = self._read_map() if self._places_car else None
+        report = check(self._plan, self._data, self._profile_name, self._car, "", grid)
+        self._data = b""
+        faults = _shown(report.faults)
+        if faults and self._is_strict:
+            shown = "\n".join(faults)
+            raise DriveError(f"~strict is set and the plan has faults; it is not driven\n{shown}")
+        for line in faults:
+            rospy.logwarn("%s", line)
+
+        # Where the car hits nothing, the walls need not be looked at again.
+        self._world = None
+        if grid and report.hit and count_ticks(self._plan) <= MAX_WALL_COMMANDS:
+            self._world = World(grid)
+        self._rest, self._expected = prediction.rest(self._plan, self._car, self._world)
         period = max(PERIOD, self._rest // MAX_PATH_POSES)
-        states = prediction.trajectory(self._plan, self._car, period)
+        states = prediction.trajectory(self._plan, self._car, period, self._world)
         self._pub_path.publish(conversions.path_to_msg(states, self._now()))
+        if self._shows_spread:
+            self._publish_spread(report)
+
+    def _read_map(self) -> Optional[Grid]:
+        """Return the map, or None where nobody publishes one."""
+        if not _is_published(MAP_TOPIC):
+            return None
+        try:
+            msg = rospy.wait_for_message(MAP_TOPIC, numpy_msg(OccupancyGrid), PATIENCE)
+            return conversions.grid_from_msg(msg)
+        except rospy.ROSInterruptException:
+            raise
+        except (rospy.ROSException, conversions.MessageError) as error:
+            rospy.logwarn("the plan is not checked against the map on %s: %s", MAP_TOPIC, error)
+        return None
+
+    def _publish_spread(self, report: Report) -> None:
+        """Publish where many cars end that each have errors of their own, and pass on the way."""
+        car = self._noisy_car
+        if not (car.speed_noise or car.steering_noise):
+            rospy.loginfo("this car has no noise, so there is no spread to show")
+            return
+        if count_ticks(self._plan) > MAX_SPREAD_COMMANDS:
+            rospy.logwarn(
+                "the spread is not shown: the plan has %d commands, and expected are at most %d",
+                count_ticks(self._plan),
+                MAX_SPREAD_COMMANDS,
+            )
+            return
+        result = scatter(report, car, SPREAD_RUNS, SPREAD_SEED)
+        ellipses = []
+        for mean, covariance in zip(result.sampled.mean.tolist(), result.sampled.covariance):
+            major, minor, direction = ellipse(covariance)
+            ellipses.append((Pose(mean[0], mean[1], direction), major, minor))
+        poses = (Pose(*pose) for pose in result.sampled.cloud.tolist())
+        self._pub_spread.publish(conversions.poses_to_msg(poses, self._now()))
+        self._pub_ellipses.publish(conversions.ellipses_to_msg(ellipses, self._now()))
+        rospy.loginfo(
+            "%d cars with errors of their own end %.2f m (root mean square) off the plan; "
+            "their 95 %% ellipse is %.2f m long and %.2f m wide",
+            SPREAD_RUNS,
+            result.rms_errors[-1],
+            2.0 * ellipses[-1][1],
+            2.0 * ellipses[-1][2],
+        )
 
     def run_plan(self, begin: Optional[int]) -> int:
         """Place the car and send every command of the plan.
 
         Args:
-            begin: when to place the car [ns], None: now. The first command is due one period
-                later, or as soon as the car has taken the start pose, if it takes longer.
+            begin: when to place the car, if it is placed [ns], None: now. The first command is due
+                one period later, or once the car has taken the start pose, if it takes longer.
 
         Returns:
             When the plan ends [ns].
         """
         placed = self._now() if begin is None else begin
-        self.send_init_pose(Placement(placed, Pose(*self._plan.start)))
+        if self._places_car:
+            self.send_init_pose(Placement(placed, Pose(*self._plan.start)))
         start = placed + PERIOD
         if begin is None and not self._leads:
             start = max(start, self._now())
@@ -161,6 +278,7 @@ class PathPublisher:
             due += row.duration
         self._send(Command(end, 0.0, 0.0))
         if not self._loop:
+            self._is_over = True  # who drives the car from now on does not matter
             self._report_end(end)
         return end
 
@@ -178,7 +296,7 @@ class PathPublisher:
         msg.pose.pose.orientation = Quaternion(*quaternion_from_euler(0, 0, theta))
         self._pub_init_pose.publish(msg)
         topic = self._pose_sub.resolved_name
-        if not self._pose_is_published():
+        if not _is_published(topic):
             rospy.loginfo("nobody publishes %s, so the start pose is not checked", topic)
             return
 
@@ -187,8 +305,8 @@ class PathPublisher:
 
         if not self._wait_for_pose(is_there, self._patience):
             raise DriveError(
-                f"the car did not take the start pose {_shown(placement.pose)} within "
-                f"{self._patience:g} s; {topic} says {_shown(self._pose)}. "
+                f"the car did not take the start pose {_pose_text(placement.pose)} within "
+                f"{self._patience:g} s; {topic} says {_pose_text(self._pose)}. "
                 "Is a wall there, or does something else place the car?"
             )
         self._driven = 0.0
@@ -225,9 +343,32 @@ class PathPublisher:
         self._wait_until(self._release if self._leads else command.stamp)
         self._release = command.stamp
         with self._lock:
-            if self._stopped:
-                raise rospy.ROSInterruptException("the car has been stopped")
+            self._raise_if_stopped()
             self._publish(command)
+
+    def _raise_if_stopped(self) -> None:
+        """Give up if the car has been stopped for good.
+
+        Raises:
+            DriveError: because somebody else drives it.
+            rospy.ROSInterruptException: because the node is shut down.
+        """
+        if self._stopped and self._watch.lost_to:
+            assert self._active_sub
+            said = f"{self._active_sub.resolved_name} says '{self._watch.lost_to}'"
+            if self._watch.lost_to.lower() in NOBODY:
+                why = "the commands no longer reached the car in time"
+            else:
+                why = "somebody else drives the car"
+            text = f"the plan is over: {said}, so {why}. It is not taken up again"
+            if not self._last:
+                text = (
+                    f"{text}. No command has been sent; a joystick of MuSHR's has the car unless "
+                    "its button for autonomous driving (RB) is held all the time"
+                )
+            raise DriveError(text)
+        if self._stopped:
+            raise rospy.ROSInterruptException("the car has been stopped")
 
     def _publish(self, command: Command) -> None:
         """Publish a command; needs the lock."""
@@ -296,11 +437,45 @@ class PathPublisher:
         if not wait_until_connected(publisher, "subscribers", self._patience):
             rospy.logwarn("not every subscriber to %s is connected", publisher.resolved_name)
 
+    def _wait_for_mux(self) -> None:
+        """Wait until the mux has said who drives, if that is of interest."""
+        deadline = time.monotonic() + self._patience
+        while self._active_sub and self._active is None:
+            if time.monotonic() > deadline:
+                raise DriveError(
+                    f"{self._active_sub.resolved_name} said nothing within {self._patience:g} s, "
+                    "so nobody could take the car over. Is the mux running, and is that its topic "
+                    "(rostopic list)?"
+                )
+            self._pause()
+
+    def _count_down(self) -> None:
+        """Let the countdown pass, and say so every second."""
+        end = time.monotonic() + self._countdown
+        shown = 0
+        while time.monotonic() < end:
+            left = math.ceil(end - time.monotonic())
+            if left != shown:
+                shown = left
+                rospy.loginfo("the car drives in %d s; Ctrl-C keeps it from that", left)
+            self._pause()
+
     def _pause(self) -> None:
         """Let a moment of wall-clock time pass."""
         if rospy.is_shutdown():
             raise rospy.ROSInterruptException("shut down while waiting")
+        self._raise_if_stopped()
         time.sleep(0.01)
+
+    def _on_active(self, msg: String) -> None:
+        """Stop the car for good if it is lost to somebody else."""
+        with self._lock:
+            self._active = msg.data
+            if self._is_over or self._stopped:
+                return
+            self._watch = self._watch.hear(msg.data, self._last is not None)
+        if self._watch.lost_to:
+            self.stop()
 
     def _on_pose(self, msg: PoseStamped) -> None:
         """Note where the car is, and how far it has come."""
@@ -317,11 +492,6 @@ class PathPublisher:
             self._pose, self._pose_stamp = pose, msg.header.stamp.to_nsec()
             self._poses.notify_all()
 
-    def _pose_is_published(self) -> bool:
-        """Say whether anybody publishes the car's pose."""
-        topic = self._pose_sub.resolved_name
-        return topic in (name for name, _ in rospy.get_published_topics())
-
     def _wait_for_pose(self, condition: Callable[[], bool], patience: float) -> bool:
         """Wait until the car's reported pose meets a condition; say whether it does."""
         deadline = time.monotonic() + patience
@@ -329,6 +499,7 @@ class PathPublisher:
             while not condition():
                 if rospy.is_shutdown():
                     raise rospy.ROSInterruptException("shut down while waiting")
+                self._raise_if_stopped()
                 if time.monotonic() > deadline:
                     return False
                 self._poses.wait(0.1)
@@ -337,9 +508,18 @@ class PathPublisher:
     def _report_end(self, end: int) -> None:
         """Say where the car stopped, and where it should have."""
         expected = self._expected
-        means = "closed form" if self._car.is_ideal else "prediction"
-        rospy.loginfo("the plan has been driven; its %s ends at %s", means, _shown(expected))
-        if not self._pose_is_published():
+        if not self._places_car:
+            way = compose(inverse(Pose(*self._plan.start)), expected)
+            rospy.loginfo(
+                "the plan has been driven; the car should stand %.2f m ahead of where it began, "
+                "%.2f m to the left, and turned by %.2f rad",
+                *way,
+            )
+            return
+        is_closed_form = self._car.is_ideal and self._world is None
+        means = "closed form" if is_closed_form else "prediction"
+        rospy.loginfo("the plan has been driven; its %s ends at %s", means, _pose_text(expected))
+        if not _is_published(self._pose_sub.resolved_name):
             return
         rolling = self._rest - self._plan.duration  # a car with limits does not stand at once
         stands = end + rolling + SETTLING
@@ -352,7 +532,7 @@ class PathPublisher:
         rospy.loginfo(
             "the car drove %.2f m and stopped at %s; difference %.1e m, %.1e rad",
             driven,
-            _shown(pose),
+            _pose_text(pose),
             math.hypot(pose.x - expected.x, pose.y - expected.y),
             abs(math.remainder(pose.theta - expected.theta, math.tau)),
         )
@@ -363,8 +543,25 @@ class PathPublisher:
         return rospy.get_rostime().to_nsec()
 
 
-def _load_plan(plan_file: Any) -> Plan:
-    """Read the plan that ``~plan_file`` names.
+def _text_or_none(name: str) -> Optional[str]:
+    """Return the text of a parameter, or None where it is left out or empty."""
+    value = rospy.get_param(name, "")
+    return None if value == "" else text(name, value)
+
+
+def _load_profile(name: Optional[str]) -> Tuple[Optional[Mapping[str, Any]], str]:
+    """Return the profile of the car that ``~car`` names, if it does, and what to call the car."""
+    if name is None:
+        return None, "car"
+    folder = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "config", "cars")
+    names = names_in(folder)
+    if name not in names:
+        raise ParameterError(f"parameter ~car is {name!r}; expected one of {', '.join(names)}")
+    return read_profile(os.path.join(folder, f"{name}.yaml")), name
+
+
+def _load_plan(plan_file: Any) -> Tuple[Plan, bytes]:
+    """Read the plan that ``~plan_file`` names, and return what stands in its file as well.
 
     roslaunch starts its nodes in ROS_HOME but leaves PWD as its own shell had it, so that is
     where a relative path leads from.
@@ -377,7 +574,22 @@ def _load_plan(plan_file: Any) -> Plan:
     package = rospkg.RosPack().get_path("mushr_ros_intro")
     plans = os.path.realpath(os.path.join(package, "plans"))
     folders = [os.environ.get("PWD", "."), "."]
-    return read_plan(find_plan(text("~plan_file", plan_file), plans, folders))
+    path = find_plan(text("~plan_file", plan_file), plans, folders)
+    data = read_bytes(path)
+    return parse_plan(data, path), data
+
+
+def _shown(faults: Sequence[Fault]) -> List[str]:
+    """Return faults as lines, a bounded number."""
+    lines = [str(fault) for fault in faults[:SHOWN_FAULTS]]
+    if len(faults) > SHOWN_FAULTS:
+        lines.append(f"... and {len(faults) - SHOWN_FAULTS} more")
+    return lines
+
+
+def _is_published(topic: str) -> bool:
+    """Say whether anybody publishes a topic."""
+    return topic in (name for name, _ in rospy.get_published_topics())
 
 
 def _close(pose: Optional[Pose], other: Pose) -> bool:
@@ -389,7 +601,7 @@ def _close(pose: Optional[Pose], other: Pose) -> bool:
     )
 
 
-def _shown(pose: Optional[Pose]) -> str:
+def _pose_text(pose: Optional[Pose]) -> str:
     """Return a pose as text."""
     return "nothing" if pose is None else str(pose)
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMapResponse
 from rospy.numpy_msg import numpy_msg
+from visualization_msgs.msg import Marker
 
 from mushr_ros_intro import conversions
 from mushr_ros_intro.bicycle import Pose, compose
@@ -230,6 +231,23 @@ def test_a_collision_has_a_pose_while_it_lasts():
     assert [conversions.pose_from_msg(pose) for pose in msg.poses] == [pytest.approx(contact.pose)]
     free = conversions.collision_to_msg(None, STAMP + 10**9)
     assert (free.header.stamp.to_nsec(), free.poses) == (STAMP + 10**9, [])
+
+
+def test_ellipses():
+    """Flat ones that take the place of what was shown before; none without a size."""
+    ellipses = [(Pose(1.0, 2.0, 0.5), 3.0, 0.25), (Pose(-1.0, 0.0, -1.5), 0.5, 0.0)]
+    clear, *markers = conversions.ellipses_to_msg(iter(ellipses), STAMP).markers
+    assert clear.action == Marker.DELETEALL
+    assert [marker.id for marker in markers] == [0, 1]
+    for marker, (middle, major, minor) in zip(markers, ellipses):
+        assert (marker.type, marker.action) == (Marker.CYLINDER, Marker.ADD)
+        assert conversions.pose_from_msg(marker.pose) == pytest.approx(middle)
+        scale = (marker.scale.x, marker.scale.y, marker.scale.z)
+        assert scale == (2.0 * major, max(2.0 * minor, 1e-3), 1e-3)
+        assert 0.0 < marker.color.a < 1.0
+    for marker in (clear, *markers):
+        assert (marker.header.frame_id, marker.header.stamp.to_nsec()) == ("map", STAMP)
+        marker.serialize(io.BytesIO())
 
 
 def test_pose_odometry_and_transforms_tell_the_same():

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.mux import IDLE, Config, ConfigError, Input, Mux, has_lost, parse_config
+from mushr_ros_intro.mux import IDLE, Config, ConfigError, Input, Mux, Watch, parse_config
 
 MS = 1_000_000
 """[ns]"""
@@ -196,20 +196,28 @@ def test_in_order_a_command_passes_unless_a_higher_one_is_live(steps):
 
 
 @pytest.mark.parametrize(
-    "active, had, lost",
+    "names, lost_to",
     [
-        ("navigation", False, False),
-        ("navigation", True, False),
-        ("Navigation", True, False),  # as MuSHR's mux calls its inputs
-        ("idle", False, False),
-        ("Default", False, False),  # MuSHR sends stops there, six a second
-        ("idle", True, True),
-        ("Default", True, True),
-        ("teleop", False, True),
-        ("Teleoperation", False, True),
-        ("Teleoperation", True, True),
-        ("Safety", False, True),
+        ("idle navigation", ""),
+        ("Default Navigation", ""),  # MuSHR's; it gets stops by default, six a second
+        ("idle Default idle", ""),
+        ("idle teleop", "teleop"),
+        ("Teleoperation", "Teleoperation"),
+        ("navigation teleop idle navigation", "teleop"),  # and it does not come back
+        ("Navigation Safety", "Safety"),
+        ("navigation idle", "idle"),
+        ("Navigation Default", "Default"),
+        ("navigation ", "idle"),
     ],
 )
-def test_who_has_lost_the_car(active, had, lost):
-    assert has_lost("navigation", active, had) == lost
+def test_when_the_car_is_lost(names, lost_to):
+    watch = Watch("navigation")
+    for name in names.split(" "):
+        watch = watch.hear(name, is_sending=True)
+    assert watch.lost_to == lost_to
+
+
+def test_a_car_that_another_plan_had_is_not_lost():
+    watch = Watch("navigation").hear("navigation", is_sending=False).hear("idle", is_sending=False)
+    assert not watch.lost_to
+    assert watch.hear("navigation", is_sending=True).hear("idle", is_sending=True).lost_to

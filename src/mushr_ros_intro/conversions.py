@@ -20,6 +20,7 @@ from geometry_msgs.msg import Pose as PoseMsg
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from nav_msgs.srv import GetMapResponse
 from sensor_msgs.msg import JointState, LaserScan
+from visualization_msgs.msg import Marker, MarkerArray
 
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car, Command, Contact, Placement, State, front_wheel_angles
@@ -29,6 +30,9 @@ from mushr_ros_intro.plan import MAX_COORDINATE, MAX_SPEED
 from mushr_ros_intro.stamps import NANOSECONDS
 
 MAP_FRAME = "map"
+
+_THIN = 1e-3  # [m] rviz shows nothing that has no size
+_ELLIPSE_COLOUR = (0.85, 0.15, 0.15, 0.3)
 
 
 class MessageError(ValueError):
@@ -161,15 +165,43 @@ def path_to_msg(states: Iterable[State], begin: int) -> Path:
     return msg
 
 
+def poses_to_msg(poses: Iterable[Pose], stamp: int) -> PoseArray:
+    """Return poses in the map, stamped with `stamp` [ns]."""
+    msg = PoseArray()
+    msg.header.stamp = time_from(stamp)
+    msg.header.frame_id = MAP_FRAME
+    msg.poses = [pose_to_msg(pose) for pose in poses]
+    return msg
+
+
 def collision_to_msg(contact: Optional[Contact], stamp: int) -> PoseArray:
     """Return the pose at which the car stands against a wall, stamped with when it hit it.
 
     Without a contact the message has no pose, and the stamp [ns] that is given.
     """
-    msg = PoseArray()
-    msg.header.stamp = time_from(contact.stamp if contact else stamp)
-    msg.header.frame_id = MAP_FRAME
-    msg.poses = [pose_to_msg(contact.pose)] if contact else []
+    if contact is None:
+        return poses_to_msg([], stamp)
+    return poses_to_msg([contact.pose], contact.stamp)
+
+
+def ellipses_to_msg(ellipses: Iterable[Tuple[Pose, float, float]], stamp: int) -> MarkerArray:
+    """Return flat ellipses in the map, in the place of those that were shown before.
+
+    Args:
+        ellipses: the middle of each, with the direction of its longer axis, and half its longer
+            and half its shorter axis [m].
+        stamp: of the markers [ns].
+    """
+    msg = MarkerArray(markers=[Marker(action=Marker.DELETEALL)])
+    for number, (middle, major, minor) in enumerate(ellipses):
+        marker = Marker(type=Marker.CYLINDER, id=number, pose=pose_to_msg(middle))
+        marker.scale.x, marker.scale.y = (max(2.0 * each, _THIN) for each in (major, minor))
+        marker.scale.z = _THIN
+        marker.color.r, marker.color.g, marker.color.b, marker.color.a = _ELLIPSE_COLOUR
+        msg.markers.append(marker)
+    for marker in msg.markers:
+        marker.header.stamp = time_from(stamp)
+        marker.header.frame_id = MAP_FRAME
     return msg
 
 

@@ -176,13 +176,25 @@ class Mux(NamedTuple):
         return self._replace(expires=tuple((each, now) for each, _ in self.expires))
 
 
-def has_lost(ours: str, active: str, had: bool) -> bool:
-    """Say whether the sender of an input does not, or no longer, drive the car.
+class Watch(NamedTuple):
+    """What the sender of an input makes of what a mux calls active.
 
-    Args:
-        ours: the name of its input, such as navigation; MuSHR's mux says Navigation.
-        active: what the mux calls active.
-        had: whether it has called our input active before.
+    A car that somebody else drives is lost for good, and so is one that the sender had and has no
+    longer, because its commands came too late.
     """
-    name = active.strip().lower()
-    return name != ours.lower() and (had or name not in NOBODY)
+
+    ours: str
+    """The name of the input, such as navigation; MuSHR's mux says Navigation."""
+    had: bool = False
+    """Whether it has driven the car."""
+    lost_to: str = ""
+    """What the mux called active when the car was lost; nothing before that."""
+
+    def hear(self, active: str, is_sending: bool) -> "Watch":
+        """Return what follows from the mux calling an input `active`."""
+        name = active.strip().lower()
+        if name == self.ours.lower():
+            return self._replace(had=self.had or is_sending)
+        if self.lost_to or not self.had and name in NOBODY:
+            return self
+        return self._replace(lost_to=active or IDLE)
