@@ -211,15 +211,16 @@ class PathPublisher:
 
     def _read_map(self) -> Optional[Grid]:
         """Return the map, or None where nobody publishes one."""
-        if not _is_published(MAP_TOPIC):
+        topic = rospy.resolve_name(MAP_TOPIC)
+        if not _is_published(topic):
             return None
         try:
-            msg = rospy.wait_for_message(MAP_TOPIC, numpy_msg(OccupancyGrid), PATIENCE)
+            msg = rospy.wait_for_message(topic, numpy_msg(OccupancyGrid), PATIENCE)
             return conversions.grid_from_msg(msg)
         except rospy.ROSInterruptException:
             raise
         except (rospy.ROSException, conversions.MessageError) as error:
-            rospy.logwarn("the plan is not checked against the map on %s: %s", MAP_TOPIC, error)
+            rospy.logwarn("the plan is not checked against the map on %s: %s", topic, error)
         return None
 
     def _publish_spread(self, report: Report) -> None:
@@ -510,10 +511,15 @@ class PathPublisher:
         expected = self._expected
         if not self._places_car:
             way = compose(inverse(Pose(*self._plan.start)), expected)
+            x, y = round(way.x, 2), round(way.y, 2)
             rospy.loginfo(
-                "the plan has been driven; the car should stand %.2f m ahead of where it began, "
-                "%.2f m to the left, and turned by %.2f rad",
-                *way,
+                "the plan has been driven; the car should stand %.2f m %s where it began, %.2f m "
+                "to the %s, and turned by %.2f rad",
+                abs(x),
+                "ahead of" if x >= 0.0 else "behind",
+                abs(y),
+                "left" if y >= 0.0 else "right",
+                way.theta,
             )
             return
         is_closed_form = self._car.is_ideal and self._world is None
