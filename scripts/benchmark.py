@@ -60,7 +60,14 @@ def simulation(*arguments):
     """Run the car and the mux under a master of their own meanwhile."""
     port = free_port()
     os.environ["ROS_MASTER_URI"] = f"http://localhost:{port}"
-    launch = ("mushr_ros_intro", "sim.launch", "map:=", "laser:=false", *arguments)
+    launch = (
+        "mushr_ros_intro",
+        "sim.launch",
+        "map:=none",
+        "laser:=false",
+        "model:=false",
+        *arguments,
+    )
     with running("roslaunch", "-p", str(port), *launch):
         while not rosgraph.is_master_online():
             time.sleep(0.05)

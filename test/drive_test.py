@@ -22,11 +22,15 @@ from helpers import (
     angle_between,
     closed_form,
     float32,
+    node,
     planar,
 )
 
 PERIOD = 100_000_000
 """[ns] Between two commands of a row."""
+
+TUTORIAL = {"straight_line", "figure_8"}
+"""The plans that the tutorial has."""
 
 
 def read(path):
@@ -42,7 +46,7 @@ class TestDrive(unittest.TestCase):
 
     @classmethod
     def drive(cls):
-        """Drive every plan once, all at the same time, as a user does: with roslaunch."""
+        """Drive every plan once, all at the same time."""
         folder = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "plans")
         cls.plans = {os.path.basename(p)[:-4]: read(p) for p in glob.glob(folder + "/*.txt")}
         cls.starts, cls.commands, cls.poses, cls.outputs = {}, {}, {}, {}
@@ -51,26 +55,32 @@ class TestDrive(unittest.TestCase):
             cls.commands[name] = Recording(topic, AckermannDriveStamped)
             cls.starts[name] = Recording(f"/{name}/initialpose", PoseWithCovarianceStamped)
             cls.poses[name] = Recording(f"/{name}/car_pose", PoseStamped).connected()
-        processes = {
-            name: Process(
-                "roslaunch",
-                "mushr_ros_intro",
-                "path_publisher.launch",
-                f"car_name:={name}",
-                f"plan_file:={name}",
-            )
-            for name in cls.plans
-        }
+        processes = {name: cls.start(name) for name in cls.plans}
         for name, process in processes.items():
             assert process.wait(90.0) == 0, process.output
             cls.outputs[name] = process.output
+
+    @staticmethod
+    def start(name):
+        """Start the publisher of a plan: the tutorial's plans as a user does, with roslaunch."""
+        if name in TUTORIAL:
+            arguments = ("path_publisher.launch", f"car_name:={name}", f"plan_file:={name}")
+            return Process("roslaunch", "mushr_ros_intro", *arguments)
+        return node(
+            "path_publisher.py",
+            f"__ns:=/{name}",
+            f"_car_name:={name}",
+            f"_plan_file:={name}",
+            f"_control_topic:=/{name}/mux/ackermann_cmd_mux/input/navigation",
+            f"_init_pose_topic:=/{name}/initialpose",
+        )
 
     def setUp(self):
         if self.plans is None:
             self.drive()
 
     def test_every_plan_is_driven(self):
-        self.assertLessEqual({"straight_line", "figure_8"}, set(self.plans))
+        self.assertLessEqual(TUTORIAL, set(self.plans))
         self.assertGreaterEqual(len(self.plans), 6)
 
     def test_final_pose(self):

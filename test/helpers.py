@@ -1,6 +1,7 @@
 """What several of the rostests need: recording topics, waiting with a deadline, the closed form."""
 
 import cmath
+import importlib.util
 import math
 import os
 import signal
@@ -10,6 +11,7 @@ import threading
 import time
 
 import roslib.packages
+import rospkg
 import rospy
 
 POSITION_TOLERANCE = 1e-6
@@ -192,6 +194,15 @@ class Process:
 
     def __exit__(self, *_):
         self.end()
+
+
+def module(name):
+    """Return a node of this package as a module, for what needs no process of its own."""
+    path = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "src", name)
+    spec = importlib.util.spec_from_file_location(os.path.splitext(name)[0], path)
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    return made
 
 
 def node(name, *arguments):

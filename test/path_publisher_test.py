@@ -22,9 +22,12 @@ from helpers import (
     Recording,
     angle_between,
     closed_form,
+    module,
     node,
     wait_for,
 )
+from mushr_ros_intro.parameters import ParameterError
+from mushr_ros_intro.plan import PlanError
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 PACKAGE = rospkg.RosPack().get_path("mushr_ros_intro")
@@ -155,19 +158,38 @@ class TestPathPublisher(unittest.TestCase):
                 self.wait_for_commands(1)
             self.assertEqual(self.commands.messages[0].drive.speed, 1.0)
 
-    def test_refuses_and_publishes_nothing(self):
-        """Whatever is wrong with the plan or a parameter: one message, status 1, no message."""
+    def test_refuses_every_broken_plan_and_parameter(self):
+        """The node that this process would be is not made, and says where the fault is."""
         broken = sorted(glob.glob(os.path.join(PACKAGE, "test", "broken_plans", "*.txt")))
         self.assertGreater(len(broken), 5)
-        cases = [([f"_plan_file:={path}"], f"{path}:") for path in broken]
+        cases = [({"plan_file": path}, f"{path}:") for path in broken]
         cases += [
-            ([f"_plan_file:={self.folder}"], f"{self.folder}:1:1: this is a directory"),
-            (["_plan_file:=/no/such/plan.txt"], "/no/such/plan.txt:1:1: no such plan file"),
+            ({"plan_file": self.folder}, f"{self.folder}:1:1: this is a directory"),
+            ({"plan_file": "/no/such/plan.txt"}, "/no/such/plan.txt:1:1: no such plan file"),
+            ({"plan_file": 8}, "parameter ~plan_file is 8; expected text"),
+            ({}, "parameter ~plan_file is not set"),
+            ({"plan_file": "circle", "loop": "maybe"}, "parameter ~loop is 'maybe'"),
+            ({"plan_file": "circle", "subscriber_timeout": -1}, "parameter ~subscriber_timeout"),
+        ]
+        path_publisher = module("path_publisher.py")
+        for parameters, message in cases:
+            for name, value in parameters.items():
+                rospy.set_param(f"~{name}", value)
+            with self.assertRaises((ParameterError, PlanError), msg=str(parameters)) as caught:
+                path_publisher.PathPublisher()
+            self.assertIn(message, str(caught.exception))
+            for name in parameters:
+                rospy.delete_param(f"~{name}")
+        self.assertEqual(self.commands.messages, [])
+        self.assertEqual(self.placements.messages, [])
+
+    def test_refuses_and_publishes_nothing(self):
+        """Whatever is wrong: one message, status 1, nothing published."""
+        broken = os.path.join(PACKAGE, "test", "broken_plans", "not_a_number.txt")
+        cases = [
+            ([f"_plan_file:={broken}"], f"{broken}:"),
             (["_plan_file:=figure_9"], "circle, closed_figure_8, figure_8"),
-            (["_plan_file:=8"], "parameter ~plan_file is 8; expected text"),
-            ([], "parameter ~plan_file is not set"),
             (["_plan_file:=circle", "_loop:=maybe"], "parameter ~loop is 'maybe'"),
-            (["_plan_file:=circle", "_subscriber_timeout:=-1"], "parameter ~subscriber_timeout"),
             (
                 ["_plan_file:=circle", "_control_topic:=/nobody", "_subscriber_timeout:=0.5"],
                 "nobody subscribes to /nobody",
@@ -177,17 +199,15 @@ class TestPathPublisher(unittest.TestCase):
                 "nobody subscribes to /nowhere",
             ),
         ]
-        for first in range(0, len(cases), 6):  # six at a time
-            batch = cases[first : first + 6]
-            nodes = [
-                node("path_publisher.py", f"__name:=refused_{first + index}", *arguments)
-                for index, (arguments, _) in enumerate(batch)
-            ]
-            for process, (arguments, message) in zip(nodes, batch):
-                with process:
-                    self.assertEqual(process.wait(60.0), 1, (arguments, process.output))
-                    self.assertIn(message, process.output)
-                    self.assertNotIn("Traceback", process.output)
+        nodes = [
+            node("path_publisher.py", f"__name:=refused_{index}", *arguments)
+            for index, (arguments, _) in enumerate(cases)
+        ]
+        for process, (arguments, message) in zip(nodes, cases):
+            with process:
+                self.assertEqual(process.wait(60.0), 1, (arguments, process.output))
+                self.assertIn(message, process.output)
+                self.assertNotIn("Traceback", process.output)
         self.assertEqual(self.commands.messages, [])
         self.assertEqual(self.placements.messages, [])
 

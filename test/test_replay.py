@@ -40,7 +40,7 @@ NEVER_DROVE = {
 EXACT = ("position_tolerance:=1e-9", "angle_tolerance:=1e-9", "path_tolerance:=1e-9")
 """[m, rad] Prediction and car differ by the rounding of sums of 1e-16."""
 REPORTED = ("report:=report",)
-NO_MAP = ("map:=",)
+NO_MAP = ("map:=none",)
 
 # Name: the publisher, more arguments, which test cases fail, and what the report says.
 REPLAYS = {
