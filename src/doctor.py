@@ -6,8 +6,6 @@ car by itself, so that it sees who sends what. Nothing that it waits for takes l
 seconds, whoever is stopped or gone.
 """
 
-from __future__ import annotations  # without a sourced workspace, half of the names are not there
-
 import argparse
 import dataclasses
 import glob
@@ -27,7 +25,7 @@ import xml.parsers.expat
 import xmlrpc.client
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from datetime import datetime
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Sequence, Tuple
 from urllib.parse import urlparse
 
 try:
@@ -47,14 +45,14 @@ try:
     from mushr_ros_intro.mux import IDLE, ConfigError, parse_config
 
     missing = ""
-except ImportError as error:
+except ImportError as error:  # the workspace is not sourced; main() says so
     missing = error.name or str(error)
 
 PACKAGE = "mushr_ros_intro"
 CALLER = f"/doctor_{os.getpid()}_{time.time_ns()}"
 """Who we say we are; a publisher drops whom it knows by the same name."""
 
-CALL_PATIENCE = 1.0
+CALL_PATIENCE = 2.0
 """How long the master or a node may take for an answer [s]."""
 
 LISTENING = 1.5
@@ -143,7 +141,7 @@ def at_once(jobs: Sequence[Callable[[], Any]], patience: float) -> List[Any]:
     return list(results)
 
 
-def look_at_master(uri: str) -> Master:
+def look_at_master(uri: str) -> "Master":
     """See whether a master answers at `uri`."""
     host = port = None
     with suppress(ValueError):
@@ -158,7 +156,7 @@ def look_at_master(uri: str) -> Master:
         except OSError:
             return []
 
-    (addresses,) = at_once([find_addresses], 2.0 * CALL_PATIENCE)
+    (addresses,) = at_once([find_addresses], CALL_PATIENCE)
     here = [*rosgraph.network.get_local_addresses(), "::1"]
     is_here = all(each in here or each.startswith("127.") for each in addresses or [""])
     other = ""
@@ -177,7 +175,7 @@ def look_at_master(uri: str) -> Master:
     return Master(uri, "", is_here, other)
 
 
-def look_at_files(package: str) -> List[Finding]:
+def look_at_files(package: str) -> List["Finding"]:
     """See whether this package and `package` are known to ROS and their programs can be started."""
     rospack = rospkg.RosPack()
     found = []
@@ -202,7 +200,7 @@ def look_at_files(package: str) -> List[Finding]:
     return found
 
 
-def _look_at_programs(folder: str) -> List[Finding]:
+def _look_at_programs(folder: str) -> List["Finding"]:
     """See whether the programs in a folder can be started."""
     found = []
     for path in sorted(glob.glob(os.path.join(glob.escape(folder), "*"))):
@@ -224,6 +222,25 @@ def _look_at_programs(folder: str) -> List[Finding]:
 def _is_program(name: str) -> bool:
     """Say whether a program is there: a path, or a name to be looked for."""
     return shutil.which(name) is not None
+
+
+def import_fault(name: str, python: str, is_sourced: bool) -> str:
+    """Return why Python does not find a module of ROS, and what to type.
+
+    Args:
+        name: of the module.
+        python: the path of the Python that runs this.
+        is_sourced: whether some workspace is sourced.
+    """
+    what = f"{python} does not find {name}:"
+    if os.path.realpath(python) != os.path.realpath("/usr/bin/python3"):
+        return (
+            f"{what} it is not the Python that ROS is made for. "
+            f"Type: /usr/bin/python3 {shlex.quote(os.path.realpath(__file__))}"
+        )
+    if is_sourced and name.split(".")[0] not in (PACKAGE, "ackermann_msgs"):
+        return f"{what} it is not installed. Type: sudo apt-get install python3-{name}"
+    return f"{what} the workspace is not sourced in this terminal. Type: source {_setup_file()}"
 
 
 def _setup_file() -> str:
@@ -253,7 +270,7 @@ class Doctor:
         self._services: List[str] = []
         self._dead: List[Tuple[str, str]] = []
 
-    def look(self, faults: Sequence[Finding] = ()) -> Facts:
+    def look(self, faults: Sequence["Finding"] = ()) -> "Facts":
         """Return the facts, among them what was found wrong before."""
         master = look_at_master(self._uri)
         facts = Facts(car=self._car, master=master, faults=tuple(faults))
@@ -264,7 +281,7 @@ class Doctor:
         except CallError:  # it went while we looked
             return dataclasses.replace(facts, master=master._replace(trouble=diagnosis.NO_MASTER))
 
-    def _look_around(self, facts: Facts) -> Facts:
+    def _look_around(self, facts: "Facts") -> "Facts":
         """Return what there is to see of a system whose master answers."""
         state = call(self._uri, "getSystemState")
         self._publishers, self._subscribers = dict(state[0]), dict(state[1])
@@ -277,25 +294,17 @@ class Doctor:
         placement = "/initialpose" if self._car == "car" else f"/{self._car}/initialpose"
         past = [*topics.values(), output]
         use_sim_time = bool(self._parameter("/use_sim_time", False))
-        clocks = self._publishers.get("/clock", []) if use_sim_time else []
-        begin = time.time_ns()
-        reports = [f"{self._mux}/active", f"/{self._car}/car_pose"]
+        reports = [f"{self._mux}/active", f"/{self._car}/car_pose", "/clock"]
         reports.append(f"/{self._car}/car_sim/collision")
-        reports += ["/clock"] if use_sim_time else []
         # Where a command has no subscriber, its publisher would take us for one, and go ahead.
         ways = [each for each in (*past, placement) if self._has_subscriber(each)]
+        begin = time.time_ns()
         heard = self._listen([*reports, *ways], self._listening)
-        end = time.time_ns()
-
-        instants = _clock_stamps(heard)
-        if clocks and len(set(instants)) < 2:
-            instants += _clock_stamps(self._listen(["/clock"], CLOCK_PATIENCE, enough=2))
-        clock, now = None, (begin, end)
+        instants = [begin, time.time_ns()]
+        clock = None
         if use_sim_time:
-            resume = [each for each in self._services if each.endswith("/car_sim/resume")]
-            moves = len(set(instants)) > 1
-            clock = diagnosis.Clock(tuple(clocks), moves, next(iter(resume), ""))
-            now = (min(instants, default=0), max(instants, default=0))
+            instants = _clock_stamps(heard)
+            clock = self._look_at_clock(instants)
 
         muxes = {node for topic in topics.values() for node in self._subscribers.get(topic, [])}
         inputs = [Input(name, self._topic(topic, heard)) for name, topic in topics.items()]
@@ -303,9 +312,8 @@ class Doctor:
         bypass = [each for each in leading.sources if each.node not in muxes]
         inputs.insert(0, Input("output", leading._replace(sources=tuple(bypass))))
 
-        poses = [conversions.pose_from_msg(each.pose) for each in _messages(heard, PoseStamped)]
+        poses = [_pose(each.pose) for each in _messages(heard, PoseStamped)]
         contacts = [each.poses for each in _messages(heard, PoseArray)]
-        contact = conversions.pose_from_msg(contacts[-1][0]) if contacts and contacts[-1] else ""
         actives = [each.data for each in _messages(heard, String)]
         strays, cars = self._find_strays([*past, placement])
         return dataclasses.replace(
@@ -318,14 +326,24 @@ class Doctor:
             other_cars=cars,
             active=actives[-1] if actives else IDLE,
             clock=clock,
-            now=now if all(now) else None,
+            now=(min(instants), max(instants)) if instants else None,
             listened=self._listening,
-            contact=str(contact),
-            pose=str(poses[-1]) if poses else "",
+            contact=_pose(contacts[-1][0]) if contacts and contacts[-1] else "",
+            pose=poses[-1] if poses else "",
             moves=any(each != poses[0] for each in poses) if poses else None,
             plan=self._ended_plan(nodes),
             takeovers=tuple(self._takeovers()),
         )
+
+    def _look_at_clock(self, instants: List[int]) -> "diagnosis.Clock":
+        """Return what is known of the simulated time, of which `instants` [ns] were heard."""
+        sources = self._publishers.get("/clock", [])
+        moves = len(set(instants)) > 1
+        if sources and not moves:
+            later = _clock_stamps(self._listen(["/clock"], CLOCK_PATIENCE, enough=2))
+            moves = len({*instants, *later}) > 1
+        resume = [each for each in self._services if each.endswith("/car_sim/resume")]
+        return diagnosis.Clock(tuple(sources), moves, next(iter(resume), ""))
 
     def _find_dead(self, nodes: Sequence[str]) -> None:
         """Ask every node whether it is there."""
@@ -338,11 +356,12 @@ class Doctor:
             try:
                 call(self._addresses[node], "getPid")
             except CallError as error:
-                return str(error)
+                silent = (diagnosis.STOPPED, diagnosis.UNKNOWN_HOST)
+                return str(error) if str(error) in silent else diagnosis.REFUSED
             return ""
 
         jobs = [lambda node=node: ping(node) for node in nodes]
-        answers = at_once(jobs, 2.0 * CALL_PATIENCE + 0.5)
+        answers = at_once(jobs, 1.5 * CALL_PATIENCE)
         self._dead = [
             (node, diagnosis.STOPPED if answer is None else answer)
             for node, answer in zip(nodes, answers)
@@ -400,7 +419,7 @@ class Doctor:
             )
             for each in pairs
         ]
-        at_once(jobs, seconds + 2.0 * CALL_PATIENCE)
+        at_once(jobs, seconds + CALL_PATIENCE)
         return {
             each: Stream(dict(stream.header), list(stream.messages))
             for each, stream in streams.items()
@@ -411,7 +430,7 @@ class Doctor:
         name: str,
         heard: Dict[Tuple[str, str], Stream],
         kind: Any = None,
-    ) -> Topic:
+    ) -> "Topic":
         """Return what is known of a topic of messages of `kind`; of commands, if none is given."""
         kind = kind or AckermannDriveStamped
         sources = []
@@ -458,7 +477,7 @@ class Doctor:
                     return str(plan)
         return ""
 
-    def _takeovers(self) -> List[Takeover]:
+    def _takeovers(self) -> List["Takeover"]:
         """Read in the master's log, if that is on this machine, who was shut down for a namesake.
 
         Nothing else keeps that: the master forgets the first of the two, and rospy says it in that
@@ -518,12 +537,20 @@ def _messages(heard: Dict[Tuple[str, str], Stream], kind: Any) -> List[Any]:
     return [each for stream in heard.values() for each in _decoded(stream, kind)]
 
 
+def _pose(msg: Any) -> str:
+    """Return a pose as text."""
+    try:
+        return str(conversions.pose_from_msg(msg))
+    except conversions.MessageError as error:
+        return str(error)
+
+
 def _clock_stamps(heard: Dict[Tuple[str, str], Stream]) -> List[int]:
     """Return the instants [ns] that were heard on /clock."""
     return [each.clock.to_nsec() for each in _messages(heard, ClockMsg)]
 
 
-def look_at_network() -> List[Finding]:
+def look_at_network() -> List["Finding"]:
     """Return what roswtf finds wrong with ROS_HOSTNAME and ROS_IP."""
     context = roswtf.context.WtfContext.from_env()
     with suppress(OSError):  # a machine that does not know its own name
@@ -531,14 +558,14 @@ def look_at_network() -> List[Finding]:
     return [
         Finding(
             " ".join(each.msg.split()).rstrip("."),
-            "Set them to what they should be, in every terminal; if all runs on this machine, type: "
+            "Set it right, in every terminal; if everything runs on this machine, type: "
             "export ROS_HOSTNAME=localhost",
         )
         for each in context.warnings
     ]
 
 
-def ask_roswtf(facts: Facts) -> Facts:
+def ask_roswtf(facts: "Facts") -> "Facts":
     """Add the missing connections and the faulty services that roswtf finds.
 
     It asks the nodes one by one, and waits 3 s for each that is stopped. So it is asked only where
@@ -596,14 +623,11 @@ def _name(text: str) -> str:
 
 def main() -> int:
     """Look, and say what is wrong; return the exit status."""
+    arguments = _parser().parse_args()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)
-    arguments = _parser().parse_args()
     if missing:
-        print(
-            f"{sys.executable} does not find {missing}: the workspace is not sourced in this "
-            f"terminal. Type: source {_setup_file()}"
-        )
+        print(import_fault(missing, sys.executable, "ROS_PACKAGE_PATH" in os.environ))
         return 1
     faults = look_at_files(arguments.package) + look_at_network()
     facts = ask_roswtf(Doctor(arguments.car, rosgraph.get_master_uri()).look(faults))

@@ -11,8 +11,8 @@ import unittest
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from unittest import mock
 
-import roslib.packages
 import rosgraph
+import roslib.packages
 import rospkg
 import rospy
 import rostest
@@ -26,7 +26,6 @@ from helpers import Process, Recording, node, publisher, wait_for
 
 sys.path.append(os.path.join(roslib.packages.get_pkg_dir("mushr_ros_intro"), "src"))
 import doctor  # noqa: E402
-
 from mushr_ros_intro import diagnosis  # noqa: E402
 
 MUX = "/car/mux/ackermann_cmd_mux"
@@ -122,6 +121,19 @@ class TestDoctor(unittest.TestCase):
             if name in names:
                 caller.unregisterService(service, self.master.lookupService(service))
 
+    def forget_hosts(self):
+        """Know no host in .invalid, without asking servers for it, which may take its time."""
+        find = socket.getaddrinfo
+
+        def find_some(host, *arguments, **options):
+            if str(host).endswith(".invalid"):
+                raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+            return find(host, *arguments, **options)
+
+        patch = mock.patch.object(socket, "getaddrinfo", find_some)
+        patch.start()
+        self.addCleanup(patch.stop)
+
     def test_0_nobody_publishes(self):
         self.expect(f"nobody publishes commands: {NAVIGATION} has no publisher")
 
@@ -169,6 +181,7 @@ class TestDoctor(unittest.TestCase):
             rospy.delete_param("/path_publisher")
 
     def test_unknown_host(self):
+        self.forget_hosts()
         master = rosgraph.Master("/ghost")
         uri = "http://nosuch.invalid:1/"
         master.registerPublisher("/ghostly", "std_msgs/String", uri)
@@ -249,9 +262,12 @@ class TestDoctor(unittest.TestCase):
             self.expect_healthy()
 
     def test_another_car(self):
-        self.expect("neither mux nor car is running for the car 'car2'; what runs is car", car="car2")
+        self.expect(
+            "neither mux nor car is running for the car 'car2'; what runs is car", car="car2"
+        )
 
     def test_masters(self):
+        self.forget_hosts()
         with mock.patch.object(diagnosis, "USUAL_MASTER", self.uri):
             self.uri = "http://nosuch.invalid:11311"
             self.expect("nobody knows a machine called nosuch.invalid, but a master runs on this")

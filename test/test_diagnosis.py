@@ -109,7 +109,11 @@ def test_nothing_is_wrong():
             "the clock is held: /clock comes from /car/car_sim and does not move",
             "rosservice call /car/car_sim/resume",
         ),
-        ({"clock": Clock(("/bag",), False)}, "the clock is held: /clock comes from /bag", "space bar"),
+        (
+            {"clock": Clock(("/bag",), False)},
+            "the clock is held: /clock comes from /bag",
+            "space bar",
+        ),
         (
             {"output": OUTPUT._replace(subscribers=())},
             f"nobody subscribes to {MUX}/output: the car 'car' is not running",
@@ -161,13 +165,13 @@ def test_nothing_is_wrong():
         ),
         (
             {"inputs": with_plan(stamps=(), speeds=()), "moves": False},
-            "no command came in 1.5 s, though there is /car/teleop and /path_publisher to send some",
+            "no command came in 1.5 s, though there is /car/teleop and /path_publisher to send",
             "hold one down",
         ),
         (
             {"active": "teleop"},
-            "the mux's input teleop is held by /car/teleop, so the commands of /path_publisher do not "
-            "reach the car",
+            "the mux's input teleop is held by /car/teleop, so the commands of /path_publisher do "
+            "not reach the car",
             "rosnode kill /car/teleop",
         ),
         (
@@ -239,6 +243,7 @@ def test_each_finding(changes, words, remedy):
         {"now": None},  # there is no clock to compare with
         {"plan": "figure_8", "inputs": with_plan(node="/student")},  # another one drives now
         {"other_cars": ("car2",)},
+        {"strays": (("/cmd", ("/student",)),)},  # what drives the car is another node
         {"master": HERE._replace(other="http://localhost:11311")},
     ],
 )

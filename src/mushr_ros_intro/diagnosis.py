@@ -162,10 +162,11 @@ def diagnose(facts: Facts) -> List[Finding]:
         found += _clock(facts.clock)
     is_there = bool(facts.output.subscribers) and (_has_mux(facts) or bool(_senders(facts)))
     found += [] if is_there else [_nobody_listens(facts)]
-    found += _strays(facts)
+    strays = [] if _senders(facts) else _strays(facts)
+    found += strays
     mistyped = _wrong_types(facts)
     found += mistyped
-    if is_there and not mistyped and not facts.strays:
+    if is_there and not mistyped and not strays:
         found += _commands(facts)
     found += _stamps(facts)
     if facts.contact:
@@ -472,8 +473,8 @@ def _takeovers(facts: Facts) -> List[Finding]:
         if len(times) > 1 or not facts.moves:
             found.append(
                 Finding(
-                    f"two nodes have the name {node}: {min(times):.0f} s ago one was shut down because "
-                    "another had started",
+                    f"two nodes have the name {node}: {min(times):.0f} s ago one was shut down "
+                    "because another had started",
                     "Start one only, or one under another name, by adding to its command: "
                     f"__name:={node.rpartition('/')[2]}_2",
                 )
