@@ -6,7 +6,7 @@ import os
 import sys
 import threading
 import time
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import rospkg
 import rospy
@@ -20,7 +20,7 @@ from visualization_msgs.msg import MarkerArray
 
 from mushr_ros_intro import conversions, prediction
 from mushr_ros_intro.bicycle import Pose, compose, inverse
-from mushr_ros_intro.car import Command, Placement, World
+from mushr_ros_intro.car import Command, Placement, State, World, at_rest
 from mushr_ros_intro.check import SHOWN_FAULTS, Report, check, scatter, slowed
 from mushr_ros_intro.connections import PATIENCE, wait_until_connected
 from mushr_ros_intro.ensemble import count_ticks, ellipse
@@ -42,6 +42,9 @@ SETTLING = 2 * PERIOD
 
 MAX_PATH_POSES = 10_000
 """The predicted path of a long plan has no more poses than about this many."""
+
+MAX_ROWS = 20_000
+"""A plan with more rows is predicted by the checker, which is faster and a little less exact."""
 
 MAX_WALL_COMMANDS = 10_000
 """A plan with more commands is predicted as if there were no walls: they take time to look at."""
@@ -202,12 +205,21 @@ class PathPublisher:
         self._world = None
         if grid and report.hit and count_ticks(self._plan) <= MAX_WALL_COMMANDS:
             self._world = World(grid)
-        self._rest, self._expected = prediction.rest(self._plan, self._car, self._world)
-        period = max(PERIOD, self._rest // MAX_PATH_POSES)
-        states = prediction.trajectory(self._plan, self._car, period, self._world)
-        self._pub_path.publish(conversions.path_to_msg(states, self._now()))
+        self._pub_path.publish(conversions.path_to_msg(self._predict(report), self._now()))
         if self._shows_spread:
             self._publish_spread(report)
+
+    def _predict(self, report: Report) -> Iterable[State]:
+        """Note where the car comes to rest, and when; return where it is on the way."""
+        has_noise = self._car.speed_noise or self._car.steering_noise
+        if len(self._plan.rows) > MAX_ROWS and not has_noise:
+            stamps, poses = report.rows.instants.tolist(), report.rows.poses
+            self._rest, self._expected = stamps[-1], report.final_pose
+            shown = [*range(0, len(stamps) - 1, len(stamps) // MAX_PATH_POSES), len(stamps) - 1]
+            return (at_rest(stamps[each], Pose(*poses[each].tolist())) for each in shown)
+        self._rest, self._expected = prediction.rest(self._plan, self._car, self._world)
+        period = max(PERIOD, self._rest // MAX_PATH_POSES)
+        return prediction.trajectory(self._plan, self._car, period, self._world)
 
     def _read_map(self) -> Optional[Grid]:
         """Return the map, or None where nobody publishes one."""

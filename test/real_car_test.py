@@ -19,7 +19,18 @@ from nav_msgs.msg import OccupancyGrid, Path
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from helpers import Process, Recording, angle_between, node, planar, publisher, wait_for
+from helpers import (
+    ANGLE_TOLERANCE,
+    POSITION_TOLERANCE,
+    Process,
+    Recording,
+    angle_between,
+    closed_form,
+    node,
+    planar,
+    publisher,
+    wait_for,
+)
 
 MUX = "/car/mux/ackermann_cmd_mux"
 NAME = "/path_publisher"
@@ -181,12 +192,23 @@ class TestRealCar(unittest.TestCase):
 
     def test_interrupted_countdown(self):
         """Ctrl-C in the countdown: no command at all, and a clean end."""
-        with node("path_publisher.py", "_plan_file:=circle", "_countdown:=60") as driver:
+        plan = self.plan("1,2,0.5\n" + 25_000 * "0.5,0.3,0.1\n")  # predicted in another way
+        arguments = (f"_plan_file:={plan}", "_countdown:=60", "_car:=ideal")
+        with node("path_publisher.py", *arguments) as driver:
             wait_for(lambda: "the car drives in 60 s" in driver.output, "the countdown")
+            path = wait_for(lambda: self.paths.last, "the predicted path")
             driver.send_signal(signal.SIGINT)
             self.assertEqual(driver.wait(), 0, driver.output)
         self.assertEqual(self.commands.messages, [])
         self.assertEqual(self.placements.messages, [])
+        stamps = [pose.header.stamp - path.header.stamp for pose in path.poses]
+        self.assertEqual([stamp.to_nsec() for stamp in stamps[:3]], [0, 2 * 10**8, 4 * 10**8])
+        self.assertEqual(stamps[-1], rospy.Duration(2500))
+        for pose, stamp in zip(path.poses[::500], stamps[::500]):
+            x, y, theta = closed_form((1.0, 2.0, 0.5), [(0.5, 0.3, stamp.to_sec())])
+            got = planar(pose.pose)
+            self.assertLess(math.dist(got[:2], (x, y)), POSITION_TOLERANCE)
+            self.assertLess(angle_between(got[2], theta), ANGLE_TOLERANCE)
 
     def test_teleop_takes_over(self):
         """The plan is over for good: a stop, exit status 1, and one message."""
