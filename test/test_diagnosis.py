@@ -147,6 +147,11 @@ def test_nothing_is_wrong():
             f"Publish {KIND}",
         ),
         (
+            {"placement": HEALTHY.placement._replace(sources=(Source("/place", "a/B", "y"),))},
+            "/place publishes a/B on /initialpose, where /car/car_sim expects geometry_msgs/Pose",
+            "Publish geometry_msgs/PoseWithCovarianceStamped",
+        ),
+        (
             {"inputs": with_plan(md5sum="other"), "moves": False},
             f"/path_publisher was built with another definition of {KIND} (MD5 sum other; here it "
             f"is {MD5})",
@@ -273,18 +278,20 @@ def test_a_type_that_explains_a_missing_connection_is_said_once():
     assert "std_msgs/String" in said
 
 
-def test_a_dead_publisher_is_not_called_silent():
-    said = [str(each) for each in diagnose(replace(HEALTHY, **DEAD))]
-    assert len(said) == 2
-    assert "the master knows /path_publisher" in said[0]
-    assert "path_publisher" not in said[1].split("Type:")[0]
+@pytest.mark.parametrize("node", ["/path_publisher", MUX, CAR])
+def test_what_follows_from_a_dead_node_is_not_said(node):
+    said = the_finding(
+        inputs=with_plan(stamps=(), speeds=()),
+        dead=((node, diagnosis.REFUSED),),
+        clock=Clock((node,)),
+        moves=None,
+    )
+    assert f"the master knows {node}" in said
 
 
-DEAD = {
-    "inputs": (PAST, an_input("navigation", Source("/path_publisher"))),
-    "dead": (("/path_publisher", diagnosis.REFUSED),),
-    "moves": False,
-}
+def test_what_follows_from_a_held_clock_is_not_said():
+    inputs = with_plan(stamps=(), speeds=())
+    assert "the clock is held" in the_finding(inputs=inputs, clock=Clock((CAR,)), moves=False)
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import shlex
 from dataclasses import dataclass
-from typing import Callable, Dict, Iterable, List, NamedTuple, Optional, Tuple
+from typing import Callable, Dict, Iterable, List, NamedTuple, Optional, Set, Tuple
 
 from mushr_ros_intro.mux import IDLE
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
@@ -157,16 +157,19 @@ def diagnose(facts: Facts) -> List[Finding]:
     found = list(facts.faults)
     if facts.master.trouble:
         return found + [_no_master(facts.master)]
+    dead = {node for node, _ in facts.dead}
     found += _dead_nodes(facts)
-    if facts.clock is not None:
-        found += _clock(facts.clock)
+    stands_still = [] if facts.clock is None else _clock(facts.clock, dead)
+    found += stands_still
     is_there = bool(facts.output.subscribers) and (_has_mux(facts) or bool(_senders(facts)))
     found += [] if is_there else [_nobody_listens(facts)]
     strays = [] if _senders(facts) else _strays(facts)
     found += strays
     mistyped = _wrong_types(facts)
     found += mistyped
-    if is_there and not mistyped and not strays:
+    # Where time stands still or a node on the way is dead, there are no commands for that reason.
+    explained = bool(stands_still) or not dead.isdisjoint(_on_the_way(facts))
+    if is_there and not mistyped and not strays and (_senders(facts) or not explained):
         found += _commands(facts)
     found += _stamps(facts)
     if facts.contact:
@@ -285,8 +288,8 @@ def _dead_nodes(facts: Facts) -> List[Finding]:
     ]
 
 
-def _clock(clock: Clock) -> List[Finding]:
-    """Find what is wrong with simulated time."""
+def _clock(clock: Clock, dead: Set[str]) -> List[Finding]:
+    """Find what is wrong with simulated time, unless it is that who keeps it is dead."""
     if not clock.sources:
         return [
             Finding(
@@ -295,7 +298,7 @@ def _clock(clock: Clock) -> List[Finding]:
                 "or, for simulated time: roslaunch mushr_ros_intro sim.launch use_sim_time:=true",
             )
         ]
-    if not clock.moves:
+    if not clock.moves and dead.isdisjoint(clock.sources):
         return [
             Finding(
                 f"the clock is held: /clock comes from {_list(clock.sources)} and does not move",
@@ -366,16 +369,9 @@ def _wrong_types(facts: Facts) -> List[Finding]:
 
 def _commands(facts: Facts) -> List[Finding]:
     """Find why no command to drive reaches the car, when it is there."""
-    dead = {node for node, _ in facts.dead}
     senders = [each for each in facts.inputs if each.senders]
     if not senders:
-        silent = [
-            source.node
-            for each in facts.inputs
-            for source in each.topic.sources
-            if source.node not in dead
-        ]
-        return _nobody_sends(facts, silent)
+        return _nobody_sends(facts)
     names = [each.name for each in facts.inputs]
     held = [each for each in senders if facts.active in names[: names.index(each.name)]]
     if held:
@@ -400,8 +396,9 @@ def _commands(facts: Facts) -> List[Finding]:
     return []
 
 
-def _nobody_sends(facts: Facts, silent: List[str]) -> List[Finding]:
-    """Say that no commands come, though the nodes `silent` could send some."""
+def _nobody_sends(facts: Facts) -> List[Finding]:
+    """Say that no commands come."""
+    silent = [source.node for each in facts.inputs for source in each.topic.sources]
     named = "" if facts.car == "car" else f" car_name:={facts.car}"
     launch = f"roslaunch mushr_ros_intro path_publisher.launch{named} plan_file:="
     at = f" at {facts.pose}" if facts.pose and not facts.moves else ""
@@ -504,6 +501,13 @@ def _has_mux(facts: Facts) -> bool:
     """Say whether anybody subscribes to an input of the mux."""
     topics = [each.topic for each in facts.inputs if each.topic.name != facts.output.name]
     return any(each.subscribers for each in topics)
+
+
+def _on_the_way(facts: Facts) -> Set[str]:
+    """Return the nodes that commands come from and pass through, and the car."""
+    topics = [*(each.topic for each in facts.inputs), facts.output]
+    sources = {source.node for topic in topics for source in topic.sources}
+    return sources.union(*(topic.subscribers for topic in topics))
 
 
 def _senders(facts: Facts) -> List[Source]:
