@@ -8,7 +8,8 @@ import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
-from helpers import Recording, node, publisher, wait_for
+from helpers import Recording, module, node, private_parameters, publisher, wait_for
+from mushr_ros_intro.mux import ConfigError
 
 MUX = "/car/mux/ackermann_cmd_mux"
 TIMEOUT = 0.2
@@ -123,17 +124,16 @@ class TestMux(unittest.TestCase):
                 "subscribers": [{**entry, "timeout": 0.0}],
             },
         }
-        for index, configuration in enumerate(configurations.values()):
-            rospy.set_param(f"/bad_{index}", configuration)
-        nodes = {
-            fault: node("ackermann_cmd_mux.py", f"__name:=bad_{index}")
-            for index, fault in enumerate(configurations)
-        }
-        for fault, process in nodes.items():
-            with process:
-                self.assertEqual(process.wait(), 1, process.output)
-                self.assertIn(fault, process.output)
-                self.assertNotIn("Traceback", process.output)
+        mux = module("ackermann_cmd_mux.py")
+        for fault, configuration in configurations.items():
+            with private_parameters(configuration):
+                with self.assertRaisesRegex(ConfigError, fault):
+                    mux.AckermannCmdMux()
+        rospy.set_param("/bad", configurations["publisher"])
+        with node("ackermann_cmd_mux.py", "__name:=bad") as process:
+            self.assertEqual(process.wait(), 1, process.output)
+            self.assertIn("/bad: the mux's configuration lacks the key 'publisher'", process.output)
+            self.assertNotIn("Traceback", process.output)
 
 
 if __name__ == "__main__":

@@ -20,12 +20,15 @@ from helpers import (
     Recording,
     angle_between,
     closed_form,
+    module,
     node,
     planar,
+    private_parameters,
     publisher,
     wait_for,
     yaw_of,
 )
+from mushr_ros_intro.parameters import ParameterError
 
 LEAD = rospy.Duration(0.3)
 """How far ahead of the clock the tests stamp their first message: time to send the rest."""
@@ -224,18 +227,23 @@ class TestCarSim(unittest.TestCase):
         listener.unregister()
 
     def test_bad_parameters(self):
+        car_sim = module("car_sim.py")
         for name, value, unit in (
-            ("wheelbase", "0.0", "m"),
+            ("wheelbase", 0.0, "m"),
             ("track", "wide", "m"),
-            ("wheel_radius", ".nan", "m"),
-            ("command_timeout", "-1", "s"),
-            ("pose_rate", "0", "Hz"),
-            ("x", "true", "m"),
+            ("wheel_radius", float("nan"), "m"),
+            ("command_timeout", -1, "s"),
+            ("pose_rate", 0, "Hz"),
+            ("x", True, "m"),
         ):
-            with node("car_sim.py", f"__name:=bad_{name}", f"_{name}:={value}") as car:
-                self.assertEqual(car.wait(), 1, car.output)
-                self.assertRegex(car.output, rf"parameter ~{name} is .* expected .* {unit}")
-                self.assertNotIn("Traceback", car.output)
+            expected = rf"parameter ~{name} is .* expected .* {unit}"
+            with private_parameters({name: value}):
+                with self.assertRaisesRegex(ParameterError, expected):
+                    car_sim.CarSim(keeps_clock=False)
+        with node("car_sim.py", "__name:=bad", "_track:=wide") as car:
+            self.assertEqual(car.wait(), 1, car.output)
+            self.assertIn("parameter ~track is 'wide'; expected", car.output)
+            self.assertNotIn("Traceback", car.output)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """What several of the rostests need: recording topics, waiting with a deadline, the closed form."""
 
 import cmath
+import contextlib
 import importlib.util
 import math
 import os
@@ -203,6 +204,18 @@ def module(name):
     made = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(made)
     return made
+
+
+@contextlib.contextmanager
+def private_parameters(parameters):
+    """Let the node that this process is have `parameters` for a while."""
+    try:
+        for name, value in parameters.items():
+            rospy.set_param(f"~{name}", value)
+        yield
+    finally:
+        for name in parameters:
+            rospy.delete_param(f"~{name}")
 
 
 def node(name, *arguments):

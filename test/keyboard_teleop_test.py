@@ -9,6 +9,7 @@ import termios
 import time
 import unittest
 
+import roslib.packages
 import rospy
 import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -17,7 +18,7 @@ from std_msgs.msg import String
 
 from helpers import PATIENCE, Process, Recording, float32, wait_for
 
-NODE = ("rosrun", "mushr_ros_intro", "keyboard_teleop.py", "__ns:=/car")
+NODE = (*roslib.packages.find_node("mushr_ros_intro", "keyboard_teleop.py"), "__ns:=/car")
 TOPIC = "/car/mux/ackermann_cmd_mux/input/teleop"
 
 FORWARD = (2.0, 0.0)

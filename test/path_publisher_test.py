@@ -24,6 +24,7 @@ from helpers import (
     closed_form,
     module,
     node,
+    private_parameters,
     wait_for,
 )
 from mushr_ros_intro.parameters import ParameterError
@@ -173,13 +174,10 @@ class TestPathPublisher(unittest.TestCase):
         ]
         path_publisher = module("path_publisher.py")
         for parameters, message in cases:
-            for name, value in parameters.items():
-                rospy.set_param(f"~{name}", value)
-            with self.assertRaises((ParameterError, PlanError), msg=str(parameters)) as caught:
-                path_publisher.PathPublisher()
+            with private_parameters(parameters):
+                with self.assertRaises((ParameterError, PlanError), msg=str(parameters)) as caught:
+                    path_publisher.PathPublisher()
             self.assertIn(message, str(caught.exception))
-            for name in parameters:
-                rospy.delete_param(f"~{name}")
         self.assertEqual(self.commands.messages, [])
         self.assertEqual(self.placements.messages, [])
 

@@ -14,7 +14,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamp
 from nav_msgs.msg import Odometry
 from PIL import ImageGrab
 
-from helpers import PATIENCE, Process, Recording, planar, wait_for
+from helpers import PATIENCE, Process, Recording, node, planar, wait_for
 
 PLAN = b"44.0, 44.0, 0.0\n1.5, 0.2, 2.0\n0.0, 0.0, 0.1\n"
 """Near a corner of the default map, so that walls and what the laser sees are in the picture."""
@@ -105,8 +105,7 @@ class RvizTest(unittest.TestCase):
         with tempfile.NamedTemporaryFile(suffix=".txt") as plan:
             plan.write(PLAN)
             plan.flush()
-            node = ("rosrun", "mushr_ros_intro", "path_publisher.py", f"_plan_file:={plan.name}")
-            with Process(*node) as publisher:
+            with node("path_publisher.py", f"_plan_file:={plan.name}") as publisher:
                 self.assertEqual(publisher.wait(), 0, publisher.output)
 
     def test_view(self):
