@@ -76,12 +76,6 @@ REPLAYS = {
         "commands: the rows are in the wrong order: where row 2 of the plan has 2 m/s, -0.1 rad, "
         "there came 1.5 m/s, 0.2 rad",
     ),
-    "placeless": (
-        f"{WRONG} placeless",
-        NO_MAP,
-        {"test_start_pose", "test_final_pose", "test_path"},
-        "start_pose: the node sent no start pose; expected the plan's (1.0000 m, 2.0000 m, 0.5000",
-    ),
     "silent": (
         f"{WRONG} silent",
         NO_MAP + ("patience:=8.0",),

@@ -8,7 +8,7 @@ from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from tf.transformations import quaternion_from_euler
 
-FAULTS = ("crash", "hang", "nan", "order", "placeless", "silent", "slow")
+FAULTS = ("crash", "hang", "nan", "order", "silent", "slow")
 
 
 def main(fault):
@@ -30,8 +30,7 @@ def main(fault):
     position, orientation = placement.pose.pose.position, placement.pose.pose.orientation
     position.x, position.y = x, y
     orientation.x, orientation.y, orientation.z, orientation.w = quaternion_from_euler(0, 0, theta)
-    if fault != "placeless":
-        placements.publish(placement)
+    placements.publish(placement)
     for row, (speed, steering_angle) in enumerate(plan[1:], 1):
         if fault == "crash" and row == 3:
             raise IndexError("list index out of range \x1b[0m")  # no character for XML
