@@ -25,7 +25,7 @@ import xml.parsers.expat
 import xmlrpc.client
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from datetime import datetime
-from typing import Any, Callable, Dict, List, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Sequence, Set, Tuple
 from urllib.parse import urlparse
 
 try:
@@ -66,6 +66,7 @@ ROSWTF_PATIENCE = 4.0
 
 _INPUTS = ("safety", "teleop", "navigation", "default")
 _EDGE = re.compile(r"(.+)->(.+) \((.+)\)")  # as roswtf writes it: publisher->subscriber (topic)
+_OWN_TYPE = re.compile(r"our version has \[(.+)/(\w+)\]")  # as publishers say it
 _LOG_TAIL = 1_000_000  # [bytes] of the master's log that are read, from its end
 
 
@@ -296,10 +297,8 @@ class Doctor:
         use_sim_time = bool(self._parameter("/use_sim_time", False))
         reports = [f"{self._mux}/active", f"/{self._car}/car_pose", "/clock"]
         reports.append(f"/{self._car}/car_sim/collision")
-        # Where a command has no subscriber, its publisher would take us for one, and go ahead.
-        ways = [each for each in (*past, placement) if self._has_subscriber(each)]
         begin = time.time_ns()
-        heard = self._listen([*reports, *ways], self._listening)
+        heard = self._listen([*reports, *past, placement], self._listening, reports)
         instants = [begin, time.time_ns()]
         clock = None
         if use_sim_time:
@@ -340,7 +339,7 @@ class Doctor:
         sources = self._publishers.get("/clock", [])
         moves = len(set(instants)) > 1
         if sources and not moves:
-            later = _clock_stamps(self._listen(["/clock"], CLOCK_PATIENCE, enough=2))
+            later = _clock_stamps(self._listen(["/clock"], CLOCK_PATIENCE, ["/clock"], enough=2))
             moves = len({*instants, *later}) > 1
         resume = [each for each in self._services if each.endswith("/car_sim/resume")]
         return diagnosis.Clock(tuple(sources), moves, next(iter(resume), ""))
@@ -386,38 +385,39 @@ class Doctor:
             for name, topic in inputs
         ]
 
-    def _has_subscriber(self, topic: str) -> bool:
-        """Say whether a live node subscribes to a topic."""
-        dead = {node for node, _ in self._dead}
-        return not dead.issuperset(self._subscribers.get(topic, []))
-
     def _listen(
-        self, topics: Sequence[str], seconds: float, enough: int = 0
+        self, topics: Sequence[str], seconds: float, reports: Sequence[str], enough: int = 0
     ) -> Dict[Tuple[str, str], Stream]:
         """Listen to every live publisher of topics.
 
         Args:
             topics: their names.
             seconds: for how long.
+            reports: the topics on which no publisher minds who listens.
             enough: how many messages of each end it early; 0: none do.
 
         Returns:
             What was heard, by topic and node.
         """
         dead = {node for node, _ in self._dead}
-        deadline = time.monotonic() + seconds
-        pairs = [
-            (topic, node)
+        begin = time.monotonic()
+
+        def hear(topic: str, node: str, stream: Stream) -> None:
+            uri = self._addresses[node]
+            wanted = set(self._subscribers.get(topic, [])) - dead
+            # A publisher that waits for its subscribers would take us for one, and go ahead.
+            may_listen = topic in reports or _await_links(uri, topic, wanted, begin + 0.5 * seconds)
+            _hear(topic, uri, "*" if may_listen else "?", begin + seconds, enough, stream)
+
+        streams = {
+            (topic, node): Stream({}, [])
             for topic in topics
             for node in self._publishers.get(topic, [])
             if node in self._addresses and node not in dead
-        ]
-        streams = {each: Stream({}, []) for each in pairs}
+        }
         jobs = [
-            lambda each=each: _hear(
-                each[0], self._addresses[each[1]], deadline, enough, streams[each]
-            )
-            for each in pairs
+            lambda each=each, stream=stream: hear(each[0], each[1], stream)
+            for each, stream in streams.items()
         ]
         at_once(jobs, seconds + CALL_PATIENCE)
         return {
@@ -496,17 +496,40 @@ class Doctor:
         return found
 
 
-def _hear(topic: str, uri: str, deadline: float, enough: int, stream: Stream) -> None:
-    """Connect with a publisher as a subscriber does, and take what it sends until `deadline`."""
+def _await_links(uri: str, topic: str, wanted: Set[str], deadline: float) -> bool:
+    """Wait until a publisher is connected with all of the nodes `wanted`; in the end, with one.
+
+    Returns:
+        Whether it is.
+    """
+    while wanted:
+        try:
+            links = {each[1] for each in call(uri, "getBusInfo") if each[2:5:2] == ["o", topic]}
+        except CallError:
+            return False
+        if wanted <= links or time.monotonic() > deadline:
+            return not wanted.isdisjoint(links)
+        time.sleep(0.05)
+    return False
+
+
+def _hear(topic: str, uri: str, md5sum: str, deadline: float, enough: int, stream: Stream) -> None:
+    """Connect with a publisher as a subscriber does, and take what it sends until `deadline`.
+
+    To any other sum than "*" and its own it sends nothing, but says what its own is.
+    """
     with suppress(CallError, OSError, ValueError, rosgraph.network.ROSHandshakeException):
         _, host, port = call(uri, "requestTopic", topic, [["TCPROS"]])
         with socket.create_connection((host, port), CALL_PATIENCE) as connection:
-            header = {"topic": topic, "type": "*", "md5sum": "*", "callerid": CALLER}
+            header = {"topic": topic, "md5sum": md5sum, "callerid": CALLER}
             rosgraph.network.write_ros_handshake_header(connection, header)
             buffer = io.BytesIO()
             stream.header.update(
                 rosgraph.network.read_ros_handshake_header(connection, buffer, 65536)
             )
+            match = _OWN_TYPE.search(stream.header.get("error", ""))
+            if match:
+                stream.header.update(type=match[1], md5sum=match[2])
             data = buffer.getvalue()
             while True:
                 while len(data) >= 4:

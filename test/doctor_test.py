@@ -82,6 +82,17 @@ class Driver:
             cls._publishers.pop(topic).unregister()
 
 
+class Peers(rospy.SubscribeListener):
+    """Notes who connects with a publisher."""
+
+    def __init__(self):
+        super().__init__()
+        self.names = []
+
+    def peer_subscribe(self, topic_name, topic_publish, peer_publish):
+        self.names.append(topic_name)
+
+
 class TestDoctor(unittest.TestCase):
     def setUp(self):
         self.master = rosgraph.Master("/doctor_test")
@@ -208,12 +219,14 @@ class TestDoctor(unittest.TestCase):
 
     def test_types(self):
         topic = f"{MUX}/input/default"
-        wrong = rospy.Publisher(topic, String, queue_size=1)
+        listener = Peers()
+        wrong = rospy.Publisher(topic, String, listener, queue_size=1)
         self.expect(f"{self.me} publishes std_msgs/String on {topic}, where {MUX} expects acker")
         wrong.unregister()
         wrong = rospy.Publisher(f"{MUX}/input/safety", OtherCommand, queue_size=1)
         self.expect(f"{self.me} was built with another definition of ackermann_msgs")
         wrong.unregister()
+        self.assertEqual(listener.names, [])  # nobody is taken for the mux, which does not come
 
     def test_what_roswtf_finds(self):
         listener = rospy.Subscriber(f"{MUX}/output", String)
