@@ -54,34 +54,17 @@ class OdomTest(unittest.TestCase):
             self._position = parameter("position_tolerance", 1e-6, "m")
             self._angle = parameter("angle_tolerance", 1e-6, "rad")
             self._gap = from_seconds(parameter("max_gap", 0.1, "s"))
-            duration = parameter("test_duration", 5.0, "s")
-            patience = parameter("wait_time", 20.0, "s")
+            self._duration = parameter("test_duration", 5.0, "s")
+            self._patience = parameter("wait_time", 20.0, "s")
         except ParameterError as error:
             self.fail(str(error))
-        self._buffer = tf2_ros.Buffer(rospy.Duration.from_sec(2.0 * duration + 10.0))
+        self._odom_topic = rospy.resolve_name(odom_topic)
+        self._buffer = tf2_ros.Buffer(rospy.Duration.from_sec(2.0 * self._duration + 10.0))
         listener = tf2_ros.TransformListener(self._buffer)
         self.addCleanup(listener.unregister)
         self._listen(odom_topic, Odometry, self._odometry)
         if self._pose_topic:
             self._listen(text("~pose_topic", self._pose_topic), PoseStamped, self._poses)
-        topic = rospy.resolve_name(odom_topic)
-        wait_for(lambda: self._odometry.entries, f"odometry on {topic}", patience)
-        if self._pose_topic:
-            topic = rospy.resolve_name(self._pose_topic)
-            wait_for(lambda: self._poses.entries, f"a pose on {topic}", patience)
-        first = self._odometry.entries[0][1]
-        frames = (first.header.frame_id, first.child_frame_id)
-        if self._has_tf:
-            wait_for(
-                lambda: self._buffer.can_transform(*frames, rospy.Time(0)),
-                f"a transform from {frames[0]!r} to {frames[1]!r}",
-                patience,
-            )
-        wait_for(
-            lambda: self._odometry.covers(from_seconds(duration), rospy.get_rostime().to_nsec()),
-            f"{duration:g} s to pass on the clock",
-            patience + 10.0 * duration,
-        )
 
     def _listen(self, topic: str, kind: Any, messages: Series) -> None:
         """Collect the messages of a topic."""
@@ -92,6 +75,7 @@ class OdomTest(unittest.TestCase):
 
     def test_odometry(self) -> None:
         """Twist, odometry, TF and pose agree."""
+        self._wait()
         odometry = [msg for _, msg in self._odometry.entries]
         poses = [msg for _, msg in self._poses.entries]
         motions = [
@@ -126,6 +110,27 @@ class OdomTest(unittest.TestCase):
         if faults:
             more = [f"and {len(faults) - _SHOWN} more"] if len(faults) > _SHOWN else []
             self.fail("\n".join([*faults[:_SHOWN], *more]))
+
+    def _wait(self) -> None:
+        """Wait until all has come that is to be compared."""
+        wait_for(lambda: self._odometry.entries, f"odometry on {self._odom_topic}", self._patience)
+        if self._pose_topic:
+            topic = rospy.resolve_name(self._pose_topic)
+            wait_for(lambda: self._poses.entries, f"a pose on {topic}", self._patience)
+        first = self._odometry.entries[0][1]
+        frames = (first.header.frame_id, first.child_frame_id)
+        if self._has_tf:
+            wait_for(
+                lambda: self._buffer.can_transform(*frames, rospy.Time(0)),
+                f"a transform from {frames[0]!r} to {frames[1]!r}",
+                self._patience,
+            )
+        duration = from_seconds(self._duration)
+        wait_for(
+            lambda: self._odometry.covers(duration, rospy.get_rostime().to_nsec()),
+            f"{self._duration:g} s to pass on the clock",
+            self._patience + 10.0 * self._duration,
+        )
 
     def _tf_faults(
         self, what: str, frame: str, child: str, poses: List[Tuple[int, Pose]]

@@ -1,22 +1,41 @@
 #!/usr/bin/python3
-"""Check the test nodes on a drive, on a mux, and on topics that are wrong on purpose."""
+"""Check the test nodes on a drive, on a mux, and on topics that are wrong on purpose.
 
+Their cases run side by side in threads of this one process, since a process of its own costs each
+of them a second of computing; that the nodes are processes too is checked in a test file.
+"""
+
+import copy
 import math
 import os
 import re
 import shutil
+import sys
 import tempfile
 import threading
 import unittest
+import xmlrpc.client
+from unittest import mock
+from xml.etree import ElementTree
 
-import rospkg
+import roslib.packages
 import rospy
 import rostest
+import tf2_ros
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from std_srvs.srv import Trigger
 
 from helpers import Process, closed_form, node, wait_for
+
+PACKAGE = roslib.packages.get_pkg_dir("mushr_ros_intro")
+sys.path.append(os.path.join(PACKAGE, "src"))
+import muxtest  # noqa: E402
+import odomtest  # noqa: E402
+import posetest  # noqa: E402
+import ratetest  # noqa: E402
+from mushr_ros_intro import checks  # noqa: E402
+from mushr_ros_intro.connections import peers  # noqa: E402
 
 PATIENCE = 90.0
 """[s] For all the nodes to start, on a busy machine."""
@@ -28,139 +47,158 @@ HALF = closed_form(START, ROWS[:1])
 
 NAVIGATION = "/car/mux/ackermann_cmd_mux/input/navigation"
 MUX = {
-    "inputs": f"{{navigation: {NAVIGATION}, teleop: /car/mux/ackermann_cmd_mux/input/teleop}}",
+    "inputs": {"navigation": NAVIGATION, "teleop": "/car/mux/ackermann_cmd_mux/input/teleop"},
     "output": "/car/mux/ackermann_cmd_mux/output",
     "active": "/car/mux/ackermann_cmd_mux/active",
 }
-RIGHT_STEPS = (
-    "[{send: [navigation], wins: navigation}, {send: [navigation, teleop], wins: teleop}, "
-    "{send: [teleop], wins: teleop}, {send: [], wins: idle}]"
-)
-WRONG_STEPS = "[{send: [navigation, teleop], wins: navigation}, {send: [navigation], wins: idle}]"
+RIGHT_STEPS = [
+    {"send": ["navigation"], "wins": "navigation"},
+    {"send": ["navigation", "teleop"], "wins": "teleop"},
+    {"send": ["teleop"], "wins": "teleop"},
+    {"send": [], "wins": "idle"},
+]
+WRONG_STEPS = [
+    {"send": ["navigation", "teleop"], "wins": "navigation"},
+    {"send": ["navigation"], "wins": "idle"},
+]
 
 POSE = {"topic": "/car/car_pose", "test_duration": 5.0}
 AT_END = {"x": END[0], "y": END[1], "theta": END[2], "position_tolerance": 0.00001}
 ODOM = {"odom_topic": "/car/odom", "pose_topic": "/car/car_pose", "test_duration": 5.0}
-PUPPET = {"tf": "false", "test_duration": 5.0}
+PUPPET = {"tf": False, "test_duration": 5.0}
 MISSING = {"wait_time": 1.0}
 
-# Name: the node, its parameters, and what it says; nothing: it passes.
+# Name: the test, its parameters, and what it says; nothing: it passes.
+# Within a process rospy takes a topic's messages as one type only, and ratetest takes any: its
+# topics are no other test's.
 CASES = {
-    "ends": ("posetest.py", {**POSE, **AT_END}, ""),
+    "ends": (posetest.PoseTest, {**POSE, **AT_END}, ""),
     "ends_in_tf": (
-        "posetest.py",
+        posetest.PoseTest,
         {"frame": "map", "child_frame": "car/base_footprint", "test_duration": 5.0, **AT_END},
         "",
     ),
     "passes": (
-        "posetest.py",
-        {**POSE, "x": HALF[0], "y": HALF[1], "position_tolerance": 0.05, "passes": "true"},
+        posetest.PoseTest,
+        {**POSE, "x": HALF[0], "y": HALF[1], "position_tolerance": 0.05, "passes": True},
         "",
     ),
     "ends_elsewhere": (
-        "posetest.py",
+        posetest.PoseTest,
         {**POSE, "x": HALF[0], "y": HALF[1]},
         r"after 5 s the pose \(.*\) is .* m and .* rad from \(1\..*; allowed are 0.05 m",
     ),
-    "ends_askew": ("posetest.py", {**POSE, **AT_END, "theta": 3.0}, "allowed are .* and 0.05 rad"),
+    "ends_askew": (
+        posetest.PoseTest,
+        {**POSE, **AT_END, "theta": 3.0},
+        "allowed are .* and 0.05 rad",
+    ),
     "never_passes": (
-        "posetest.py",
-        {**POSE, "x": -5.0, "y": 0.0, "passes": "true"},
+        posetest.PoseTest,
+        {**POSE, "x": -5.0, "y": 0.0, "passes": True},
         "in 5 s it did not pass; at its nearest the pose",
     ),
     "pose_missing": (
-        "posetest.py",
+        posetest.PoseTest,
         {"topic": "/nowhere", "x": 0.0, "y": 0.0, **MISSING},
         "waited 1 s for a publisher of /nowhere",
     ),
-    "pose_of_no_kind": ("posetest.py", {"topic": "/clock", "x": 0, "y": 0}, "/clock is a rosgraph"),
-    "pose_nowhere": ("posetest.py", POSE, "parameter ~x is None; expected a number"),
+    "pose_of_no_kind": (
+        posetest.PoseTest,
+        {"topic": "/clock", "x": 0, "y": 0},
+        "/clock is a rosgraph",
+    ),
+    "pose_nowhere": (posetest.PoseTest, POSE, "parameter ~x is None; expected a number"),
     "tf_missing": (
-        "posetest.py",
+        posetest.PoseTest,
         {"frame": "map", "child_frame": "moon", "x": 0.0, "y": 0.0, **MISSING},
         "waited 1 s for a transform from map to moon",
     ),
-    "rate": ("ratetest.py", {"topic": NAVIGATION, "plan_file": "PLAN"}, ""),
-    "rate_of_poses": ("ratetest.py", {"topic": "/car/car_pose", "hz": 50.0}, ""),
+    "rate": (ratetest.RateTest, {"topic": NAVIGATION, "plan_file": "PLAN"}, ""),
+    "rate_of_wheels": (ratetest.RateTest, {"topic": "/car/joint_states", "hz": 50.0}, ""),
     "rate_of_another_plan": (
-        "ratetest.py",
+        ratetest.RateTest,
         {"topic": NAVIGATION, "plan_file": "OTHER_PLAN"},
         r"row 3 \(5 s\) has 16 messages; expected 50",
     ),
     "rate_too_low": (
-        "ratetest.py",
-        {"topic": "/car/odom", "hz": 100.0},
+        ratetest.RateTest,
+        {"topic": "/car/joint_states", "hz": 100.0},
         "there are 0.02 s between the stamps of messages 1 and 2; expected 0.01 s",
     ),
     "rate_missing": (
-        "ratetest.py",
+        ratetest.RateTest,
         {"topic": "/nowhere", **MISSING},
         "waited 1 s for a message on /nowhere",
     ),
     "rate_back": (
-        "ratetest.py",
+        ratetest.RateTest,
         {"topic": "/back", "hz": 20.0},
         r"message \d+ is stamped 0.01 s before the one before it",
     ),
-    "rate_unstamped": ("ratetest.py", {"topic": "/unstamped"}, "/unstamped has no stamp"),
-    "rate_headless": ("ratetest.py", {"topic": "/clock"}, "/clock is a rosgraph_msgs/Clock, which"),
-    "odom": ("odomtest.py", ODOM, ""),
-    "odom_of_puppet": ("odomtest.py", {"odom_topic": "/right", **PUPPET}, ""),
+    "rate_unstamped": (ratetest.RateTest, {"topic": "/unstamped"}, "/unstamped has no stamp"),
+    "rate_headless": (
+        ratetest.RateTest,
+        {"topic": "/clock"},
+        "/clock is a rosgraph_msgs/Clock, which",
+    ),
+    "odom": (odomtest.OdomTest, ODOM, ""),
+    "odom_of_puppet": (odomtest.OdomTest, {"odom_topic": "/right", **PUPPET}, ""),
     "odom_per_tick": (
-        "odomtest.py",
+        odomtest.OdomTest,
         {"odom_topic": "/per_tick", **PUPPET},
         "that is 1 m/s, but the twist says 0.05 m/s in the child frame",
     ),
     "odom_turn": (
-        "odomtest.py",
+        odomtest.OdomTest,
         {"odom_topic": "/turn", **PUPPET},
         "that is 0.5 rad/s, but the twist says 0.4 rad/s",
     ),
     "odom_jump": (
-        "odomtest.py",
+        odomtest.OdomTest,
         {"odom_topic": "/jump", **PUPPET},
         r"the pose moves by 3\..* m, that is 6.* m/s, but",
     ),
     "odom_sideways": (
-        "odomtest.py",
+        odomtest.OdomTest,
         {"odom_topic": "/sideways", **PUPPET},
         "the pose moves sideways",
     ),
     "odom_missing": (
-        "odomtest.py",
+        odomtest.OdomTest,
         {"odom_topic": "/nowhere", **MISSING},
         "waited 1 s for odometry on /nowhere",
     ),
     "odom_and_another_pose": (
-        "odomtest.py",
+        odomtest.OdomTest,
         {**ODOM, "pose_topic": "/shifted", "test_duration": 5.0},
         "TF says something else than the pose: the pose .* is 0.1 m and 0 rad from",
     ),
 }
 LATE_CASES = {  # their patience begins with the clock
     "odom_without_tf": (
-        "odomtest.py",
+        odomtest.OdomTest,
         {"odom_topic": "/right", **MISSING},
         "waited 1 s for a transform from 'puppet/odom' to 'puppet/base'",
     ),
 }
 MUX_CASES = {
-    "mux": ("muxtest.py", {**MUX, "steps": RIGHT_STEPS}, ""),
+    "mux": (muxtest.MuxTest, {**MUX, "steps": RIGHT_STEPS}, ""),
     "mux_wrong": (
-        "muxtest.py",
+        muxtest.MuxTest,
         {**MUX, "steps": WRONG_STEPS},
         "step 1, in which navigation and teleop send: teleop came out; expected navigation\n"
         "step 1, .*: teleop is said to drive; expected navigation\n"
         "step 2, in which navigation send: navigation came out; expected nothing\n",
     ),
     "mux_missing": (
-        "muxtest.py",
+        muxtest.MuxTest,
         {**MUX, "output": "/nowhere", "steps": RIGHT_STEPS, **MISSING},
         "waited 1 s for a publisher of /nowhere",
     ),
     "mux_misspelt": (
-        "muxtest.py",
-        {**MUX, "steps": "[{send: [teleoperation], wins: idle}]"},
+        muxtest.MuxTest,
+        {**MUX, "steps": [{"send": ["teleoperation"], "wins": "idle"}]},
         "expected {send: .*, with names out of navigation, teleop, idle",
     ),
 }
@@ -196,8 +234,9 @@ class Puppet:
         self._thread.start()
 
     def _shift(self, msg):
-        msg.pose.position.x += 0.1
-        self._shifted.publish(msg)
+        shifted = copy.deepcopy(msg)  # it is the other subscribers' too
+        shifted.pose.position.x += 0.1
+        self._shifted.publish(shifted)
 
     def _run(self):
         begin = rospy.Time.now()
@@ -226,15 +265,72 @@ class Puppet:
         self._poses.unregister()
 
 
-class TestTestNodes(unittest.TestCase):
-    def start(self, name, kind, parameters):
-        """Start a test node."""
-        every = {"wait_time": PATIENCE, **parameters}
-        arguments = [f"_{key}:={self.files.get(value, value)}" for key, value in every.items()]
-        process = node(kind, f"__name:=case_{name}", *arguments, "--text")
-        self.addCleanup(process.end)
-        return process
+class Case(threading.Thread):
+    """A test node's test, run in a thread with its own parameters and its own result."""
 
+    _parameters = threading.Lock()  # the private ones are everybody's
+
+    def __init__(self, name, kind, parameters, expected):
+        super().__init__(name=name, daemon=True)
+        self._expected = expected
+        self._result = unittest.TestResult()
+        self.is_waiting = False
+
+        class Test(kind):
+            def setUp(self):
+                with Case._parameters:
+                    # All at once, which takes away those of the case before.
+                    rospy.set_param(rospy.get_name(), {"wait_time": PATIENCE, **parameters})
+                    super().setUp()
+
+        self._tests = unittest.defaultTestLoader.loadTestsFromTestCase(Test)
+        self.start()
+
+    def run(self):
+        self._tests.run(self._result)
+
+    @staticmethod
+    def wait_for(condition, what, patience):
+        """Wait in a case's thread as its node does, and note that it does."""
+
+        def noted():
+            value = condition()
+            threading.current_thread().is_waiting |= not value
+            return value
+
+        return checks.wait_for(noted, what, patience)
+
+    def faults(self):
+        """Return what is wrong with the verdict, if anything is, when there is one."""
+        self.join(PATIENCE)
+        if self.is_alive():
+            return [f"{self.name} did not end"]
+        said = [text for _, text in self._result.failures]
+        errors = [text for _, text in self._result.errors]  # exceptions, which are no verdict
+        is_said = len(said) == bool(self._expected)
+        is_right = is_said and all(re.search(self._expected, text) for text in said)
+        if is_right and not errors and self._result.testsRun == 1:
+            return []
+        return [f"{self.name} said:\n" + "\n".join([*said, *errors])]
+
+
+def is_connected():
+    """Say whether all who publish what this node subscribes to know that it does."""
+    name = rospy.get_name()
+    _, _, (publishers, subscribers, _) = rospy.get_master().getSystemState()
+    wanted = {topic for topic, names in subscribers if name in names}
+    missing = {}
+    for topic, names in publishers:
+        for publisher in names if topic in wanted else ():
+            missing.setdefault(publisher, set()).add(topic)
+    for publisher, topics in missing.items():
+        _, _, uri = rospy.get_master().lookupNode(publisher)
+        _, _, connections = xmlrpc.client.ServerProxy(uri).getBusInfo(name)
+        topics -= {topic for _, peer, _, _, topic, *_ in connections if peer == name}
+    return not any(missing.values())
+
+
+class TestTestNodes(unittest.TestCase):
     def setUp(self):
         folder = tempfile.mkdtemp()
         self.addCleanup(shutil.rmtree, folder)
@@ -244,70 +340,81 @@ class TestTestNodes(unittest.TestCase):
             with open(self.files[name], "w") as file:
                 file.write("\n".join(", ".join(map(str, row)) for row in (START, *rows)))
 
-    @staticmethod
-    def fault(name, process, expected):
-        """Return what is wrong with the verdict of a node that is about to end, if anything is."""
-        status = process.wait(PATIENCE)
-        output = process.output
-        is_right = status == bool(expected) and re.search(expected, output)
-        if is_right and "ERROR:" not in output:  # which is an exception, and no verdict
-            return []
-        return [f"{name} said with the status {status}:\n{output}"]
+    def start(self, cases):
+        """Start cases, side by side."""
+        found = []
+        for name, (kind, parameters, expected) in cases.items():
+            if parameters.get("plan_file") in self.files:
+                parameters = {**parameters, "plan_file": self.files[parameters["plan_file"]]}
+            found.append(Case(name, kind, parameters, expected))
+        return found
+
+    def check(self, cases):
+        """Wait for the verdicts of cases, and fail where one is wrong."""
+        faults = [fault for case in cases for fault in case.faults()]
+        self.assertEqual(faults, [], "\n".join(faults))
 
     def test_poses_rates_and_odometry(self):
         """All of them listen to the same few seconds, which begin when the clock is let go."""
         rospy.wait_for_service("/car/car_sim/pause", PATIENCE)
+        wait_for(rospy.get_time, "the clock", PATIENCE)
         rospy.ServiceProxy("/car/car_sim/pause", Trigger)()
         resume = rospy.ServiceProxy("/car/car_sim/resume", Trigger)
         puppet = Puppet()
         self.addCleanup(puppet.end)
         self.addCleanup(resume)
-        processes = {
-            name: self.start(name, kind, parameters)
-            for name, (kind, parameters, _) in CASES.items()
-        }
-        processes["driver"] = node(
+        # The first of a process offers a service, which several would do at once.
+        buffer = tf2_ros.Buffer()
+        self.addCleanup(buffer.frame_server.shutdown)
+        driver = node(
             "path_publisher.py",
             f"_plan_file:={self.files['PLAN']}",
             f"_subscriber_timeout:={PATIENCE}",
             "__name:=case_driver",
         )
-        self.addCleanup(processes["driver"].end)
-        master = rospy.get_master()
-
-        def have_subscribed():
-            _, _, (_, subscribers, _) = master.getSystemState()
-            nodes = {node for _, names in subscribers for node in names}
-            return all(
-                f"/case_{name}" in nodes or not process.running
-                for name, process in processes.items()
-            )
-
-        wait_for(have_subscribed, "the test nodes to listen", PATIENCE)
+        self.addCleanup(driver.end)
+        for module in (posetest, ratetest, odomtest):
+            patch = mock.patch.object(module, "wait_for", Case.wait_for)
+            patch.start()
+            self.addCleanup(patch.stop)
+        cases = self.start(CASES)
+        wait_for(
+            lambda: all(case.is_waiting or not case.is_alive() for case in cases),
+            "the test nodes to listen",
+            PATIENCE,
+        )
+        wait_for(
+            lambda: "/case_driver" in peers(NAVIGATION, "publishers") or not driver.running,
+            "the driver",
+            PATIENCE,
+        )
+        wait_for(is_connected, "the test nodes to be connected", PATIENCE)
         resume()
-        self.assertEqual(processes["driver"].wait(PATIENCE), 0, processes["driver"].output)
-        faults = []
-        for name, (_, _, expected) in CASES.items():
-            faults += self.fault(name, processes[name], expected)
-        for name, (kind, parameters, expected) in LATE_CASES.items():
-            faults += self.fault(name, self.start(name, kind, parameters), expected)
-        self.assertEqual(faults, [], "\n".join(faults))
+        self.assertEqual(driver.wait(PATIENCE), 0, driver.output)
+        self.check(cases)
+        self.check(self.start(LATE_CASES))
 
     def test_mux(self):
-        for name, (kind, parameters, expected) in MUX_CASES.items():  # one after the other
-            faults = self.fault(name, self.start(name, kind, parameters), expected)
-            self.assertEqual(faults, [], "\n".join(faults))
+        for name, case in MUX_CASES.items():  # one after the other
+            self.check(self.start({name: case}))
 
     def test_in_a_test_file(self):
-        """rostest takes a node's verdict for its own."""
+        """rostest takes the nodes' verdicts for its own."""
         folder = tempfile.mkdtemp()
         self.addCleanup(shutil.rmtree, folder)
-        package = rospkg.RosPack().get_path("mushr_ros_intro")
-        fixture = os.path.join(package, "test", "fixtures", "posetest.test")
+        fixture = os.path.join(PACKAGE, "test", "fixtures", "missing_topics.test")
         with Process("rostest", fixture, ROS_TEST_RESULTS_DIR=folder) as run:
             self.assertNotEqual(run.wait(PATIENCE), 0, run.output)
-        with open(os.path.join(folder, "mushr_ros_intro", "rosunit-nowhere.xml")) as file:
-            self.assertIn("waited 1 s for a publisher of /nowhere", file.read())
+        for kind, expected in (
+            ("pose", "waited 0.5 s for a publisher of /nowhere"),
+            ("rate", "waited 0.5 s for a message on /nowhere"),
+            ("odom", "waited 0.5 s for odometry on /nowhere"),
+            ("mux", "waited 0.5 s for a subscriber of /nowhere"),
+        ):
+            path = os.path.join(folder, "mushr_ros_intro", f"rosunit-{kind}_nowhere.xml")
+            failures = list(ElementTree.parse(path).iter("failure"))
+            self.assertEqual(len(failures), 1, path)
+            self.assertIn(expected, failures[0].text)
 
 
 if __name__ == "__main__":
