@@ -99,9 +99,12 @@ class AckermannCmdMux:
             return
         with self._lock:
             stamp = effective_stamp(command.stamp, self._read_clock())
+            # In lock-step the next command may be here before the clock's last step is.
+            is_guess = stamp != command.stamp and not rospy.rostime.is_wallclock()
+            slack = source.timeout if is_guess else 0
             # First what is over by then, so that what comes out depends on the stamps alone.
             self._expire(stamp)
-            self._mux, passes = self._mux.command(source, stamp)
+            self._mux, passes = self._mux.command(source, stamp, slack)
             if passes:
                 self._frame = msg.header.frame_id
                 self._output_pub.publish(msg)

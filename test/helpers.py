@@ -84,7 +84,7 @@ class Recording:
         self.topic = rospy.resolve_name(topic)
         self._lock = threading.Lock()
         self._messages = []
-        self._subscriber = rospy.Subscriber(topic, kind, self._take, tcp_nodelay=True)
+        self.subscriber = rospy.Subscriber(topic, kind, self._take, tcp_nodelay=True)
 
     def _take(self, message):
         with self._lock:
@@ -106,7 +106,7 @@ class Recording:
 
     def connected(self):
         """Wait until somebody publishes the topic."""
-        wait_for(self._subscriber.get_num_connections, f"a publisher of {self.topic}")
+        wait_for(self.subscriber.get_num_connections, f"a publisher of {self.topic}")
         return self
 
     def after(self, stamp, patience=PATIENCE):

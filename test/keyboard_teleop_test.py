@@ -45,8 +45,8 @@ class Commands:
         self.active = Recording("/car/mux/ackermann_cmd_mux/active", String).connected()
 
     def tearDown(self):
-        self.commands._subscriber.unregister()
-        self.active._subscriber.unregister()
+        self.commands.subscriber.unregister()
+        self.active.subscriber.unregister()
 
     def wait_for_drive(self, wanted):
         wait_for(

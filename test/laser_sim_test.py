@@ -9,7 +9,8 @@ import rostest
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import LaserScan
 
-from helpers import Recording, node, publisher, wait_for
+from helpers import Recording, module, node, private_parameters, publisher, wait_for
+from mushr_ros_intro.parameters import ParameterError
 
 HALF_TRACK = 1.4
 """[m] Of race_loop's straight, whose walls are at this to either side of its middle."""
@@ -93,7 +94,7 @@ class TestLaserSim(unittest.TestCase):
         """Of poses at 50 Hz every fifth is scanned from, with its stamp, however fast they come."""
         self.scan_of(0.0, 0.0, 0.0)
         self.scans.clear()
-        begin = rospy.Time(2_000_000)
+        begin = self.stamp + rospy.Duration(100)
         for number in range(51):
             before = len(self.scans.messages)
             self.report(begin + rospy.Duration(0, number * 20_000_000), 0.01 * number, 0.0, 0.0)
@@ -105,7 +106,7 @@ class TestLaserSim(unittest.TestCase):
     def test_poses_that_are_none(self):
         self.scan_of(0.0, 0.0, 0.0)
         self.scans.clear()
-        begin = rospy.Time(3_000_000)
+        begin = self.stamp + rospy.Duration(100)
         self.report(begin, math.nan, 0.0, 0.0)
         self.report(begin + rospy.Duration(1), math.inf, 0.0, 0.0)
         self.report(begin + rospy.Duration(2), 0.0, 0.0, 0.0)
@@ -115,19 +116,23 @@ class TestLaserSim(unittest.TestCase):
 
     def test_refusals(self):
         cases = (
-            ("_beams:=0", "parameter ~beams is 0; expected a number from 1 to 62832"),
-            ("_beams:=1.5", "parameter ~beams is 1.5; expected a whole number"),
-            ("_beams:=900", "900 beams are 0.00872665 rad apart; expected at least one beam, and"),
-            ("_range_min:=10.0", "range_min is 10 and range_max is 10 m; expected"),
-            ("_noise_std:=-0.1", "parameter ~noise_std is -0.1; expected a number from 0 to 1000"),
-            ("_scan_rate:=often", "parameter ~scan_rate is 'often'; expected a number from 0.1"),
+            ({"beams": 0}, "parameter ~beams is 0; expected a number from 1 to 62832"),
+            ({"beams": 1.5}, "parameter ~beams is 1.5; expected a whole number"),
+            ({"beams": 900}, "900 beams are 0.00872665 rad apart; expected at least one beam, and"),
+            ({"range_min": 10.0}, "range_min is 10 and range_max is 10 m; expected"),
+            ({"noise_std": -0.1}, "parameter ~noise_std is -0.1; expected a number from 0 to 1000"),
+            ({"scan_rate": "often"}, "parameter ~scan_rate is 'often'; expected a number from 0.1"),
         )
-        for number, (argument, expected) in enumerate(cases):
-            # Each has a name of its own, for the parameters stay with the master.
-            with node("laser_sim.py", f"__name:=refusing_{number}", argument) as laser:
-                self.assertEqual(laser.wait(), 1, laser.output)
-                self.assertIn(expected, laser.output)
-                self.assertNotIn("Traceback", laser.output)
+        laser_sim = module("laser_sim.py")
+        for parameters, expected in cases:
+            with private_parameters(parameters):
+                with self.assertRaises(ParameterError) as caught:
+                    laser_sim.LaserSim()
+                self.assertIn(expected, str(caught.exception))
+        with node("laser_sim.py", "__name:=refusing", "_beams:=0") as laser:
+            self.assertEqual(laser.wait(), 1, laser.output)
+            self.assertIn("parameter ~beams is 0; expected", laser.output)
+            self.assertNotIn("Traceback", laser.output)
 
 
 if __name__ == "__main__":

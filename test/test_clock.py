@@ -58,6 +58,16 @@ def test_the_period_is_learned_from_the_stamps():
     assert limit(listen(*events), 0.03, True) == 5 * SECOND + 3 * period
 
 
+@pytest.mark.parametrize("again", [0, 1])
+def test_a_step_that_does_not_repeat_itself_is_no_period(again):
+    """The first commands of a loop at 10 Hz, delivered late, and one of them twice."""
+    stamps = [110, 250] + again * [250] + [350]
+    stream = None
+    for stamp in stamps:
+        stream = hear(stream, go(stamp * SECOND // 1000), stamp * SECOND // 1000, 0.0)
+        assert limit(stream, 0.0, True) == stamp * SECOND // 1000 + DEFAULT_PERIOD
+
+
 def test_commands_far_apart_are_two_streams():
     far = 5 * SECOND + LONGEST_PERIOD + 1
     stream = listen((go(5 * SECOND), 5 * SECOND, 0.0), (go(far), far, 0.1))

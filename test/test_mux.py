@@ -160,6 +160,11 @@ def test_a_late_command_does_not_shorten_what_a_younger_one_holds():
     assert passed((TELEOP, 100), (TELEOP, 50), (PLAN, 299))[1][-1] is False
 
 
+def test_a_command_of_which_the_time_is_a_guess_is_good_for_longer():
+    mux, passes = Mux().command(TELEOP, 100 * MS, slack=50 * MS)
+    assert passes and mux.deadline == 350 * MS
+
+
 def test_after_a_stop_it_begins_afresh():
     mux, _ = passed((TELEOP, 0))
     mux, _ = mux.expire(200 * MS)

@@ -3,7 +3,7 @@
 A stream of commands is a promise. A command that is stamped ahead of the clock promises that
 nothing older will come, so the clock may run up to its stamp. One that is stamped with the present
 promises nothing, but streams are regular: the clock may run one period further, as learned from
-the stamps. After a placement it runs on until the car has reported where it is now, and no
+the stamps, where two in a row are as far apart as the two before. After a placement it runs on until the car has reported where it is now, and no
 further: whoever placed it may well be waiting for that before sending a command. Where nothing
 comes for a while of wall-clock time, the stream is over.
 
@@ -17,6 +17,9 @@ from mushr_ros_intro.stamps import NANOSECONDS
 
 DEFAULT_PERIOD = NANOSECONDS // 10
 """Between the commands of a stream of which only one is known [ns]."""
+
+STEP_TOLERANCE = 0.1
+"""How much two steps between commands may differ to count as the same, relative."""
 
 LONGEST_PERIOD = 2 * NANOSECONDS
 """Commands further apart than this [ns] are two streams."""
@@ -37,7 +40,9 @@ class Stream(NamedTuple):
     newest: int
     """The youngest stamp [ns]."""
     period: int
-    """Between the stamps of commands [ns]."""
+    """Between the stamps of commands, as far as is known [ns]."""
+    step: int
+    """Between the newest two stamps that differ [ns]."""
     placed: bool
     """Whether the newest is a placement."""
     ahead: bool
@@ -65,15 +70,19 @@ def hear(stream: Optional[Stream], event: Event, clock: int, wall: float) -> Str
     at_rest = isinstance(event, Command) and event.speed == 0.0 and event.steering_angle == 0.0
     if stream is not None and (event.stamp, not is_placement) < (stream.newest, not stream.placed):
         return stream._replace(heard=wall)  # late or out of order; the newest still counts
-    period = DEFAULT_PERIOD
+    period = step = DEFAULT_PERIOD
     if stream is not None and not stream.placed and event.stamp - stream.newest <= LONGEST_PERIOD:
-        period = event.stamp - stream.newest or stream.period
+        step = event.stamp - stream.newest or stream.step
+        period = stream.period
+        # A busy machine delivers the first messages at odd times; what repeats itself is a period.
+        if event.stamp != stream.newest and abs(step - stream.step) <= STEP_TOLERANCE * step:
+            period = step
         if at_rest or stream.patience == PATIENCE_AT_REST:
             period = min(period, stream.period)  # the mux's stop, or the first of another stream
     if isinstance(event, Placement):
-        return Stream(event.stamp, DEFAULT_PERIOD, True, False, PATIENCE, wall)
+        return Stream(event.stamp, DEFAULT_PERIOD, DEFAULT_PERIOD, True, False, PATIENCE, wall)
     patience = PATIENCE_AT_REST if at_rest else PATIENCE
-    return Stream(event.stamp, period, False, event.stamp > clock, patience, wall)
+    return Stream(event.stamp, period, step, False, event.stamp > clock, patience, wall)
 
 
 def horizon(

@@ -1,19 +1,24 @@
 """Wait until a topic's two ends have found each other.
 
 ROS connects nodes some time after they have told the master of a topic, and what is published
-before that is lost.
+before that is lost. Now and then it does not connect them at all: where a subscriber registers at
+the very moment at which a publisher does, rospy may take the master's answer, which does not name
+the publisher yet, after the master's news, which does.
 """
 
 import time
+import xmlrpc.client
 from typing import Any, List
 
 import rosgraph
 import rosnode
+import rospy
 
 PATIENCE = 5.0
 """How long a node waits at its start for the other ends of its topics [s of wall-clock time]."""
 
 _PING_AFTER = 0.5  # [s] from when on those are left out that do not answer
+_REMIND_EVERY = 1.0  # [s]
 
 
 def peers(topic: str, role: str) -> List[str]:
@@ -34,6 +39,8 @@ def peers(topic: str, role: str) -> List[str]:
 def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> bool:
     """Wait until `end` is connected with every live node at the other end of its topic.
 
+    Where that takes long, whoever subscribes is told again who publishes.
+
     Args:
         end: a rospy.Publisher or rospy.Subscriber.
         role: what the nodes at the other end are, "publishers" or "subscribers".
@@ -43,6 +50,7 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
         Whether it is connected with all of them. Nobody at the other end counts as connected.
     """
     began = time.monotonic()
+    reminders = 0
     while True:
         waited = time.monotonic() - began
         try:
@@ -55,4 +63,21 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
             return True
         if waited > patience:
             return False
+        if waited > (reminders + 1) * _REMIND_EVERY:
+            reminders += 1
+            _remind(end, role)
         time.sleep(0.01)
+
+
+def _remind(end: Any, role: str) -> None:
+    """Have the topic's subscribers told again who publishes it."""
+    master, uri = rosgraph.Master(rospy.get_name()), rospy.get_node_uri()
+    try:
+        if role == "subscribers":
+            master.registerPublisher(end.resolved_name, end.type, uri)  # which the master passes on
+        else:
+            uris = master.registerSubscriber(end.resolved_name, end.type, uri)
+            with xmlrpc.client.ServerProxy(uri) as node:
+                node.publisherUpdate("/master", end.resolved_name, uris)
+    except (rosgraph.MasterException, OSError):
+        return  # the next look at the master says so

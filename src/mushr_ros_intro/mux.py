@@ -145,13 +145,16 @@ class Mux(NamedTuple):
     active: str = IDLE
     """The name of the input that drives, or idle."""
 
-    def command(self, source: Input, stamp: int) -> Tuple["Mux", bool]:
-        """Take a command from `source` stamped `stamp` [ns]; say whether it passes."""
+    def command(self, source: Input, stamp: int, slack: int = 0) -> Tuple["Mux", bool]:
+        """Take a command from `source` stamped `stamp` [ns]; say whether it passes.
+
+        It is good for the input's timeout, and for `slack` [ns] more.
+        """
         passes = not any(
             other.priority > source.priority and stamp < until for other, until in self.expires
         )
         held = dict(self.expires)
-        held[source] = max(held.get(source, 0), stamp + source.timeout)
+        held[source] = max(held.get(source, 0), stamp + source.timeout + slack)
         return Mux(tuple(held.items()), source.name if passes else self.active), passes
 
     @property
