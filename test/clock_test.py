@@ -31,6 +31,7 @@ from helpers import (
 )
 
 COMMANDS = "/car/mux/ackermann_cmd_mux/input/navigation"
+OUTPUT = "/car/mux/ackermann_cmd_mux/output"
 POSE_PERIOD = 20_000_000
 """[ns]"""
 PATIENCE = 60.0
@@ -86,8 +87,11 @@ class TestClock(unittest.TestCase):
         stamps = self.stamps()
         steps = {later - earlier for earlier, later in zip(stamps, stamps[1:])}
         self.assertEqual(steps, {POSE_PERIOD})
+        # A tick may be left out for the next one: rospy itself listens with a queue of one.
         ticks = [m.clock.to_nsec() for m in clock.messages]
-        self.assertEqual({b - a for a, b in zip(ticks, ticks[1:])}, {POSE_PERIOD})
+        steps = {later - earlier for earlier, later in zip(ticks, ticks[1:])}
+        self.assertGreater(min(steps), 0)
+        self.assertEqual({step % POSE_PERIOD for step in steps}, {0})
 
     def test_pause_and_step(self):
         wait_for(lambda: self.poses.last, "a pose")
@@ -122,13 +126,14 @@ class TestClock(unittest.TestCase):
 
     def test_a_client_that_dies(self):
         """The car stops when the last command runs out, and the clock goes on."""
+        obeyed = Recording(OUTPUT, AckermannDriveStamped).connected()
         path = self.plan((1.0, 0.2, 600.0))
         with node("path_publisher.py", f"_plan_file:={path}") as driver:
-            wait_for(lambda: len(self.commands.messages) >= 5, "five commands", PATIENCE)
+            wait_for(lambda: len(obeyed.messages) >= 5, "five commands", PATIENCE)
             driver.send_signal(signal.SIGKILL)
             driver.wait()
         self.runs_on(1.0, "after the client died")
-        messages = self.commands.messages
+        messages = [m for m in obeyed.messages if m.drive.speed]
         seconds = (messages[-1].header.stamp - messages[0].header.stamp).to_sec() + 0.2
         pose = self.poses.pose_at_rest(messages[-1].header.stamp + rospy.Duration(0.3), PATIENCE)
         self.assert_at(pose, closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)]))
@@ -143,6 +148,7 @@ class TestClock(unittest.TestCase):
             driver.send_signal(signal.SIGCONT)
             self.assertEqual(driver.wait(PATIENCE), 1, driver.output)
             self.assertIn("stood still", driver.output)
+        self.runs_on(0.5, "after its stop")
 
 
 class TestFactors(unittest.TestCase):
