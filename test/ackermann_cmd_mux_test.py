@@ -126,9 +126,9 @@ class TestMux(unittest.TestCase):
         }
         mux = module("ackermann_cmd_mux.py")
         for fault, configuration in configurations.items():
-            with private_parameters(configuration):
-                with self.assertRaisesRegex(ConfigError, fault):
-                    mux.AckermannCmdMux()
+            refused = self.assertRaisesRegex(ConfigError, fault)
+            with private_parameters(configuration), refused:
+                mux.AckermannCmdMux()
         rospy.set_param("/bad", configurations["publisher"])
         with node("ackermann_cmd_mux.py", "__name:=bad") as process:
             self.assertEqual(process.wait(), 1, process.output)

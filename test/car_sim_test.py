@@ -266,7 +266,9 @@ class TestCarSim(unittest.TestCase):
         told = rospy.Publisher("/told", Empty, queue_size=1)
         ghost.master.registerSubscriber(told.resolved_name, Empty._type, ghost.uri)
         self.assertFalse(wait_until_connected(told, "subscribers", patience=1.5))
-        self.assertEqual(ghost.calls["publisherUpdate"], [[told.resolved_name, [rospy.get_node_uri()]]])
+        self.assertEqual(
+            ghost.calls["publisherUpdate"], [[told.resolved_name, [rospy.get_node_uri()]]]
+        )
 
         asks = rospy.Subscriber("/asks", Empty)
         ghost.master.registerPublisher(asks.resolved_name, Empty._type, ghost.uri)
@@ -285,9 +287,9 @@ class TestCarSim(unittest.TestCase):
             ("x", True, "m"),
         ):
             expected = rf"parameter ~{name} is .* expected .* {unit}"
-            with private_parameters({name: value}):
-                with self.assertRaisesRegex(ParameterError, expected):
-                    car_sim.CarSim(keeps_clock=False)
+            refused = self.assertRaisesRegex(ParameterError, expected)
+            with private_parameters({name: value}), refused:
+                car_sim.CarSim(keeps_clock=False)
         with node("car_sim.py", "__name:=bad", "_track:=wide") as car:
             self.assertEqual(car.wait(), 1, car.output)
             self.assertIn("parameter ~track is 'wide'; expected", car.output)

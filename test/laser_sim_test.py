@@ -125,10 +125,9 @@ class TestLaserSim(unittest.TestCase):
         )
         laser_sim = module("laser_sim.py")
         for parameters, expected in cases:
-            with private_parameters(parameters):
-                with self.assertRaises(ParameterError) as caught:
-                    laser_sim.LaserSim()
-                self.assertIn(expected, str(caught.exception))
+            with private_parameters(parameters), self.assertRaises(ParameterError) as caught:
+                laser_sim.LaserSim()
+            self.assertIn(expected, str(caught.exception))
         with node("laser_sim.py", "__name:=refusing", "_beams:=0") as laser:
             self.assertEqual(laser.wait(), 1, laser.output)
             self.assertIn("parameter ~beams is 0; expected", laser.output)

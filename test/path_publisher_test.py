@@ -174,9 +174,9 @@ class TestPathPublisher(unittest.TestCase):
         ]
         path_publisher = module("path_publisher.py")
         for parameters, message in cases:
-            with private_parameters(parameters):
-                with self.assertRaises((ParameterError, PlanError), msg=str(parameters)) as caught:
-                    path_publisher.PathPublisher()
+            refused = self.assertRaises((ParameterError, PlanError), msg=str(parameters))
+            with private_parameters(parameters), refused as caught:
+                path_publisher.PathPublisher()
             self.assertIn(message, str(caught.exception))
         self.assertEqual(self.commands.messages, [])
         self.assertEqual(self.placements.messages, [])

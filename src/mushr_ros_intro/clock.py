@@ -2,10 +2,10 @@
 
 A stream of commands is a promise. A command that is stamped ahead of the clock promises that
 nothing older will come, so the clock may run up to its stamp. One that is stamped with the present
-promises nothing, but streams are regular: the clock may run one period further, as learned from
-the stamps, where two in a row are as far apart as the two before. After a placement it runs on until the car has reported where it is now, and no
-further: whoever placed it may well be waiting for that before sending a command. Where nothing
-comes for a while of wall-clock time, the stream is over.
+promises nothing, but streams are regular: the clock may run one period further, as learned from the
+stamps, where two in a row are as far apart as the two before. After a placement it runs on until
+the car has reported where it is now, and no further: whoever placed it may well be waiting for that
+before sending a command. Where nothing comes for a while of wall-clock time, the stream is over.
 
 Stamps are integer nanoseconds of simulated time; `wall` is in seconds of the computer's own time.
 """

@@ -12,15 +12,38 @@ from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 _INFINITY = float("inf")
 
 
+class _Loader(yaml.SafeLoader):
+    """Knows no aliases: a few lines of them can stand for more than fits in memory."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            mark = self.peek_event().start_mark
+            raise yaml.MarkedYAMLError(None, None, "found an alias", mark)
+        return super().compose_node(parent, index)
+
+
 def names_in(folder: str) -> List[str]:
     """Return the names of the profiles in a folder, sorted."""
     return sorted(each[:-5] for each in os.listdir(folder) if each.endswith(".yaml"))
 
 
 def read_profile(path: str) -> Dict[str, Any]:
-    """Return the parameters that stand in the file of a profile."""
-    with open(path, encoding="utf-8") as file:
-        return yaml.safe_load(file) or {}
+    """Return the parameters that stand in the file of a profile.
+
+    Raises:
+        ParameterError: the file cannot be read, or holds no parameters.
+    """
+    try:
+        with open(path, "rb") as file:
+            values = yaml.load(file, _Loader)  # noqa: S506, a SafeLoader
+    except Exception as error:  # yaml lets out whatever its tags, such as !!int, stumble over
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise ParameterError(f"{path}: {said}; expected parameters in yaml") from None
+    if values is None:
+        return {}
+    if not isinstance(values, dict):
+        raise ParameterError(f"{path}: there are no parameters; expected such as 'track: 0.25'")
+    return values
 
 
 def car_from(values: Mapping[str, Any], place: str) -> Car:
