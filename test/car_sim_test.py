@@ -21,12 +21,16 @@ from std_msgs.msg import Empty
 
 from helpers import (
     ANGLE_TOLERANCE,
+    LEAD,
     POSITION_TOLERANCE,
     Recording,
     angle_between,
+    at,
     closed_form,
+    command,
     module,
     node,
+    placement,
     planar,
     private_parameters,
     publisher,
@@ -36,33 +40,8 @@ from helpers import (
 from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.parameters import ParameterError
 
-LEAD = rospy.Duration(0.3)
-"""How far ahead of the clock the tests stamp their first message: time to send the rest."""
-
 ROWS = [(2.0, 0.3), (1.0, -0.2), (-1.5, 0.25), (3.0, 0.0), (0.5, 1.2), (2.5, -0.1)]
 """[m/s, rad] One command every 0.1 s."""
-
-
-def command(stamp, speed, steering_angle):
-    msg = AckermannDriveStamped()
-    msg.header.stamp = stamp
-    msg.header.frame_id = "car/base_footprint"
-    msg.drive.speed, msg.drive.steering_angle = speed, steering_angle
-    return msg
-
-
-def placement(stamp, x, y, theta, frame="map"):
-    msg = PoseWithCovarianceStamped()
-    msg.header.stamp = stamp
-    msg.header.frame_id = frame
-    msg.pose.pose.position.x, msg.pose.pose.position.y = x, y
-    msg.pose.pose.orientation.z = math.sin(theta / 2.0)
-    msg.pose.pose.orientation.w = math.cos(theta / 2.0)
-    return msg
-
-
-def at(begin, seconds):
-    return begin + rospy.Duration.from_sec(seconds)
 
 
 class Ghost:

@@ -14,11 +14,16 @@ import time
 import roslib.packages
 import rospkg
 import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
 POSITION_TOLERANCE = 1e-6
 """[m] What the package promises; the sums of 1e-16 that are behind it reach about 1e-12."""
 ANGLE_TOLERANCE = 1e-6
 """[rad] Likewise."""
+
+LEAD = rospy.Duration(0.3)
+"""How far ahead of the clock the tests stamp their first message: time to send the rest."""
 
 PATIENCE = 30.0
 """[s] How long to wait for what should come at once: a busy machine is not a failure."""
@@ -61,6 +66,31 @@ def planar(pose):
 def angle_between(one, other):
     """Return the size of the angle [rad] between two headings."""
     return abs(math.remainder(one - other, math.tau))
+
+
+def command(stamp, speed, steering_angle):
+    """Return a command."""
+    msg = AckermannDriveStamped()
+    msg.header.stamp = stamp
+    msg.header.frame_id = "car/base_footprint"
+    msg.drive.speed, msg.drive.steering_angle = speed, steering_angle
+    return msg
+
+
+def placement(stamp, x, y, theta, frame="map"):
+    """Return a message that places the car."""
+    msg = PoseWithCovarianceStamped()
+    msg.header.stamp = stamp
+    msg.header.frame_id = frame
+    msg.pose.pose.position.x, msg.pose.pose.position.y = x, y
+    msg.pose.pose.orientation.z = math.sin(theta / 2.0)
+    msg.pose.pose.orientation.w = math.cos(theta / 2.0)
+    return msg
+
+
+def at(begin, seconds):
+    """Return the instant `seconds` after another."""
+    return begin + rospy.Duration.from_sec(seconds)
 
 
 def wait_for(condition, what, patience=PATIENCE):

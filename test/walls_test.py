@@ -12,42 +12,22 @@ from rosgraph_msgs.msg import Log
 
 from helpers import (
     ANGLE_TOLERANCE,
+    LEAD,
     POSITION_TOLERANCE,
     Recording,
     angle_between,
+    at,
     closed_form,
+    command,
     node,
+    placement,
     planar,
     publisher,
     wait_for,
 )
 
-LEAD = rospy.Duration(0.3)
-"""How far ahead of the clock the tests stamp their first message: time to send the rest."""
-
 STOP = 49.4 - 0.38
 """[m] Where the sandbox's wall stops the rear axle of a car that drives straight at it."""
-
-
-def command(stamp, speed, steering_angle):
-    msg = AckermannDriveStamped()
-    msg.header.stamp = stamp
-    msg.drive.speed, msg.drive.steering_angle = speed, steering_angle
-    return msg
-
-
-def placement(stamp, x, y, theta):
-    msg = PoseWithCovarianceStamped()
-    msg.header.stamp = stamp
-    msg.header.frame_id = "map"
-    msg.pose.pose.position.x, msg.pose.pose.position.y = x, y
-    msg.pose.pose.orientation.z = math.sin(theta / 2.0)
-    msg.pose.pose.orientation.w = math.cos(theta / 2.0)
-    return msg
-
-
-def at(begin, seconds):
-    return begin + rospy.Duration.from_sec(seconds)
 
 
 class TestWalls(unittest.TestCase):
