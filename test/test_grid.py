@@ -401,6 +401,47 @@ def test_any_bytes_for_a_yaml(tmp_path_factory, data):
         read_map(str(path))
 
 
+odd = [
+    "",
+    "~",
+    "0",
+    "-0.0",
+    "1",
+    "0.5",
+    "2",
+    "1e-45",
+    "1e30",
+    "1e400",
+    "nan",
+    ".inf",
+    "0x1f",
+    "1_0",
+]
+odd += [
+    "1:30",
+    "true",
+    "[]",
+    "[0, 0]",
+    "[1e6, -1e6, 1e-45]",
+    "[nan, 0, 0]",
+    "[[0], 0, 0]",
+    "{a: b}",
+]
+odd += ["map.png", "/", "..", "'", "[", "&a b", "*a", "!!int 1", "|", "raw", "\\0", "\t", "#"]
+
+
+@given(st.dictionaries(st.sampled_from([*GOOD, "mode"]), st.sampled_from(odd), max_size=3))
+def test_any_values_for_the_keys_of_a_yaml(tmp_path_factory, changes):
+    folder = tmp_path_factory.mktemp("any")
+    write_png(folder, [[0, 255]])
+    try:
+        grid = read_map(write_yaml(folder, **changes))
+    except MapError as error:
+        assert str(error).startswith(f"{folder}/map.yaml: ")
+        return
+    assert grid.cells.shape == (1, 2) and math.isfinite(sum(grid.origin))
+
+
 @given(
     st.sampled_from([b"", b"P2 3 2 9 ", b"P5 3 2 9 ", png_of_size(3, 2)]), st.binary(max_size=100)
 )

@@ -18,7 +18,7 @@ from mushr_ros_intro.grid import read_map
 from mushr_ros_intro.parameters import ParameterError
 from mushr_ros_intro.plan import read_plan
 from mushr_ros_intro.prediction import as_float32
-from mushr_ros_intro.profile import car_from
+from mushr_ros_intro.profile import car_from, read_profile
 
 PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
@@ -333,3 +333,69 @@ def test_a_bad_parameter_is_named(name, value, expected):
         car_from({name: value}, "/car/car_sim/")
     assert str(error.value).startswith(f"parameter /car/car_sim/{name} is ")
     assert expected in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "data, expected",
+    [
+        (b"wheelbase: [", "expected the node content"),
+        (b"- wheelbase", "there are no parameters; expected such as"),
+        (b"wheelbase: !!int ''", "expected parameters in yaml"),
+        (b"wheelbase: caf\xe9", "unacceptable character"),
+        (b"a: &a [x, x]\nwheelbase: *a", "found an alias"),
+        pytest.param(b"[" * 500, "expected parameters in yaml", id="nested"),
+        (None, "No such file or directory"),
+    ],
+)
+def test_a_file_that_is_no_profile(tmp_path, data, expected):
+    path = tmp_path / "mine.yaml"
+    if data is not None:
+        path.write_bytes(data)
+    with pytest.raises(ParameterError) as error:
+        read_profile(str(path))
+    assert str(error.value).startswith(f"{path}: ") and expected in str(error.value)
+
+
+def test_a_profile_without_a_key_is_the_ideal_car(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("# nothing yet\n")
+    assert car_from(read_profile(str(path)), "~") == Car()
+
+
+values = st.sampled_from(
+    [0, -1, 1, 0.3, 1e-45, 1e30, 10**400, math.nan, math.inf, -math.inf]
+    + [True, None, "", "1", [1.0], {"a": 1}]
+)
+keys = st.sampled_from(sorted(PROFILES["ideal"]))
+bytes_of_a_profile = st.binary(max_size=60) | st.lists(
+    st.builds("{}: {}".format, keys, values), max_size=4
+).map(lambda lines: "\n".join(lines).encode())
+
+
+@given(st.dictionaries(keys, values, max_size=3))
+def test_any_parameters_are_a_car_or_refused(values):
+    check_car(values)
+
+
+@given(bytes_of_a_profile)
+def test_any_bytes_are_a_profile_or_refused(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("any") / "mine.yaml"
+    path.write_bytes(data)
+    try:
+        values = read_profile(str(path))
+    except ParameterError as error:
+        assert "; expected" in str(error)
+        return
+    check_car(values)
+
+
+def check_car(values):
+    """See that parameters either are refused in words, or make a car that stays somewhere."""
+    try:
+        car = car_from(values, "~")
+    except ParameterError as error:
+        assert "; expected" in str(error)
+        return
+    driven = apply(at_rest(0, Pose(0.0, 0.0, 0.0)), Command(0, 1.0, 0.3), car)
+    state = advance(driven, SECOND, car)
+    assert all(map(math.isfinite, (*state.pose, *state.rolled, *state.odom_pose)))

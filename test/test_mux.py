@@ -3,6 +3,7 @@
 import copy
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -101,14 +102,14 @@ def test_bad_configuration_gets_every_fault(raw, expected):
 
 scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3)
 keys = scalars | st.sampled_from(["name", "topic", "timeout", "priority", "subscribers"])
-yaml = st.recursive(
+structures = st.recursive(
     scalars,
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(keys, inner, max_size=5),
     max_leaves=10,
 )
 
 
-@given(yaml, yaml, st.dictionaries(keys, yaml, max_size=4))
+@given(structures, structures, st.dictionaries(keys, structures, max_size=4))
 def test_any_configuration_is_read_or_refused(raw, publisher, entry):
     plausible = dict(GOOD["subscribers"][0], **{str(key): value for key, value in entry.items()})
     for each in (raw, {"subscribers": [plausible, raw], "publisher": publisher}):
@@ -116,6 +117,38 @@ def test_any_configuration_is_read_or_refused(raw, publisher, entry):
             assert parse_config(each).inputs
         except ConfigError as error:
             assert str(error)
+
+
+scraps = ["subscribers:", "publisher:", "name:", "topic:", "timeout:", "priority:", "short_desc:"]
+scraps += [
+    "\n",
+    "\n  - ",
+    "\n    ",
+    " a",
+    " a/b",
+    " 0.2",
+    " .nan",
+    " 1e400",
+    " -1",
+    " 9",
+    " [",
+    " {",
+]
+scraps += ["]", "}", ",", " &a", " *a", " !!int", " |", "'", " ~", " yes", " 1:30", " 0x1f", "#"]
+
+
+@given(
+    st.binary(max_size=60) | st.lists(st.sampled_from(scraps)).map(lambda e: "".join(e).encode())
+)
+def test_any_yaml_is_a_configuration_or_refused(data):
+    try:
+        raw = yaml.safe_load(data)
+    except Exception:
+        return  # it is roslaunch that reads the file, and says so
+    try:
+        assert parse_config(raw).inputs
+    except ConfigError as error:
+        assert "expected" in str(error)
 
 
 def passed(*commands):

@@ -34,6 +34,11 @@ def test_bad_number(value):
     assert str(caught.value) == expected
 
 
+def test_a_number_that_no_float_holds_is_refused_also_where_there_is_no_limit():
+    with pytest.raises(ParameterError, match="expected a number from 0 to inf m/s"):
+        number("~speed_limit", 10**400, "m/s", 0.0, float("inf"))
+
+
 def test_flag():
     assert flag("~loop", True) is True and flag("~loop", False) is False
     for value in (0, 1, "true", None):

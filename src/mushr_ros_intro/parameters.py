@@ -15,11 +15,14 @@ def number(name: str, value: Any, unit: str, least: float, most: float) -> float
         ParameterError: it is not.
     """
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not is_number or not least <= value <= most:
-        raise ParameterError(
-            f"parameter {name} is {value!r}; expected a number from {least:g} to {most:g} {unit}"
-        )
-    return float(value)
+    try:
+        if is_number and least <= value <= most:
+            return float(value)
+    except OverflowError:
+        pass  # an integer that no float holds, where there is no upper limit
+    raise ParameterError(
+        f"parameter {name} is {value!r}; expected a number from {least:g} to {most:g} {unit}"
+    )
 
 
 def flag(name: str, value: Any) -> bool:
