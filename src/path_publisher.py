@@ -22,7 +22,7 @@ from mushr_ros_intro import conversions, prediction
 from mushr_ros_intro.bicycle import Pose, compose, inverse
 from mushr_ros_intro.car import Command, Placement, State, World, at_rest
 from mushr_ros_intro.check import SHOWN_FAULTS, Report, check, scatter, slowed
-from mushr_ros_intro.connections import PATIENCE, wait_until_connected
+from mushr_ros_intro.connections import PATIENCE, limit_calls, wait_until_connected
 from mushr_ros_intro.ensemble import count_ticks, ellipse
 from mushr_ros_intro.grid import Grid
 from mushr_ros_intro.mux import NOBODY, Watch
@@ -408,14 +408,16 @@ class PathPublisher:
 
         Raises:
             DriveError: that is long past, or far away, because the clock was set or the machine
-                stood still; what is left of the plan would not be what was planned.
+                or the way to the master stood still; what is left of the plan would not be what
+                was planned.
         """
         while True:
             early = due - self._now()
             if abs(early) > STAMP_TOLERANCE:
                 raise DriveError(
                     f"a command is due {early / NANOSECONDS:+.1f} s from now: the clock was set, "
-                    "or this machine stood still. The plan is given up"
+                    "this machine stood still, or the way to the master is cut. The plan is given "
+                    "up"
                 )
             if early <= 0:
                 return
@@ -626,6 +628,7 @@ def _pose_text(pose: Optional[Pose]) -> str:
 
 def main() -> int:
     """Run the node; return its exit status."""
+    limit_calls()
     rospy.init_node("path_publisher")
     try:
         node = PathPublisher()

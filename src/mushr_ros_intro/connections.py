@@ -69,6 +69,22 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
         time.sleep(0.01)
 
 
+def limit_calls(patience: float = PATIENCE) -> None:
+    """Let no call of this process to the master or to a node take longer than `patience` [s].
+
+    Where the way to the master is cut, a call takes up to minutes: that of each line of the log,
+    before which rospy asks the master for a parameter, and those by which a node signs off.
+    """
+    make_connection = xmlrpc.client.Transport.make_connection
+
+    def make_limited_connection(transport: Any, host: Any) -> Any:
+        connection = make_connection(transport, host)
+        connection.timeout = patience
+        return connection
+
+    xmlrpc.client.Transport.make_connection = make_limited_connection  # type: ignore[method-assign]
+
+
 def _remind(end: Any, role: str) -> None:
     """Have the topic's subscribers told again who publishes it."""
     master, uri = rosgraph.Master(rospy.get_name()), rospy.get_node_uri()
