@@ -7,6 +7,7 @@ import math
 import re
 
 import genpy
+import numpy as np
 import pytest
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -17,6 +18,9 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import String
 
 from helpers import module
+from mushr_ros_intro import conversions
+from mushr_ros_intro.bicycle import Pose
+from mushr_ros_intro.grid import Grid
 
 ODD = {
     "float": [math.nan, math.inf, -math.inf, 3e38, 1e30, -1e30, 1e6, -0.0, 1e-45, 5e-324, 1e308],
@@ -151,6 +155,16 @@ def odd_messages(kind, now):
         yield msg
 
 
+def check_published(ros, topic):
+    """See that all is finite that a node has published after a message on a topic."""
+    for msg in ros.published:
+        for owner, field, _ in numbers_in(msg):
+            value = owner[field] if isinstance(owner, list) else getattr(owner, field)
+            # A range is infinite where there is nothing to measure (REP 117).
+            assert math.isfinite(value) or isinstance(msg, LaserScan) and math.isinf(value), topic
+    ros.published.clear()
+
+
 @pytest.mark.parametrize("name", sorted(NODES))
 def test_any_number_in_any_message(monkeypatch, name):
     ros = Ros(monkeypatch)
@@ -167,10 +181,29 @@ def test_any_number_in_any_message(monkeypatch, name):
                 node._publish(node._history.state_at(node._read_clock()))
             elif name == "ackermann_cmd_mux.py":
                 node._expire(node._read_clock())
-            for published in ros.published:
-                for owner, field, _ in numbers_in(published):
-                    value = owner[field] if isinstance(owner, list) else getattr(owner, field)
-                    # A range is infinite where nothing is within the scanner's (REP 117).
-                    is_range = isinstance(published, LaserScan) and value == math.inf
-                    assert math.isfinite(value) or is_range, topic
-            ros.published.clear()
+            check_published(ros, topic)
+
+
+@pytest.mark.parametrize("side", [1, 10_000])
+@pytest.mark.parametrize("name", ["car_sim.py", "laser_sim.py"])
+def test_a_map_of_nothing_but_walls(monkeypatch, name, side):
+    """Of one cell or of a hundred million: the node goes on, and the car is somewhere."""
+    ros = Ros(monkeypatch)
+    node = NODES[name](module(name))
+    calls = {topic: (callback, arguments) for topic, _, callback, arguments in ros.inputs}
+
+    def receive(topic, msg):
+        callback, arguments = calls[topic]
+        callback(msg, *arguments)
+
+    cells, corner = np.full((side, side), 100, np.int8), -0.5 * side
+    receive("/map", conversions.grid_to_msg(Grid(cells, 1.0, Pose(corner, corner, 0.0)), 1, "map"))
+    if name == "car_sim.py":
+        receive("mux/ackermann_cmd_mux/output", good_message(AckermannDriveStamped, ros.now))
+        ros.now += 10**8
+        node._publish(node._history.state_at(node._read_clock()))
+        assert any(isinstance(msg, PoseStamped) for msg in ros.published)
+    else:
+        receive("car_pose", good_message(PoseStamped, ros.now))
+        assert set(ros.published[-1].ranges) == {-math.inf}
+    check_published(ros, "/map")
