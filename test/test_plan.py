@@ -5,7 +5,7 @@ import resource
 import struct
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mushr_ros_intro import plan as module
@@ -319,6 +319,7 @@ written_rows = st.builds(
 
 
 @given(st.tuples(*[coordinates] * 3), st.lists(written_rows, min_size=1, max_size=5))
+@example((0.0, 0.0, 0.0), [Row(1.1094741225242617, -1.1094741225242617, 1, 0)])
 def test_what_is_written_is_read_again(start, rows):
     plan = parse_plan(plan_text(start, rows).encode(), "p")
     assert plan.start == start

@@ -32,6 +32,9 @@ from mushr_ros_intro.stamps import NANOSECONDS
 MAX_FINE_TICKS = 200_000
 """A plan with more ticks is followed row by row, and not tick by tick."""
 
+RAMP_PARTS = 16
+"""Into so many a tick is cut in which the steering ramps, because its way is no arc."""
+
 SHOWN_ROWS = 40
 """Of a longer plan the table shows the first and the last rows only."""
 
@@ -141,7 +144,8 @@ def check(
         np.append(each, end) for each, end in ((durations, stopping), (speeds, 0.0), (angles, 0.0))
     )
     rows = follow(plan.start, durations, speeds, angles, car)
-    if count_ticks(plan) <= MAX_FINE_TICKS:
+    is_fine = count_ticks(plan) <= MAX_FINE_TICKS
+    if is_fine:
         counts = -(-durations // PERIOD)
     else:
         counts = np.ones(len(durations), np.int64)
@@ -151,6 +155,13 @@ def check(
     lasts = (np.cumsum(counts) - 1)[has_ticks]
     fine[lasts] = (durations - (counts - 1) * PERIOD)[has_ticks]
     path = follow(plan.start, fine, speeds[row_of], angles[row_of], car)
+    if is_fine and not math.isinf(car.steering_rate):
+        parts = np.where(path.angles[:-1] != path.angles[1:], RAMP_PARTS, 1)
+        rest = fine - fine // parts * (parts - 1)
+        ends = np.cumsum(parts) - 1
+        fine, row_of = np.repeat(fine // parts, parts), np.repeat(row_of, parts)
+        fine[ends] = rest
+        path = follow(plan.start, fine, speeds[row_of], angles[row_of], car)
     # Where the car turns round it is further out than where the ticks begin and end.
     turning = np.flatnonzero(path.speeds[:-1] * path.speeds[1:] < 0.0)
     if len(turning) and not math.isinf(car.acceleration):
@@ -422,7 +433,7 @@ def _box(path: Track) -> Tuple[float, float, float, float]:
     """Return the least and the largest x and y of the path, with what bulges between its points.
 
     An arc is at its extremes where its heading is along an axis. While a ramp lasts, the way is
-    taken for an arc, which is only a tick long.
+    taken for an arc, which is short: see RAMP_PARTS.
     """
     turns = np.diff(path.poses[:, 2])
     signs = np.sign(np.where(path.speeds[1:] != 0.0, path.speeds[1:], path.speeds[:-1]))

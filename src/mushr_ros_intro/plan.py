@@ -310,7 +310,8 @@ def plan_text(start: Sequence[float], rows: Sequence[Row]) -> str:
 def _as_float32(value: float) -> str:
     """Return the shortest number that is the same as `value` when both travel as float32."""
     travelling = struct.pack("<f", value + 0.0)  # no negative zero
-    texts = (f"{value + 0.0:.{digits}g}" for digits in range(1, 10))
+    (value,) = struct.unpack("<f", travelling)  # of which nine digits are enough
+    texts = (f"{value:.{digits}g}" for digits in range(1, 10))
     return next(repr(float(t)) for t in texts if struct.pack("<f", float(t)) == travelling)
 
 
