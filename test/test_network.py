@@ -12,6 +12,7 @@ import sys
 
 import pytest
 import roslib.packages
+
 from helpers import POSITION_TOLERANCE, Process, closed_form, wait_for
 
 TEST = os.path.dirname(os.path.abspath(__file__))
@@ -37,7 +38,7 @@ runpy.run_path(sys.argv[0], run_name="__main__")
 
 def ip(*command):
     """Let iproute2 do something; return what it prints."""
-    done = subprocess.run(["ip", *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    done = subprocess.run(["ip", *command], capture_output=True)
     if done.returncode:
         raise OSError(f"ip {' '.join(command)}: {done.stderr.decode().strip()}")
     return done.stdout.decode()
