@@ -4,6 +4,7 @@
 import sys
 import threading
 from contextlib import suppress
+from typing import Tuple
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -90,6 +91,17 @@ class AckermannCmdMux:
         self._now = max(self._now, now)
         return self._now
 
+    def _when(self, stamp: int, source: Input) -> Tuple[int, int]:
+        """Return when a command with a stamp was sent, and by how much that may be wrong [ns].
+
+        Simulated time is one clock for all, but in lock-step a second of it takes milliseconds:
+        commands may be here long before the clock's last steps are.
+        """
+        now = self._read_clock()
+        if rospy.rostime.is_wallclock():
+            return effective_stamp(stamp, now), 0
+        return (stamp, 0) if stamp else (now, source.timeout)
+
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
         """Forward a command as it is, if its input may drive."""
         try:
@@ -98,10 +110,7 @@ class AckermannCmdMux:
             rospy.logwarn_throttle(1.0, f"ignored a command of input {source.name}: {error}")
             return
         with self._lock:
-            stamp = effective_stamp(command.stamp, self._read_clock())
-            # In lock-step the next command may be here before the clock's last step is.
-            is_guess = stamp != command.stamp and not rospy.rostime.is_wallclock()
-            slack = source.timeout if is_guess else 0
+            stamp, slack = self._when(command.stamp, source)
             # First what is over by then, so that what comes out depends on the stamps alone.
             self._expire(stamp)
             self._mux, passes = self._mux.command(source, stamp, slack)

@@ -11,6 +11,7 @@ import dataclasses
 import glob
 import http.client
 import io
+import ipaddress
 import os
 import re
 import shlex
@@ -578,6 +579,8 @@ def look_at_network() -> List["Finding"]:
     context = roswtf.context.WtfContext.from_env()
     with suppress(OSError):  # a machine that does not know its own name
         roswtf.network.wtf_check(context)
+    # On a machine whose localhost is ::1 first, roswtf does not know it for a local address.
+    knows_better = _is_loopback(os.environ.get("ROS_HOSTNAME", ""))
     return [
         Finding(
             " ".join(each.msg.split()).rstrip("."),
@@ -585,7 +588,17 @@ def look_at_network() -> List["Finding"]:
             "export ROS_HOSTNAME=localhost",
         )
         for each in context.warnings
+        if not (knows_better and "ROS_HOSTNAME may be incorrect" in each.msg)
     ]
+
+
+def _is_loopback(name: str) -> bool:
+    """Say whether a host's name stands for this machine's loopback interface."""
+    try:
+        addresses = [each[4][0] for each in socket.getaddrinfo(name, 0)] if name else []
+    except OSError:
+        return False
+    return bool(addresses) and all(ipaddress.ip_address(each).is_loopback for each in addresses)
 
 
 def ask_roswtf(facts: "Facts") -> "Facts":

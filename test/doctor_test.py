@@ -173,10 +173,12 @@ class TestDoctor(unittest.TestCase):
             Driver.release(f"{MUX}/input/teleop")
             with node(*arguments) as second:
                 self.assertEqual(first.wait(), 0, first.output)
-                wait_for(
-                    lambda: dict(self.master.getSystemState()[0]).get(NAVIGATION),
-                    "the second one to publish",
-                )
+
+                def publishes():
+                    self.assertTrue(second.running, second.output)
+                    return dict(self.master.getSystemState()[0]).get(NAVIGATION)
+
+                wait_for(publishes, "the second one to publish")
                 second.send_signal(signal.SIGSTOP)
                 with SHORT_PATIENCE:
                     self.expect(
