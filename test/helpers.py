@@ -197,6 +197,10 @@ class Process:
         return "".join(self._lines)
 
     @property
+    def pid(self):
+        return self._process.pid
+
+    @property
     def running(self):
         return self._process.poll() is None
 

@@ -1,0 +1,280 @@
+#!/usr/bin/python3
+"""Break things on purpose while the car drives, and see what becomes of it.
+
+After each fault every node still lives, the car stands where nobody drives it, and a new plan ends
+where it should.
+"""
+
+import math
+import os
+import resource
+import shutil
+import signal
+import socket
+import struct
+import tempfile
+import time
+import unittest
+import xmlrpc.client
+
+import rosgraph
+import rospy
+import rostest
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from std_msgs.msg import String
+
+from helpers import (
+    ANGLE_TOLERANCE,
+    POSITION_TOLERANCE,
+    Recording,
+    angle_between,
+    at,
+    closed_form,
+    command,
+    node,
+    placement,
+    planar,
+    publisher,
+    wait_for,
+)
+from mushr_ros_intro.connections import wait_until_connected
+
+MUX = "/car/mux/ackermann_cmd_mux"
+TIMEOUT = 0.2
+"""[s] How long a command is good for, at the mux and at the car."""
+LEAD = 0.1
+"""[s] How far ahead of the clock the tests stamp their first message."""
+MEMORY = 10_000_000
+"""[bytes] How much more a node may hold: the few messages that wait, and a growing heap."""
+ROWS = [(2.0, 0.3, 0.1), (-1.0, -0.2, 0.1), (1.5, 0.1, TIMEOUT)]
+"""[m/s, rad, s]"""
+
+
+def start(name):
+    """Start the car, or its mux."""
+    if name == "car_sim.py":
+        return node(name, "__ns:=/car", "initialpose:=/initialpose")
+    return node(name, "__ns:=/car/mux")
+
+
+def driven(messages, until):
+    """Return the rows that a car has driven at an instant that has obeyed all these commands."""
+    stamps = sorted({msg.header.stamp: msg.drive for msg in messages}.items())
+    stamps = [(stamp, drive) for stamp, drive in stamps if stamp < until]
+    ends = [stamp for stamp, _ in stamps[1:]] + [until]
+    return [
+        (drive.speed, drive.steering_angle, min((end - stamp).to_sec(), TIMEOUT))
+        for (stamp, drive), end in zip(stamps, ends)
+    ]
+
+
+def memory_of(process):
+    """Return what a process has in memory [bytes]."""
+    with open(f"/proc/{process.pid}/statm") as file:
+        return int(file.read().split()[1]) * resource.getpagesize()
+
+
+class DeafSubscriber:
+    """A subscriber that never reads what it gets, as one that has been stopped."""
+
+    def __init__(self, topic, kind):
+        name = "/deaf" + topic.replace("/", "_")
+        master = rosgraph.Master(name)
+        publishers, _, _ = master.getSystemState()
+        (who,) = dict(publishers)[topic]
+        self._node = xmlrpc.client.ServerProxy(master.lookupNode(who))
+        _, _, (_, host, port) = self._node.requestTopic(name, topic, [["TCPROS"]])
+        self._topic, self._sent, self._since = topic, [], 0.0
+        self._socket = socket.socket()
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, 536)
+        self._socket.connect((host, port))
+        fields = {"callerid": name, "topic": topic, "type": kind._type, "md5sum": kind._md5sum}
+        lines = [f"{key}={value}".encode() for key, value in fields.items()]
+        header = b"".join(struct.pack("<I", len(line)) + line for line in lines)
+        self._socket.sendall(struct.pack("<I", len(header)) + header)
+
+    def is_stuck(self):
+        """Say whether nothing more has been sent to it for half a second."""
+        _, _, (publications, _, _) = self._node.getBusStats("/deaf")
+        sent = [each[2] for each in publications if each[0] == self._topic]
+        if sent != self._sent:
+            self._sent, self._since = sent, time.monotonic()
+        return time.monotonic() > self._since + 0.5
+
+    def close(self):
+        self._socket.close()
+
+
+class TestFaults(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.car, cls.mux = start("car_sim.py"), start("ackermann_cmd_mux.py")
+        cls.poses = Recording("/car/car_pose", PoseStamped).connected()
+        cls.output = Recording(f"{MUX}/output", AckermannDriveStamped).connected()
+        cls.active = Recording(f"{MUX}/active", String).connected()
+        cls.placements = publisher("/initialpose", PoseWithCovarianceStamped)
+        cls.inputs = {
+            name: publisher(f"{MUX}/input/{name}", AckermannDriveStamped)
+            for name in ("teleop", "navigation")
+        }
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.car.end()
+        cls.mux.end()
+
+    def setUp(self):
+        for recording in (self.poses, self.output):
+            recording.clear()
+        self.folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, self.folder)
+
+    def plan(self, text):
+        """Write a plan file; return its path."""
+        path = os.path.join(self.folder, "plan.txt")
+        with open(path, "w") as file:
+            file.write(text)
+        return path
+
+    def assert_pose(self, got, expected):
+        self.assertLess(math.hypot(got[0] - expected[0], got[1] - expected[1]), POSITION_TOLERANCE)
+        self.assertLess(angle_between(got[2], expected[2]), ANGLE_TOLERANCE)
+
+    def place(self, *pose):
+        """Put the car somewhere, and wait until it says that it is there."""
+        self.placements.publish(placement(rospy.Time.now(), *pose))
+        wait_for(lambda: self.poses.last and self.is_at(pose), f"the car to be at {pose}")
+
+    def is_at(self, pose):
+        got = planar(self.poses.last.pose)
+        return math.hypot(got[0] - pose[0], got[1] - pose[1]) < POSITION_TOLERANCE
+
+    def assert_all_is_well(self):
+        """Nobody drives the car and it stands, and a new plan ends where it should."""
+        self.assertTrue(self.car.running and self.mux.running)
+        for each in (self.placements, self.inputs["navigation"]):
+            self.assertTrue(wait_until_connected(each, "subscribers"))
+        self.poses.pose_at_rest(rospy.Time.now())
+        self.place(1.0, 2.0, 0.5)
+        stamp = at(rospy.Time.now(), LEAD)
+        for speed, angle, _ in ROWS:
+            self.inputs["navigation"].publish(command(stamp, speed, angle))
+            stamp = at(stamp, 0.1)
+        pose = self.poses.pose_at_rest(at(stamp, TIMEOUT))
+        self.assert_pose(pose, closed_form((1.0, 2.0, 0.5), ROWS))
+        for msg in self.poses.messages:
+            self.assertTrue(all(map(math.isfinite, planar(msg.pose))))
+
+    def count(self, speed):
+        """Return how many commands of a speed have come out of the mux."""
+        return sum(msg.drive.speed == speed for msg in self.output.messages)
+
+    def wait_until_it_drives(self):
+        """Wait until the car moves, from now on."""
+        self.poses.clear()
+
+        def moves():
+            poses = {planar(msg.pose) for msg in self.poses.messages}
+            return len(poses) > 5
+
+        wait_for(moves, "the car to drive")
+
+    def test_in_mid_plan(self):
+        """Others drive the car, and the car and the mux die and come back: the plan goes on."""
+        path = self.plan("1,-1,0.5\n1.0,0.2,60\n")
+        with node("path_publisher.py", f"_plan_file:={path}") as plan:
+            wait_for(lambda: len(self.output.messages) >= 5, "five commands")
+            with self.subTest("another publisher on the same input"):
+                begin = at(rospy.Time.now(), LEAD)
+                for number in range(10):
+                    stamp = at(begin, 0.03 * number)
+                    self.inputs["navigation"].publish(command(stamp, -0.5, 0.1))
+                wait_for(lambda: self.count(-0.5) == 10, "the other's commands to come out")
+            with self.subTest("teleop takes over and lets go"):
+                begin = at(begin, 0.3)
+                for number in range(3):
+                    self.inputs["teleop"].publish(command(at(begin, 0.1 * number), 0.5, -0.3))
+                wait_for(lambda: self.active.last.data == "teleop", "teleop to drive")
+                wait_for(lambda: self.active.last.data == "navigation", "the plan to drive again")
+                # All the time the car has obeyed what came out of the mux, at its stamps.
+                pose = self.poses.after(at(rospy.Time.now(), TIMEOUT))
+                self.output.after(pose.header.stamp)
+                rows = driven(self.output.messages, pose.header.stamp)
+                self.assertLessEqual({1.0, -0.5, 0.5}, {row[0] for row in rows})
+                self.assert_pose(planar(pose.pose), closed_form((1.0, -1.0, 0.5), rows))
+            with self.subTest("the car dies"):
+                self.car.send_signal(signal.SIGKILL)
+                self.car.wait()
+                self.__class__.car = start("car_sim.py")
+                self.wait_until_it_drives()
+            with self.subTest("the mux dies"):
+                self.mux.send_signal(signal.SIGKILL)
+                self.mux.wait()
+                self.poses.pose_at_rest(rospy.Time.now())
+                self.__class__.mux = start("ackermann_cmd_mux.py")
+                self.wait_until_it_drives()
+            plan.send_signal(signal.SIGINT)
+            self.assertEqual(plan.wait(), 0, plan.output)
+            self.assertNotIn("Traceback", plan.output)
+        self.assert_all_is_well()
+
+    def test_a_thousand_commands_a_second(self):
+        self.place(0.0, 0.0, 0.0)
+        begin = at(rospy.Time.now(), LEAD)
+        self.inputs["navigation"].publish(command(begin, 1.0, 0.2))
+        wait_for(lambda: self.output.last, "the first command")
+        for number in range(1, 901):
+            stamp = at(begin, 0.001 * number)
+            wait_for(lambda stamp=stamp: rospy.Time.now() > at(stamp, -LEAD), "its time")
+            self.inputs["navigation"].publish(command(stamp, 1.0, 0.2))
+        pose = self.poses.pose_at_rest(at(stamp, TIMEOUT))
+        # Where a busy machine lets a queue overflow, the car stood for some of the way.
+        seconds = pose[2] * 0.33 / math.tan(0.2)
+        self.assert_pose(pose, closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)]))
+        self.assertTrue(0.5 < seconds < 0.9 + TIMEOUT + ANGLE_TOLERANCE, seconds)
+        self.assert_all_is_well()
+
+    def test_a_start_pose_every_10_ms(self):
+        """While it is driven: it gets nowhere, and ends where the last one and commands say."""
+        begin = at(rospy.Time.now(), LEAD)
+        for number in range(30):
+            stamp = at(begin, 0.01 * number)
+            self.placements.publish(placement(stamp, 0.1 * number, 3.0, 0.0))
+            self.inputs["navigation"].publish(command(stamp, 1.0, 0.0))
+        pose = self.poses.pose_at_rest(at(stamp, TIMEOUT))
+        self.assert_pose(pose, (2.9 + TIMEOUT, 3.0, 0.0))
+        self.assert_all_is_well()
+
+    def test_messages_of_a_wrong_type(self):
+        """They are not connected with; who publishes says so, and everybody lives on."""
+        sender = rospy.Publisher(f"{MUX}/input/safety", String, queue_size=1)
+        receiver = rospy.Subscriber("/car/joint_states", String)
+        wait_for(lambda: "topic types do not match" in self.car.output, "a word on the type")
+        self.assertIn("/car/joint_states", self.car.output)
+        sender.publish(String(data="stop"))
+        self.assert_all_is_well()
+        self.assertEqual(sender.get_num_connections() + receiver.get_num_connections(), 0)
+        sender.unregister()
+        receiver.unregister()
+
+    def test_z_a_subscriber_that_never_reads(self):
+        """The last of these tests: the car is not held up by it, nor at its end."""
+        before = memory_of(self.car)
+        deaf = DeafSubscriber("/car/odom", Odometry)
+        self.addCleanup(deaf.close)
+        wait_for(deaf.is_stuck, "nothing more to be sent to it")
+        self.assert_all_is_well()
+        self.assertLess(memory_of(self.car) - before, MEMORY)
+        for process in (self.car, self.mux):
+            process.send_signal(signal.SIGINT)
+        for process in (self.car, self.mux):
+            self.assertEqual(process.wait(), 0, process.output)
+            self.assertNotIn("Traceback", process.output)
+
+
+if __name__ == "__main__":
+    rospy.init_node("faults_test")
+    rostest.rosrun("mushr_ros_intro", "faults", TestFaults)
