@@ -8,6 +8,7 @@ import threading
 import time
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
+import rosgraph
 import rospkg
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -22,14 +23,14 @@ from mushr_ros_intro import conversions, prediction
 from mushr_ros_intro.bicycle import Pose, compose, inverse
 from mushr_ros_intro.car import Command, Placement, State, World, at_rest
 from mushr_ros_intro.check import SHOWN_FAULTS, Report, check, scatter, slowed
-from mushr_ros_intro.connections import PATIENCE, limit_calls, wait_until_connected
+from mushr_ros_intro.connections import PATIENCE, limit_calls, peers, wait_until_connected
 from mushr_ros_intro.ensemble import count_ticks, ellipse
 from mushr_ros_intro.grid import Grid
 from mushr_ros_intro.mux import NOBODY, Watch
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
 from mushr_ros_intro.plan import Fault, Plan, PlanError, Row, find_plan, parse_plan, read_bytes
 from mushr_ros_intro.profile import car_from, names_in, read_profile
-from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
+from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp
 
 PERIOD = prediction.COMMAND_PERIOD
 """Between the commands of a row [ns]."""
@@ -281,6 +282,8 @@ class PathPublisher:
         start = placed + PERIOD
         if begin is None and not self._leads:
             start = max(start, self._now())
+        elif begin is None and self._pose_stamp >= start:  # the clock ran on before the car knew
+            start = self._pose_stamp + PERIOD
         self._release = placed
         end = start + self._plan.duration
         self._next_line = start
@@ -309,7 +312,7 @@ class PathPublisher:
         msg.pose.pose.orientation = Quaternion(*quaternion_from_euler(0, 0, theta))
         self._pub_init_pose.publish(msg)
         topic = self._pose_sub.resolved_name
-        if not _is_published(topic):
+        if not self._is_reported():
             rospy.loginfo("nobody publishes %s, so the start pose is not checked", topic)
             return
 
@@ -501,11 +504,20 @@ class PathPublisher:
                 1.0, f"ignored a pose on {self._pose_sub.resolved_name}: {error}"
             )
             return
+        stamp = msg.header.stamp.to_nsec()
+        if rospy.rostime.is_wallclock():
+            stamp = effective_stamp(stamp, self._now())  # the car's clock may be another
         with self._poses:
             if self._pose is not None:
                 self._driven += math.hypot(pose.x - self._pose.x, pose.y - self._pose.y)
-            self._pose, self._pose_stamp = pose, msg.header.stamp.to_nsec()
+            self._pose, self._pose_stamp = pose, stamp
             self._poses.notify_all()
+
+    def _is_reported(self) -> bool:
+        """Say whether anybody reports the car's pose."""
+        return bool(self._pose_sub.get_num_connections()) or _is_published(
+            self._pose_sub.resolved_name
+        )
 
     def _wait_for_pose(self, condition: Callable[[], bool], patience: float) -> bool:
         """Wait until the car's reported pose meets a condition; say whether it does."""
@@ -539,7 +551,7 @@ class PathPublisher:
         is_closed_form = self._car.is_ideal and self._world is None
         means = "closed form" if is_closed_form else "prediction"
         rospy.loginfo("the plan has been driven; its %s ends at %s", means, _pose_text(expected))
-        if not _is_published(self._pose_sub.resolved_name):
+        if not self._is_reported():
             return
         rolling = self._rest - self._plan.duration  # a car with limits does not stand at once
         stands = end + rolling + SETTLING
@@ -608,8 +620,11 @@ def _shown(faults: Sequence[Fault]) -> List[str]:
 
 
 def _is_published(topic: str) -> bool:
-    """Say whether anybody publishes a topic."""
-    return topic in (name for name, _ in rospy.get_published_topics())
+    """Say whether anybody publishes a topic, as far as the master can tell."""
+    try:
+        return bool(peers(topic, "publishers"))
+    except (rosgraph.MasterException, OSError):
+        return False
 
 
 def _close(pose: Optional[Pose], other: Pose) -> bool:

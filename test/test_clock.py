@@ -98,6 +98,11 @@ def test_after_a_placement_the_clock_waits_for_the_first_command():
     assert limit(driven, 0.0, False) == begin
 
 
+def test_after_a_late_placement_there_still_is_a_report():
+    late = (Placement(5 * SECOND, ORIGIN), 5 * SECOND + 10 * POSE_PERIOD, 0.0)
+    assert limit(listen(late), 0.0, True) == 5 * SECOND + 11 * POSE_PERIOD
+
+
 def test_a_placement_teaches_no_period():
     begin = 5 * SECOND + POSE_PERIOD
     stream = listen((Placement(5 * SECOND, ORIGIN), 4 * SECOND, 0.0), (go(begin), begin, 0.1))

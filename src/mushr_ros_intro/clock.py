@@ -80,7 +80,8 @@ def hear(stream: Optional[Stream], event: Event, clock: int, wall: float) -> Str
         if at_rest or stream.patience == PATIENCE_AT_REST:
             period = min(period, stream.period)  # the mux's stop, or the first of another stream
     if isinstance(event, Placement):
-        return Stream(event.stamp, DEFAULT_PERIOD, DEFAULT_PERIOD, True, False, PATIENCE, wall)
+        newest = max(event.stamp, clock)  # it may be late, and the report is still to come
+        return Stream(newest, DEFAULT_PERIOD, DEFAULT_PERIOD, True, False, PATIENCE, wall)
     patience = PATIENCE_AT_REST if at_rest else PATIENCE
     return Stream(event.stamp, period, step, False, event.stamp > clock, patience, wall)
 
