@@ -35,6 +35,7 @@ from mushr_ros_intro.car import (
 from mushr_ros_intro.clock import Stream, hear, horizon
 from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.footprint import is_free, on_map
+from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.parameters import ParameterError, number
 from mushr_ros_intro.plan import MAX_COORDINATE
 from mushr_ros_intro.profile import car_from
@@ -355,6 +356,7 @@ def main() -> int:
     """Run the node; return its exit status."""
     keeps_clock = _has_to_keep_the_clock()
     # Who keeps the clock does not listen to it too.
+    find_log_folder()
     rospy.init_node("car_sim", disable_rostime=keeps_clock)
     try:
         node = CarSim(keeps_clock)

@@ -15,6 +15,7 @@ from mushr_ros_intro import conversions, prediction
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car
 from mushr_ros_intro.clicks import ClickError, path, pose_after, row_to
+from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.parameters import ParameterError, file_name, folder, number, text
 from mushr_ros_intro.plan import (
     MAX_SPEED,
@@ -211,6 +212,7 @@ def _same(one: Pose, other: Pose) -> bool:
 
 def main() -> int:
     """Run the node; return its exit status."""
+    find_log_folder()
     rospy.init_node("click_planner")
     try:
         ClickPlanner()

@@ -26,6 +26,7 @@ from mushr_ros_intro.check import SHOWN_FAULTS, Report, check, scatter, slowed
 from mushr_ros_intro.connections import PATIENCE, limit_calls, peers, wait_until_connected
 from mushr_ros_intro.ensemble import count_ticks, ellipse
 from mushr_ros_intro.grid import Grid
+from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.mux import NOBODY, Watch
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
 from mushr_ros_intro.plan import Fault, Plan, PlanError, Row, find_plan, parse_plan, read_bytes
@@ -644,6 +645,7 @@ def _pose_text(pose: Optional[Pose]) -> str:
 def main() -> int:
     """Run the node; return its exit status."""
     limit_calls()
+    find_log_folder()
     rospy.init_node("path_publisher")
     try:
         node = PathPublisher()

@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro import conversions
 from mushr_ros_intro.bicycle import Pose
+from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.parameters import ParameterError, file_name, folder, text
 from mushr_ros_intro.plan import Row, WriteError, write_plan
 from mushr_ros_intro.profile import car_from
@@ -233,6 +234,7 @@ def _apart(one: Pose, other: Pose) -> bool:
 
 def main() -> int:
     """Run the node; return its exit status."""
+    find_log_folder()
     rospy.init_node("plan_recorder")
     try:
         node = PlanRecorder()
