@@ -6,6 +6,8 @@ import re
 import stat
 import xml.etree.ElementTree as ElementTree
 
+import yaml
+
 PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 
@@ -52,3 +54,24 @@ def test_sources_are_ascii():
         for path in glob.glob(os.path.join(PACKAGE, pattern)):
             with open(path, "rb") as file:
                 assert file.read().isascii(), path
+
+
+def test_the_workflow_runs_a_script_that_is_there():
+    (job,) = yaml.safe_load(read(".github/workflows/test.yml"))["jobs"].values()
+    (command,) = (step["run"] for step in job["steps"] if "run" in step)
+    assert command == "scripts/test"
+    assert os.access(os.path.join(PACKAGE, command), os.X_OK)
+    assert job["container"] == "debian:${{ matrix.debian }}"
+    assert job["strategy"]["matrix"]["debian"] == [11, 12, 13]
+
+
+def test_every_file_that_the_page_for_contributors_names_is_there():
+    named = re.findall(r"`([\w./]+/[\w./]*)`", read("CONTRIBUTING.md"))
+    assert len(named) > 10
+    placeholders = re.compile("NAME|MODULE")
+    missing = [
+        name
+        for name in named
+        if not placeholders.search(name) and not os.path.exists(os.path.join(PACKAGE, name))
+    ]
+    assert missing == []

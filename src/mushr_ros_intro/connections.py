@@ -82,7 +82,7 @@ def limit_calls(patience: float = PATIENCE) -> None:
         connection.timeout = patience
         return connection
 
-    xmlrpc.client.Transport.make_connection = make_limited_connection  # type: ignore[method-assign]
+    xmlrpc.client.Transport.make_connection = make_limited_connection  # type: ignore
 
 
 def _remind(end: Any, role: str) -> None:
