@@ -7,6 +7,7 @@ where it should.
 
 import math
 import os
+import re
 import resource
 import shutil
 import signal
@@ -16,6 +17,7 @@ import tempfile
 import time
 import unittest
 import xmlrpc.client
+from unittest import mock
 
 import rosgraph
 import rospy
@@ -28,14 +30,17 @@ from std_msgs.msg import String
 from helpers import (
     ANGLE_TOLERANCE,
     POSITION_TOLERANCE,
+    Process,
     Recording,
     angle_between,
     at,
     closed_form,
     command,
+    module,
     node,
     placement,
     planar,
+    private_parameters,
     publisher,
     wait_for,
 )
@@ -52,11 +57,11 @@ ROWS = [(2.0, 0.3, 0.1), (-1.0, -0.2, 0.1), (1.5, 0.1, TIMEOUT)]
 """[m/s, rad, s]"""
 
 
-def start(name):
+def start(name, **environment):
     """Start the car, or its mux."""
     if name == "car_sim.py":
-        return node(name, "__ns:=/car", "initialpose:=/initialpose")
-    return node(name, "__ns:=/car/mux")
+        return node(name, "__ns:=/car", "initialpose:=/initialpose", **environment)
+    return node(name, "__ns:=/car/mux", **environment)
 
 
 def driven(messages, until):
@@ -259,6 +264,57 @@ class TestFaults(unittest.TestCase):
         self.assertEqual(sender.get_num_connections() + receiver.get_num_connections(), 0)
         sender.unregister()
         receiver.unregister()
+
+    def test_a_publisher_whose_clock_is_10_s_off(self):
+        """The car obeys each command when it comes, and says why."""
+        path = self.plan("1,-1,0.5\n1.0,0.0,0.5\n")
+        for offset in (10, -10):
+            path_publisher = module("path_publisher.py")
+
+            def now(offset=offset):
+                return rospy.get_rostime().to_nsec() + offset * 10**9
+
+            with mock.patch.object(path_publisher.PathPublisher, "_now", staticmethod(now)):
+                with private_parameters({"plan_file": path}):
+                    made = path_publisher.PathPublisher()
+                self.assertTrue(wait_until_connected(made._pose_sub, "publishers"))
+                self.place(-5.0, -5.0, 0.0)
+                began = time.monotonic()
+                made.run()
+            self.assertLess(time.monotonic() - began, 9.0, "it waited for the other clock")
+            made._pose_sub.unregister()
+            x, y, _ = self.poses.pose_at_rest(rospy.Time.now())
+            self.assertLess(abs(math.hypot(x - 1.0, y + 1.0) - 0.5), TIMEOUT + LEAD)
+        self.assertIn("synchronise the clocks", self.car.output)
+        self.assert_all_is_well()
+
+    def test_the_master_dies(self):
+        """The plan is driven to its end, and Ctrl-C works; all that in a read-only home."""
+        with socket.socket() as unused:
+            unused.bind(("localhost", 0))
+            port = unused.getsockname()[1]
+        uri = f"http://localhost:{port}"
+        here = {"ROS_MASTER_URI": uri, "ROS_HOME": "/proc/nowhere", "ROS_LOG_DIR": ""}
+        with Process("rosmaster", "--core", "-p", str(port), **here) as core:
+            master = rosgraph.Master("/faults", uri)
+            wait_for(master.is_online, "the other master")
+            master.setParam(MUX, rospy.get_param(MUX))
+            nodes = [start(name, **here) for name in ("car_sim.py", "ackermann_cmd_mux.py")]
+            for each in nodes:
+                self.addCleanup(each.end)
+            path = self.plan("1,-1,0.5\n1.0,0.2,1.5\n")
+            with node("path_publisher.py", f"_plan_file:={path}", **here) as plan:
+                wait_for(lambda: "row 1 of 1" in plan.output, "the plan to be driven")
+                core.send_signal(signal.SIGKILL)
+                core.wait()
+                self.assertEqual(plan.wait(), 0, plan.output)
+        said = re.search(r"the car drove 1.50 m .* difference (\S+) m", plan.output)
+        self.assertLess(float(said.group(1)), POSITION_TOLERANCE)
+        for each in nodes:
+            each.send_signal(signal.SIGINT)
+        for each in nodes:
+            self.assertEqual(each.wait(), 0, each.output)
+            self.assertNotIn("Traceback", each.output)
 
     def test_z_a_subscriber_that_never_reads(self):
         """The last of these tests: the car is not held up by it, nor at its end."""

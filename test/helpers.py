@@ -252,6 +252,7 @@ def private_parameters(parameters):
             rospy.delete_param(f"~{name}")
 
 
-def node(name, *arguments):
+def node(name, *arguments, **environment):
     """Start a node of this package as rosrun does, without rosrun's second of searching."""
-    return Process(roslib.packages.find_node("mushr_ros_intro", name)[0], *arguments)
+    path = roslib.packages.find_node("mushr_ros_intro", name)[0]
+    return Process(path, *arguments, **environment)
