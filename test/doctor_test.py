@@ -155,6 +155,24 @@ class TestDoctor(unittest.TestCase):
         if not os.path.exists(path):
             os.symlink(*glob.glob(os.path.join(folder, f"rostest-*-{os.getppid()}.log")), path)
 
+    def namesake(self, first, *arguments):
+        """Start a node of the same name, which ends the first one; return it."""
+        second = node(*arguments)
+        self.addCleanup(second.end)
+        self.assertEqual(first.wait(), 0, first.output)
+
+        def publishes():
+            return dict(self.master.getSystemState()[0]).get(NAVIGATION) or not second.running
+
+        wait_for(publishes, "the second one to publish")
+        if second.running:
+            return second
+        # The master of Debian 11 may end both; then the next one is alone.
+        self.assertIn("new node registered with same name", second.output)
+        third = node(*arguments)
+        wait_for(lambda: dict(self.master.getSystemState()[0]).get(NAVIGATION), "the third one")
+        return third
+
     def test_z_plan(self):  # the last one, for what has been taken over is remembered
         # Started, healthy, held by another input, taken over, stopped, killed, forgotten.
         self.find_log()
@@ -171,14 +189,7 @@ class TestDoctor(unittest.TestCase):
             with Driver(f"{MUX}/input/teleop", 0.0):
                 self.expect(f"the mux's input teleop is held by {self.me}, so the commands of /p")
             Driver.release(f"{MUX}/input/teleop")
-            with node(*arguments) as second:
-                self.assertEqual(first.wait(), 0, first.output)
-
-                def publishes():
-                    self.assertTrue(second.running, second.output)
-                    return dict(self.master.getSystemState()[0]).get(NAVIGATION)
-
-                wait_for(publishes, "the second one to publish")
+            with self.namesake(first, *arguments) as second:
                 second.send_signal(signal.SIGSTOP)
                 with SHORT_PATIENCE:
                     self.expect(

@@ -50,6 +50,9 @@ class TestRealCar(unittest.TestCase):
         self.commands = Recording(MUX + "/input/navigation", AckermannDriveStamped)
         self.placements = Recording("/initialpose", PoseWithCovarianceStamped)
         self.paths = Recording(NAME + "/predicted_path", Path)
+        # What the node of the test before has latched lives as long as the connection to it.
+        wait_for(lambda: not self.paths.subscriber.get_num_connections(), "the last node's end")
+        self.paths.clear()
         self.folder = tempfile.mkdtemp()
         self.addCleanup(shutil.rmtree, self.folder)
         self.addCleanup(self.forget)

@@ -66,7 +66,7 @@ def test_packages_that_ros_does_not_know(monkeypatch):
     one, other = said(doctor.look_at_files("student"))
     assert "ROS does not know the package mushr_ros_intro" in one
     assert "Type: source " in one
-    assert one.endswith("devel/setup.bash")
+    assert one.rstrip("'").endswith("devel/setup.bash")
     assert "ROS does not know the package student" in other
 
 
