@@ -6,6 +6,7 @@ import os
 import sys
 import threading
 import time
+from contextlib import suppress
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import rosgraph
@@ -425,7 +426,9 @@ class PathPublisher:
                 )
             if early <= 0:
                 return
-            rospy.sleep(rospy.Duration(0, early))
+            # Where time moves backwards, the next look at the clock says how far.
+            with suppress(rospy.exceptions.ROSTimeMovedBackwardsException):
+                rospy.sleep(rospy.Duration(0, early))
 
     def _wait_for_clock(self) -> None:
         """Wait until there is a time at all, which under use_sim_time somebody must publish."""

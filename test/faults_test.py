@@ -5,6 +5,7 @@ After each fault every node still lives, the car stands where nobody drives it, 
 where it should.
 """
 
+import contextlib
 import math
 import os
 import re
@@ -14,6 +15,7 @@ import signal
 import socket
 import struct
 import tempfile
+import threading
 import time
 import unittest
 import xmlrpc.client
@@ -25,6 +27,7 @@ import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from helpers import (
@@ -81,6 +84,13 @@ def memory_of(process):
         return int(file.read().split()[1]) * resource.getpagesize()
 
 
+def busy_time(process):
+    """Return for how long a process has computed [s]."""
+    with open(f"/proc/{process.pid}/stat") as file:
+        fields = file.read().rsplit(")", 1)[1].split()
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
 class DeafSubscriber:
     """A subscriber that never reads what it gets, as one that has been stopped."""
 
@@ -113,7 +123,9 @@ class DeafSubscriber:
         self._socket.close()
 
 
-class TestFaults(unittest.TestCase):
+class Faults(unittest.TestCase):
+    """What follows every fault."""
+
     @classmethod
     def setUpClass(cls):
         cls.car, cls.mux = start("car_sim.py"), start("ackermann_cmd_mux.py")
@@ -186,6 +198,10 @@ class TestFaults(unittest.TestCase):
             return len(poses) > 5
 
         wait_for(moves, "the car to drive")
+
+
+class TestFaults(Faults):
+    """Faults in wall-clock time."""
 
     def test_in_mid_plan(self):
         """Others drive the car, and the car and the mux die and come back: the plan goes on."""
@@ -331,6 +347,112 @@ class TestFaults(unittest.TestCase):
             self.assertNotIn("Traceback", process.output)
 
 
+class OtherClock:
+    """Somebody else than the car who publishes /clock, at twice the speed of real time."""
+
+    STEP = rospy.Duration(0, 10_000_000)
+
+    def __init__(self):
+        self._publisher = rospy.Publisher("/clock", Clock, queue_size=100, tcp_nodelay=True)
+        self._lock = threading.Lock()
+        self._now = rospy.Time(1000)
+        self._stands = False
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self):
+        while not rospy.is_shutdown():
+            with self._lock:
+                if not self._stands:
+                    self._now += self.STEP
+                    with contextlib.suppress(rospy.ROSException):  # closed at the end
+                        self._publisher.publish(Clock(clock=self._now))
+            time.sleep(0.5 * self.STEP.to_sec())
+
+    def set(self, stands=False, jump=0.0):
+        """Hold the clock or let it go, and let it jump by some seconds."""
+        with self._lock:
+            self._now = at(self._now, jump)
+            self._stands = stands
+
+
+class TestOtherClock(Faults):
+    """What /clock may do, where somebody else than the car publishes it."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.clock = OtherClock()
+        super().setUpClass()
+
+    @contextlib.contextmanager
+    def driving(self, text):
+        """Drive a plan in a thread; yield what it ends with, once it is under way."""
+        ends = []
+        made = self.path_publisher.PathPublisher
+
+        def run():
+            try:
+                node.run()
+                ends.append("driven")
+            except (self.path_publisher.DriveError, rospy.ROSInterruptException) as error:
+                ends.append(error)
+
+        with private_parameters({"plan_file": self.plan(text)}):
+            node = made()
+        thread = threading.Thread(target=run, daemon=True)
+        thread.start()
+        wait_for(lambda: self.count(1.0) >= 3, "three commands")
+        yield ends
+        thread.join(30.0)
+        self.assertEqual(len(ends), 1, "the plan has no end")
+
+    def setUp(self):
+        super().setUp()
+        self.path_publisher = module("path_publisher.py")
+
+    def test_it_stands(self):
+        """The plan stands too, nobody is kept busy by it, and then all goes on."""
+        with self.driving("1,-1,0.5\n1.0,0.2,1.5\n") as ends:
+            self.clock.set(stands=True)
+            self.addCleanup(self.clock.set)
+            began = time.monotonic()
+            before = [busy_time(process) for process in (self.car, self.mux)]
+            wait_for(lambda: time.monotonic() > began + 0.5, "half a second to pass")
+            after = [busy_time(process) for process in (self.car, self.mux)]
+            self.assertEqual(ends, [])
+            self.clock.set()
+        self.assertEqual(ends, ["driven"])
+        self.assertLess(max(map(float.__sub__, after, before)), 0.25)
+        pose = self.poses.pose_at_rest(self.output.last.header.stamp)
+        self.assert_pose(pose, closed_form((1.0, -1.0, 0.5), [(1.0, 0.2, 1.5)]))
+        self.assert_all_is_well()
+
+    def test_it_jumps(self):
+        """The plan is given up, which is said, and the car stands when its last command is over."""
+        for seconds in (10.0, -10.0):
+            with self.subTest(seconds=seconds):
+                self.setUp()
+                with self.driving("1,-1,0.5\n1.0,0.2,60\n") as ends:
+                    self.clock.set(jump=seconds)
+                self.assertIn("the clock was set", str(ends[0]))
+                now = rospy.Time.now()
+                wait_for(
+                    lambda now=now: abs((self.poses.last.header.stamp - now).to_sec()) < 5.0,
+                    "the car to notice",
+                )
+                self.poses.clear()
+                x, y, _ = self.poses.pose_at_rest(now)
+                rows = [msg for msg in self.output.messages if msg.drive.speed]
+                driven_for = (rows[-1].header.stamp - rows[0].header.stamp).to_sec() + TIMEOUT
+                expected = closed_form((1.0, -1.0, 0.5), [(1.0, 0.2, driven_for)])
+                slack = TIMEOUT if seconds < 0.0 else POSITION_TOLERANCE  # it stands at once
+                self.assertLess(math.hypot(x - expected[0], y - expected[1]), slack)
+                self.assert_all_is_well()
+        for process in (self.car, self.mux):
+            self.assertIn("the clock jumped back", process.output)
+
+
 if __name__ == "__main__":
     rospy.init_node("faults_test")
-    rostest.rosrun("mushr_ros_intro", "faults", TestFaults)
+    is_simulated = rospy.get_param("/use_sim_time", False)
+    tests = TestOtherClock if is_simulated else TestFaults
+    rostest.rosrun("mushr_ros_intro", "faults", tests)
