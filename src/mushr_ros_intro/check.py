@@ -145,10 +145,7 @@ def check(
     )
     rows = follow(plan.start, durations, speeds, angles, car)
     is_fine = count_ticks(plan) <= MAX_FINE_TICKS
-    if is_fine:
-        counts = -(-durations // PERIOD)
-    else:
-        counts = np.ones(len(durations), np.int64)
+    counts = -(-durations // PERIOD) if is_fine else np.ones(len(durations), np.int64)
     row_of = np.repeat(np.arange(len(durations)), counts)
     fine = np.full(len(row_of), PERIOD)
     has_ticks = counts > 0
