@@ -311,7 +311,7 @@ class TestFaults(Faults):
             unused.bind(("localhost", 0))
             port = unused.getsockname()[1]
         uri = f"http://localhost:{port}"
-        here = {"ROS_MASTER_URI": uri, "ROS_HOME": "/proc/nowhere", "ROS_LOG_DIR": ""}
+        here = {"ROS_MASTER_URI": uri, "ROS_LOG_DIR": "/proc/nowhere"}
         with Process("rosmaster", "--core", "-p", str(port), **here) as core:
             master = rosgraph.Master("/faults", uri)
             wait_for(master.is_online, "the other master")
