@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 
 import yaml
 
-PACKAGE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+PACKAGE = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 
 
 def read(name):
