@@ -15,7 +15,7 @@ from mushr_ros_intro.car import Command
 from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.mux import ConfigError, Input, Mux, parse_config
-from mushr_ros_intro.stamps import STAMP_TOLERANCE, effective_stamp
+from mushr_ros_intro.stamps import CLOCK_LAG, STAMP_TOLERANCE, effective_stamp
 
 
 class AckermannCmdMux:
@@ -101,7 +101,8 @@ class AckermannCmdMux:
         now = self._read_clock()
         if rospy.rostime.is_wallclock():
             return effective_stamp(stamp, now), 0
-        return (stamp, 0) if stamp else (now, source.timeout)
+        taken = effective_stamp(stamp, now, CLOCK_LAG)
+        return taken, 0 if taken == stamp else source.timeout
 
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
         """Forward a command as it is, if its input may drive."""

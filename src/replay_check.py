@@ -27,17 +27,13 @@ from mushr_ros_intro.checks import as_number
 from mushr_ros_intro.parameters import ParameterError, number, text
 from mushr_ros_intro.plan import Plan, PlanError, find_plan, read_plan
 from mushr_ros_intro.profile import car_from
-from mushr_ros_intro.stamps import NANOSECONDS
+from mushr_ros_intro.stamps import CLOCK_LAG, NANOSECONDS, effective_stamp
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 POSES = "/car/car_pose"
 PLACEMENTS = "/initialpose"
 COLLISIONS = "/car/car_sim/collision"
 MAP = "/map_metadata"
-
-CLOCK_LAG = 60 * NANOSECONDS
-"""How far a stamp may be from this node's clock [ns], which is behind the car's at times: in
-lock-step a minute takes about a second."""
 
 AUTO = "auto"
 """The value of a tolerance that depends on the plan."""
@@ -186,9 +182,8 @@ class Observer:
     def _on_command(self, msg: AckermannDriveStamped) -> None:
         """Note a command, and pass it on as it is."""
         now, stamp = rospy.get_rostime().to_nsec(), msg.header.stamp.to_nsec()
-        is_stamped = stamp > 0 and abs(stamp - now) <= CLOCK_LAG
-        taken = stamp if is_stamped else now
-        sent = report.Sent(taken, is_stamped, msg.drive.speed, msg.drive.steering_angle)
+        taken = effective_stamp(stamp, now, CLOCK_LAG)
+        sent = report.Sent(taken, taken == stamp, msg.drive.speed, msg.drive.steering_angle)
         with self._lock:
             self._sent.append(sent)
             self.heard = time.monotonic()

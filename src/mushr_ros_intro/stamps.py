@@ -7,13 +7,18 @@ STAMP_TOLERANCE = 1 * NANOSECONDS
 """How far a stamp may be from this machine's clock [ns] and still be taken as it is."""
 
 
-def effective_stamp(stamp: int, now: int) -> int:
+CLOCK_LAG = 60 * NANOSECONDS
+"""How far a stamp may be from what a node takes for the simulated time [ns], and still be right: in
+lock-step a minute takes about a second, and a node's clock may be a moment behind the car's."""
+
+
+def effective_stamp(stamp: int, now: int, tolerance: int = STAMP_TOLERANCE) -> int:
     """Return the instant [ns] that a message's stamp means.
 
-    A stamp of zero (never filled in), or one that is more than STAMP_TOLERANCE away from `now`
+    A stamp of zero (never filled in), or one that is more than `tolerance` [ns] away from `now`
     (another machine's clock), means now.
     """
-    return stamp if stamp and abs(stamp - now) <= STAMP_TOLERANCE else now
+    return stamp if stamp and abs(stamp - now) <= tolerance else now
 
 
 def from_seconds(seconds: float) -> int:
