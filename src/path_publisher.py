@@ -24,7 +24,14 @@ from mushr_ros_intro import conversions, prediction
 from mushr_ros_intro.bicycle import Pose, compose, inverse
 from mushr_ros_intro.car import Command, Placement, State, World, at_rest
 from mushr_ros_intro.check import SHOWN_FAULTS, Report, check, scatter, slowed
-from mushr_ros_intro.connections import PATIENCE, limit_calls, peers, wait_until_connected
+from mushr_ros_intro.connections import (
+    PATIENCE,
+    REMIND_EVERY,
+    limit_calls,
+    peers,
+    remind,
+    wait_until_connected,
+)
 from mushr_ros_intro.ensemble import count_ticks, ellipse
 from mushr_ros_intro.grid import Grid
 from mushr_ros_intro.logs import find_log_folder
@@ -443,7 +450,7 @@ class PathPublisher:
     def _wait_for_subscriber(self, publisher: rospy.Publisher) -> None:
         """Wait until somebody listens to `publisher`, and all who are going to do."""
         began = time.monotonic()
-        said = False
+        reminders = 0
         while not publisher.get_num_connections():
             waited = time.monotonic() - began
             if waited > self._patience:
@@ -452,9 +459,11 @@ class PathPublisher:
                     "Is the car running (roslaunch mushr_ros_intro sim.launch), and is that its "
                     "topic (rostopic list)?"
                 )
-            if waited > 1.0 and not said:
-                said = True
-                rospy.loginfo("waiting for a subscriber to %s", publisher.resolved_name)
+            if waited > (reminders + 1) * REMIND_EVERY:
+                if not reminders:
+                    rospy.loginfo("waiting for a subscriber to %s", publisher.resolved_name)
+                reminders += 1
+                remind(publisher, "subscribers")
             self._pause()
         if not wait_until_connected(publisher, "subscribers", self._patience):
             rospy.logwarn("not every subscriber to %s is connected", publisher.resolved_name)

@@ -18,7 +18,8 @@ PATIENCE = 5.0
 """How long a node waits at its start for the other ends of its topics [s of wall-clock time]."""
 
 _PING_AFTER = 0.5  # [s] from when on those are left out that do not answer
-_REMIND_EVERY = 1.0  # [s]
+REMIND_EVERY = 1.0
+"""How long to wait for a connection before the subscribers are reminded, again and again [s]."""
 
 
 def peers(topic: str, role: str) -> List[str]:
@@ -63,9 +64,9 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
             return True
         if waited > patience:
             return False
-        if waited > (reminders + 1) * _REMIND_EVERY:
+        if waited > (reminders + 1) * REMIND_EVERY:
             reminders += 1
-            _remind(end, role)
+            remind(end, role)
         time.sleep(0.01)
 
 
@@ -85,8 +86,8 @@ def limit_calls(patience: float = PATIENCE) -> None:
     xmlrpc.client.Transport.make_connection = make_limited_connection  # type: ignore
 
 
-def _remind(end: Any, role: str) -> None:
-    """Have the topic's subscribers told again who publishes it."""
+def remind(end: Any, role: str) -> None:
+    """Have the topic's subscribers told again who publishes it; `end` and `role` as above."""
     master, uri = rosgraph.Master(rospy.get_name()), rospy.get_node_uri()
     try:
         if role == "subscribers":
