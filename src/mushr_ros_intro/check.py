@@ -151,7 +151,9 @@ def check(
     has_ticks = counts > 0
     lasts = (np.cumsum(counts) - 1)[has_ticks]
     fine[lasts] = (durations - (counts - 1) * PERIOD)[has_ticks]
-    path = follow(plan.start, fine, speeds[row_of], angles[row_of], car)
+    path = rows
+    if is_fine:
+        path = follow(plan.start, fine, speeds[row_of], angles[row_of], car)
     if is_fine and not math.isinf(car.steering_rate):
         parts = np.where(path.angles[:-1] != path.angles[1:], RAMP_PARTS, 1)
         rest = fine - fine // parts * (parts - 1)
