@@ -117,6 +117,19 @@ def test_a_placement_does_not_undo_the_command_of_its_stamp():
         assert limit(stream, 0.0, True) == now + DEFAULT_PERIOD
 
 
+@pytest.mark.parametrize("clock", [4 * SECOND, 5 * SECOND])
+def test_a_plan_that_begins_again_is_placed_whichever_of_its_messages_is_first(clock):
+    """It ends in a stop, which takes the way through the mux, and a placement of that stamp."""
+    end = 5 * SECOND
+    for events in (
+        [Command(end, 0.0, 0.0), Placement(end, ORIGIN)],
+        [Placement(end, ORIGIN), Command(end, 0.0, 0.0)],
+    ):
+        stream = listen((go(end - DEFAULT_PERIOD), clock, 0.0), *((e, clock, 0.0) for e in events))
+        assert limit(stream, 0.0, True) == end + POSE_PERIOD
+        assert limit(stream, PATIENCE, True) == end + POSE_PERIOD
+
+
 def test_patience_ends():
     driving = listen((go(5 * SECOND), 4 * SECOND, 7.0))
     assert limit(driving, 7.0 + PATIENCE, True) == 5 * SECOND

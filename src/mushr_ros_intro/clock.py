@@ -10,9 +10,10 @@ before sending a command. Where nothing comes for a while of wall-clock time, th
 Stamps are integer nanoseconds of simulated time; `wall` is in seconds of the computer's own time.
 """
 
+from enum import IntEnum
 from typing import NamedTuple, Optional
 
-from mushr_ros_intro.car import Command, Event, Placement
+from mushr_ros_intro.car import Event, Placement
 from mushr_ros_intro.stamps import NANOSECONDS
 
 DEFAULT_PERIOD = NANOSECONDS // 10
@@ -34,6 +35,25 @@ PATIENCE_AT_REST = 0.2
 """How long it waits after a command to stand [s], with which most streams end."""
 
 
+class Kind(IntEnum):
+    """What an event is; of several with one stamp the greatest says what is to come.
+
+    A plan that begins again ends in a stop and a placement of the same stamp, and either may be
+    the first to arrive.
+    """
+
+    STOP = 0
+    PLACEMENT = 1
+    DRIVE = 2
+
+    @classmethod
+    def of(cls, event: Event) -> "Kind":
+        """Return what an event is."""
+        if isinstance(event, Placement):
+            return cls.PLACEMENT
+        return cls.DRIVE if event.speed or event.steering_angle else cls.STOP
+
+
 class Stream(NamedTuple):
     """What is known of the events (commands and placements) that reach the car."""
 
@@ -43,8 +63,8 @@ class Stream(NamedTuple):
     """Between the stamps of commands, as far as is known [ns]."""
     step: int
     """Between the newest two stamps that differ [ns]."""
-    placed: bool
-    """Whether the newest is a placement."""
+    kind: Kind
+    """What the newest is."""
     ahead: bool
     """Whether the newest is a command that was stamped ahead of the clock when it came."""
     patience: float
@@ -66,24 +86,28 @@ def hear(stream: Optional[Stream], event: Event, clock: int, wall: float) -> Str
         clock: the simulated time when it came [ns].
         wall: the computer's own time when it came [s].
     """
-    is_placement = isinstance(event, Placement)
-    at_rest = isinstance(event, Command) and event.speed == 0.0 and event.steering_angle == 0.0
-    if stream is not None and (event.stamp, not is_placement) < (stream.newest, not stream.placed):
+    kind = Kind.of(event)
+    if stream is not None and (event.stamp, kind) < (stream.newest, stream.kind):
         return stream._replace(heard=wall)  # late or out of order; the newest still counts
+    if kind == Kind.PLACEMENT:
+        newest = max(event.stamp, clock)  # it may be late, and the report is still to come
+        return Stream(newest, DEFAULT_PERIOD, DEFAULT_PERIOD, kind, False, PATIENCE, wall)
     period = step = DEFAULT_PERIOD
-    if stream is not None and not stream.placed and event.stamp - stream.newest <= LONGEST_PERIOD:
+    if stream is not None and _goes_on(stream, event):
         step = event.stamp - stream.newest or stream.step
         period = stream.period
         # A busy machine delivers the first messages at odd times; what repeats itself is a period.
         if event.stamp != stream.newest and abs(step - stream.step) <= STEP_TOLERANCE * step:
             period = step
-        if at_rest or stream.patience == PATIENCE_AT_REST:
+        if Kind.STOP in (kind, stream.kind):
             period = min(period, stream.period)  # the mux's stop, or the first of another stream
-    if isinstance(event, Placement):
-        newest = max(event.stamp, clock)  # it may be late, and the report is still to come
-        return Stream(newest, DEFAULT_PERIOD, DEFAULT_PERIOD, True, False, PATIENCE, wall)
-    patience = PATIENCE_AT_REST if at_rest else PATIENCE
-    return Stream(event.stamp, period, step, False, event.stamp > clock, patience, wall)
+    patience = PATIENCE_AT_REST if kind == Kind.STOP else PATIENCE
+    return Stream(event.stamp, period, step, kind, event.stamp > clock, patience, wall)
+
+
+def _goes_on(stream: Stream, command: Event) -> bool:
+    """Say whether a command is the next of a stream of commands."""
+    return stream.kind != Kind.PLACEMENT and command.stamp - stream.newest <= LONGEST_PERIOD
 
 
 def horizon(
@@ -100,4 +124,4 @@ def horizon(
         return stream.newest
     if not lock_step:
         return None
-    return stream.newest + (pose_period if stream.placed else stream.period)
+    return stream.newest + (pose_period if stream.kind == Kind.PLACEMENT else stream.period)
