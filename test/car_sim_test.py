@@ -217,7 +217,7 @@ class TestCarSim(unittest.TestCase):
         poses = {m.header.stamp: m.pose for m in self.poses.messages}
         joints = {m.header.stamp: m for m in joints.messages}
         complete = [m for m in driving if m.header.stamp in poses and m.header.stamp in joints]
-        self.assertGreater(len(complete), 5)
+        self.assertGreater(len(complete), 10)
         for msg in complete:
             stamp = msg.header.stamp
             pose = poses[stamp]

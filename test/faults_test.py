@@ -271,6 +271,7 @@ class TestFaults(Faults):
 
     def test_messages_of_a_wrong_type(self):
         """They do not arrive; who publishes says so, and everybody lives on."""
+        active = Recording(f"{MUX}/active", String).connected()
         sender = rospy.Publisher(f"{MUX}/input/safety", String, queue_size=1)
         receiver = Recording("/car/joint_states", String)
         wait_for(lambda: "topic types do not match" in self.car.output, "a word on the type")
@@ -278,6 +279,9 @@ class TestFaults(Faults):
         sender.publish(String(data="stop"))
         self.assert_all_is_well()
         self.assertEqual(receiver.messages, [])
+        self.assertNotIn("safety", [msg.data for msg in active.messages])
+        self.assertIn("navigation", [msg.data for msg in active.messages])
+        active.subscriber.unregister()
         sender.unregister()
         receiver.subscriber.unregister()
 
