@@ -4,7 +4,6 @@
 import sys
 import threading
 from contextlib import suppress
-from typing import Tuple
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -14,8 +13,8 @@ from mushr_ros_intro import conversions
 from mushr_ros_intro.car import Command
 from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.logs import find_log_folder
-from mushr_ros_intro.mux import ConfigError, Input, Mux, parse_config
-from mushr_ros_intro.stamps import CLOCK_LAG, STAMP_TOLERANCE, effective_stamp
+from mushr_ros_intro.mux import ConfigError, Input, Mux, parse_config, sent_at
+from mushr_ros_intro.stamps import STAMP_TOLERANCE
 
 
 class AckermannCmdMux:
@@ -92,18 +91,6 @@ class AckermannCmdMux:
         self._now = max(self._now, now)
         return self._now
 
-    def _when(self, stamp: int, source: Input) -> Tuple[int, int]:
-        """Return when a command with a stamp was sent, and by how much that may be wrong [ns].
-
-        Simulated time is one clock for all, but in lock-step a second of it takes milliseconds:
-        commands may be here long before the clock's last steps are.
-        """
-        now = self._read_clock()
-        if rospy.rostime.is_wallclock():
-            return effective_stamp(stamp, now), 0
-        taken = effective_stamp(stamp, now, CLOCK_LAG)
-        return taken, 0 if taken == stamp else source.timeout
-
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
         """Forward a command as it is, if its input may drive."""
         try:
@@ -112,7 +99,8 @@ class AckermannCmdMux:
             rospy.logwarn_throttle(1.0, f"ignored a command of input {source.name}: {error}")
             return
         with self._lock:
-            stamp, slack = self._when(command.stamp, source)
+            now, is_simulated = self._read_clock(), not rospy.rostime.is_wallclock()
+            stamp, slack = sent_at(command.stamp, now, source.timeout, is_simulated)
             # First what is over by then, so that what comes out depends on the stamps alone.
             self._expire(stamp)
             self._mux, passes = self._mux.command(source, stamp, slack)

@@ -318,7 +318,7 @@ class CarSim:
         with self._changed:
             self._paused, self._steps = paused, steps
             if self._stream is not None:  # while the clock is held, nobody is late
-                self._stream = self._stream._replace(heard=time.monotonic())
+                self._stream = self._stream.resume(time.monotonic())
             self._changed.notify_all()
             while self._steps and not rospy.is_shutdown():
                 self._changed.wait(0.1)

@@ -289,10 +289,8 @@ class PathPublisher:
         if self._places_car:
             self.send_init_pose(Placement(placed, Pose(*self._plan.start)))
         start = placed + PERIOD
-        if begin is None and not self._leads:
-            start = max(start, self._now())
-        elif begin is None and self._pose_stamp >= start:  # the clock ran on before the car knew
-            start = self._pose_stamp + PERIOD
+        if begin is None:
+            start = first_due(placed, self._pose_stamp, self._now(), self._leads)
         self._release = placed
         end = start + self._plan.duration
         self._next_line = start
@@ -586,6 +584,22 @@ class PathPublisher:
     def _now() -> int:
         """Return the present [ns]."""
         return rospy.get_rostime().to_nsec()
+
+
+def first_due(placed: int, reported: int, now: int, leads: bool) -> int:
+    """Return when a plan's first command is due [ns], one period after the car has been placed.
+
+    Args:
+        placed: when the car was to be placed [ns].
+        reported: the stamp of the newest pose that it has reported [ns].
+        now: the present [ns].
+        leads: whether the clock waits for the commands: then, if it ran on before the car knew of
+            its placement, the plan begins after the report, and not at a random present.
+    """
+    due = placed + PERIOD
+    if not leads:
+        return max(due, now)
+    return due if reported < due else reported + PERIOD
 
 
 def _text_or_none(name: str) -> Optional[str]:

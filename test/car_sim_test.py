@@ -2,13 +2,9 @@
 """Check the simulated car: events at their stamps, refusals, and reports that agree."""
 
 import math
-import os
 import random
-import threading
 import unittest
-import xmlrpc.server
 
-import rosgraph
 import rospy
 import rostest
 import tf2_ros
@@ -23,6 +19,7 @@ from helpers import (
     ANGLE_TOLERANCE,
     LEAD,
     POSITION_TOLERANCE,
+    Ghost,
     Recording,
     angle_between,
     at,
@@ -42,33 +39,6 @@ from mushr_ros_intro.parameters import ParameterError
 
 ROWS = [(2.0, 0.3), (1.0, -0.2), (-1.5, 0.25), (3.0, 0.0), (0.5, 1.2), (2.5, -0.1)]
 """[m/s, rad] One command every 0.1 s."""
-
-
-class Ghost:
-    """A node that is there, is asked and told things, and connects with nobody."""
-
-    def __init__(self):
-        self.calls = {"publisherUpdate": [], "requestTopic": []}
-        self._server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
-        self.uri = f"http://localhost:{self._server.server_address[1]}/"
-        self.master = rosgraph.Master("/ghost")
-        self._server.register_function(lambda *_: (1, "", os.getpid()), "getPid")
-        for name, answer in (("publisherUpdate", (1, "", 0)), ("requestTopic", (0, "no", 0))):
-            self._server.register_function(self._answer(name, answer), name)
-        threading.Thread(target=self._server.serve_forever, daemon=True).start()
-
-    def _answer(self, name, answer):
-        def take(_, *arguments):
-            self.calls[name].append(list(arguments))
-            return answer
-
-        return take
-
-    def end(self):
-        self.master.unregisterSubscriber("/told", self.uri)
-        self.master.unregisterPublisher("/asks", self.uri)
-        self._server.shutdown()
-        self._server.server_close()
 
 
 class TestCarSim(unittest.TestCase):
@@ -245,17 +215,17 @@ class TestCarSim(unittest.TestCase):
 
     def test_a_subscriber_that_was_not_told_of_a_publisher(self):
         """Which now and then happens to rospy: it is told again, whichever end waits."""
-        ghost = Ghost()
-        self.addCleanup(ghost.end)
         told = rospy.Publisher("/told", Empty, queue_size=1)
-        ghost.master.registerSubscriber(told.resolved_name, Empty._type, ghost.uri)
+        ghost = Ghost(subscribes=["/told"])
+        self.addCleanup(ghost.end)
         self.assertFalse(wait_until_connected(told, "subscribers", patience=1.5))
         self.assertEqual(
             ghost.calls["publisherUpdate"], [[told.resolved_name, [rospy.get_node_uri()]]]
         )
 
         asks = rospy.Subscriber("/asks", Empty)
-        ghost.master.registerPublisher(asks.resolved_name, Empty._type, ghost.uri)
+        ghost = Ghost(publishes=["/asks"])
+        self.addCleanup(ghost.end)
         wait_for(lambda: len(ghost.calls["requestTopic"]) == 1, "the subscriber to ask once")
         self.assertFalse(wait_until_connected(asks, "publishers", patience=1.5))
         wait_for(lambda: len(ghost.calls["requestTopic"]) == 2, "the subscriber to ask again")

@@ -10,7 +10,9 @@ import struct
 import subprocess
 import threading
 import time
+import xmlrpc.server
 
+import rosgraph
 import roslib.packages
 import rospkg
 import rospy
@@ -171,6 +173,40 @@ def publisher(topic, kind, **options):
     made = rospy.Publisher(topic, kind, queue_size=100, tcp_nodelay=True, **options)
     wait_for(made.get_num_connections, f"a subscriber of {made.resolved_name}")
     return made
+
+
+class Ghost:
+    """A node that the master knows, and that connects with nobody, whatever it is told."""
+
+    def __init__(self, subscribes=(), publishes=()):
+        self.calls = {"publisherUpdate": [], "requestTopic": []}
+        self._server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
+        self._uri = f"http://localhost:{self._server.server_address[1]}/"
+        self._master = rosgraph.Master("/ghost")
+        self._subscribes, self._publishes = subscribes, publishes
+        self._server.register_function(lambda *_: (1, "", os.getpid()), "getPid")
+        for name, answer in (("publisherUpdate", (1, "", 0)), ("requestTopic", (0, "no", 0))):
+            self._server.register_function(self._answer(name, answer), name)
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+        for topic in subscribes:
+            self._master.registerSubscriber(topic, "*", self._uri)
+        for topic in publishes:
+            self._master.registerPublisher(topic, "*", self._uri)
+
+    def _answer(self, name, answer):
+        def take(_, *arguments):
+            self.calls[name].append(list(arguments))
+            return answer
+
+        return take
+
+    def end(self):
+        for topic in self._subscribes:
+            self._master.unregisterSubscriber(topic, self._uri)
+        for topic in self._publishes:
+            self._master.unregisterPublisher(topic, self._uri)
+        self._server.shutdown()
+        self._server.server_close()
 
 
 class Process:

@@ -18,6 +18,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from helpers import (
     ANGLE_TOLERANCE,
     POSITION_TOLERANCE,
+    Ghost,
     Process,
     Recording,
     angle_between,
@@ -159,6 +160,34 @@ class TestPathPublisher(unittest.TestCase):
             with node("path_publisher.py", f"_plan_file:={name}") as publisher:
                 self.wait_for_commands(1)
             self.assertEqual(self.commands.messages[0].drive.speed, 1.0)
+
+    def test_when_the_first_command_is_due(self):
+        """One period after the placement, or after what there was to wait for."""
+        first_due, period = module("path_publisher.py").first_due, 10**8
+        for placed, reported, now, leads, expected in (
+            (0, 1, 1, False, period),
+            (0, 1, 3 * period, False, 3 * period),
+            (0, 1, 3 * period, True, period),  # the present is what the clock happens to show
+            (0, period - 1, 3 * period, True, period),
+            (0, period, period, True, 2 * period),
+            (0, 2 * period + 7, 9 * period, True, 3 * period + 7),
+        ):
+            self.assertEqual(first_due(placed, reported, now, leads), expected)
+
+    def test_reminds_a_subscriber_that_was_not_told_of_it(self):
+        parameters = {
+            "plan_file": "circle",
+            "control_topic": "/told_late",
+            "subscriber_timeout": 1.5,
+        }
+        path_publisher = module("path_publisher.py")
+        with private_parameters(parameters):
+            made = path_publisher.PathPublisher()
+        ghost = Ghost(subscribes=["/told_late"])
+        self.addCleanup(ghost.end)
+        with self.assertRaisesRegex(path_publisher.DriveError, "nobody subscribes to /told_late"):
+            made.run()
+        self.assertEqual(ghost.calls["publisherUpdate"], [["/told_late", [rospy.get_node_uri()]]])
 
     def test_refuses_every_broken_plan_and_parameter(self):
         """The node that this process would be is not made, and says where the fault is."""

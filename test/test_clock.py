@@ -50,12 +50,13 @@ def test_a_command_of_the_present_promises_one_period_in_lock_step_only():
     assert limit(stream, 0.0, lock_step=False) is None
 
 
-def test_the_period_is_learned_from_the_stamps():
+@pytest.mark.parametrize("times", [1, 2])
+def test_the_period_is_learned_from_the_stamps(times):
+    """Also where each command is sent twice."""
     period = SECOND // 4
-    events = [(go(5 * SECOND + k * period), 5 * SECOND + k * period, 0.01 * k) for k in range(3)]
-    assert limit(listen(*events), 0.02, True) == 5 * SECOND + 3 * period
-    events.append((go(5 * SECOND + 2 * period), 5 * SECOND + 2 * period, 0.03))  # twice
-    assert limit(listen(*events), 0.03, True) == 5 * SECOND + 3 * period
+    stamps = [5 * SECOND + k * period for k in range(3) for _ in range(times)]
+    stream = listen(*((go(stamp), stamp, 0.0) for stamp in stamps))
+    assert limit(stream, 0.0, True) == 5 * SECOND + 3 * period
 
 
 @pytest.mark.parametrize("again", [0, 1])
@@ -69,17 +70,20 @@ def test_a_step_that_does_not_repeat_itself_is_no_period(again):
 
 
 def test_commands_far_apart_are_two_streams():
-    far = 5 * SECOND + LONGEST_PERIOD + 1
-    stream = listen((go(5 * SECOND), 5 * SECOND, 0.0), (go(far), far, 0.1))
-    assert limit(stream, 0.1, True) == far + DEFAULT_PERIOD
+    period = SECOND // 4
+    stamps = [5 * SECOND + k * period for k in range(3)]
+    far = stamps[-1] + LONGEST_PERIOD + 1
+    stream = listen(*((go(stamp), stamp, 0.0) for stamp in [*stamps, far]))
+    assert limit(stream, 0.0, True) == far + DEFAULT_PERIOD
 
 
 def test_a_pause_after_a_stop_is_no_period():
     """Neither is the time after which the mux sends one."""
-    end, stop, begin = 5 * SECOND, 5 * SECOND + SECOND // 5, 6 * SECOND
-    events = [go(end), Command(stop, 0.0, 0.0), go(begin)]
-    stream = listen(*((event, event.stamp, 0.0) for event in events))
-    assert limit(stream, 0.1, True) == begin + DEFAULT_PERIOD
+    end, stop = 5 * SECOND, 5 * SECOND + SECOND // 5
+    for begin in (6 * SECOND, stop + SECOND // 5):
+        events = [go(end), Command(stop, 0.0, 0.0), go(begin)]
+        stream = listen(*((event, event.stamp, 0.0) for event in events))
+        assert limit(stream, 0.1, True) == begin + DEFAULT_PERIOD
 
 
 def test_a_late_command_does_not_set_the_horizon_back():
@@ -139,3 +143,13 @@ def test_patience_ends():
     assert limit(standing, 7.01 + PATIENCE_AT_REST, True) is None
     steering = listen((Command(5 * SECOND, 0.0, 0.3), 4 * SECOND, 7.0))
     assert limit(steering, 7.0 + PATIENCE, True) == 5 * SECOND
+
+
+@pytest.mark.parametrize("event", [go(5 * SECOND), Command(5 * SECOND, 0.0, 0.0)])
+def test_nobody_is_late_while_the_clock_is_held(event):
+    held = listen((event, 4 * SECOND, 7.0))
+    patience = held.patience
+    assert held.over(100.0)
+    resumed = held.resume(100.0)
+    assert limit(resumed, 100.0 + patience, True) == 5 * SECOND
+    assert limit(resumed, 100.01 + patience, True) is None

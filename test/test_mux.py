@@ -7,7 +7,17 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.mux import IDLE, Config, ConfigError, Input, Mux, Watch, parse_config
+from mushr_ros_intro.mux import (
+    IDLE,
+    Config,
+    ConfigError,
+    Input,
+    Mux,
+    Watch,
+    parse_config,
+    sent_at,
+)
+from mushr_ros_intro.stamps import CLOCK_LAG, STAMP_TOLERANCE
 
 MS = 1_000_000
 """[ns]"""
@@ -191,6 +201,28 @@ def test_a_late_command_does_not_shorten_what_a_younger_one_holds():
     mux, verdicts = passed((TELEOP, 100), (TELEOP, 50))
     assert verdicts == [True, True] and mux.deadline == 300 * MS
     assert passed((TELEOP, 100), (TELEOP, 50), (PLAN, 299))[1][-1] is False
+
+
+NOW = 1_700_000_000_000_000_000
+
+
+@pytest.mark.parametrize("off", [0, STAMP_TOLERANCE, -STAMP_TOLERANCE])
+@pytest.mark.parametrize("is_simulated", [False, True])
+def test_a_command_was_sent_when_its_stamp_says(off, is_simulated):
+    assert sent_at(NOW + off, NOW, 200 * MS, is_simulated) == (NOW + off, 0)
+
+
+@pytest.mark.parametrize("off", [STAMP_TOLERANCE + 1, CLOCK_LAG, -STAMP_TOLERANCE - 1, -CLOCK_LAG])
+def test_only_in_simulated_time_is_a_clock_that_is_behind_believed_to_be(off):
+    assert sent_at(NOW + off, NOW, 200 * MS, is_simulated=True) == (NOW + off, 0)
+    assert sent_at(NOW + off, NOW, 200 * MS, is_simulated=False) == (NOW, 0)
+
+
+@pytest.mark.parametrize("stamp", [0, NOW + CLOCK_LAG + 1, NOW - CLOCK_LAG - 1])
+def test_a_stamp_that_says_nothing_means_a_simulated_present_that_may_be_old(stamp):
+    """So the command is good for twice its timeout."""
+    assert sent_at(stamp, NOW, 200 * MS, is_simulated=True) == (NOW, 200 * MS)
+    assert sent_at(stamp, NOW, 200 * MS, is_simulated=False) == (NOW, 0)
 
 
 def test_a_command_of_which_the_time_is_a_guess_is_good_for_longer():

@@ -76,6 +76,10 @@ class Stream(NamedTuple):
         """Say whether at `wall` [s] the stream counts as ended."""
         return wall > self.heard + self.patience
 
+    def resume(self, wall: float) -> "Stream":
+        """Return the stream whose next event is waited for from `wall` [s] on."""
+        return self._replace(heard=wall)
+
 
 def hear(stream: Optional[Stream], event: Event, clock: int, wall: float) -> Stream:
     """Return the stream that an event adds to or begins.
@@ -88,26 +92,21 @@ def hear(stream: Optional[Stream], event: Event, clock: int, wall: float) -> Str
     """
     kind = Kind.of(event)
     if stream is not None and (event.stamp, kind) < (stream.newest, stream.kind):
-        return stream._replace(heard=wall)  # late or out of order; the newest still counts
+        return stream.resume(wall)  # late or out of order; the newest still counts
     if kind == Kind.PLACEMENT:
         newest = max(event.stamp, clock)  # it may be late, and the report is still to come
         return Stream(newest, DEFAULT_PERIOD, DEFAULT_PERIOD, kind, False, PATIENCE, wall)
     period = step = DEFAULT_PERIOD
-    if stream is not None and _goes_on(stream, event):
+    if stream is not None and event.stamp - stream.newest <= LONGEST_PERIOD:
         step = event.stamp - stream.newest or stream.step
         period = stream.period
-        # A busy machine delivers the first messages at odd times; what repeats itself is a period.
-        if event.stamp != stream.newest and abs(step - stream.step) <= STEP_TOLERANCE * step:
+        # A busy machine delivers the first messages at odd times; what repeats itself is a period,
+        # but for the mux's stop, and the first of another stream.
+        repeats = event.stamp != stream.newest and abs(step - stream.step) <= STEP_TOLERANCE * step
+        if repeats and stream.kind != Kind.STOP:
             period = step
-        if Kind.STOP in (kind, stream.kind):
-            period = min(period, stream.period)  # the mux's stop, or the first of another stream
     patience = PATIENCE_AT_REST if kind == Kind.STOP else PATIENCE
     return Stream(event.stamp, period, step, kind, event.stamp > clock, patience, wall)
-
-
-def _goes_on(stream: Stream, command: Event) -> bool:
-    """Say whether a command is the next of a stream of commands."""
-    return stream.kind != Kind.PLACEMENT and command.stamp - stream.newest <= LONGEST_PERIOD
 
 
 def horizon(

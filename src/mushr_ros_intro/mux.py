@@ -7,7 +7,7 @@ live, that is, has sent one less than its timeout ago. The instants are the comm
 
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.stamps import from_seconds
+from mushr_ros_intro.stamps import CLOCK_LAG, effective_stamp, from_seconds
 
 IDLE = "idle"
 
@@ -177,6 +177,24 @@ class Mux(NamedTuple):
     def restart(self, now: int) -> "Mux":
         """Let every live input run out at `now` [ns], because the clock was set back to it."""
         return self._replace(expires=tuple((each, now) for each, _ in self.expires))
+
+
+def sent_at(stamp: int, now: int, timeout: int, is_simulated: bool) -> Tuple[int, int]:
+    """Return when a command with a stamp was sent, and by how much that may be wrong [ns].
+
+    Simulated time is one clock for all, but in lock-step a second of it takes milliseconds:
+    commands may be here long before the clock's last steps are.
+
+    Args:
+        stamp: the command's [ns].
+        now: what the mux takes for the present [ns].
+        timeout: the input's [ns].
+        is_simulated: whether the time is.
+    """
+    if not is_simulated:
+        return effective_stamp(stamp, now), 0
+    sent = effective_stamp(stamp, now, CLOCK_LAG)
+    return sent, 0 if sent == stamp else timeout
 
 
 class Watch(NamedTuple):
