@@ -12,9 +12,9 @@ from std_msgs.msg import String
 from mushr_ros_intro import conversions
 from mushr_ros_intro.car import Command
 from mushr_ros_intro.connections import wait_until_connected
-from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.mux import ConfigError, Input, Mux, parse_config, sent_at
 from mushr_ros_intro.stamps import STAMP_TOLERANCE
+from mushr_ros_intro.startup import init_node
 
 
 class AckermannCmdMux:
@@ -124,8 +124,7 @@ def _private(topic: str) -> str:
 
 def main() -> int:
     """Run the node; return its exit status."""
-    find_log_folder()
-    rospy.init_node("ackermann_cmd_mux")
+    init_node("ackermann_cmd_mux")
     try:
         node = AckermannCmdMux()
     except ConfigError as error:

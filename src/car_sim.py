@@ -35,11 +35,11 @@ from mushr_ros_intro.car import (
 from mushr_ros_intro.clock import Stream, hear, horizon
 from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.footprint import is_free, on_map
-from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.parameters import ParameterError, number
 from mushr_ros_intro.plan import MAX_COORDINATE
 from mushr_ros_intro.profile import car_from
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp, from_seconds
+from mushr_ros_intro.startup import init_node
 
 
 class CarSim:
@@ -336,13 +336,13 @@ class CarSim:
 
 def _has_to_keep_the_clock() -> bool:
     """Say whether time is to be simulated, and nobody that is alive does so yet."""
-    master = rosgraph.Master("car_sim")
     try:
+        master = rosgraph.Master("car_sim")
         if not master.getParam("/use_sim_time"):
             return False
         publishers, _, _ = master.getSystemState()
-    except (rosgraph.MasterException, OSError):
-        return False
+    except (rosgraph.MasterException, OSError, ValueError):
+        return False  # no master; init_node says so
     names = {name for topic, nodes in publishers if topic == "/clock" for name in nodes}
     return not any(rosnode.rosnode_ping(name, max_count=1) for name in names)
 
@@ -356,8 +356,7 @@ def main() -> int:
     """Run the node; return its exit status."""
     keeps_clock = _has_to_keep_the_clock()
     # Who keeps the clock does not listen to it too.
-    find_log_folder()
-    rospy.init_node("car_sim", disable_rostime=keeps_clock)
+    init_node("car_sim", disable_rostime=keeps_clock)
     try:
         node = CarSim(keeps_clock)
     except ParameterError as error:

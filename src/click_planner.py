@@ -15,7 +15,6 @@ from mushr_ros_intro import conversions, prediction
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car
 from mushr_ros_intro.clicks import ClickError, path, pose_after, row_to
-from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.parameters import ParameterError, file_name, folder, number, text
 from mushr_ros_intro.plan import (
     MAX_SPEED,
@@ -27,6 +26,7 @@ from mushr_ros_intro.plan import (
 )
 from mushr_ros_intro.profile import car_from
 from mushr_ros_intro.stamps import NANOSECONDS
+from mushr_ros_intro.startup import init_node
 
 USUAL_STEERING_LIMIT = 0.34
 """Of a car whose profile has none [rad]; MuSHR's teleop steers so far."""
@@ -212,8 +212,7 @@ def _same(one: Pose, other: Pose) -> bool:
 
 def main() -> int:
     """Run the node; return its exit status."""
-    find_log_folder()
-    rospy.init_node("click_planner")
+    init_node("click_planner")
     try:
         ClickPlanner()
     except ParameterError as error:

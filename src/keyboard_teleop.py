@@ -19,8 +19,8 @@ from ackermann_msgs.msg import AckermannDriveStamped
 
 from mushr_ros_intro import conversions
 from mushr_ros_intro.car import Command
-from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.parameters import ParameterError, number
+from mushr_ros_intro.startup import init_node
 from mushr_ros_intro.teleop import Keys, Schedule
 
 POLL = 0.01
@@ -252,8 +252,7 @@ def drive() -> int:
 
 def main() -> int:
     """Run the node; return its exit status."""
-    find_log_folder()
-    rospy.init_node("keyboard_teleop", disable_signals=True)
+    init_node("keyboard_teleop", disable_signals=True)
     status = drive()
     rospy.signal_shutdown("the keyboard is let go")
     return status

@@ -14,9 +14,9 @@ from sensor_msgs.msg import LaserScan
 from mushr_ros_intro import conversions
 from mushr_ros_intro.bicycle import Pose, compose
 from mushr_ros_intro.laser import Beams, Laser, add_noise
-from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.parameters import ParameterError, number
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
+from mushr_ros_intro.startup import init_node
 
 
 class LaserSim:
@@ -114,8 +114,7 @@ def _whole(name: str, value: float) -> int:
 
 def main() -> int:
     """Run the node; return its exit status."""
-    find_log_folder()
-    rospy.init_node("laser_sim")
+    init_node("laser_sim")
     try:
         node = LaserSim()  # noqa: F841, it lives as long as its subscriptions should
     except ParameterError as error:

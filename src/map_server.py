@@ -16,8 +16,8 @@ from nav_msgs.srv import GetMap, GetMapRequest, GetMapResponse
 
 from mushr_ros_intro import conversions
 from mushr_ros_intro.grid import MapError, find_map, read_map
-from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.parameters import ParameterError, text
+from mushr_ros_intro.startup import init_node
 
 
 class MapServer:
@@ -76,8 +76,7 @@ def _find_real_map_server() -> Optional[str]:
 
 def main() -> int:
     """Run the node; return its exit status."""
-    find_log_folder()
-    rospy.init_node("map_server")
+    init_node("map_server")
     try:
         path = _find_map()
         real = _find_real_map_server()

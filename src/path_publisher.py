@@ -34,12 +34,12 @@ from mushr_ros_intro.connections import (
 )
 from mushr_ros_intro.ensemble import count_ticks, ellipse
 from mushr_ros_intro.grid import Grid
-from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.mux import NOBODY, Watch
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
 from mushr_ros_intro.plan import Fault, Plan, PlanError, Row, find_plan, parse_plan, read_bytes
 from mushr_ros_intro.profile import car_from, names_in, read_profile
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp
+from mushr_ros_intro.startup import init_node
 
 PERIOD = prediction.COMMAND_PERIOD
 """Between the commands of a row [ns]."""
@@ -671,8 +671,7 @@ def _pose_text(pose: Optional[Pose]) -> str:
 def main() -> int:
     """Run the node; return its exit status."""
     limit_calls()
-    find_log_folder()
-    rospy.init_node("path_publisher")
+    init_node("path_publisher")
     try:
         node = PathPublisher()
     except (ParameterError, PlanError) as error:

@@ -14,12 +14,12 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro import conversions
 from mushr_ros_intro.bicycle import Pose
-from mushr_ros_intro.logs import find_log_folder
 from mushr_ros_intro.parameters import ParameterError, file_name, folder, text
 from mushr_ros_intro.plan import Row, WriteError, write_plan
 from mushr_ros_intro.profile import car_from
 from mushr_ros_intro.recording import Recording
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp
+from mushr_ros_intro.startup import init_node
 
 AT_REST = 1e-3
 """A car that moves less than this [m] from one reported pose to the next stands."""
@@ -234,8 +234,7 @@ def _apart(one: Pose, other: Pose) -> bool:
 
 def main() -> int:
     """Run the node; return its exit status."""
-    find_log_folder()
-    rospy.init_node("plan_recorder")
+    init_node("plan_recorder")
     try:
         node = PlanRecorder()
     except ParameterError as error:

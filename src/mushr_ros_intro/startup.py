@@ -1,0 +1,50 @@
+"""Start a node so that what it says is seen."""
+
+import os
+import sys
+import tempfile
+from typing import Any
+
+import rosgraph
+import rospkg
+import rospy
+
+
+def init_node(name: str, **options: Any) -> None:
+    """Start the node of this process as rospy.init_node does; end the process without a master.
+
+    Args:
+        name: the node's name, unless the command line gives it another.
+        options: of rospy.init_node.
+
+    Raises:
+        SystemExit: no master answers; it carries the message for the terminal.
+    """
+    # rospy would end with a traceback, or where signals are disabled not at all.
+    try:
+        is_there = rosgraph.is_master_online()
+    except ValueError:
+        is_there = False
+    if not is_there:
+        sys.exit(
+            f"{name}: no master answers at ROS_MASTER_URI={rosgraph.get_master_uri()}; expected "
+            "one there (roscore or roslaunch starts one on this machine)"
+        )
+    _find_log_folder()
+    rospy.init_node(name, **options)
+
+
+def _find_log_folder() -> None:
+    """Have rospy log into the temporary folder where it cannot write into its own.
+
+    Otherwise it would say nothing, not even on the terminal: where a home is read-only or full,
+    nobody would hear why a node has ended.
+    """
+    folder = rospkg.get_log_dir()
+    try:
+        os.makedirs(folder, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return
+    except OSError:
+        other = os.path.join(tempfile.gettempdir(), f"ros_log_{os.getuid()}")
+        os.environ[rospkg.environment.ROS_LOG_DIR] = other

@@ -1,0 +1,31 @@
+"""How a node starts where it cannot log, and where there is no master."""
+
+import os
+
+import pytest
+
+from helpers import node
+from mushr_ros_intro.startup import _find_log_folder
+
+
+@pytest.mark.parametrize("home, is_good", [("ros", True), ("file/ros", False)])
+def test_log_folder(tmp_path, monkeypatch, home, is_good):
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / home))
+    monkeypatch.setenv("ROS_LOG_DIR", "")  # put back after the test, whatever it becomes
+    monkeypatch.delenv("ROS_LOG_DIR")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    _find_log_folder()
+    other = str(tmp_path / f"ros_log_{os.getuid()}")
+    assert os.environ.get("ROS_LOG_DIR") == (None if is_good else other)
+    assert os.path.isdir(str(tmp_path / "ros" / "log")) == is_good
+
+
+@pytest.mark.parametrize("master", ["http://localhost:1", "localhost"])
+@pytest.mark.parametrize("name", ["path_publisher.py", "car_sim.py", "keyboard_teleop.py"])
+def test_without_a_master_a_node_says_so(name, master):
+    with node(name, "_plan_file:=circle", ROS_MASTER_URI=master) as process:
+        assert process.wait() == 1, process.output
+    assert "Traceback" not in process.output
+    said = f"{name[:-3]}: no master answers at ROS_MASTER_URI={master}; expected one there"
+    assert process.output.startswith(said)
