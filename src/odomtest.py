@@ -28,7 +28,7 @@ from nav_msgs.msg import Odometry
 
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.checks import Motion, Series, as_number, odometry_faults, pose_fault, wait_for
-from mushr_ros_intro.conversions import pose_from_msg, time_from
+from mushr_ros_intro.conversions import MessageError, pose_from_msg, time_from
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
 from mushr_ros_intro.stamps import from_seconds
 
@@ -76,6 +76,16 @@ class OdomTest(unittest.TestCase):
     def test_odometry(self) -> None:
         """Twist, odometry, TF and pose agree."""
         self._wait()
+        try:
+            faults = self._faults()
+        except MessageError as error:
+            self.fail(str(error))
+        if faults:
+            more = [f"and {len(faults) - _SHOWN} more"] if len(faults) > _SHOWN else []
+            self.fail("\n".join([*faults[:_SHOWN], *more]))
+
+    def _faults(self) -> List[str]:
+        """Say what does not agree."""
         odometry = [msg for _, msg in self._odometry.entries]
         poses = [msg for _, msg in self._poses.entries]
         motions = [
@@ -107,9 +117,7 @@ class OdomTest(unittest.TestCase):
                     child,
                     [(msg.header.stamp.to_nsec(), pose_from_msg(msg.pose)) for msg in poses],
                 )
-        if faults:
-            more = [f"and {len(faults) - _SHOWN} more"] if len(faults) > _SHOWN else []
-            self.fail("\n".join([*faults[:_SHOWN], *more]))
+        return faults
 
     def _wait(self) -> None:
         """Wait until all has come that is to be compared."""

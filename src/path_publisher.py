@@ -283,11 +283,19 @@ class PathPublisher:
                 one period later, or once the car has taken the start pose, if it takes longer.
 
         Returns:
-            When the plan ends [ns].
+            When the plan ends, and the car is to stop [ns].
         """
         placed = self._now() if begin is None else begin
+        placement = Placement(placed, Pose(*self._plan.start))
+        if begin is not None:
+            self._wait_until(self._release if self._leads else begin)
         if self._places_car:
-            self.send_init_pose(Placement(placed, Pose(*self._plan.start)))
+            self.send_init_pose(placement)
+        if begin is not None:
+            # After the placement of the same stamp, for which a simulated clock waits longer.
+            self._send(Command(begin, 0.0, 0.0))
+        if self._places_car:
+            self._wait_for_start_pose(placement)
         start = placed + PERIOD
         if begin is None:
             start = first_due(placed, self._pose_stamp, self._now(), self._leads)
@@ -299,18 +307,14 @@ class PathPublisher:
             where = f"row {index} of {len(self._plan.rows)}"
             self.send_command(row, due, where, end)
             due += row.duration
-        self._send(Command(end, 0.0, 0.0))
         if not self._loop:
+            self._send(Command(end, 0.0, 0.0))
             self._is_over = True  # who drives the car from now on does not matter
             self._report_end(end)
         return end
 
     def send_init_pose(self, placement: Placement) -> None:
-        """Place the car and, where anybody reports its pose, wait until it is there.
-
-        Raises:
-            DriveError: it reports another pose.
-        """
+        """Place the car."""
         x, y, theta = placement.pose
         msg = PoseWithCovarianceStamped()
         msg.header.stamp = conversions.time_from(placement.stamp)
@@ -318,6 +322,13 @@ class PathPublisher:
         msg.pose.pose.position = Point(x=x, y=y)
         msg.pose.pose.orientation = Quaternion(*quaternion_from_euler(0, 0, theta))
         self._pub_init_pose.publish(msg)
+
+    def _wait_for_start_pose(self, placement: Placement) -> None:
+        """Wait until the car is where it has been placed, where anybody reports its pose.
+
+        Raises:
+            DriveError: it reports another pose.
+        """
         topic = self._pose_sub.resolved_name
         if not self._is_reported():
             rospy.loginfo("nobody publishes %s, so the start pose is not checked", topic)

@@ -27,7 +27,7 @@ from std_msgs.msg import Header
 
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.checks import Series, as_number, pose_fault, wait_for
-from mushr_ros_intro.conversions import pose_from_msg
+from mushr_ros_intro.conversions import MessageError, pose_from_msg
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
 from mushr_ros_intro.stamps import from_seconds
 
@@ -53,6 +53,7 @@ class PoseTest(unittest.TestCase):
     def setUp(self) -> None:
         """Read the parameters."""
         self._poses = Series()
+        self._broken = ""
         try:
             theta = rospy.get_param("~theta", None)
             self._wanted = Pose(
@@ -86,13 +87,16 @@ class PoseTest(unittest.TestCase):
             self.addCleanup(listener.unregister)
             self.addCleanup(rospy.Timer(rospy.Duration(0.01), self._look_up(buffer)).shutdown)
             what = f"a transform from {self._frame} to {self._child}"
-        wait_for(lambda: self._poses.entries, what, self._patience)
+        wait_for(lambda: self._poses.entries or self._broken, what, self._patience)
         wait_for(
             lambda: self._poses.covers(from_seconds(self._duration), rospy.get_rostime().to_nsec())
+            or self._broken
             or (self._passes and not self._fault()),
             f"{self._duration:g} s to pass on the clock",
             self._patience + 10.0 * self._duration,
         )
+        if self._broken:
+            self.fail(f"{what}: {self._broken}")
         fault = self._fault()
         if fault and self._passes:
             self.fail(f"in {self._duration:g} s it did not pass; at its nearest {fault}")
@@ -144,7 +148,10 @@ class PoseTest(unittest.TestCase):
     def _take(self, header: Header, msg: PoseMsg) -> None:
         """Note a pose, which counts as of now if it has no stamp."""
         stamp = header.stamp.to_nsec() or rospy.get_rostime().to_nsec()
-        self._poses.add(stamp, pose_from_msg(msg))
+        try:
+            self._poses.add(stamp, pose_from_msg(msg))
+        except MessageError as error:
+            self._broken = str(error)
 
 
 if __name__ == "__main__":

@@ -6,8 +6,10 @@ import os
 import shutil
 import signal
 import tempfile
+import threading
 import time
 import unittest
+from unittest import mock
 
 import rospy
 import rostest
@@ -24,11 +26,14 @@ from helpers import (
     Recording,
     angle_between,
     closed_form,
+    module,
     node,
     planar,
+    private_parameters,
     publisher,
     wait_for,
 )
+from mushr_ros_intro.car import Placement
 
 COMMANDS = "/car/mux/ackermann_cmd_mux/input/navigation"
 OUTPUT = "/car/mux/ackermann_cmd_mux/output"
@@ -123,6 +128,48 @@ class TestClock(unittest.TestCase):
         self.assertEqual(planar(after.pose.pose), (0.0, 0.0, 0.0))
         stamps = self.stamps()
         self.assertEqual(stamps, sorted(stamps))
+
+    def test_a_loop_whose_publisher_is_held_up(self):
+        """Between the end of a round and the next: each round is driven as the first."""
+        path_publisher = module("path_publisher.py")
+        made = path_publisher.PathPublisher
+        held_up = {name: getattr(made, name) for name in ("send_init_pose", "_send")}
+
+        def hold_up(name):
+            def run(node, event):
+                if isinstance(event, Placement) or not event.speed:
+                    time.sleep(0.5)  # more than the clock's patience after a stop
+                held_up[name](node, event)
+
+            return mock.patch.object(made, name, run)
+
+        with private_parameters({"plan_file": self.plan(*ROWS), "loop": True}):
+            node = made()
+        self.poses.clear()
+        with hold_up("send_init_pose"), hold_up("_send"):
+            driver = threading.Thread(target=lambda: self.assert_interrupted(node))
+            driver.start()
+            wait_for(lambda: self.rounds() >= 4, "four rounds", PATIENCE)
+            node.stop()
+            driver.join()
+        self.runs_on(0.5, "after the loop")
+        begin = next(m for m in self.commands.messages if m.drive.speed).header.stamp.to_nsec()
+        cycle = sum(round(row[2] * 1e9) for row in ROWS) + 100_000_000
+        found = {}
+        for msg in self.poses.messages:
+            since = msg.header.stamp.to_nsec() - begin
+            if 0 <= since < 3 * cycle:
+                found.setdefault(since % cycle, set()).add(planar(msg.pose))
+        self.assertGreater(len(found), 20)
+        self.assertEqual({since: poses for since, poses in found.items() if len(poses) > 1}, {})
+
+    def rounds(self):
+        """Return how many rounds of a plan have ended."""
+        return sum(not m.drive.speed for m in self.commands.messages)
+
+    def assert_interrupted(self, node):
+        with self.assertRaises(rospy.ROSInterruptException):
+            node.run()
 
     def test_a_client_that_dies(self):
         """The car stops when the last command runs out, and the clock goes on."""

@@ -43,7 +43,7 @@ class Drive:
     def __init__(self, car, plan):
         self.car = car
         self.faults = []
-        self.commands = self.passed = self.poses = self.unsure = 0
+        self.commands = self.passed = self.stops = self.poses = self.unsure = 0
         self.worst = 0.0
         self.lateness = 0.0
         self.over = False
@@ -111,6 +111,10 @@ class Drive:
             return
         if not self.passed and msg.header.stamp.to_nsec() > self.first:
             self.passed = 1  # its first was here before the input's
+        is_stop = msg.drive.speed == msg.drive.steering_angle == 0.0
+        if is_stop and self._expected(self.passed)[1] and rospy.rostime.is_wallclock():
+            self.stops += 1  # this machine stood still for longer than a command is good for
+            return
         self._check("what the mux passed on", self.passed, msg)
         self.passed += 1
 
@@ -125,8 +129,6 @@ class Drive:
             row, begin = self._plan.rows[index], self._begins[index]
             driven = (row.speed, row.steering_angle, (offset - begin) / 1e9)
             expected = closed_form(self._starts[index], [driven])
-        if offset == self._plan.duration:
-            return  # the instant at which the plan ends, and at which the car is placed again
         if rospy.rostime.is_wallclock() and (self._is_news(offset) or stamp < self._late_until):
             self.unsure += 1
             return
@@ -212,9 +214,10 @@ class TestSoak(unittest.TestCase):
             self.assertEqual(each.wait(), 0, each.output[-2000:])
             sys.stderr.write(
                 f"{drive.car}: {duration / 3.6e12:g} h in {elapsed:.0f} s; {drive.commands} "
-                f"commands, {drive.passed} passed on, {drive.poses} poses, {drive.unsure} more "
-                f"within {HOLD / 1e9} s of a change or of a late command; worst pose "
-                f"{drive.worst:.1e}, latest command {drive.lateness / 1e6:.0f} ms\n"
+                f"commands, {drive.passed} passed on, {drive.stops} stops between; "
+                f"{drive.poses} poses, {drive.unsure} more within {HOLD / 1e9} s of a change or of "
+                f"a late command; worst pose {drive.worst:.1e}, latest command "
+                f"{drive.lateness / 1e6:.0f} ms\n"
             )
         growth = memory.growth()
         for name in sorted(growth):

@@ -103,6 +103,11 @@ CASES = {
         {"topic": "/nowhere", "x": 0.0, "y": 0.0, **MISSING},
         "waited 1 s for a publisher of /nowhere",
     ),
+    "pose_broken": (
+        posetest.PoseTest,
+        {"topic": "/broken", "x": 0.0, "y": 0.0, "position_tolerance": 100.0},
+        r"a pose on /broken: pose \(nan, .* is not finite",
+    ),
     "pose_of_no_kind": (
         posetest.PoseTest,
         {"topic": "/clock", "x": 0, "y": 0},
@@ -164,6 +169,11 @@ CASES = {
         {"odom_topic": "/sideways", **PUPPET},
         "the pose moves sideways",
     ),
+    "odom_broken": (
+        odomtest.OdomTest,
+        {"odom_topic": "/broken", **PUPPET},
+        r"pose \(nan, .* is not finite",
+    ),
     "odom_missing": (
         odomtest.OdomTest,
         {"odom_topic": "/nowhere", **MISSING},
@@ -223,7 +233,7 @@ class Puppet:
     """Publishes topics that are wrong, twenty times a second, until it is ended."""
 
     def __init__(self):
-        names = ("right", "per_tick", "turn", "jump", "sideways", "back", "unstamped")
+        names = ("right", "per_tick", "turn", "jump", "sideways", "back", "unstamped", "broken")
         self._odometry = {
             name: rospy.Publisher(f"/{name}", Odometry, queue_size=1000) for name in names
         }
@@ -255,6 +265,7 @@ class Puppet:
                 "sideways": odometry(stamp, seconds, askew=0.1),
                 "back": odometry(back, seconds),
                 "unstamped": odometry(rospy.Time(0), seconds),
+                "broken": odometry(stamp, seconds, ahead=math.nan if number == 40 else 0.0),
             }
             for name, msg in messages.items():
                 self._odometry[name].publish(msg)
