@@ -32,7 +32,7 @@ from mushr_ros_intro.car import (
     at_rest,
     halted,
 )
-from mushr_ros_intro.clock import Stream, hear, horizon
+from mushr_ros_intro.clock import Stream, carry_over, hear, horizon
 from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.footprint import is_free, on_map
 from mushr_ros_intro.parameters import ParameterError, number
@@ -316,9 +316,8 @@ class CarSim:
     def _answer_at_clock(self, paused: bool, steps: int) -> TriggerResponse:
         """Hold the clock or let it go, and say when that is."""
         with self._changed:
+            self._stream = carry_over(self._stream, time.monotonic(), self._paused)
             self._paused, self._steps = paused, steps
-            if self._stream is not None:  # while the clock is held, nobody is late
-                self._stream = self._stream.resume(time.monotonic())
             self._changed.notify_all()
             while self._steps and not rospy.is_shutdown():
                 self._changed.wait(0.1)

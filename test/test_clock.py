@@ -9,6 +9,7 @@ from mushr_ros_intro.clock import (
     LONGEST_PERIOD,
     PATIENCE,
     PATIENCE_AT_REST,
+    carry_over,
     hear,
     horizon,
 )
@@ -149,7 +150,29 @@ def test_patience_ends():
 def test_nobody_is_late_while_the_clock_is_held(event):
     held = listen((event, 4 * SECOND, 7.0))
     patience = held.patience
-    assert held.over(100.0)
-    resumed = held.resume(100.0)
+    resumed = carry_over(held, 100.0, was_held=True)
     assert limit(resumed, 100.0 + patience, True) == 5 * SECOND
     assert limit(resumed, 100.01 + patience, True) is None
+
+
+def test_a_stream_that_was_over_stays_over_when_the_clock_is_held():
+    over = listen((go(5 * SECOND), 4 * SECOND, 7.0))
+    assert carry_over(over, 7.01 + PATIENCE, was_held=False) is None
+    assert carry_over(None, 0.0, was_held=True) is None
+
+
+def test_a_stop_after_a_placement_does_not_let_the_clock_run():
+    """The mux stops who drove before, while who placed the car waits for its report."""
+    placed = (Placement(5 * SECOND, ORIGIN), 5 * SECOND, 0.0)
+    stop = Command(5 * SECOND + DEFAULT_PERIOD, 0.0, 0.0)
+    stream = listen(placed, (stop, 5 * SECOND + POSE_PERIOD, 0.1))
+    assert limit(stream, PATIENCE, True) == 5 * SECOND + POSE_PERIOD
+    assert limit(stream, PATIENCE + 0.01, True) is None
+
+
+def test_who_stands_after_a_placement_holds_the_clock_once():
+    events = [(Placement(5 * SECOND, ORIGIN), 5 * SECOND, 0.0)]
+    events.append((Command(6 * SECOND, 0.0, 0.0), 6 * SECOND, PATIENCE + 0.01))
+    stream = listen(*events)
+    assert limit(stream, PATIENCE + 0.02, True) == 6 * SECOND + DEFAULT_PERIOD
+    assert limit(stream, PATIENCE + 0.02 + PATIENCE_AT_REST, True) is None

@@ -90,9 +90,13 @@ def hear(stream: Optional[Stream], event: Event, clock: int, wall: float) -> Str
         clock: the simulated time when it came [ns].
         wall: the computer's own time when it came [s].
     """
+    if stream is not None and stream.over(wall):
+        stream = None
     kind = Kind.of(event)
     if stream is not None and (event.stamp, kind) < (stream.newest, stream.kind):
         return stream.resume(wall)  # late or out of order; the newest still counts
+    if kind == Kind.STOP and stream is not None and stream.kind == Kind.PLACEMENT:
+        return stream  # the mux's, for whoever drove before; a command may be on its heels
     if kind == Kind.PLACEMENT:
         newest = max(event.stamp, clock)  # it may be late, and the report is still to come
         return Stream(newest, DEFAULT_PERIOD, DEFAULT_PERIOD, kind, False, PATIENCE, wall)
@@ -107,6 +111,16 @@ def hear(stream: Optional[Stream], event: Event, clock: int, wall: float) -> Str
             period = step
     patience = PATIENCE_AT_REST if kind == Kind.STOP else PATIENCE
     return Stream(event.stamp, period, step, kind, event.stamp > clock, patience, wall)
+
+
+def carry_over(stream: Optional[Stream], wall: float, was_held: bool) -> Optional[Stream]:
+    """Return the stream as it goes on when the clock is held or let go at `wall` [s].
+
+    While the clock `was_held`, nobody was late; what was over before that stays so.
+    """
+    if stream is None or (not was_held and stream.over(wall)):
+        return None
+    return stream.resume(wall)
 
 
 def horizon(
