@@ -33,7 +33,7 @@ from mushr_ros_intro.car import (
     halted,
 )
 from mushr_ros_intro.clock import Stream, carry_over, hear, horizon
-from mushr_ros_intro.connections import wait_until_connected
+from mushr_ros_intro.connections import limit_calls, wait_until_connected
 from mushr_ros_intro.footprint import is_free, on_map
 from mushr_ros_intro.parameters import ParameterError, number
 from mushr_ros_intro.plan import MAX_COORDINATE
@@ -361,6 +361,7 @@ def main() -> int:
     except ParameterError as error:
         rospy.logfatal("%s: %s", rospy.get_name(), error)
         return 1
+    limit_calls()
     with suppress(rospy.ROSInterruptException):
         node.run()
     return 0

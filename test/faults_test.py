@@ -189,13 +189,13 @@ class Faults(unittest.TestCase):
         """Return how many commands of a speed have come out of the mux."""
         return sum(msg.drive.speed == speed for msg in self.output.messages)
 
-    def wait_until_it_drives(self):
-        """Wait until the car moves, from now on."""
-        self.poses.clear()
+    def wait_until_it_drives(self, poses=None):
+        """Wait until a car, by default the one of all these tests, moves, from now on."""
+        poses = poses or self.poses
+        poses.clear()
 
         def moves():
-            poses = {planar(msg.pose) for msg in self.poses.messages}
-            return len(poses) > 5
+            return len({planar(msg.pose) for msg in poses.messages}) > 5
 
         wait_for(moves, "the car to drive")
 
@@ -241,6 +241,31 @@ class TestFaults(Faults):
             self.assertEqual(plan.wait(), 0, plan.output)
             self.assertNotIn("Traceback", plan.output)
         self.assert_all_is_well()
+
+    def test_respawn(self):
+        """roslaunch starts a car and a mux that have died again, and the plan goes on."""
+        path = self.plan("1,-1,0.5\n1.0,0.2,60\n")
+        arguments = ("car_name:=again", "respawn:=true", "laser:=false", "model:=false")
+        with Process("roslaunch", "mushr_ros_intro", "sim.launch", *arguments) as launch:
+            poses = Recording("/again/car_pose", PoseStamped).connected()
+            arguments = ("_car_name:=again", "_init_pose_topic:=/again/initialpose")
+            with node("path_publisher.py", f"_plan_file:={path}", *arguments) as plan:
+                for name in ("car_sim", "mux/ackermann_cmd_mux"):
+                    self.wait_until_it_drives(poses)
+                    started = rf"process\[again/{name}-\d+\]: started with pid \[(\d+)\]"
+                    os.kill(int(re.findall(started, launch.output)[-1]), signal.SIGKILL)
+                    wait_for(
+                        lambda: len(re.findall(started, launch.output)) == 2,  # noqa: B023
+                        f"{name} to be started again",
+                    )
+                self.wait_until_it_drives(poses)
+                plan.send_signal(signal.SIGINT)
+                self.assertEqual(plan.wait(), 0, plan.output)
+            pose = poses.pose_at_rest(rospy.Time.now())
+            self.assertTrue(all(map(math.isfinite, pose)))
+            launch.send_signal(signal.SIGINT)
+            self.assertEqual(launch.wait(), 0, launch.output)
+        poses.subscriber.unregister()
 
     def test_a_thousand_commands_a_second(self):
         self.place(0.0, 0.0, 0.0)
