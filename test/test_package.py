@@ -38,6 +38,20 @@ def test_every_rostest_is_registered():
     assert registered == there
 
 
+def test_every_run_of_a_rostest_has_results_of_its_own():
+    """Runs at the same time, with the same name for their results, would overwrite them."""
+    runs = re.findall(r"add_rostest\(test/([\w.]+)(?: ARGS ([^)]*))?\)", read("CMakeLists.txt"))
+    names = []
+    for file, given in runs:
+        text = read(f"test/{file}")
+        arguments = dict(re.findall(r'<arg name="(\w+)" default="([^"]*)"', text))
+        arguments.update(each.split(":=") for each in given.split())
+        for name in re.findall(r'test-name="([^"]+)"', text):
+            names.append(re.sub(r"\$\(arg (\w+)\)", lambda found: arguments[found[1]], name))
+    assert len(names) >= len(runs)
+    assert sorted(set(names)) == sorted(names)
+
+
 def test_every_package_that_setup_installs_is_sorted():
     listed = re.search(r'debian_packages="\n(.*?)\n"', read("scripts/setup"), re.DOTALL).group(1)
     assert listed.split("\n") == sorted(listed.split("\n"), key=lambda name: name.encode())
