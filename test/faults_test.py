@@ -310,10 +310,13 @@ class TestFaults(Faults):
         sender.unregister()
         receiver.subscriber.unregister()
 
-    def test_a_publisher_whose_clock_is_10_s_off(self):
-        """The car obeys each command when it comes, and says why."""
+    def test_a_publisher_whose_clock_is_far_off(self):
+        """The car obeys each command when it comes, and says why.
+
+        Whoever waited for the other clock would wait longer than the test may take.
+        """
         path = self.plan("1,-1,0.5\n1.0,0.0,0.5\n")
-        for offset in (10, -10):
+        for offset in (1000, -1000):
             path_publisher = module("path_publisher.py")
 
             def now(offset=offset):
@@ -324,9 +327,7 @@ class TestFaults(Faults):
                     made = path_publisher.PathPublisher()
                 self.assertTrue(wait_until_connected(made._pose_sub, "publishers"))
                 self.place(-5.0, -5.0, 0.0)
-                began = time.monotonic()
                 made.run()
-            self.assertLess(time.monotonic() - began, 9.0, "it waited for the other clock")
             made._pose_sub.unregister()
             x, y, _ = self.poses.pose_at_rest(rospy.Time.now())
             # 0.5 m, but for what a busy machine adds to each command's way.
