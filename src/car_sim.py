@@ -32,7 +32,7 @@ from mushr_ros_intro.car import (
     at_rest,
     halted,
 )
-from mushr_ros_intro.clock import Stream, carry_over, hear, horizon
+from mushr_ros_intro.clock import Kind, Stream, carry_over, hear, horizon
 from mushr_ros_intro.connections import limit_calls, wait_until_connected
 from mushr_ros_intro.footprint import is_free, on_map
 from mushr_ros_intro.parameters import ParameterError, number
@@ -149,6 +149,7 @@ class CarSim:
         next_pose = self._now + self._period
         begin = (time.monotonic(), self._now)  # the real-time factor is kept from here
         while not rospy.is_shutdown():
+            self._give_up()
             with self._changed:
                 wall = time.monotonic()
                 limit = horizon(self._stream, wall, self._factor == 0.0, self._period)
@@ -183,6 +184,19 @@ class CarSim:
             for state in states:
                 self._publish(state)
             self._clock_pub.publish(Clock(clock=conversions.time_from(target)))
+
+    def _give_up(self) -> None:
+        """Forget a stream that is over, and say so if the car still drove."""
+        with self._changed:
+            stream = self._stream
+            if self._paused or not stream or not stream.over(time.monotonic()):
+                return
+            self._stream = None
+        if self._factor == 0.0 and stream.kind == Kind.DRIVE:
+            rospy.logwarn(
+                "no command came for %g s of wall-clock time after one to drive; the clock goes on",
+                stream.patience,
+            )
 
     def _on_map(self, msg: OccupancyGrid) -> None:
         """Put up the walls of a map."""

@@ -59,8 +59,8 @@ CALL_PATIENCE = 2.0
 LISTENING = 1.5
 """For how long to listen to topics [s]."""
 
-CLOCK_PATIENCE = 3.5
-"""How long to wait for a clock to move [s]; in lock-step, it waits for commands for 3 s."""
+CLOCK_PATIENCE = 5.5
+"""How long to wait for a clock to move [s]; in lock-step, it waits for commands for 5 s."""
 
 ROSWTF_PATIENCE = 4.0
 """How long roswtf may take [s]."""

@@ -16,7 +16,7 @@ import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from rosgraph_msgs.msg import Clock
+from rosgraph_msgs.msg import Clock, Log
 from std_srvs.srv import Trigger
 
 from helpers import (
@@ -40,7 +40,7 @@ OUTPUT = "/car/mux/ackermann_cmd_mux/output"
 POSE_PERIOD = 20_000_000
 """[ns]"""
 PATIENCE = 60.0
-"""[s] For simulated time to pass; the clock's own patience is 3 s."""
+"""[s] For simulated time to pass; the clock's own patience is 5 s."""
 ROWS = [(1.0, 0.2, 0.25), (-1.0, 0.1, 0.3)]
 
 
@@ -174,12 +174,15 @@ class TestClock(unittest.TestCase):
     def test_a_client_that_dies(self):
         """The car stops when the last command runs out, and the clock goes on."""
         obeyed = Recording(OUTPUT, AckermannDriveStamped).connected()
+        said = Recording("/rosout", Log).connected()
         path = self.plan((1.0, 0.2, 600.0))
         with node("path_publisher.py", f"_plan_file:={path}") as driver:
             wait_for(lambda: len(obeyed.messages) >= 5, "five commands", PATIENCE)
             driver.send_signal(signal.SIGKILL)
             driver.wait()
         self.runs_on(1.0, "after the client died")
+        warning = "no command came for 5 s of wall-clock time"
+        wait_for(lambda: any(warning in m.msg for m in said.messages), "a warning")
         messages = [m for m in obeyed.messages if m.drive.speed]
         seconds = (messages[-1].header.stamp - messages[0].header.stamp).to_sec() + 0.2
         pose = self.poses.pose_at_rest(messages[-1].header.stamp + rospy.Duration(0.3), PATIENCE)

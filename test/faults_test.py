@@ -349,13 +349,14 @@ class TestFaults(Faults):
             nodes = [start(name, **here) for name in ("car_sim.py", "ackermann_cmd_mux.py")]
             for each in nodes:
                 self.addCleanup(each.end)
-            path = self.plan("1,-1,0.5\n1.0,0.2,1.5\n")
+            path = self.plan("1,-1,0.5\n0.02,0.2,1.5\n")  # slow: what is late shows in no digit
             with node("path_publisher.py", f"_plan_file:={path}", **here) as plan:
                 wait_for(lambda: "row 1 of 1" in plan.output, "the plan to be driven")
                 core.send_signal(signal.SIGKILL)
                 core.wait()
                 self.assertEqual(plan.wait(), 0, plan.output)
-        said = re.search(r"the car drove 1.50 m .* difference (\S+) m", plan.output)
+        said = re.search(r"the car drove 0.03 m .* difference (\S+) m", plan.output)
+        self.assertTrue(said, plan.output)
         self.assertLess(float(said.group(1)), POSITION_TOLERANCE)
         for each in nodes:
             each.send_signal(signal.SIGINT)

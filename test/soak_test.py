@@ -109,8 +109,9 @@ class Drive:
     def _on_passed(self, msg):
         if self.over or self.first is None:
             return
-        if not self.passed and msg.header.stamp.to_nsec() > self.first:
-            self.passed = 1  # its first was here before the input's
+        if not self.passed:  # its first may have been here before the input's
+            while self._expected(self.passed)[0] < msg.header.stamp.to_nsec():
+                self.passed += 1
         is_stop = msg.drive.speed == msg.drive.steering_angle == 0.0
         if is_stop and self._expected(self.passed)[1] and rospy.rostime.is_wallclock():
             self.stops += 1  # this machine stood still for longer than a command is good for
@@ -211,6 +212,8 @@ class TestSoak(unittest.TestCase):
             time.sleep(0.5)
         elapsed = time.monotonic() - began
         for drive, each in zip(drives, nodes):
+            sent = drive.commands
+            wait_for(lambda d=drive, n=sent: d.passed >= n, f"the mux to pass on {sent} commands")
             drive.over = True
             each.send_signal(signal.SIGINT)
             self.assertEqual(each.wait(), 0, each.output[-2000:])
@@ -227,7 +230,6 @@ class TestSoak(unittest.TestCase):
         for drive in drives:
             self.assertEqual(drive.faults, [])
             self.assertGreater(drive.commands, duration / PERIOD)
-            self.assertLessEqual(abs(drive.passed - drive.commands), 2)
             self.assertGreater(drive.poses, 0.5 * drive.commands)
         self.assertLess(max(growth.values(), default=0.0), GROWTH, growth)
 

@@ -47,7 +47,9 @@ def test_every_run_of_a_rostest_has_results_of_its_own():
         arguments = dict(re.findall(r'<arg name="(\w+)" default="([^"]*)"', text))
         arguments.update(each.split(":=") for each in given.split())
         for name in re.findall(r'test-name="([^"]+)"', text):
-            names.append(re.sub(r"\$\(arg (\w+)\)", lambda found: arguments[found[1]], name))
+            for argument, value in arguments.items():
+                name = name.replace(f"$(arg {argument})", value)
+            names.append(name)
     assert len(names) >= len(runs)
     assert sorted(set(names)) == sorted(names)
 

@@ -25,7 +25,7 @@ STEP_TOLERANCE = 0.1
 LONGEST_PERIOD = 2 * NANOSECONDS
 """Commands further apart than this [ns] are two streams."""
 
-PATIENCE = 3.0
+PATIENCE = 5.0
 """How long the clock waits for the next command of a stream that drives the car [s].
 
 On a machine with ten processes to a core, a publisher may well be kept from it for a second.
