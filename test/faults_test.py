@@ -33,6 +33,7 @@ from std_msgs.msg import String
 from helpers import (
     ANGLE_TOLERANCE,
     POSITION_TOLERANCE,
+    Ghost,
     Process,
     Recording,
     angle_between,
@@ -414,6 +415,15 @@ class TestOtherClock(Faults):
     def setUpClass(cls):
         cls.clock = OtherClock()
         super().setUpClass()
+
+    def test_a_node_that_is_not_connected_with_the_clock(self):
+        """It has its subscription looked after, which now and then rospy does not."""
+        ghost = Ghost(publishes=["/clock"])
+        self.addCleanup(ghost.end)
+        asked = ghost.calls["requestTopic"]
+        wait_for(lambda: len(asked) >= 3, "the test, the car and the mux to ask")
+        with node("plan_recorder.py", f"_folder:={self.folder}"):
+            wait_for(lambda: len(asked) >= 5, "the node to ask, and to ask again")
 
     @contextlib.contextmanager
     def driving(self, text):

@@ -8,10 +8,13 @@ from typing import Any
 import rosgraph
 import rospkg
 import rospy
+from rosgraph_msgs.msg import Clock
+
+from mushr_ros_intro.connections import wait_until_connected
 
 
 def init_node(name: str, **options: Any) -> None:
-    """Start the node of this process as rospy.init_node does; end the process without a master.
+    """Start the node of this process as rospy.init_node does, and see to it that it has a time.
 
     Args:
         name: the node's name, unless the command line gives it another.
@@ -32,6 +35,11 @@ def init_node(name: str, **options: Any) -> None:
         )
     _find_log_folder()
     rospy.init_node(name, **options)
+    if not rospy.rostime.is_wallclock():
+        # Connected with rospy's own subscription, without which there would be no time at all.
+        clock = rospy.Subscriber("/clock", Clock)
+        wait_until_connected(clock, "publishers")
+        clock.unregister()
 
 
 def _find_log_folder() -> None:
