@@ -71,6 +71,18 @@ class TestClock(unittest.TestCase):
         print(f"factor {self.factor:g}, {what}: {seconds:g} s took {elapsed:.2f} s")
         return elapsed
 
+    def waits(self):
+        """Wait until the clock has stood for half a second."""
+        seen = []
+
+        def stands():
+            last = self.poses.last.header.stamp
+            if not seen or seen[-1][0] != last:
+                seen.append((last, time.monotonic()))
+            return time.monotonic() > seen[-1][1] + 0.5
+
+        wait_for(stands, "the clock to wait for the client")
+
     def assert_at(self, got, expected):
         if self.factor > 1.0:
             return  # a message that is late by 0.1 s on a busy machine is 1 s late on this clock
@@ -194,6 +206,7 @@ class TestClock(unittest.TestCase):
         with node("path_publisher.py", f"_plan_file:={path}") as driver:
             wait_for(lambda: len(self.commands.messages) >= 5, "five commands", PATIENCE)
             driver.send_signal(signal.SIGSTOP)
+            self.waits()  # all that was under way is here
             self.runs_on(2.0, "while the client stood still")
             driver.send_signal(signal.SIGCONT)
             self.assertEqual(driver.wait(PATIENCE), 1, driver.output)
