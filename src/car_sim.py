@@ -136,7 +136,8 @@ class CarSim:
         rate = rospy.Rate(NANOSECONDS / self._period, reset=True)
         while not rospy.is_shutdown():
             with self._changed:
-                state = self._history.state_at(self._read_clock())
+                now = self._read_clock()  # first, for it may begin another history
+                state = self._history.state_at(now)
             self._publish(state)
             rate.sleep()
 
@@ -207,9 +208,10 @@ class CarSim:
             return
         is_free(*world, self._start)  # what is worked out once is worked out here, without the lock
         with self._changed:
+            now = self._read_clock()
             self._world = world
             self._history.build(world)
-            state = self._history.state_at(self._read_clock())
+            state = self._history.state_at(now)
         rospy.loginfo("driving in a map of %d x %d cells", world.grid.width, world.grid.height)
         if not is_free(*world, state.pose):
             rospy.logwarn(
