@@ -105,8 +105,10 @@ class RvizTest(unittest.TestCase):
         with tempfile.NamedTemporaryFile(suffix=".txt") as plan:
             plan.write(PLAN)
             plan.flush()
-            with node("path_publisher.py", f"_plan_file:={plan.name}") as publisher:
-                self.assertEqual(publisher.wait(), 0, publisher.output)
+            # Beside rviz, which draws without a graphics card here, the mux may be slow to start.
+            arguments = (f"_plan_file:={plan.name}", "_subscriber_timeout:=60")
+            with node("path_publisher.py", *arguments) as publisher:
+                self.assertEqual(publisher.wait(90.0), 0, publisher.output)
 
     def test_view(self):
         """Every display has something to show, none complains, and the tools publish."""
