@@ -315,10 +315,11 @@ class TestFaults(Faults):
     def test_a_publisher_whose_clock_is_far_off(self):
         """The car obeys each command when it comes, and says why.
 
-        Whoever waited for the other clock would wait longer than the test may take.
+        Stamps 10 s off that counted would leave the car standing; whoever waited for a clock that
+        is 1000 s off would wait longer than the test may take.
         """
         path = self.plan("1,-1,0.5\n1.0,0.0,0.5\n")
-        for offset in (1000, -1000):
+        for offset in (10, -10, 1000, -1000):
             path_publisher = module("path_publisher.py")
 
             def now(offset=offset):
