@@ -153,7 +153,7 @@ class CarSim:
             self._give_up()
             with self._changed:
                 wall = time.monotonic()
-                limit = horizon(self._stream, wall, self._factor == 0.0, self._period)
+                limit = horizon(self._stream, wall, self._factor == 0.0, next_pose, self._period)
                 target = next_pose
                 if self._steps:
                     begin = (wall, target)

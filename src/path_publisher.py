@@ -188,6 +188,7 @@ class PathPublisher:
             raise DriveError("use_sim_time was set after this node had started; start it again")
         simulated = rospy.get_param(self._car_sim, {})
         self._leads = not rospy.rostime.is_wallclock() and "real_time_factor" in simulated
+        self._in_lock_step = self._leads and not simulated["real_time_factor"]
         if self._profile is None:
             self._profile, place = simulated, f"{self._car_sim}/"
         else:
@@ -291,11 +292,14 @@ class PathPublisher:
             self._wait_until(self._release if self._leads else begin)
         if self._places_car:
             self.send_init_pose(placement)
-        if begin is not None:
-            # After the placement of the same stamp, for which a simulated clock waits longer.
+        if begin is not None and not self._in_lock_step:
             self._send(Command(begin, 0.0, 0.0))
         if self._places_car:
             self._wait_for_start_pose(placement)
+        if begin is not None and self._in_lock_step:
+            # The car stands where it has been placed. A clock that knew of a stop alone would run
+            # on soon, with the placement still to come.
+            self._send(Command(begin, 0.0, 0.0))
         start = placed + PERIOD
         if begin is None:
             start = first_due(placed, self._pose_stamp, self._now(), self._leads)

@@ -143,22 +143,32 @@ class TestClock(unittest.TestCase):
 
     def test_a_loop_whose_publisher_is_held_up(self):
         """Between the end of a round and the next: each round is driven as the first."""
-        path_publisher = module("path_publisher.py")
-        made = path_publisher.PathPublisher
-        held_up = {name: getattr(made, name) for name in ("send_init_pose", "_send")}
 
-        def hold_up(name):
-            def run(node, event):
-                if isinstance(event, Placement) or not event.speed:
-                    time.sleep(0.5)  # more than the clock's patience after a stop
-                held_up[name](node, event)
+        def hold_up(send, node, event):
+            if isinstance(event, Placement) or not event.speed:
+                time.sleep(0.5)  # more than the clock's patience after a stop
+            send(node, event)
 
-            return mock.patch.object(made, name, run)
+        self.drive_a_loop({"send_init_pose": hold_up, "_send": hold_up})
+
+    def test_a_loop_whose_start_pose_is_long_on_its_way(self):
+        def delay(send, node, event):
+            threading.Timer(0.5, send, (node, event)).start()
+
+        self.drive_a_loop({"send_init_pose": delay})
+
+    def drive_a_loop(self, instead):
+        """Drive a plan again and again, with other methods in a node, which are given their own."""
+        made = module("path_publisher.py").PathPublisher
+
+        def changed(name):
+            run, own = instead[name], getattr(made, name)
+            return lambda node, event: run(own, node, event)
 
         with private_parameters({"plan_file": self.plan(*ROWS), "loop": True}):
             node = made()
         self.poses.clear()
-        with hold_up("send_init_pose"), hold_up("_send"):
+        with mock.patch.multiple(made, **{name: changed(name) for name in instead}):
             driver = threading.Thread(target=lambda: self.assert_interrupted(node))
             driver.start()
             wait_for(lambda: self.rounds() >= 4, "four rounds", PATIENCE)

@@ -26,9 +26,9 @@ def listen(*events):
     return stream
 
 
-def limit(stream, wall, lock_step):
+def limit(stream, wall, lock_step, next_pose=3 * SECOND):
     """Return the horizon for a car that reports its pose at 50 Hz."""
-    return horizon(stream, wall, lock_step, POSE_PERIOD)
+    return horizon(stream, wall, lock_step, next_pose, POSE_PERIOD)
 
 
 def go(stamp):
@@ -95,17 +95,28 @@ def test_a_late_command_does_not_set_the_horizon_back():
 def test_after_a_placement_the_clock_waits_for_the_first_command():
     """It runs until the placement has been reported, and not to a command that is due later."""
     placed = (Placement(5 * SECOND, ORIGIN), 4 * SECOND, 0.0)
-    assert limit(listen(placed), PATIENCE, True) == 5 * SECOND + POSE_PERIOD
+    assert limit(listen(placed), PATIENCE, True) == 5 * SECOND
     assert limit(listen(placed), PATIENCE, False) is None
     begin = 5 * SECOND + DEFAULT_PERIOD
-    driven = listen(placed, (go(begin), 5 * SECOND + POSE_PERIOD, 0.0))
+    driven = listen(placed, (go(begin), 5 * SECOND, 0.0))
     assert driven.ahead
     assert limit(driven, 0.0, False) == begin
 
 
-def test_after_a_late_placement_there_still_is_a_report():
-    late = (Placement(5 * SECOND, ORIGIN), 5 * SECOND + 10 * POSE_PERIOD, 0.0)
-    assert limit(listen(late), 0.0, True) == 5 * SECOND + 11 * POSE_PERIOD
+@pytest.mark.parametrize("behind", [0, 10])
+def test_after_a_placement_that_is_not_ahead_there_still_is_a_report(behind):
+    late = (Placement(5 * SECOND, ORIGIN), 5 * SECOND + behind * POSE_PERIOD, 0.0)
+    assert limit(listen(late), 0.0, True) == 5 * SECOND + (behind + 1) * POSE_PERIOD
+
+
+@pytest.mark.parametrize("since", [-1, 0, 1, POSE_PERIOD - 1, POSE_PERIOD])
+@pytest.mark.parametrize("clock", [4 * SECOND, 5 * SECOND - 1])
+def test_the_clock_runs_to_the_first_pose_that_shows_a_placement(since, clock):
+    """Also where poses are due beside it, before or after."""
+    placed = (Placement(5 * SECOND, ORIGIN), clock, 0.0)
+    reported = limit(listen(placed), 0.0, True, next_pose=5 * SECOND + since)
+    assert (reported - 5 * SECOND - since) % POSE_PERIOD == 0
+    assert 0 <= reported - 5 * SECOND < POSE_PERIOD
 
 
 def test_a_placement_teaches_no_period():
@@ -131,8 +142,9 @@ def test_a_plan_that_begins_again_is_placed_whichever_of_its_messages_is_first(c
         [Placement(end, ORIGIN), Command(end, 0.0, 0.0)],
     ):
         stream = listen((go(end - DEFAULT_PERIOD), clock, 0.0), *((e, clock, 0.0) for e in events))
-        assert limit(stream, 0.0, True) == end + POSE_PERIOD
-        assert limit(stream, PATIENCE, True) == end + POSE_PERIOD
+        reported = end + (POSE_PERIOD if clock == end else 0)
+        assert limit(stream, 0.0, True) == reported
+        assert limit(stream, PATIENCE, True) == reported
 
 
 def test_patience_ends():

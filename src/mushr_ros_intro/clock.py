@@ -66,7 +66,7 @@ class Stream(NamedTuple):
     kind: Kind
     """What the newest is."""
     ahead: bool
-    """Whether the newest is a command that was stamped ahead of the clock when it came."""
+    """Whether the newest was stamped ahead of the clock when it came."""
     patience: float
     """How long to wait for the next one [s]."""
     heard: float
@@ -99,7 +99,8 @@ def hear(stream: Optional[Stream], event: Event, clock: int, wall: float) -> Str
         return stream  # the mux's, for whoever drove before; a command may be on its heels
     if kind == Kind.PLACEMENT:
         newest = max(event.stamp, clock)  # it may be late, and the report is still to come
-        return Stream(newest, DEFAULT_PERIOD, DEFAULT_PERIOD, kind, False, PATIENCE, wall)
+        ahead = event.stamp > clock
+        return Stream(newest, DEFAULT_PERIOD, DEFAULT_PERIOD, kind, ahead, PATIENCE, wall)
     period = step = DEFAULT_PERIOD
     if stream is not None and event.stamp - stream.newest <= LONGEST_PERIOD:
         step = event.stamp - stream.newest or stream.step
@@ -124,17 +125,22 @@ def carry_over(stream: Optional[Stream], wall: float, was_held: bool) -> Optiona
 
 
 def horizon(
-    stream: Optional[Stream], wall: float, lock_step: bool, pose_period: int
+    stream: Optional[Stream], wall: float, lock_step: bool, next_pose: int, pose_period: int
 ) -> Optional[int]:
     """Return the instant [ns] up to which the clock may run at `wall` [s]; None: freely.
 
     In lock-step it waits for every stream, otherwise only for one that promises. The car reports
-    its pose every `pose_period` [ns].
+    its pose at `next_pose` [ns], which is ahead of the clock, and every `pose_period` [ns] from
+    then on.
     """
     if stream is None or stream.over(wall):
         return None
+    if stream.kind == Kind.PLACEMENT:
+        if not lock_step:
+            return None
+        # The first report that has it in it; the one of the present is out already.
+        least = stream.newest if stream.ahead else stream.newest + 1
+        return next_pose - (next_pose - least) // pose_period * pose_period
     if stream.ahead:
         return stream.newest
-    if not lock_step:
-        return None
-    return stream.newest + (pose_period if stream.kind == Kind.PLACEMENT else stream.period)
+    return stream.newest + stream.period if lock_step else None
