@@ -198,7 +198,7 @@ class TestClock(unittest.TestCase):
         obeyed = Recording(OUTPUT, AckermannDriveStamped).connected()
         said = Recording("/rosout", Log).connected()
         path = self.plan((1.0, 0.2, 600.0))
-        with node("path_publisher.py", f"_plan_file:={path}") as driver:
+        with node("path_publisher.py", f"_plan_file:={path}", "__name:=killed") as driver:
             wait_for(lambda: len(obeyed.messages) >= 5, "five commands", PATIENCE)
             driver.send_signal(signal.SIGKILL)
             driver.wait()

@@ -209,6 +209,10 @@ class Ghost:
         self._server.server_close()
 
 
+ENDING = 5.0
+"""How long a process may take to end when it is told to [s], before it is killed."""
+
+
 class Process:
     """A command that a test starts, watches and ends."""
 
@@ -255,7 +259,15 @@ class Process:
         return status
 
     def end(self):
-        """End the process, however it is."""
+        """End the process, as a rule so that a node signs off at the master.
+
+        Otherwise the next one of its name makes the master call where this one listened: there
+        may be a node of another test by then, and be told to shut down.
+        """
+        if self.running:
+            self.send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(ENDING)
         if self.running:
             self.send_signal(signal.SIGKILL)
             self._process.wait()

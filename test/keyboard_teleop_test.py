@@ -112,7 +112,7 @@ class WindowTest(Commands, unittest.TestCase):
         """Commands while keys are held, a stop when they are released, and then silence."""
         self.display.xdotool("keydown", "w")
         self.wait_for_drive(FORWARD)
-        self.assertEqual(self.active.last.data, "teleop")
+        wait_for(lambda: self.active.last.data == "teleop", "the mux to pass it on")
         began = rospy.Time.now()
         last = self.commands.after(began + rospy.Duration(REPEATING)).header.stamp
         held = [each for each in self.commands.messages if each.header.stamp <= last]

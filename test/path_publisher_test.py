@@ -82,7 +82,7 @@ class TestPathPublisher(unittest.TestCase):
         """kill -9: no stop comes, and the car stops when the last command runs out."""
         path = self.plan("0,0,0\n1.0,0.2,60\n")
         obeyed = Recording("/car/mux/ackermann_cmd_mux/output", AckermannDriveStamped).connected()
-        with node("path_publisher.py", f"_plan_file:={path}") as publisher:
+        with node("path_publisher.py", f"_plan_file:={path}", "__name:=killed") as publisher:
             wait_for(lambda: len(obeyed.messages) >= 5, "five commands")
             publisher.send_signal(signal.SIGKILL)
             publisher.wait()

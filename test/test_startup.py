@@ -1,11 +1,13 @@
-"""How a node starts where it cannot log, and where there is no master."""
+"""How a node starts where it cannot log, and where there is no master; and that it ends."""
 
 import os
+import threading
 
 import pytest
+import rosgraph.xmlrpc
 
-from helpers import node
-from mushr_ros_intro.startup import _find_log_folder
+from helpers import node, wait_for
+from mushr_ros_intro.startup import _find_log_folder, _Server
 
 
 @pytest.mark.parametrize("home, is_good", [("ros", True), ("file/ros", False)])
@@ -29,3 +31,14 @@ def test_without_a_master_a_node_says_so(name, master):
     assert "Traceback" not in process.output
     said = f"{name[:-3]}: no master answers at ROS_MASTER_URI={master}; expected one there"
     assert process.output.startswith(said)
+
+
+def test_a_server_that_is_closed_ends(monkeypatch):
+    monkeypatch.setattr(rosgraph.xmlrpc, "ThreadingXMLRPCServer", _Server)
+    server = rosgraph.xmlrpc.XmlRpcNode(rpc_handler=rosgraph.xmlrpc.XmlRpcHandler())
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    wait_for(lambda: server.uri, "the server")
+    server.shutdown("as rospy does")
+    thread.join(10.0)
+    assert not thread.is_alive()

@@ -13,6 +13,20 @@ from rosgraph_msgs.msg import Clock
 from mushr_ros_intro.connections import wait_until_connected
 
 
+class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):
+    """The node's server for the master and other nodes, which ends when it is closed.
+
+    rospy closes its socket and no more, and the server then asks that socket for requests, in a
+    thread that takes a whole core for half a second, until the process has ended.
+    """
+
+    def service_actions(self) -> None:
+        """Raise an error where the socket is closed; rospy expects one when it shuts down."""
+        super().service_actions()
+        if self.socket.fileno() < 0:
+            raise OSError("the server is closed")
+
+
 def init_node(name: str, **options: Any) -> None:
     """Start the node of this process as rospy.init_node does, and see to it that it has a time.
 
@@ -34,6 +48,7 @@ def init_node(name: str, **options: Any) -> None:
             "one there (roscore or roslaunch starts one on this machine)"
         )
     _find_log_folder()
+    rosgraph.xmlrpc.ThreadingXMLRPCServer = _Server
     rospy.init_node(name, **options)
     if not rospy.rostime.is_wallclock():
         # Connected with rospy's own subscription, without which there would be no time at all.
