@@ -475,6 +475,9 @@ class TestOtherClock(Faults):
         for seconds in (10.0, -10.0):
             self.setUp()
             with self.driving("1,-1,0.5\n1.0,0.2,60\n") as ends:
+                self.clock.set(stands=True)
+                held = time.monotonic()  # until each command on its way is at the car
+                wait_for(lambda held=held: time.monotonic() > held + 2.0, "two seconds to pass")
                 self.clock.set(jump=seconds)
             self.assertIn("the clock was set", str(ends[0]))
             now = rospy.Time.now()
