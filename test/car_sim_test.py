@@ -3,6 +3,7 @@
 
 import math
 import random
+import socket
 import unittest
 
 import rospy
@@ -229,6 +230,17 @@ class TestCarSim(unittest.TestCase):
         wait_for(lambda: len(ghost.calls["requestTopic"]) == 1, "the subscriber to ask once")
         self.assertFalse(wait_until_connected(asks, "publishers", patience=1.5))
         wait_for(lambda: len(ghost.calls["requestTopic"]) == 2, "the subscriber to ask again")
+
+    def test_a_subscriber_that_is_not_yet_connected(self):
+        """It counts a connection that the publisher has not answered; that is not good enough."""
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            ghost = Ghost(publishes=["/begun"], port=server.getsockname()[1])
+            self.addCleanup(ghost.end)
+            begun = rospy.Subscriber("/begun", Empty)
+            wait_for(lambda: begun.get_num_connections() == 1, "the subscriber to connect")
+            self.assertFalse(wait_until_connected(begun, "publishers", patience=1.0))
+        there = rospy.Subscriber("/car/car_pose", PoseStamped)
+        self.assertTrue(wait_until_connected(there, "publishers"))
 
     def test_bad_parameters(self):
         car_sim = module("car_sim.py")

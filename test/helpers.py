@@ -176,16 +176,20 @@ def publisher(topic, kind, **options):
 
 
 class Ghost:
-    """A node that the master knows, and that connects with nobody, whatever it is told."""
+    """A node that the master knows, and that connects with nobody, whatever it is told.
 
-    def __init__(self, subscribes=(), publishes=()):
+    Who asks for what it publishes is sent to a `port` of this machine, or nowhere.
+    """
+
+    def __init__(self, subscribes=(), publishes=(), port=None):
         self.calls = {"publisherUpdate": [], "requestTopic": []}
         self._server = xmlrpc.server.SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
         self._uri = f"http://localhost:{self._server.server_address[1]}/"
         self._master = rosgraph.Master("/ghost")
         self._subscribes, self._publishes = subscribes, publishes
         self._server.register_function(lambda *_: (1, "", os.getpid()), "getPid")
-        for name, answer in (("publisherUpdate", (1, "", 0)), ("requestTopic", (0, "no", 0))):
+        offer = (1, "", ["TCPROS", "localhost", port]) if port else (0, "no", 0)
+        for name, answer in (("publisherUpdate", (1, "", 0)), ("requestTopic", offer)):
             self._server.register_function(self._answer(name, answer), name)
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
         for topic in subscribes:

@@ -8,7 +8,7 @@ the publisher yet, after the master's news, which does.
 
 import time
 import xmlrpc.client
-from typing import Any, List
+from typing import Any, List, Sequence
 
 import rosgraph
 import rosnode
@@ -58,9 +58,11 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
             names = peers(end.resolved_name, role)
         except (rosgraph.MasterException, OSError):
             return False
-        if len(names) > end.get_num_connections() and waited > _PING_AFTER:
-            names = [name for name in names if rosnode.rosnode_ping(name, max_count=1)]
-        if end.get_num_connections() >= len(names):
+        is_connected = _is_connected(end, role, names)
+        if not is_connected and waited > _PING_AFTER:
+            alive = [name for name in names if rosnode.rosnode_ping(name, max_count=1)]
+            is_connected = _is_connected(end, role, alive)
+        if is_connected:
             return True
         if waited > patience:
             return False
@@ -68,6 +70,39 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
             reminders += 1
             remind(end, role)
         time.sleep(0.01)
+
+
+def _is_connected(end: Any, role: str, names: Sequence[str]) -> bool:
+    """Say whether `end` is connected with as many nodes as there are names.
+
+    A subscriber counts a connection that it has only begun to make. It is for the publishers to
+    say whether what they publish reaches it.
+    """
+    if end.get_num_connections() < len(names):
+        return False
+    return role == "subscribers" or all(_serves(name, end.resolved_name) for name in names)
+
+
+def _serves(name: str, topic: str) -> bool:
+    """Say whether a node says that it publishes a topic to this one."""
+    try:
+        uri = rosgraph.Master(rospy.get_name()).lookupNode(name)
+        with xmlrpc.client.ServerProxy(uri, _HastyTransport()) as node:
+            answer: Any = node.getBusInfo(rospy.get_name())
+    except (rosgraph.MasterException, OSError, xmlrpc.client.Error):
+        return False
+    # Each is a number, the node at the other end, the direction, the transport, the topic, ...
+    return any((each[1], each[4]) == (rospy.get_name(), topic) for each in answer[2])
+
+
+class _HastyTransport(xmlrpc.client.Transport):
+    """A way to call a node that may not answer."""
+
+    def make_connection(self, host: Any) -> Any:
+        """Return a connection that waits for an answer as long as a ping is waited for."""
+        connection = super().make_connection(host)
+        connection.timeout = _PING_AFTER
+        return connection
 
 
 def limit_calls(patience: float = PATIENCE) -> None:
