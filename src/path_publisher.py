@@ -121,6 +121,7 @@ class PathPublisher:
         self._written: Dict[int, int] = {}
         self._release = 0
         self._next_line = 0
+        self._quiet_until = 0.0
         self._watch = Watch(control_topic.rsplit("/", 1)[-1])
         self._active: Optional[str] = None
         self._is_over = False
@@ -352,12 +353,16 @@ class PathPublisher:
     def send_command(self, row: Row, start: int, where: str, end: int) -> None:
         """Send a row's command at `start` [ns], and every 0.1 s from then on while it lasts.
 
-        Every second it says `where` in the plan this is, and how long it takes to the `end` [ns].
+        Every second of the plan it says `where` in it this is, and how long it takes to the `end`
+        [ns]; where simulated time runs fast, no more often than one can read.
         """
         for due in range(start, start + row.duration, PERIOD):
             self._send(Command(due, row.speed, row.steering_angle))
             if due >= self._next_line:
                 self._next_line += NANOSECONDS
+                if time.monotonic() < self._quiet_until:
+                    continue
+                self._quiet_until = time.monotonic() + 0.5
                 left = (end - due) / NANOSECONDS
                 rospy.loginfo(
                     "%s: %g m/s, %g rad; %.1f s left", where, row.speed, row.steering_angle, left
