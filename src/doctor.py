@@ -9,7 +9,6 @@ seconds, whoever is stopped or gone.
 import argparse
 import dataclasses
 import glob
-import http.client
 import io
 import ipaddress
 import os
@@ -22,8 +21,6 @@ import struct
 import sys
 import threading
 import time
-import xml.parsers.expat
-import xmlrpc.client
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from datetime import datetime
 from typing import Any, Callable, Dict, List, NamedTuple, Sequence, Set, Tuple
@@ -42,6 +39,7 @@ try:
     from std_msgs.msg import String
 
     from mushr_ros_intro import conversions, diagnosis
+    from mushr_ros_intro.connections import CallError, ask, receivers
     from mushr_ros_intro.diagnosis import Facts, Finding, Input, Master, Source, Takeover, Topic
     from mushr_ros_intro.mux import IDLE, ConfigError, parse_config
 
@@ -71,10 +69,6 @@ _OWN_TYPE = re.compile(r"our version has \[(.+)/(\w+)\]")  # as publishers say i
 _LOG_TAIL = 1_000_000  # [bytes] of the master's log that are read, from its end
 
 
-class CallError(RuntimeError):
-    """The master or a node gave no answer, or none that is one; says in which way."""
-
-
 class Stream(NamedTuple):
     """What was heard from one publisher of one topic."""
 
@@ -84,42 +78,13 @@ class Stream(NamedTuple):
     """As they travel."""
 
 
-class _Transport(xmlrpc.client.Transport):
-    """A connection that does not wait for ever."""
-
-    def make_connection(self, host: Any) -> http.client.HTTPConnection:
-        """Return the connection to a host."""
-        connection = super().make_connection(host)
-        connection.timeout = CALL_PATIENCE
-        return connection
-
-
 def call(uri: str, method: str, *arguments: Any) -> Any:
     """Call a method of the master or of a node, and return its value.
 
     Raises:
         CallError: there was no answer, or not the value that was asked for.
     """
-    server = xmlrpc.client.ServerProxy(uri, transport=_Transport())
-    try:
-        code, message, value = getattr(server, method)(CALLER, *arguments)
-    except (socket.timeout, TimeoutError):
-        raise CallError(diagnosis.STOPPED) from None
-    except socket.gaierror:
-        raise CallError(diagnosis.UNKNOWN_HOST) from None
-    except OSError:
-        raise CallError(diagnosis.REFUSED) from None
-    except (
-        xmlrpc.client.Error,
-        xml.parsers.expat.ExpatError,
-        http.client.HTTPException,
-        TypeError,
-        ValueError,
-    ):
-        raise CallError(diagnosis.NO_ROS) from None
-    if code != 1:
-        raise CallError(str(message))
-    return value
+    return ask(uri, CALL_PATIENCE, CALLER, method, *arguments)
 
 
 def at_once(jobs: Sequence[Callable[[], Any]], patience: float) -> List[Any]:
@@ -505,7 +470,7 @@ def _await_links(uri: str, topic: str, wanted: Set[str], deadline: float) -> boo
     """
     while wanted:
         try:
-            links = {each[1] for each in call(uri, "getBusInfo") if each[2:5:2] == ["o", topic]}
+            links = receivers(uri, CALL_PATIENCE, CALLER, topic)
         except CallError:
             return False
         if wanted <= links or time.monotonic() > deadline:

@@ -242,6 +242,15 @@ class TestCarSim(unittest.TestCase):
         there = rospy.Subscriber("/car/car_pose", PoseStamped)
         self.assertTrue(wait_until_connected(there, "publishers"))
 
+    def test_a_publisher_that_does_not_say_whether_it_is_connected(self):
+        """It is not waited for, or a node would hang at its start with it."""
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            ghost = Ghost(publishes=["/silent"], port=server.getsockname()[1], silence=60.0)
+            self.addCleanup(ghost.end)
+            silent = rospy.Subscriber("/silent", Empty)
+            wait_for(lambda: silent.get_num_connections() == 1, "the subscriber to connect")
+            self.assertFalse(wait_until_connected(silent, "publishers", patience=1.0))
+
     def test_bad_parameters(self):
         car_sim = module("car_sim.py")
         for name, value, unit in (

@@ -4,6 +4,7 @@
 import contextlib
 import re
 import signal
+import time
 import unittest
 
 import rospy
@@ -46,9 +47,14 @@ def car(*arguments):
 class TestProfiles(unittest.TestCase):
     def drive(self, plan):
         """Drive a plan; return the pose at which the prediction ends."""
+        began = time.monotonic()
         arguments = (f"_plan_file:={plan}", "_subscriber_timeout:=20.0", "__name:=driver")
         with node("path_publisher.py", *arguments) as publisher:
             self.assertEqual(publisher.wait(PATIENCE), 0, publisher.output)
+        # It says where it is, but no more than twice a second: rospy asks the master each time.
+        lines = publisher.output.count(" s left\n")
+        self.assertGreaterEqual(lines, 1, publisher.output)
+        self.assertLessEqual(lines, 1 + 2 * (time.monotonic() - began), publisher.output)
         found = DIFFERENCE.search(publisher.output)
         self.assertTrue(found, publisher.output)
         for difference in map(float, found.groups()):

@@ -5,9 +5,10 @@ import threading
 
 import pytest
 import rosgraph.xmlrpc
+from rosgraph.xmlrpc import ThreadingXMLRPCServer, XmlRpcNode
 
 from helpers import node, wait_for
-from mushr_ros_intro.startup import _find_log_folder, _Server
+from mushr_ros_intro.startup import _find_log_folder, init_node
 
 
 @pytest.mark.parametrize("home, is_good", [("ros", True), ("file/ros", False)])
@@ -33,12 +34,16 @@ def test_without_a_master_a_node_says_so(name, master):
     assert process.output.startswith(said)
 
 
-def test_a_server_that_is_closed_ends(monkeypatch):
-    monkeypatch.setattr(rosgraph.xmlrpc, "ThreadingXMLRPCServer", _Server)
-    server = rosgraph.xmlrpc.XmlRpcNode(rpc_handler=rosgraph.xmlrpc.XmlRpcHandler())
-    thread = threading.Thread(target=server.run, daemon=True)
+def test_the_server_of_a_node_ends_with_it(monkeypatch):
+    monkeypatch.setattr(rosgraph.xmlrpc, "ThreadingXMLRPCServer", ThreadingXMLRPCServer)
+    nodes = []
+    monkeypatch.setattr("rosgraph.is_master_online", lambda: True)
+    monkeypatch.setattr("rospy.init_node", lambda *_, **__: nodes.append(XmlRpcNode()))
+    monkeypatch.setattr("rospy.rostime.is_wallclock", lambda: True)
+    init_node("made")
+    thread = threading.Thread(target=nodes[0].run, daemon=True)
     thread.start()
-    wait_for(lambda: server.uri, "the server")
-    server.shutdown("as rospy does")
+    wait_for(lambda: nodes[0].uri, "the server")
+    nodes[0].shutdown("as rospy does")
     thread.join(10.0)
     assert not thread.is_alive()

@@ -6,13 +6,18 @@ the very moment at which a publisher does, rospy may take the master's answer, w
 the publisher yet, after the master's news, which does.
 """
 
+import http.client
+import socket
 import time
+import xml.parsers.expat
 import xmlrpc.client
-from typing import Any, List, Sequence
+from typing import Any, List, Sequence, Set
 
 import rosgraph
 import rosnode
 import rospy
+
+from mushr_ros_intro.diagnosis import NO_ROS, REFUSED, STOPPED, UNKNOWN_HOST
 
 PATIENCE = 5.0
 """How long a node waits at its start for the other ends of its topics [s of wall-clock time]."""
@@ -20,6 +25,10 @@ PATIENCE = 5.0
 _PING_AFTER = 0.5  # [s] from when on those are left out that do not answer
 REMIND_EVERY = 1.0
 """How long to wait for a connection before the subscribers are reminded, again and again [s]."""
+
+
+class CallError(RuntimeError):
+    """The master or a node gave no answer, or none that is one; says in which way."""
 
 
 def peers(topic: str, role: str) -> List[str]:
@@ -85,23 +94,70 @@ def _is_connected(end: Any, role: str, names: Sequence[str]) -> bool:
 
 def _serves(name: str, topic: str) -> bool:
     """Say whether a node says that it publishes a topic to this one."""
+    caller = rospy.get_name()
     try:
-        uri = rosgraph.Master(rospy.get_name()).lookupNode(name)
-        with xmlrpc.client.ServerProxy(uri, _HastyTransport()) as node:
-            answer: Any = node.getBusInfo(rospy.get_name())
-    except (rosgraph.MasterException, OSError, xmlrpc.client.Error):
+        uri = rosgraph.Master(caller).lookupNode(name)
+        return caller in receivers(uri, _PING_AFTER, caller, topic)
+    except (rosgraph.MasterException, OSError, CallError):
         return False
+
+
+def receivers(uri: str, patience: float, caller: str, topic: str) -> Set[str]:
+    """Return the names of the nodes to which a node says that it publishes a topic.
+
+    Args and raises: as `ask`.
+    """
+    links = ask(uri, patience, caller, "getBusInfo")
     # Each is a number, the node at the other end, the direction, the transport, the topic, ...
-    return any((each[1], each[4]) == (rospy.get_name(), topic) for each in answer[2])
+    return {each[1] for each in links if each[2:5:2] == ["o", topic]}
 
 
-class _HastyTransport(xmlrpc.client.Transport):
-    """A way to call a node that may not answer."""
+def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) -> Any:
+    """Call a method of the master or of a node, and return its value.
 
-    def make_connection(self, host: Any) -> Any:
-        """Return a connection that waits for an answer as long as a ping is waited for."""
+    Args:
+        uri: where it listens.
+        patience: how long it may take to answer [s].
+        caller: the name of who asks.
+        method: of the master's or the nodes' XML-RPC interface.
+        arguments: of the method, after the caller.
+
+    Raises:
+        CallError: there was no answer, or not the value that was asked for.
+    """
+    server = xmlrpc.client.ServerProxy(uri, transport=_Transport(patience))
+    try:
+        code, message, value = getattr(server, method)(caller, *arguments)
+    except (socket.timeout, TimeoutError):
+        raise CallError(STOPPED) from None
+    except socket.gaierror:
+        raise CallError(UNKNOWN_HOST) from None
+    except OSError:
+        raise CallError(REFUSED) from None
+    except (
+        xmlrpc.client.Error,
+        xml.parsers.expat.ExpatError,
+        http.client.HTTPException,
+        TypeError,
+        ValueError,
+    ):
+        raise CallError(NO_ROS) from None
+    if code != 1:
+        raise CallError(str(message))
+    return value
+
+
+class _Transport(xmlrpc.client.Transport):
+    """A connection that does not wait for ever."""
+
+    def __init__(self, patience: float) -> None:
+        super().__init__()
+        self._patience = patience
+
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        """Return the connection to a host."""
         connection = super().make_connection(host)
-        connection.timeout = _PING_AFTER
+        connection.timeout = self._patience
         return connection
 
 
