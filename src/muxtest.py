@@ -32,6 +32,7 @@ from mushr_ros_intro.conversions import command_to_msg
 from mushr_ros_intro.mux import IDLE
 from mushr_ros_intro.parameters import ParameterError, number, text
 from mushr_ros_intro.stamps import from_seconds
+from mushr_ros_intro.startup import init_node
 
 _ON_ITS_WAY = 2.0
 """How long a message may take [s of wall-clock time]."""
@@ -167,5 +168,5 @@ def _checked(inputs: Any, steps: Any) -> Tuple[Dict[str, str], List[Tuple[List[s
 
 
 if __name__ == "__main__":
-    rospy.init_node("muxtest")
+    init_node("muxtest")
     rostest.rosrun("mushr_ros_intro", "muxtest", MuxTest)

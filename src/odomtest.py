@@ -31,6 +31,7 @@ from mushr_ros_intro.checks import Motion, Series, as_number, odometry_faults, p
 from mushr_ros_intro.conversions import MessageError, pose_from_msg, time_from
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
 from mushr_ros_intro.stamps import from_seconds
+from mushr_ros_intro.startup import init_node
 
 _SHOWN = 5
 """How many faults are said."""
@@ -163,5 +164,5 @@ class OdomTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("odomtest")
+    init_node("odomtest")
     rostest.rosrun("mushr_ros_intro", "odomtest", OdomTest)

@@ -30,6 +30,7 @@ from mushr_ros_intro.checks import Series, as_number, pose_fault, wait_for
 from mushr_ros_intro.conversions import MessageError, pose_from_msg
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
 from mushr_ros_intro.stamps import from_seconds
+from mushr_ros_intro.startup import init_node
 
 _KINDS: Dict[str, Tuple[Any, Callable[[Any], PoseMsg]]] = {
     "geometry_msgs/PoseStamped": (PoseStamped, lambda msg: msg.pose),
@@ -155,5 +156,5 @@ class PoseTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("posetest")
+    init_node("posetest")
     rostest.rosrun("mushr_ros_intro", "posetest", PoseTest)

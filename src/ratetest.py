@@ -23,6 +23,7 @@ from mushr_ros_intro.checks import Series, as_number, rate_faults, wait_for
 from mushr_ros_intro.parameters import ParameterError, number, text
 from mushr_ros_intro.plan import PlanError, read_plan
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
+from mushr_ros_intro.startup import init_node
 
 _SHOWN = 5
 """How many faults are said."""
@@ -100,5 +101,5 @@ class RateTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("ratetest")
+    init_node("ratetest")
     rostest.rosrun("mushr_ros_intro", "ratetest", RateTest)

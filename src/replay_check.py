@@ -28,6 +28,7 @@ from mushr_ros_intro.parameters import ParameterError, number, text
 from mushr_ros_intro.plan import Plan, PlanError, find_plan, read_plan
 from mushr_ros_intro.profile import car_from
 from mushr_ros_intro.stamps import CLOCK_LAG, NANOSECONDS, effective_stamp
+from mushr_ros_intro.startup import init_node
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 POSES = "/car/car_pose"
@@ -454,5 +455,5 @@ class ReplayTest(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("replay")
+    init_node("replay")
     rostest.rosrun("mushr_ros_intro", "replay", ReplayTest)

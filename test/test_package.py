@@ -32,6 +32,11 @@ def test_every_executable_names_the_interpreter_that_knows_ros():
             assert file.readline() == b"#!/usr/bin/python3\n", name
 
 
+def test_every_node_says_where_there_is_no_master():
+    for name in executables("src"):
+        assert "rospy.init_node(" not in read(f"src/{name}"), f"{name}: startup.init_node says so"
+
+
 def test_every_rostest_is_registered():
     registered = set(re.findall(r"add_rostest\(test/([\w.]+)\)", read("CMakeLists.txt")))
     there = {os.path.basename(p) for p in glob.glob(os.path.join(PACKAGE, "test", "*.test"))}
