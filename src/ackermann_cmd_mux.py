@@ -11,7 +11,7 @@ from std_msgs.msg import String
 
 from mushr_ros_intro import conversions
 from mushr_ros_intro.car import Command
-from mushr_ros_intro.connections import limit_calls, wait_until_connected
+from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.mux import ConfigError, Input, Mux, parse_config, sent_at
 from mushr_ros_intro.stamps import STAMP_TOLERANCE
 from mushr_ros_intro.startup import init_node
@@ -130,7 +130,6 @@ def main() -> int:
     except ConfigError as error:
         rospy.logfatal("%s: the mux's configuration %s", rospy.get_name(), error)
         return 1
-    limit_calls()
     with suppress(rospy.ROSInterruptException):
         node.run()
     return 0

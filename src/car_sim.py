@@ -33,7 +33,7 @@ from mushr_ros_intro.car import (
     halted,
 )
 from mushr_ros_intro.clock import Kind, Stream, carry_over, hear, horizon
-from mushr_ros_intro.connections import limit_calls, wait_until_connected
+from mushr_ros_intro.connections import PATIENCE, CallError, ask, wait_until_connected
 from mushr_ros_intro.footprint import is_free, on_map
 from mushr_ros_intro.parameters import ParameterError, number
 from mushr_ros_intro.plan import MAX_COORDINATE
@@ -351,13 +351,13 @@ class CarSim:
 
 def _has_to_keep_the_clock() -> bool:
     """Say whether time is to be simulated, and nobody that is alive does so yet."""
+    master = rosgraph.get_master_uri()
     try:
-        master = rosgraph.Master("car_sim")
-        if not master.getParam("/use_sim_time"):
+        if not ask(master, PATIENCE, "car_sim", "getParam", "/use_sim_time"):
             return False
-        publishers, _, _ = master.getSystemState()
-    except (rosgraph.MasterException, OSError, ValueError):
-        return False  # no master; init_node says so
+        publishers, _, _ = ask(master, PATIENCE, "car_sim", "getSystemState")
+    except CallError:
+        return False  # it is not set, or there is no master, which init_node says
     names = {name for topic, nodes in publishers if topic == "/clock" for name in nodes}
     return not any(rosnode.rosnode_ping(name, max_count=1) for name in names)
 
@@ -377,7 +377,6 @@ def main() -> int:
     except ParameterError as error:
         rospy.logfatal("%s: %s", rospy.get_name(), error)
         return 1
-    limit_calls()
     with suppress(rospy.ROSInterruptException):
         node.run()
     return 0

@@ -27,7 +27,6 @@ from mushr_ros_intro.check import SHOWN_FAULTS, Report, check, scatter, slowed
 from mushr_ros_intro.connections import (
     PATIENCE,
     REMIND_EVERY,
-    limit_calls,
     peers,
     remind,
     wait_until_connected,
@@ -690,7 +689,6 @@ def _pose_text(pose: Optional[Pose]) -> str:
 
 def main() -> int:
     """Run the node; return its exit status."""
-    limit_calls()
     init_node("path_publisher")
     try:
         node = PathPublisher()

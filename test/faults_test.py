@@ -340,6 +340,27 @@ class TestFaults(Faults):
 
     def test_the_master_dies(self):
         """The plan is driven to its end, and Ctrl-C works; all that in a read-only home."""
+        with self.other_master() as (core, plan, _):
+            core.send_signal(signal.SIGKILL)
+            self.assertEqual(plan.wait(), 0, plan.output)
+        said = re.search(r"the car drove 0.03 m .* difference (\S+) m", plan.output)
+        self.assertTrue(said, plan.output)
+        self.assertLess(float(said.group(1)), POSITION_TOLERANCE)
+
+    def test_the_master_is_silent(self):
+        """As where the way to it is cut: the plan is given up, no node starts, and Ctrl-C works."""
+        with self.other_master() as (core, plan, here):
+            core.send_signal(signal.SIGSTOP)
+            with node("car_sim.py", "__name:=late", **here) as late:
+                for each in (plan, late):
+                    self.assertEqual(each.wait(), 1, each.output)
+                    self.assertNotIn("Traceback", each.output)
+        self.assertIn("the way to the master is cut. The plan is given up", plan.output)
+        self.assertIn("car_sim: no master answers", late.output)
+
+    @contextlib.contextmanager
+    def other_master(self):
+        """Drive a plan with a master that may be harmed; then see all end that was started."""
         with socket.socket() as unused:
             unused.bind(("localhost", 0))
             port = unused.getsockname()[1]
@@ -355,17 +376,13 @@ class TestFaults(Faults):
             path = self.plan("1,-1,0.5\n0.02,0.2,1.5\n")  # slow: what is late shows in no digit
             with node("path_publisher.py", f"_plan_file:={path}", **here) as plan:
                 wait_for(lambda: "row 1 of 1" in plan.output, "the plan to be driven")
-                core.send_signal(signal.SIGKILL)
-                core.wait()
-                self.assertEqual(plan.wait(), 0, plan.output)
-        said = re.search(r"the car drove 0.03 m .* difference (\S+) m", plan.output)
-        self.assertTrue(said, plan.output)
-        self.assertLess(float(said.group(1)), POSITION_TOLERANCE)
-        for each in nodes:
-            each.send_signal(signal.SIGINT)
-        for each in nodes:
-            self.assertEqual(each.wait(), 0, each.output)
-            self.assertNotIn("Traceback", each.output)
+                yield core, plan, here
+            for each in nodes:
+                each.send_signal(signal.SIGINT)
+            for each in nodes:
+                self.assertEqual(each.wait(), 0, each.output)
+                self.assertNotIn("Traceback", each.output)
+            core.send_signal(signal.SIGCONT)  # or it would not end
 
     def test_z_a_subscriber_that_never_reads(self):
         """The last of these tests: the car is not held up by it, nor at its end."""

@@ -6,6 +6,7 @@ the very moment at which a publisher does, rospy may take the master's answer, w
 the publisher yet, after the master's news, which does.
 """
 
+import errno
 import http.client
 import socket
 import time
@@ -125,8 +126,8 @@ def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) ->
     Raises:
         CallError: there was no answer, or not the value that was asked for.
     """
-    server = xmlrpc.client.ServerProxy(uri, transport=_Transport(patience))
     try:
+        server = xmlrpc.client.ServerProxy(uri, transport=_Transport(patience))
         code, message, value = getattr(server, method)(caller, *arguments)
     except (socket.timeout, TimeoutError):
         raise CallError(STOPPED) from None
@@ -172,9 +173,20 @@ def limit_calls(patience: float = PATIENCE) -> None:
     def make_limited_connection(transport: Any, host: Any) -> Any:
         connection = make_connection(transport, host)
         connection.timeout = patience
+        if connection.sock is not None:  # it is kept from the last call
+            connection.sock.settimeout(patience)
         return connection
 
+    single_request = xmlrpc.client.Transport.single_request
+
+    def make_limited_request(*arguments: Any, **options: Any) -> Any:
+        try:
+            return single_request(*arguments, **options)
+        except socket.timeout:  # has no number, for which rospy looks when a node signs off
+            raise OSError(errno.ETIMEDOUT, f"no answer within {patience:g} s") from None
+
     xmlrpc.client.Transport.make_connection = make_limited_connection  # type: ignore
+    xmlrpc.client.Transport.single_request = make_limited_request  # type: ignore
 
 
 def remind(end: Any, role: str) -> None:

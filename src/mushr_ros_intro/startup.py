@@ -10,7 +10,7 @@ import rospkg
 import rospy
 from rosgraph_msgs.msg import Clock
 
-from mushr_ros_intro.connections import wait_until_connected
+from mushr_ros_intro.connections import limit_calls, wait_until_connected
 
 
 class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):
@@ -30,6 +30,8 @@ class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):
 def init_node(name: str, **options: Any) -> None:
     """Start the node of this process as rospy.init_node does, and see to it that it has a time.
 
+    No call to the master takes this process longer than connections.PATIENCE from then on.
+
     Args:
         name: the node's name, unless the command line gives it another.
         options: of rospy.init_node.
@@ -37,6 +39,7 @@ def init_node(name: str, **options: Any) -> None:
     Raises:
         SystemExit: no master answers; it carries the message for the terminal.
     """
+    limit_calls()
     # rospy would end with a traceback, or where signals are disabled not at all.
     try:
         is_there = rosgraph.is_master_online()
