@@ -4,7 +4,7 @@
 import math
 import sys
 import threading
-from typing import List, NamedTuple, Optional
+from typing import List, NamedTuple, Optional, Tuple
 
 import rospy
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
@@ -51,9 +51,9 @@ class Step(NamedTuple):
 class ClickPlanner:
     """The planner as a node.
 
-    Subscribes to ``initialpose``, where the plan starts, and to ``clicked_point``, each the end of
-    one more arc; both in the map frame. Publishes the plan so far on ``~path``, latched. Services:
-    ``~undo`` takes back the last click, ``~clear`` all, ``~save`` writes a plan file.
+    Subscribes to ``~init_pose_topic``, where the plan starts, and to ``clicked_point``, each the
+    end of one more arc; both in the map frame. Publishes the plan so far on ``~path``, latched.
+    Services: ``~undo`` takes back the last click, ``~clear`` all, ``~save`` writes a plan file.
     """
 
     def __init__(self) -> None:
@@ -75,6 +75,9 @@ class ClickPlanner:
             steering_limit_right=min(limit, car.steering_limit_right),
         )
         self._speed = min(parameter("speed", 1.0, "m/s", 0.001, MAX_SPEED), car.speed_limit)
+        init_pose_topic = text(
+            "~init_pose_topic", rospy.get_param("~init_pose_topic", "/initialpose")
+        )
         self._folder = folder("~folder", rospy.get_param("~folder", "."))
         self._name = file_name("~name", rospy.get_param("~name", "clicked.txt"))
         rospy.loginfo(
@@ -89,13 +92,16 @@ class ClickPlanner:
         self._lock = threading.Lock()
         self._start: Optional[Pose] = None
         self._steps: List[Step] = []
+        self._saved: Tuple[Row, ...] = ()
 
         self._path_pub = rospy.Publisher("~path", Path, queue_size=1, latch=True)
         self._draw()
         rospy.Service("~undo", Trigger, self._on_undo)
         rospy.Service("~clear", Trigger, self._on_clear)
         rospy.Service("~save", Trigger, self._on_save)
-        self._start_sub = rospy.Subscriber("initialpose", PoseWithCovarianceStamped, self._on_start)
+        self._start_sub = rospy.Subscriber(
+            init_pose_topic, PoseWithCovarianceStamped, self._on_start
+        )
         self._point_sub = rospy.Subscriber("clicked_point", PointStamped, self._on_point)
 
     @property
@@ -115,8 +121,12 @@ class ClickPlanner:
         with self._lock:
             if self._start is not None and _same(pose, self._start):
                 return
-            self._start, self._steps = pose, []
+            rows = tuple(step.row for step in self._steps)
+            is_lost = rows and rows != self._saved
+            self._start, self._steps, self._saved = pose, [], ()
             self._draw()
+        if is_lost:
+            rospy.logwarn("the car was placed: the clicks before were not saved")
         rospy.loginfo("a new plan starts at %s; click where it goes", pose)
 
     def _on_point(self, msg: PointStamped) -> None:
@@ -174,6 +184,8 @@ class ClickPlanner:
             file = write_plan(self._folder, self._name, plan.start, plan.rows)
         except WriteError as error:
             return TriggerResponse(False, f"nothing saved: {error}")
+        with self._lock:
+            self._saved = plan.rows
         rospy.loginfo("saved %s", file)
         return TriggerResponse(True, f"saved {file}; {summary}")
 

@@ -65,6 +65,8 @@ SPREAD_SEED = 1
 MAX_SPREAD_COMMANDS = 20_000
 """The spread of a plan with more commands is not shown: it would take more than seconds."""
 
+NO_MASTER = "the master does not answer, and the plan is given up"
+
 
 class DriveError(RuntimeError):
     """A plan that cannot be driven, or not to its end; says why."""
@@ -149,11 +151,12 @@ class PathPublisher:
         if active_topic:
             self._active_sub = rospy.Subscriber(active_topic, String, self._on_active)
         rospy.loginfo(
-            "plan %s: %d rows, %g s, %.2f m; commands to %s, %s",
+            "plan %s: %d rows, %g s, %.2f m%s; commands to %s, %s",
             self._plan.path,
             len(self._plan.rows),
             self._plan.duration / NANOSECONDS,
             prediction.length(self._plan),
+            ", in a loop" if self._loop else "",
             self._pub_controls.resolved_name,
             f"start pose to {self._pub_init_pose.resolved_name}"
             if self._places_car
@@ -695,6 +698,9 @@ def main() -> int:
     except (ParameterError, PlanError) as error:
         rospy.logfatal("%s: %s", rospy.get_name(), error)
         return 1
+    except OSError as error:
+        rospy.logfatal("%s: %s: %s", rospy.get_name(), NO_MASTER, error)
+        return 1
 
     status = 1
 
@@ -707,6 +713,8 @@ def main() -> int:
             status = 0
         except (DriveError, ParameterError) as error:
             rospy.logfatal("%s: %s", rospy.get_name(), error)
+        except OSError as error:
+            rospy.logfatal("%s: %s: %s", rospy.get_name(), NO_MASTER, error)
 
     # In a thread of its own, so that Ctrl-C, which rospy handles in this one, can send the stop
     # without cutting a command in two.

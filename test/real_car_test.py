@@ -178,6 +178,7 @@ class TestRealCar(unittest.TestCase):
 
     def test_real_car_launch(self):
         """No start pose, no more than the largest speed, a countdown, a stop, the end in words."""
+        rospy.set_param("/path_publisher/loop", True)  # of an earlier drive
         plan = self.plan("5,6,1\n2.0,0.0\n-1.5,0.0,0.5\n0.5,0.0\n")
         arguments = (f"plan_file:={plan}", "countdown:=1", "car:=ideal")
         with Process("roslaunch", "mushr_ros_intro", "real_car.launch", *arguments) as launch:

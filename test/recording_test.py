@@ -168,6 +168,12 @@ class TestRecording(unittest.TestCase):
         wait_for(lambda: len(paths.last.poses) == 1, "the path to be its start")
         self.assertFalse(self.call("save").success)
         self.assertEqual(sorted(os.listdir(self.folder)), ["clicked.txt", "clicked_2.txt"])
+        # Placing it elsewhere does.
+        click(clicks[0])
+        wait_for_path(clicks[0], 1)
+        self.assertNotIn("were not saved", process.output)
+        starts.publish(pose_msg(1.0, 2.5, 0.5))
+        wait_for(lambda: "the clicks before were not saved" in process.output, "the warning")
 
     def hand_drive(self):
         """Place the car and send the commands of DRIVE; return where it ends."""
@@ -221,7 +227,8 @@ class TestRecording(unittest.TestCase):
 
     def test_where_nothing_can_be_written(self):
         """/proc is a folder in which nobody can write, not even root."""
-        planner = node("click_planner.py", "__name:=locked_planner", "_folder:=/proc")
+        arguments = ("_folder:=/proc", "_init_pose_topic:=/elsewhere")
+        planner = node("click_planner.py", "__name:=locked_planner", *arguments)
         recorder = node("plan_recorder.py", "__name:=locked_recorder", "_folder:=/proc")
         for process in (planner, recorder):
             self.addCleanup(process.end)
@@ -230,8 +237,9 @@ class TestRecording(unittest.TestCase):
         self.placements = publisher("/initialpose", PoseWithCovarianceStamped)
         self.commands = publisher("/car/mux/ackermann_cmd_mux/input/teleop", AckermannDriveStamped)
         points = publisher("/clicked_point", PointStamped)
-        wait_for(lambda: self.placements.get_num_connections() >= 3, "both nodes to listen")
+        wait_for(lambda: self.placements.get_num_connections() >= 2, "the recorder to listen")
         self.hand_drive()
+        publisher("/elsewhere", PoseWithCovarianceStamped).publish(pose_msg(-3.0, 2.0, 1.0))
         wait_for(lambda: "a new plan starts" in planner.output, "the start of the plan")
         msg = PointStamped()
         msg.point.x, msg.point.y = -3.0, 4.0
@@ -251,6 +259,7 @@ class TestRecording(unittest.TestCase):
             ("click_planner.py", "_max_steering_angle:=2", "parameter ~max_steering_angle is 2"),
             ("click_planner.py", "_name:=a/b", "parameter ~name is 'a/b'; expected a file's"),
             ("plan_recorder.py", "_folder:=7", "parameter ~folder is 7; expected text"),
+            ("plan_recorder.py", "_folder:=/nowhere", "parameter ~folder is '/nowhere'; expected"),
         )
         started = [
             (node(name, f"__name:=wrong_{number}", argument), message)

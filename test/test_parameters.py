@@ -1,5 +1,7 @@
 """The values of parameters that nodes take, and the words for those that they do not."""
 
+import os
+
 import pytest
 
 from mushr_ros_intro.parameters import ParameterError, file_name, flag, folder, number, text
@@ -55,14 +57,19 @@ def test_text():
         assert f"parameter ~topic is {value!r}; expected text" in str(caught.value)
 
 
-def test_folder(monkeypatch):
-    monkeypatch.setenv("PWD", "/here")
-    monkeypatch.setenv("HOME", "/home/me")
-    assert folder("~folder", "plans") == "/here/plans"
-    assert folder("~folder", "/plans") == "/plans"
-    assert folder("~folder", "~/plans") == "/home/me/plans"
-    with pytest.raises(ParameterError):
+def test_folder(monkeypatch, tmp_path):
+    here, home = str(tmp_path / "here"), str(tmp_path / "home")
+    for path in (f"{here}/plans", f"{home}/plans"):
+        os.makedirs(path)
+    monkeypatch.setenv("PWD", here)
+    monkeypatch.setenv("HOME", home)
+    assert folder("~folder", "plans") == f"{here}/plans"
+    assert folder("~folder", "/proc") == "/proc"
+    assert folder("~folder", "~/plans") == f"{home}/plans"
+    with pytest.raises(ParameterError, match="expected text"):
         folder("~folder", "")
+    with pytest.raises(ParameterError, match=f"'plan'; expected a folder, {here}/plan is none"):
+        folder("~folder", "plan")
 
 
 def test_file_name():

@@ -2,12 +2,13 @@
 
 import os
 import threading
+from unittest import mock
 
 import pytest
 import rosgraph.xmlrpc
 from rosgraph.xmlrpc import ThreadingXMLRPCServer, XmlRpcNode
 
-from helpers import node, wait_for
+from helpers import module, node, wait_for
 from mushr_ros_intro.startup import _find_log_folder, init_node
 
 
@@ -32,6 +33,27 @@ def test_without_a_master_a_node_says_so(name, master):
     assert "Traceback" not in process.output
     said = f"{name[:-3]}: no master answers at ROS_MASTER_URI={master}; expected one there"
     assert process.output.startswith(said)
+
+
+@pytest.mark.parametrize("where", ["__init__", "run"])
+def test_where_the_master_is_silent_meanwhile_the_plan_is_given_up(monkeypatch, where):
+    made = module("path_publisher.py")
+    said = []
+    for name in ("__init__", "run", "stop"):
+        monkeypatch.setattr(made.PathPublisher, name, lambda _: None)
+    monkeypatch.setattr(made.PathPublisher, where, mock.Mock(side_effect=TimeoutError("5 s")))
+    monkeypatch.setattr(made, "init_node", lambda _: None)
+    monkeypatch.setattr("rospy.logfatal", lambda text, *arguments: said.append(text % arguments))
+    assert made.main() == 1
+    assert said == ["/unnamed: the master does not answer, and the plan is given up: 5 s"]
+
+
+def test_where_the_master_is_silent_meanwhile_no_node_starts(monkeypatch):
+    monkeypatch.setattr("mushr_ros_intro.startup.limit_calls", lambda: None)  # which stays
+    monkeypatch.setattr("rosgraph.is_master_online", lambda: True)
+    monkeypatch.setattr("rospy.init_node", mock.Mock(side_effect=TimeoutError))
+    with pytest.raises(SystemExit, match="made: no master answers at ROS_MASTER_URI="):
+        init_node("made")
 
 
 def test_the_server_of_a_node_ends_with_it(monkeypatch):

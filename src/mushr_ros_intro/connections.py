@@ -12,10 +12,10 @@ import socket
 import time
 import xml.parsers.expat
 import xmlrpc.client
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, List, Sequence, Set
 
 import rosgraph
-import rosnode
 import rospy
 
 from mushr_ros_intro.diagnosis import NO_ROS, REFUSED, STOPPED, UNKNOWN_HOST
@@ -23,7 +23,8 @@ from mushr_ros_intro.diagnosis import NO_ROS, REFUSED, STOPPED, UNKNOWN_HOST
 PATIENCE = 5.0
 """How long a node waits at its start for the other ends of its topics [s of wall-clock time]."""
 
-_PING_AFTER = 0.5  # [s] from when on those are left out that do not answer
+_PING_AFTER = 0.5  # [s] from when on those are left out that do not answer ...
+_PING_PATIENCE = 3.0  # ... for so long [s]; one that is only busy does
 REMIND_EVERY = 1.0
 """How long to wait for a connection before the subscribers are reminded, again and again [s]."""
 
@@ -70,7 +71,11 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
             return False
         is_connected = _is_connected(end, role, names)
         if not is_connected and waited > _PING_AFTER:
-            alive = [name for name in names if rosnode.rosnode_ping(name, max_count=1)]
+            # At the same time: nobody waits for each node that is stopped.
+            with ThreadPoolExecutor(len(names)) as pool:
+                alive = [
+                    name for name, is_alive in zip(names, pool.map(_answers, names)) if is_alive
+                ]
             is_connected = _is_connected(end, role, alive)
         if is_connected:
             return True
@@ -91,6 +96,16 @@ def _is_connected(end: Any, role: str, names: Sequence[str]) -> bool:
     if end.get_num_connections() < len(names):
         return False
     return role == "subscribers" or all(_serves(name, end.resolved_name) for name in names)
+
+
+def _answers(name: str) -> bool:
+    """Say whether a node answers at all."""
+    caller = rospy.get_name()
+    try:
+        ask(rosgraph.Master(caller).lookupNode(name), _PING_PATIENCE, caller, "getPid")
+    except (rosgraph.MasterException, OSError, CallError):
+        return False
+    return True
 
 
 def _serves(name: str, topic: str) -> bool:

@@ -53,10 +53,13 @@ def folder(name: str, value: Any) -> str:
     roslaunch starts its nodes in ROS_HOME but leaves PWD as its own shell had it.
 
     Raises:
-        ParameterError: it is not text.
+        ParameterError: it is not text, or no folder is there.
     """
     path = os.path.join(os.environ.get("PWD", "."), os.path.expanduser(text(name, value)))
-    return os.path.realpath(path)
+    path = os.path.realpath(path)
+    if not os.path.isdir(path):
+        raise ParameterError(f"parameter {name} is {value!r}; expected a folder, {path} is none")
+    return path
 
 
 def file_name(name: str, value: Any) -> str:

@@ -40,19 +40,23 @@ def init_node(name: str, **options: Any) -> None:
         SystemExit: no master answers; it carries the message for the terminal.
     """
     limit_calls()
+    no_master = (
+        f"{name}: no master answers at ROS_MASTER_URI={rosgraph.get_master_uri()}; expected "
+        "one there (roscore or roslaunch starts one on this machine)"
+    )
     # rospy would end with a traceback, or where signals are disabled not at all.
     try:
         is_there = rosgraph.is_master_online()
     except ValueError:
         is_there = False
     if not is_there:
-        sys.exit(
-            f"{name}: no master answers at ROS_MASTER_URI={rosgraph.get_master_uri()}; expected "
-            "one there (roscore or roslaunch starts one on this machine)"
-        )
+        sys.exit(no_master)
     _find_log_folder()
     rosgraph.xmlrpc.ThreadingXMLRPCServer = _Server
-    rospy.init_node(name, **options)
+    try:
+        rospy.init_node(name, **options)
+    except OSError:
+        sys.exit(no_master)
     if not rospy.rostime.is_wallclock():
         # Connected with rospy's own subscription, without which there would be no time at all.
         clock = rospy.Subscriber("/clock", Clock)
