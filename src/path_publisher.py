@@ -474,11 +474,7 @@ class PathPublisher:
         while not publisher.get_num_connections():
             waited = time.monotonic() - began
             if waited > self._patience:
-                raise DriveError(
-                    f"nobody subscribes to {publisher.resolved_name} after {self._patience:g} s. "
-                    "Is the car running (roslaunch mushr_ros_intro sim.launch), and is that its "
-                    "topic (rostopic list)?"
-                )
+                raise DriveError(self._nobody(publisher.resolved_name))
             if waited > (reminders + 1) * REMIND_EVERY:
                 if not reminders:
                     rospy.loginfo("waiting for a subscriber to %s", publisher.resolved_name)
@@ -487,6 +483,23 @@ class PathPublisher:
             self._pause()
         if not wait_until_connected(publisher, "subscribers", self._patience):
             rospy.logwarn("not every subscriber to %s is connected", publisher.resolved_name)
+
+    def _nobody(self, topic: str) -> str:
+        """Say why nobody hears a topic after so long."""
+        try:
+            names = peers(topic, "subscribers")
+        except (rosgraph.MasterException, OSError):
+            names = []
+        if names:
+            return (
+                f"{' and '.join(names)} should hear {topic}, but after {self._patience:g} s it is "
+                "not connected. Does it answer (rosnode ping)? Nodes that are stopped, as by "
+                "Ctrl-Z, can hold up the master"
+            )
+        return (
+            f"nobody subscribes to {topic} after {self._patience:g} s. Is the car running "
+            "(roslaunch mushr_ros_intro sim.launch), and is that its topic (rostopic list)?"
+        )
 
     def _wait_for_mux(self) -> None:
         """Wait until the mux has said who drives, if that is of interest."""
