@@ -136,9 +136,11 @@ def look_at_master(uri: str) -> "Master":
     try:
         call(uri, "getPid")
     except CallError as error:
-        is_other = str(error) == diagnosis.NO_ROS
-        trouble = diagnosis.NO_ROS if is_other else diagnosis.NO_MASTER
-        return Master(uri, trouble, is_here, other)
+        said = {
+            diagnosis.NO_ROS: diagnosis.NO_ROS,
+            diagnosis.STOPPED: diagnosis.SILENT_MASTER if is_here else diagnosis.NO_MASTER,
+        }
+        return Master(uri, said.get(str(error), diagnosis.NO_MASTER), is_here, other)
     return Master(uri, "", is_here, other)
 
 

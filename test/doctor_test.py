@@ -311,7 +311,7 @@ class TestDoctor(unittest.TestCase):
                 server.shutdown()
             with socket.create_server(("localhost", 0)) as stopped, SHORT_PATIENCE:
                 self.uri = f"http://localhost:{stopped.getsockname()[1]}"
-                self.expect("no master answers there")
+                self.expect("the master there does not answer: it is stopped")
 
     def test_no_master(self):
         with Process(sys.executable, doctor.__file__, ROS_MASTER_URI=NOWHERE) as process:

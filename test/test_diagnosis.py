@@ -82,6 +82,11 @@ def test_nothing_is_wrong():
             "roslaunch mushr_ros_intro sim.launch",
         ),
         (
+            {"master": HERE._replace(trouble=diagnosis.SILENT_MASTER)},
+            "the master there does not answer",
+            "fg",
+        ),
+        (
             {"master": Master("http://far:11311", diagnosis.NO_MASTER, False)},
             "ROS_MASTER_URI is http://far:11311, and no master answers there",
             "export ROS_MASTER_URI=http://localhost:11311",

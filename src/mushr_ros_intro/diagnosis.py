@@ -40,6 +40,7 @@ class Master(NamedTuple):
 
 MALFORMED = "that is no address; it should look like http://localhost:11311"
 NO_MASTER = "no master answers there"
+SILENT_MASTER = "the master there does not answer: it is stopped"
 NO_ROS = "what answers there does not speak ROS"
 
 REFUSED = "nothing answers at its address: it has died"
@@ -271,6 +272,8 @@ def _no_master(master: Master) -> Finding:
         )
     if master.trouble == MALFORMED:
         return Finding(what, f"Type: export ROS_MASTER_URI={USUAL_MASTER}")
+    if master.trouble == SILENT_MASTER:
+        return Finding(what, _DEAD_REMEDIES[STOPPED])
     if master.is_here:
         return Finding(what, "Type: roslaunch mushr_ros_intro sim.launch")
     return Finding(
