@@ -33,6 +33,7 @@ def test_rate():
     )
     back = rate_faults([0, TENTH, TENTH // 2], [], TENTH, JITTER)
     assert back == ["message 3 is stamped 0.05 s before the one before it"]
+    assert rate_faults([0, 0, TENTH], [], TENTH, JITTER) == []
     quarters = [k * SECOND // 4 + due for k in range(3) for due in (0, TENTH, 2 * TENTH)]
     quarters.append(3 * SECOND // 4)  # the stop
     assert rate_faults(quarters, 3 * [SECOND // 4], TENTH, JITTER) == []
@@ -55,6 +56,12 @@ def faults(motions):
 def test_odometry():
     motions = drive([1.0, 1.0, 2.0, 2.0, -1.5, -1.5, 0.0, 0.0], [0.5, 0.5, 3.0, 3.0, -1, -1, 0, 0])
     assert faults(motions) == []
+    assert faults([motions[0], motions[1]._replace(stamp=motions[0].stamp)]) == []
+    wrapped = [
+        each._replace(pose=each.pose._replace(theta=math.remainder(each.pose.theta, math.tau)))
+        for each in motions
+    ]
+    assert faults(wrapped) == []
     spoilt = {
         "the twist says 0.1 m/s": [each._replace(speed=0.1 * each.speed) for each in motions],
         "the twist says 0.25 rad/s": [
@@ -72,6 +79,17 @@ def test_odometry():
     for message, wrong in spoilt.items():
         assert message in faults(wrong)[0]
     assert odometry_faults(spoilt["sideways"], TENTH // 2, 1e-9, 1e-9) == []
+    assert "to the left" in faults([motions[0]._replace(side_speed=-0.1), *motions[1:]])[0]
+
+
+def test_odometry_where_a_turn_begins():
+    """While the turn rate rises evenly, the heading goes by the square of the time."""
+    headings = [0.05 * ((k + 0.5) / 1000) ** 2 for k in range(1000)]
+    x = sum(map(math.cos, headings)) * 1e-4
+    y = sum(map(math.sin, headings)) * 1e-4
+    begin = Motion(0, Pose(0.0, 0.0, 0.0), 1.0, 0.0, 0.0)
+    end = Motion(TENTH, Pose(x, y, 0.05), 1.0, 0.0, 1.0)
+    assert odometry_faults([begin, end], TENTH, 1e-5, 1e-6) == []
 
 
 def test_pose():
@@ -92,6 +110,8 @@ def test_series():
     assert series.covers(SECOND, 0)
     assert not series.covers(2 * SECOND, 100 * SECOND)  # more may be on its way
     wait_for(lambda: series.covers(2 * SECOND, 100 * SECOND), "quiet", 60.0)
+    assert not series.covers(2 * SECOND, 7 * SECOND - 1)
+    assert series.covers(2 * SECOND, 7 * SECOND)
     assert series.entries == [(5 * SECOND, "a"), (6 * SECOND, "b")]
 
 

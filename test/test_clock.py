@@ -51,6 +51,12 @@ def test_a_command_of_the_present_promises_one_period_in_lock_step_only():
     assert limit(stream, 0.0, lock_step=False) is None
 
 
+def test_a_command_that_is_sent_again_when_it_is_due_is_one_of_the_present():
+    command = go(5 * SECOND)
+    stream = listen((command, 4 * SECOND, 0.0), (command, 5 * SECOND, 0.0))
+    assert limit(stream, 0.0, lock_step=True) == 5 * SECOND + DEFAULT_PERIOD
+
+
 @pytest.mark.parametrize("times", [1, 2])
 def test_the_period_is_learned_from_the_stamps(times):
     """Also where each command is sent twice."""
@@ -58,6 +64,12 @@ def test_the_period_is_learned_from_the_stamps(times):
     stamps = [5 * SECOND + k * period for k in range(3) for _ in range(times)]
     stream = listen(*((go(stamp), stamp, 0.0) for stamp in stamps))
     assert limit(stream, 0.0, True) == 5 * SECOND + 3 * period
+
+
+def test_a_period_may_vary_a_little():
+    stamps = [stamp * SECOND // 1000 for stamp in (5000, 5250, 5512)]
+    stream = listen(*((go(stamp), stamp, 0.0) for stamp in stamps))
+    assert limit(stream, 0.0, True) == stamps[-1] + 262 * SECOND // 1000
 
 
 @pytest.mark.parametrize("again", [0, 1])
@@ -90,6 +102,7 @@ def test_a_pause_after_a_stop_is_no_period():
 def test_a_late_command_does_not_set_the_horizon_back():
     stream = listen((go(5 * SECOND), 4 * SECOND, 0.0), (go(4 * SECOND), 4 * SECOND, 0.5))
     assert limit(stream, 0.5, True) == 5 * SECOND
+    assert limit(stream, 0.5 + PATIENCE, True) == 5 * SECOND
 
 
 def test_after_a_placement_the_clock_waits_for_the_first_command():

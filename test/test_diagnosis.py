@@ -152,6 +152,19 @@ def test_nothing_is_wrong():
             f"Publish {KIND}",
         ),
         (
+            {
+                "inputs": with_plan(kind="std_msgs/String", md5sum="s", stamps=(), speeds=()),
+                "moves": False,
+            },
+            "/path_publisher publishes std_msgs/String",
+            f"Publish {KIND}",
+        ),
+        (
+            {"output": OUTPUT._replace(sources=(Source("/direct", "a/B", "y"),))},
+            f"/direct publishes a/B on {MUX}/output, where {CAR} expects {KIND}",
+            f"Publish {KIND}",
+        ),
+        (
             {"placement": HEALTHY.placement._replace(sources=(Source("/place", "a/B", "y"),))},
             "/place publishes a/B on /initialpose, where /car/car_sim expects geometry_msgs/Pose",
             "Publish geometry_msgs/PoseWithCovarianceStamped",
@@ -185,23 +198,39 @@ def test_nothing_is_wrong():
             "rosnode kill /car/teleop",
         ),
         (
+            {
+                "inputs": (
+                    PAST,
+                    an_input(
+                        "teleop",
+                        Source("/quiet", KIND, MD5),
+                        KEYS._replace(stamps=(NOW,), speeds=(1.0,)),
+                    ),
+                    an_input("navigation", PLAN),
+                ),
+                "active": "teleop",
+            },
+            "input teleop is held by /car/teleop, so the commands of /path_publisher do not reach",
+            "rosnode kill /car/teleop",
+        ),
+        (
             {"inputs": with_plan(speeds=(0.0, 0.0))},
             "every command of /path_publisher has the speed 0",
             "msg.drive.speed",
         ),
         (
-            {"inputs": with_plan(stamps=(0, 0))},
+            {"inputs": with_plan(stamps=(NOW, 0))},
             "/path_publisher sends commands with stamp 0",
             "msg.header.stamp = rospy.Time.now()",
         ),
         (
-            {"inputs": with_plan(stamps=(NOW + 12 * S,))},
-            "/path_publisher stamps its commands +11.0 s from the clock of this machine",
+            {"inputs": with_plan(stamps=(NOW + 5 * S // 2,))},
+            "/path_publisher stamps its commands +1.5 s from the clock of this machine",
             "ntpdate",
         ),
         (
-            {"inputs": with_plan(stamps=(NOW - 12 * S,)), "clock": Clock((CAR,), True)},
-            "/path_publisher stamps its commands -12.0 s from /clock",
+            {"inputs": with_plan(stamps=(NOW - 3 * S // 2,)), "clock": Clock((CAR,), True)},
+            "/path_publisher stamps its commands -1.5 s from /clock",
             "started after use_sim_time",
         ),
         (
@@ -249,7 +278,9 @@ def test_each_finding(changes, words, remedy):
         {"moves": None},  # a car that reports no pose
         {"clock": Clock((CAR,), True)},
         {"inputs": with_plan(stamps=(NOW - S, NOW + 2 * S))},  # within the tolerance of the window
+        {"inputs": with_plan(stamps=(NOW - 5 * S, NOW))},  # one was late
         {"inputs": with_plan(speeds=(0.0, -0.1))},
+        {"inputs": (PAST, an_input("teleop", Source("/keys")), an_input("navigation", PLAN))},
         {"now": None},  # there is no clock to compare with
         {"plan": "figure_8", "inputs": with_plan(node="/student")},  # another one drives now
         {"other_cars": ("car2",)},
@@ -266,6 +297,8 @@ def test_who_goes_past_the_mux_counts_as_driving():
     facts = replace(HEALTHY, inputs=(output, TELEOP, an_input("navigation")), active="idle")
     assert diagnose(facts) == []
     assert "by /direct" in health(facts)
+    without_mux = (output, Input("navigation", Topic("/nav", KIND, MD5)))
+    assert diagnose(replace(facts, inputs=without_mux)) == []
 
 
 def test_what_is_wrong_with_the_files_is_said_without_a_master_too():
@@ -299,12 +332,20 @@ def test_what_follows_from_a_held_clock_is_not_said():
     assert "the clock is held" in the_finding(inputs=inputs, clock=Clock((CAR,)), moves=False)
 
 
+def test_commands_that_come_all_the_same_are_judged_beside_a_held_clock():
+    inputs = with_plan(speeds=(0.0,))
+    clock, speed = diagnose(replace(HEALTHY, inputs=inputs, clock=Clock((CAR,)), moves=False))
+    assert "the clock is held" in str(clock)
+    assert "has the speed 0" in str(speed)
+
+
 @pytest.mark.parametrize(
     "is_executable, line, words",
     [
         (True, b"import rospy\n", "does not say what runs it"),
         (True, b"#!/usr/bin/env python\n", "is to be run by python, which is not there"),
         (True, b"#!/opt/python\n", "is to be run by /opt/python, which is not there"),
+        (True, b"#!/opt/env python3\n", "is to be run by /opt/env, which is not there"),
         (True, b"#!\n", "is to be run by nothing"),
         (True, b"#!/usr/bin/python3\r\n", "line ends of Windows"),
         (False, b"#!/usr/bin/python3\n", "is not executable. Type: chmod +x '/w s/a.py'"),

@@ -1,5 +1,6 @@
 """Check the verdicts on a replay, on drives that are computed and not driven."""
 
+import json
 import math
 
 import numpy as np
@@ -8,14 +9,17 @@ import pytest
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car
 from mushr_ros_intro.plan import parse_plan
+from mushr_ros_intro.prediction import as_float32, final_pose
 from mushr_ros_intro.report import (
     Replay,
     Sent,
     default_tolerances,
+    drive,
     frechet_distance,
     judge,
     predicted_poses,
     verdict,
+    write,
 )
 
 PLAN = parse_plan(b"1,2,0.5\n2.0,0.1\n1.0,-0.1,0.5\n1.0,-0.1,0.25\n", "plan.txt")
@@ -56,6 +60,22 @@ def replay(**changes):
     return right._replace(**changes)
 
 
+def replay_of(data, *values):
+    """Return a replay of another plan, in which commands of these values came at 10 Hz."""
+    plan = parse_plan(data, "plan.txt")
+    instants = list(range(-TENTH, plan.duration + SECOND // 2, SECOND // 50))
+    return replay(
+        plan=plan,
+        starts=(Pose(*plan.start),),
+        sent=tuple(
+            Sent(BEGIN + k * TENTH, True, as_float32(speed), as_float32(angle))
+            for k, (speed, angle) in enumerate(values)
+        ),
+        stamps=np.array(instants) + BEGIN,
+        poses=predicted_poses(plan, Car(), instants),
+    )
+
+
 def failed(seen):
     """Return the checks that a replay fails, and the verdict."""
     checks = judge(seen, default_tolerances(seen.plan, seen.car))
@@ -66,10 +86,15 @@ def test_all_is_right():
     assert failed(replay()) == (set(), "everything is right")
 
 
-def test_the_tolerances_are_what_a_missing_stop_costs():
-    tolerances = default_tolerances(PLAN, Car())
+@pytest.mark.parametrize("plan", [PLAN, parse_plan(b"1,2,0.5\n-2.0,0.1\n", "plan.txt")])
+def test_the_tolerances_are_what_a_missing_stop_costs(plan):
+    tolerances = default_tolerances(plan, Car())
     assert tolerances.position == tolerances.path == pytest.approx(0.2 * 2.0)
     assert tolerances.angle == pytest.approx(0.2 * 2.0 * math.tan(0.1) / 0.33)
+
+
+def test_the_tolerances_of_a_plan_that_stands_leave_room_for_rounding():
+    assert default_tolerances(parse_plan(b"0,0,0\n0,0\n", "plan.txt"), Car()) == 3 * (1e-6,)
 
 
 def test_no_stop():
@@ -85,10 +110,14 @@ def test_no_stop():
         ({"sent": ()}, "commands", "no command came"),
         ({"stamps": np.array([], int), "poses": np.zeros((0, 3))}, "path", "never reported"),
         ({"starts": ()}, "start_pose", "sent no start pose"),
-        ({"starts": (Pose(1.0, 2.1, 0.5),)}, "start_pose", "start pose (1.0000 m, 2.1000 m"),
+        ({"starts": (Pose(1.0, 2.002, 0.5),)}, "start_pose", "start pose (1.0000 m, 2.0020 m"),
+        ({"starts": (Pose(1.0, 2.0, 0.502),)}, "start_pose", "2.0000 m, 0.5020 rad); expected"),
+        ({"starts": (Pose(9.0, 9.0, 0.5), Pose(1.0, 2.0, 0.5))}, "start_pose", "pose (9.0000 m"),
         ({"starts": (Pose(math.nan, 2.0, 0.5),)}, "start_pose", "nan"),
         ({"collisions": (Pose(3.0, 2.0, 0.0),)}, "collision", "a wall at (3.0000 m, 2.0000 m"),
         ({"map_size": (7.0, 20.0)}, "map", "left the map of 7 m x 20 m"),
+        ({"map_origin": Pose(2.0, -5.0, 0.0)}, "map", "left"),
+        ({"map_origin": Pose(-5.0, 2.2, 0.0)}, "map", "left"),
         ({"map_origin": Pose(-5.0, 8.0, -math.pi / 2), "map_size": (9.0, 7.0)}, "map", "left"),
     ],
 )
@@ -110,11 +139,17 @@ def drop(sent):
 
 
 def hurry(sent):
-    sent[:10] = [each._replace(time=BEGIN + k * TENTH // 2) for k, each in enumerate(sent[:10])]
+    sent[:10] = [
+        each._replace(time=BEGIN + k * TENTH * 7 // 10) for k, each in enumerate(sent[:10])
+    ]
 
 
 def pause(sent):
     sent[5] = sent[5]._replace(time=sent[5].time + TENTH * 6 // 10)
+
+
+def turn_back(sent):
+    sent[5] = sent[5]._replace(time=sent[4].time - TENTH // 2)
 
 
 def swap(sent):
@@ -134,6 +169,10 @@ def prolong(sent):
     sent[-1:] = [sent[-1]._replace(speed=3.0)]
 
 
+def stand(sent):
+    sent[:] = [sent[-1]._replace(time=BEGIN)]
+
+
 def spoil(sent):
     sent[3] = sent[3]._replace(speed=math.inf)
 
@@ -142,8 +181,9 @@ def spoil(sent):
     ("change", "message"),
     [
         (drop, "rate: row 1 (1 s) came with 9 messages, 8.89 a second; expected 10"),
-        (hurry, "rate: the 10 commands of row 1 (1 s) are stamped within 0.45 s"),
+        (hurry, "rate: the 10 commands of row 1 (1 s) are stamped within 0.63 s"),
         (pause, "rate: in row 1 (1 s) nothing came for 0.16 s; expected a command every 0.1 s"),
+        (turn_back, "rate: in row 1 (1 s) a stamp goes back by 0.05 s; expected rising stamps"),
         (
             swap,
             "commands: the rows are in the wrong order: where row 1 of the plan has 2 m/s, 0.1 rad,"
@@ -151,18 +191,47 @@ def spoil(sent):
         ),
         (
             mirror,
-            "commands: where row 1 of the plan has 2 m/s, 0.1 rad, there came 2 m/s, -0.1 rad",
+            "commands: where row 1 of the plan has 2 m/s, 0.1 rad, there came 2 m/s, -0.1 rad; "
+            "left is positive",
         ),
         (cut, "commands: the commands end with row 1 of 3"),
         (
             prolong,
             "commands: after the last row came a command that the plan has not: 3 m/s, 0 rad",
         ),
+        (
+            stand,
+            "commands: where row 1 of the plan has 2 m/s, 0.1 rad, there came 0 m/s, 0 rad",
+        ),
         (spoil, "commands: command 4 has the speed inf and the steering angle 0.1; expected"),
     ],
 )
 def test_what_is_wrong_with_the_commands(change, message):
     assert failed(altered(change))[1].startswith(message)
+
+
+def test_a_command_that_is_a_little_late():
+    sent = commands()
+    sent[5] = sent[5]._replace(time=sent[5].time + TENTH * 4 // 10)
+    assert failed(replay(sent=tuple(sent)))[0] == set()
+
+
+@pytest.mark.parametrize(
+    ("data", "values", "names"),
+    [
+        (b"0,0,0\n1,0\n0,0,0.5\n", 10 * [(1.0, 0.0)] + 5 * [(0.0, 0.0)], set()),
+        (b"0,0,0\n1,0\n0,0,0.5\n", 10 * [(1.0, 0.0)] + 6 * [(0.0, 0.0)], set()),
+        (
+            b"0,0,0\n1,0\n0,0.3,0.5\n",
+            10 * [(1.0, 0.0)] + 5 * [(0.0, 0.3)] + [(0.0, 0.0)],
+            set(),
+        ),
+        (b"0,0,0\n1,0\n", 11 * [(1.0, 0.0)] + [(0.0, 0.0)], {"rate"}),
+    ],
+)
+def test_one_stop_is_allowed_beyond_the_plan(data, values, names):
+    """Where the plan ends standing, it is a command like those before it, or a group of its own."""
+    assert failed(replay_of(data, *values))[0] == names
 
 
 def test_a_car_that_is_off():
@@ -174,6 +243,26 @@ def test_a_car_that_is_off():
     assert path.name == "path"
     assert "0.5 m from the predicted one" in path.message
     assert failed(seen._replace(poses=seen.poses + [0.3, 0.0, 0.0]))[0] == set()
+    names, _ = failed(seen._replace(poses=seen.poses + [0.0, 0.0, 0.3]))
+    assert names == {"start_pose", "final_pose"}
+
+
+def test_a_car_that_is_placed_after_the_first_command():
+    poses = replay().poses.copy()
+    poses[:7] = (9.0, 9.0, 0.0)
+    assert failed(replay(poses=poses))[0] == set()
+
+
+def test_a_car_that_is_moved_while_it_drives():
+    poses = replay().poses.copy()
+    poses[60:] += (5.0, 0.0, 0.0)
+    assert failed(replay(poses=poses))[0] == {"path", "final_pose"}
+
+
+def test_a_car_that_does_not_stand_at_the_end():
+    poses = replay().poses.copy()
+    poses[-5, 0] += 1e-6
+    assert failed(replay(poses=poses))[0] == {"rest"}
 
 
 def test_a_drive_that_ends_early():
@@ -187,7 +276,8 @@ def test_a_drive_that_ends_early():
     assert not checks["final_pose"].passed
 
 
-def test_the_prediction_is_the_closed_form():
+@pytest.mark.parametrize("car", [Car(), Car(speed_noise=0.1), Car(steering_noise=0.1)])
+def test_the_prediction_is_the_closed_form(car):
     """Two arcs, written out with their turning centres."""
     pose = complex(1.0, 2.0), 0.5
     for speed, angle, seconds in ((2.0, 0.1, 1.0), (1.0, -0.1, 0.75)):
@@ -195,10 +285,16 @@ def test_the_prediction_is_the_closed_form():
         turned = pose[1] + speed * seconds / radius
         centre = pose[0] + 1j * radius * np.exp(1j * pose[1])
         pose = centre - 1j * radius * np.exp(1j * turned), turned
-    got = predicted_poses(PLAN, Car(), [0, END, END + SECOND])
+    got = predicted_poses(PLAN, car, [0, END, END + SECOND])
     assert got[0] == pytest.approx([1.0, 2.0, 0.5])
     for row in got[1:]:
         assert row == pytest.approx([pose[0].real, pose[0].imag, pose[1]], abs=ROUNDING)
+
+
+def test_a_car_that_brakes_slowly_is_predicted_until_it_stands():
+    car = Car(acceleration=0.5)
+    _, _, predicted = drive(replay(car=car), 0)
+    assert predicted[-1] == pytest.approx(final_pose(PLAN, car))
 
 
 def frechet_by_definition(one, other):
@@ -224,3 +320,11 @@ def test_frechet_distance(n, m):
 def test_frechet_distance_minds_the_direction():
     there = np.column_stack([np.linspace(0.0, 10.0, 101), np.zeros(101)])
     assert frechet_distance(there, there[::-1]) == pytest.approx(10.0)
+
+
+def test_one_fault_fails_the_report(tmp_path):
+    seen = replay(outcome="it crashed")
+    write(str(tmp_path), seen, judge(seen, default_tolerances(PLAN, Car())), {})
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["passed"] is False
+    assert report["verdict"] == "node: it crashed"
