@@ -79,7 +79,7 @@ def test_odometry():
     for message, wrong in spoilt.items():
         assert message in faults(wrong)[0]
     assert odometry_faults(spoilt["sideways"], TENTH // 2, 1e-9, 1e-9) == []
-    assert "to the left" in faults([motions[0]._replace(side_speed=-0.1), *motions[1:]])[0]
+    assert "0.1 m/s to the right" in faults([motions[0]._replace(side_speed=-0.1), *motions[1:]])[0]
 
 
 def test_odometry_where_a_turn_begins():

@@ -201,9 +201,10 @@ def odometry_faults(
                 f"{where} the pose turns by {turn:.6g} rad, that is {turn / seconds:.6g} rad/s, "
                 f"but the twist says {_range(rates)} rad/s"
             )
-        elif max(abs(one.side_speed), abs(other.side_speed)) * seconds > position:
+        elif abs(aside := max(one.side_speed, other.side_speed, key=abs)) * seconds > position:
             faults.append(
-                f"{where} the twist says {other.side_speed:.6g} m/s to the left; a car has none"
+                f"{where} the twist says {abs(aside):.6g} m/s to the "
+                f"{'left' if aside > 0.0 else 'right'}; a car has none"
             )
         else:
             # The direction of the chord is known exactly only while the turn rate is constant.

@@ -101,7 +101,7 @@ def _parse_input(entry: Any, where: str, faults: List[str]) -> Optional[Input]:
     timeout = _number(entry, "timeout", where, faults)
     priority = _number(entry, "priority", where, faults)
     if timeout is not None and not 1e-9 <= timeout <= 1e6:
-        faults.append(f"{where} has the timeout {timeout!r}; expected seconds, more than 0")
+        faults.append(f"{where} has the timeout {timeout!r}; expected seconds, 1e-9 to 1e6")
     if priority is not None and priority != int(priority):
         faults.append(f"{where} has the priority {priority!r}; expected a whole number")
     if name == IDLE:
@@ -218,4 +218,4 @@ class Watch(NamedTuple):
             return self._replace(had=self.had or is_sending)
         if self.lost_to or not self.had and name in NOBODY:
             return self
-        return self._replace(lost_to=active or IDLE)
+        return self._replace(lost_to=active.strip() or IDLE)

@@ -329,7 +329,8 @@ def _judge_rate(replay: Replay) -> Check:
                 return Check("rate", False, f"{message}; expected a command every 0.1 s")
         if abs(span - run.duration / NANOSECONDS) > SLACK:
             message = f"the {len(group)} commands of {here} are stamped within {span:.3g} s"
-            return Check("rate", False, message)
+            expected = f"expected {run.duration / NANOSECONDS:g} s, within {SLACK:g} s"
+            return Check("rate", False, f"{message}; {expected}")
     return Check("rate", True, f"{RATE} commands a second in every row")
 
 
