@@ -91,6 +91,11 @@ def test_compose_by_hand():
     assert close(inverse(Pose(1, 2, math.pi / 2)), (-2, 1, -math.pi / 2))
 
 
+def test_a_pose_is_shown_with_a_heading_of_half_a_turn_at_most():
+    assert str(Pose(1.0, -2.5, 3.0)) == "(1.000000 m, -2.500000 m, 3.000000 rad)"
+    assert str(Pose(0.0, 0.0, 4.0)) == "(0.000000 m, 0.000000 m, -2.283185 rad)"
+
+
 @given(st.floats(-50, 50), st.floats(-1e-3, 1e-3))
 def test_the_straight_line_is_the_limit(distance, turn):
     """Compare with the series of the arc, which is good to turn^4 / 120 = 1e-14 of its length."""

@@ -16,6 +16,7 @@ from mushr_ros_intro import ensemble, prediction
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car, Command, World, advance, apply, at_rest
 from mushr_ros_intro.check import as_json, as_text, check, growth, scatter, slowed
+from mushr_ros_intro.footprint import Footprint
 from mushr_ros_intro.grid import Grid, read_map
 from mushr_ros_intro.plan import PlanError, parse_plan, read_plan
 from mushr_ros_intro.profile import car_from
@@ -124,6 +125,25 @@ def test_a_long_plan_is_followed_row_by_row(monkeypatch):
     assert report.faults == expected.faults
 
 
+def test_the_box_of_a_full_circle_in_one_step(monkeypatch):
+    monkeypatch.setattr("mushr_ros_intro.check.MAX_FINE_TICKS", 0)
+    radius = 0.33 / math.tan(prediction.as_float32(0.3))
+    expected = (-radius, radius, 0.0, 2.0 * radius)
+    assert checked("0,0,0\n1,0.3,100\n").box == pytest.approx(expected, abs=SAME)
+
+
+def test_wheels_that_turn_while_the_car_stands_are_no_turn():
+    assert checked("0,0,0\n0,0.4\n1,0\n").radius == math.inf
+
+
+def test_noise_is_left_out():
+    data = b"0,0,0\n1,0,9\n"
+    plan, car = parse_plan(data, "my.txt"), Car(speed_noise=0.2, steering_noise=0.1)
+    report = check(plan, data, "noisy", car, "the map", walled())
+    assert report.car.is_ideal
+    assert report.hit == checked(data.decode(), grid=walled()).hit
+
+
 def test_the_table():
     text = list(as_text(checked("1, 2, 0\n2.0, 0, 1.5\n-1, 0\n")))
     assert text == [
@@ -145,6 +165,12 @@ def test_the_table():
         "",
         "no faults",
     ]
+
+
+def test_only_what_rounds_to_zero_is_shown_as_zero():
+    text = "\n".join(as_text(checked("0,0,0\n-0.0004,0\n0.0044,0\n")))
+    assert "final pose      x 0.004 m, y 0.000 m" in text
+    assert "bounding box    x 0.000 to 0.004 m" in text
 
 
 def test_the_table_of_a_long_plan_is_cut():
@@ -277,6 +303,31 @@ def test_leaving_the_map():
     assert faults("0,0,1.5707963\n1,0,2\n0,0\n1,0,9\n", grid=free) == [
         "my.txt:4:1: row 3 leaves the map at t = 4.7 s, (0.0, 3.7)"
     ]
+
+
+@pytest.mark.parametrize(
+    "heading, where",
+    [
+        (0.0, "(3.7, 0.0)"),
+        (0.5 * math.pi, "(0.0, 3.7)"),
+        (math.pi, "(-3.7, 0.0)"),
+        (-0.5 * math.pi, "(0.0, -3.7)"),
+    ],
+)
+def test_leaving_the_map_over_any_edge(heading, where):
+    """The body ends 0.38 m before the rear axle, and the map at 4 m."""
+    free = Grid(np.zeros((80, 80), np.int8), 0.1, Pose(-4.0, -4.0, 0.0))
+    (fault,) = faults(f"0,0,{heading}\n1,0,9\n", grid=free)
+    assert fault.endswith(f"row 1 leaves the map at t = 3.7 s, {where}")
+
+
+def test_leaving_the_map_tail_first():
+    """The tail ends 0.9 m behind the rear axle, so 0.1 s after 3.1 m it is off."""
+    free = Grid(np.zeros((80, 80), np.int8), 0.1, Pose(-4.0, -4.0, 0.0))
+    data, long_tail = b"0,0,0\n-1,0,9\n", Footprint(front=0.05, back=0.9, half_width=0.1)
+    plan = parse_plan(data, "my.txt")
+    (fault,) = check(plan, data, "ideal", Car(), "the map", free, long_tail).faults
+    assert "row 1 leaves the map at t = 3.2 s, (-3.2, " in fault.text
 
 
 def test_without_a_map_there_are_no_walls():

@@ -74,6 +74,13 @@ def test_the_command_by_hand():
     assert (row.speed, row.steering_angle) == (-0.5, as_float32(math.atan(0.33 / 2.0)))
 
 
+def test_speeds_are_rounded_as_they_travel():
+    start = Pose(0.0, 0.0, 0.0)
+    assert row_to(start, (5.0, 0.0), 0.7, CAR).speed == as_float32(0.7)
+    driven = pose_after(start, Row(0.1, 0.0, 1000 * SECOND, 0), CAR)
+    assert driven.x == as_float32(0.1) * 1000
+
+
 @given(poses, st.floats(0.1, 6.6), st.integers(0, 2**32))
 def test_fifty_clicks(start, speed, seed):
     """The car ends at each click, driven from the file, by arithmetic of the tests' own."""

@@ -249,6 +249,12 @@ def test_with_ramps_the_cars_come_to_rest_where_the_single_car_does(name, car):
     assert np.abs(track.poses[-1] - expected).max() <= RAMP * ramps
 
 
+def test_a_car_that_ends_in_reverse_rolls_out():
+    plan, car = plan_of("-1, 0.1"), Car(acceleration=2.0)
+    expected = np.array(rolled_out(plan, car))
+    assert np.abs(drive(plan, Errors(), car=car)[-1, 0] - expected).max() <= PATH
+
+
 def finely(car, commands):
     """Return the poses after commands (seconds, speed, angle), by quadrature in quadrature.
 
@@ -415,6 +421,24 @@ def test_moments_of_a_start_that_is_turned():
     assert result.covariance[-1] == pytest.approx(np.array(expected), abs=ANALYTIC)
 
 
+@pytest.mark.parametrize("row", ["2, 0, 60", "2, 1.0, 12", "2, 0, 120"])
+def test_the_quadrature_has_nodes_enough_for_long_ways(row, monkeypatch):
+    """On these a small offset turns the car by far; 180 nodes are more than enough."""
+    plan, errors = plan_of(row), Errors(steering_offset=0.01)
+    result = ensemble.moments(plan, Car(), errors, 10**9)
+
+    def of_180_nodes(deviation, phase):
+        if deviation == 0.0:
+            return np.zeros(1), np.ones(1)
+        nodes, weights = np.polynomial.hermite_e.hermegauss(180)
+        return nodes * deviation, weights / math.sqrt(2.0 * math.pi)
+
+    monkeypatch.setattr(ensemble, "_hermite", of_180_nodes)
+    expected = ensemble.moments(plan, Car(), errors, 10**9)
+    assert result.mean == pytest.approx(expected.mean, rel=1e-6, abs=1e-6)
+    assert result.covariance == pytest.approx(expected.covariance, rel=1e-6, abs=1e-6)
+
+
 def test_without_errors_the_moments_are_the_single_car():
     plan = plan_named("figure_8")
     result = ensemble.moments(plan, Car(), Errors(), 7)
@@ -447,6 +471,14 @@ def test_ellipse():
     assert (major, minor) == pytest.approx(((3.0 * squared) ** 0.5, squared**0.5))
     assert direction == pytest.approx(0.25 * math.pi)
     assert ensemble.ellipse(np.zeros((2, 2))) == (0.0, 0.0, 0.0)
+
+
+def test_an_ellipse_that_is_a_line():
+    """Rounded, the shorter axis is the root of a number on either side of zero."""
+    for number in range(1, 200):
+        x, y = number / 7.0, number / 3.0
+        covariance = np.array([[x * x, x * y], [x * y, y * y]])
+        assert ensemble.ellipse(covariance)[1] == pytest.approx(0.0, abs=1e-5)
 
 
 def test_of_all_cars_19_of_20_are_in_the_ellipse():

@@ -155,6 +155,26 @@ def test_straight_ways_by_hand(origin, pose, distance, expected):
     assert abs(got) <= abs(distance)
 
 
+def test_walls_are_seen_as_far_as_the_body_reaches():
+    long_tail = Footprint(front=0.05, back=0.5, half_width=0.1)
+    backed = free_distance(ROOM, long_tail, Pose(2.5, 1.0, 0.0), 0.0, -9.0)
+    assert abs(backed - -(2.5 - 0.5 - 0.5)) < NARROWED
+    wide = Footprint(front=0.1, back=0.1, half_width=0.6)
+    cells = np.zeros((60, 100), np.int8)
+    cells[41, 50] = 100  # 2.5 m ahead, and just inside the left side
+    driven = free_distance(Grid(cells, 0.05), wide, Pose(1.0, 1.5, 0.0), 0.0, 3.0)
+    assert abs(driven - (2.5 - 0.1 - 1.0)) < NARROWED
+
+
+def test_a_body_and_a_wall_that_are_thinner_than_the_usual_step():
+    """They overlap over 3 mm, between 5 mm and 5 mm."""
+    cells = np.zeros((100, 600), np.int8)
+    cells[:, 500] = 100
+    thin = Footprint(front=0.001, back=0.001, half_width=0.02)
+    driven = free_distance(Grid(cells, 0.001), thin, Pose(0.103, 0.05, 0.0), 0.0, 0.45)
+    assert abs(driven - (0.5 - 0.001 - 0.103)) < NARROWED
+
+
 @pytest.mark.parametrize("bend", [0.5, 1.0, -1.0, -2.0])
 @pytest.mark.parametrize("resolution", [0.1, 0.25])
 def test_a_bend_by_hand(bend, resolution):

@@ -215,6 +215,22 @@ def test_a_grid_knows_its_size_and_place(tmp_path):
     assert grid.occupied.all()
 
 
+def test_a_grid_has_the_resolution_that_travels(tmp_path):
+    write_png(tmp_path, [[0]])
+    resolution = read_map(write_yaml(tmp_path, resolution="0.123456789")).resolution
+    assert resolution == as_travelled(0.123456789) != 0.123456789
+
+
+def test_a_picture_becomes_the_same_cells_block_by_block(tmp_path, monkeypatch):
+    """Three rows at a time, and the last two."""
+    write_png(tmp_path, [[0, 255], [0, 255], [255, 0], [255, 0], [255, 255]])
+    path = write_yaml(tmp_path)
+    expected = [[0, 0], [0, 100], [0, 100], [100, 0], [100, 0]]
+    assert read_map(path).cells.tolist() == expected
+    monkeypatch.setattr("mushr_ros_intro.grid._BLOCK", 6)
+    assert read_map(path).cells.tolist() == expected
+
+
 def test_the_shipped_example_of_a_plain_picture():
     grid = read_map(os.path.join(PACKAGE, "test", "maps", "asymmetric.yaml"))
     assert grid.cells.tolist() == [
@@ -481,6 +497,11 @@ def test_impossible_grids(cells, resolution, origin):
         Grid(cells, resolution, origin)
 
 
+def test_the_smallest_and_the_largest_cells():
+    for resolution in (1e-4, 1e3):
+        assert Grid(np.zeros((1, 1), np.int8), resolution).resolution == resolution
+
+
 def test_the_threshold_of_what_is_a_wall():
     grid = Grid(np.array([[-128, -1, 0, 50, 51, 100]], np.int8), 0.1)
     assert grid.occupied.tolist() == [[False, False, False, False, True, True]]
@@ -512,6 +533,7 @@ def test_finding_a_map(tmp_path):
     elsewhere = str(tmp_path)
     assert find_map("sandbox", MAPS) == os.path.join(MAPS, "sandbox.yaml")
     assert find_map("sandbox.yaml", MAPS) == os.path.join(MAPS, "sandbox.yaml")
+    (tmp_path / "map").touch()  # a file of the bare name does not hide the yaml
     assert find_map("map", elsewhere) == path
     assert find_map("./map.yaml", MAPS, ["/", elsewhere]) == os.path.join(elsewhere, "./map.yaml")
     assert find_map(path, MAPS) == path

@@ -249,6 +249,7 @@ def test_the_same_ranges_whatever_was_scanned_before(monkeypatch):
     used = Laser(grid, FEW)
     for pose in poses:
         assert (used.scan(pose) == Laser(grid, FEW).scan(pose)).all()
+        assert len(used._tiles) <= 2
 
 
 @pytest.mark.parametrize("count", [1, 2, 90, 719])
@@ -265,6 +266,7 @@ def test_beams_of_less_than_a_full_turn(count):
     [
         (Beams(number=0), "0 beams are 0.00872665 rad apart; expected at least one beam"),
         (Beams(number=722), "722 beams are 0.00872665 rad apart; expected at least one beam, and"),
+        (Beams(0.0, math.tau / 4, 5), "5 beams are 1.5708 rad apart; expected at least one beam"),
         (Beams(angle_increment=-0.1), "expected at least one beam, and less than a full turn"),
         (Beams(angle_increment=math.nan), "expected at least one beam, and less than a full turn"),
         (Beams(range_min=10.0), "range_min is 10 and range_max is 10 m; expected a range_min from"),

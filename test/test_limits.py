@@ -175,6 +175,14 @@ def test_a_steered_start_by_hand():
     assert advance(right, 200 * MS, tx2).speed == pytest.approx(-0.5, abs=ROUNDING)
 
 
+def test_the_wheels_roll_as_far_as_the_car_while_it_is_steered():
+    """The rear wheels, on average, as far as the middle between them: 0.2 m in reverse."""
+    car = Car(steering_rate=1.0, wheel_radius=0.1)
+    state = apply(at_rest(0, Pose(0.0, 0.0, 0.0)), Command(0, -1.0, 0.2), car)
+    rolled = advance(state, 200 * MS, car).rolled
+    assert 0.5 * (rolled.back_left + rolled.back_right) == pytest.approx(-2.0, abs=ROUNDING)
+
+
 def test_the_ideal_car_ramps_where_it_is_told_to_and_stops_at_once():
     state = apply(at_rest(0, Pose(0.0, 0.0, 0.0)), Command(0, 2.0, 0.3, 5.0, -2.0), Car())
     then = advance(state, 100 * MS, Car())
@@ -294,7 +302,8 @@ def test_profiles():
     assert set(CARS) == {"ideal", "mushr_nano", "mushr_tx2", "racecar_mit"}
     assert CARS["ideal"] == Car() == car_from({}, "~")
     assert [name for name, car in CARS.items() if car.is_ideal] == ["ideal"]
-    assert not Car(acceleration=1.0).is_ideal and not Car(speed_noise=0.1).is_ideal
+    for limited in (Car(acceleration=1.0), Car(speed_noise=0.1), Car(steering_noise=0.1)):
+        assert not limited.is_ideal
     keys = {tuple(values) for values in PROFILES.values()}
     assert len(keys) == 1  # the same ones in the same order, so that none is left from another
 
@@ -319,13 +328,18 @@ def test_limits_are_what_the_motor_controller_clips_at(name, erpm_gain, servo_ga
     "name, value, expected",
     [
         ("wheelbase", 0.0, "from 0.01 to 100 m"),
+        ("track", 0.0, "from 0.01 to 100 m"),
+        ("wheel_radius", 0.0, "from 0.001 to 10 m"),
+        ("command_timeout", 0.0, "from 0.001 to 10 s"),
         ("speed_limit", -1.0, "from 0.001 to inf m/s"),
         ("speed_limit", math.nan, "from 0.001 to inf m/s"),
         ("acceleration", 0, "from 0.01 to inf m/s^2"),
+        ("steering_rate", 0.0, "from 0.01 to inf rad/s"),
         ("steering_limit_left", "wide", "from 0 to inf rad"),
         ("noise", 1, "true or false"),
         ("seed", 1.5, "a whole number"),
         ("speed_noise", math.inf, "from 0 to 10 m/s"),
+        ("steering_noise", 2.0, "from 0 to 1 rad"),
     ],
 )
 def test_a_bad_parameter_is_named(name, value, expected):

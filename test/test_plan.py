@@ -158,6 +158,20 @@ def test_forms_of_the_same_plan(text, mark):
     assert plan.path == "plan"
 
 
+def test_utf_16_of_either_byte_order_is_named():
+    for encoding in ("utf-16-le", "utf-16-be"):
+        with pytest.raises(PlanError, match="1:1: the file is UTF-16; expected UTF-8"):
+            parse_plan("\ufeff0,0,0\n1,0\n".encode(encoding), "plan")
+
+
+@pytest.mark.parametrize("duration", ["1e-9", "1e9"])
+def test_in_a_faulty_row_the_least_and_the_longest_duration_are_no_fault(duration):
+    with pytest.raises(PlanError) as caught:
+        rows_of(f"fast, 0, {duration}\n")
+    (fault,) = caught.value.faults
+    assert fault.text.startswith("speed is 'fast'")
+
+
 def test_rows_know_their_line():
     assert [row.line for row in rows_of("\n1,0\r\n# \r\r1,0")] == [3, 6]
 
@@ -268,10 +282,12 @@ def folders(tmp_path):
 
 def test_plans_are_found_by_name_and_by_path(folders, monkeypatch):
     plans, here = folders
+    (plans / "eight").mkdir()  # what is no file does not hide one
     monkeypatch.setenv("HOME", str(here))
     for name, expected in {
         "circle": plans / "circle.txt",
         "circle.txt": plans / "circle.txt",
+        "eight": plans / "eight.txt",
         "./circle.txt": here / "circle.txt",
         "own.txt": here / "own.txt",
         "~/own.txt": here / "own.txt",

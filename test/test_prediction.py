@@ -152,10 +152,19 @@ def test_every_car_does_what_was_predicted(name, profile, noise, walls):
         assert one == pytest.approx(other, abs=PROMISED)
 
 
-@pytest.mark.parametrize("noise", [False, True])
-def test_where_the_car_is_at_any_instants(noise):
+def test_a_car_with_noise_in_its_steering_alone_does_what_was_predicted():
+    plan = parse_plan(b"0,0,0\n1,0.1\n", "plan")
+    car = Car(steering_noise=0.1, seed=3)
+    last = states_of(car, plan, None)[-1]
+    assert last.pose == pytest.approx(prediction.final_pose(plan, car), abs=PROMISED)
+
+
+@pytest.mark.parametrize(
+    "profile, noise", [("ideal", False), ("mushr_nano", False), ("mushr_nano", True)]
+)
+def test_where_the_car_is_at_any_instants(profile, noise):
     """The same as where the simulated car is then; before the first command, at the start."""
-    with open(os.path.join(PLANS, "..", "config", "cars", "mushr_nano.yaml")) as file:
+    with open(os.path.join(PLANS, "..", "config", "cars", f"{profile}.yaml")) as file:
         car = car_from({**yaml.safe_load(file), "noise": noise, "seed": 3}, "~")
     plan = plan_named("figure_8")
     states = states_of(car, plan, None)
@@ -164,6 +173,7 @@ def test_where_the_car_is_at_any_instants(noise):
     assert before.pose == plan.start
     for one, other in zip(then, states):
         assert one.pose == pytest.approx(other.pose, abs=PROMISED)
+        assert one.speed == pytest.approx(other.speed, abs=PROMISED)
     assert len(then) == len(states)
 
 

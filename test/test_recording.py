@@ -60,6 +60,8 @@ def test_a_gap_becomes_a_stop():
         (0.0, 0.0, 10000.0),
         (-1.0, 0.0, 200.0),
     ]
+    # A command at the very end of the last one leaves none.
+    assert recorded((0, 1.0, 0.1), (200, 1.0, 0.1)) == [(1.0, 0.1, 400.0)]
 
 
 def test_of_commands_with_the_same_stamp_the_last_one_counts():
@@ -88,6 +90,8 @@ def test_forget_until():
     recording = Recording(CAR.command_timeout)
     for at in range(0, 5000, 100):
         recording.add(Command(at * MS, 1.0, 0.0), at * MS)
+    recording.forget_until(4700 * MS)
+    assert recording.begin == 4700 * MS
     recording.forget_until(4750 * MS)
     assert recording.begin == 4800 * MS
     assert [row.duration for row in recording.rows()] == [300 * MS]

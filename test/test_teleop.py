@@ -70,8 +70,9 @@ def test_a_key_that_comes_up_is_let_go():
     assert keys.up("W", 6 * MS).at(6 * MS + BOUNCE) == Keys()
 
 
-def test_a_character_holds_its_key_for_a_while():
-    keys = Keys().typed("w", 0)
+@pytest.mark.parametrize("key", ["w", "W"])
+def test_a_character_holds_its_key_for_a_while(key):
+    keys = Keys().typed(key, 0)
     assert keys.at(FIRST_HOLD - 1).drive(2.0, 0.34) == (2.0, 0.0)
     assert keys.at(FIRST_HOLD) == Keys()
 
@@ -85,12 +86,23 @@ def test_repeated_characters_hold_on_and_end_soon():
     assert keys.at(now + NEXT_HOLD) == Keys()
 
 
+def test_a_character_that_comes_again_after_its_key_was_let_go_holds_as_the_first():
+    keys = Keys().typed("w", 0).typed("w", FIRST_HOLD)
+    assert keys.at(2 * FIRST_HOLD - 1).held
+    assert keys.at(2 * FIRST_HOLD) == Keys()
+
+
 def test_in_a_terminal_a_second_key_keeps_the_first():
     keys = Keys().typed("w", 0).typed("w", 500 * MS).typed("a", 600 * MS)
     for now in range(1100 * MS, 2000 * MS, 33 * MS):
         assert keys.at(now).drive(2.0, 0.34) == (2.0, 0.34)
         keys = keys.typed("a", now)
     assert keys.at(now + NEXT_HOLD) == Keys()
+
+
+def test_in_a_terminal_repeats_of_a_key_do_not_cut_short_another_one():
+    keys = Keys().typed("w", 0).typed("a", 100 * MS).typed("a", 133 * MS)
+    assert keys.at(133 * MS + NEXT_HOLD).drive(2.0, 0.34) == (2.0, 0.0)
 
 
 def test_in_a_terminal_the_opposite_key_takes_over():
