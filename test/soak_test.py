@@ -212,8 +212,12 @@ class TestSoak(unittest.TestCase):
             time.sleep(0.5)
         elapsed = time.monotonic() - began
         for drive, each in zip(drives, nodes):
-            sent = drive.commands
-            wait_for(lambda d=drive, n=sent: d.passed >= n, f"the mux to pass on {sent} commands")
+            # The clock may be here before them.
+            number = duration // PERIOD
+            wait_for(
+                lambda d=drive, n=number: min(d.commands, d.passed) > n,
+                f"{number} commands, and the mux to pass them on",
+            )
             drive.over = True
             each.send_signal(signal.SIGINT)
             self.assertEqual(each.wait(), 0, each.output[-2000:])
@@ -229,7 +233,6 @@ class TestSoak(unittest.TestCase):
             sys.stderr.write(f"{name}: {memory.settled[name]:.1f} MB, {growth[name]:+.2f} MB\n")
         for drive in drives:
             self.assertEqual(drive.faults, [])
-            self.assertGreater(drive.commands, duration / PERIOD)
             self.assertGreater(drive.poses, 0.5 * drive.commands)
         self.assertLess(max(growth.values(), default=0.0), GROWTH, growth)
 
