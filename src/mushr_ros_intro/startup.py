@@ -55,7 +55,7 @@ def init_node(name: str, **options: Any) -> None:
     rosgraph.xmlrpc.ThreadingXMLRPCServer = _Server
     try:
         rospy.init_node(name, **options)
-    except OSError:
+    except (TimeoutError, ConnectionError):
         sys.exit(no_master)
     if not rospy.rostime.is_wallclock():
         # Connected with rospy's own subscription, without which there would be no time at all.
