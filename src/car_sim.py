@@ -8,7 +8,6 @@ from contextlib import suppress
 from typing import Callable, Optional
 
 import rosgraph
-import rosnode
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
@@ -33,7 +32,7 @@ from mushr_ros_intro.car import (
     halted,
 )
 from mushr_ros_intro.clock import Kind, Stream, carry_over, hear, horizon
-from mushr_ros_intro.connections import PATIENCE, CallError, ask, wait_until_connected
+from mushr_ros_intro.connections import PATIENCE, CallError, answers, ask, wait_until_connected
 from mushr_ros_intro.footprint import is_free, on_map
 from mushr_ros_intro.parameters import ParameterError, number
 from mushr_ros_intro.plan import MAX_COORDINATE
@@ -359,7 +358,7 @@ def _has_to_keep_the_clock() -> bool:
     except CallError:
         return False  # it is not set, or there is no master, which init_node says
     names = {name for topic, nodes in publishers if topic == "/clock" for name in nodes}
-    return not any(rosnode.rosnode_ping(name, max_count=1) for name in names)
+    return not any(map(answers, names))
 
 
 def _topic(msg: rospy.Message) -> str:

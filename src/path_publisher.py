@@ -492,9 +492,9 @@ class PathPublisher:
             names = []
         if names:
             return (
-                f"{' and '.join(names)} should hear {topic}, but after {self._patience:g} s it is "
-                "not connected. Does it answer (rosnode ping)? Nodes that are stopped, as by "
-                "Ctrl-Z, can hold up the master"
+                f"nobody is connected to {topic} after {self._patience:g} s; the master knows who "
+                f"should be: {', '.join(names)}. Does that answer (rosnode ping)? Nodes that are "
+                "stopped, as by Ctrl-Z, can hold up the master"
             )
         return (
             f"nobody subscribes to {topic} after {self._patience:g} s. Is the car running "

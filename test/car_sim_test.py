@@ -251,6 +251,30 @@ class TestCarSim(unittest.TestCase):
             wait_for(lambda: silent.get_num_connections() == 1, "the subscriber to connect")
             self.assertFalse(wait_until_connected(silent, "publishers", patience=1.0))
 
+    def test_a_node_that_is_gone_without_signing_off(self):
+        """The master goes on naming it, but nobody waits for it."""
+        left = rospy.Publisher("/left", Empty, queue_size=1)
+        ghost = Ghost(subscribes=["/left"])
+        self.addCleanup(ghost.end)
+        self.assertFalse(wait_until_connected(left, "subscribers", patience=1.5))
+        ghost.die()
+        self.assertTrue(wait_until_connected(left, "subscribers"))
+
+    def test_who_keeps_the_clock(self):
+        """The car does where time is simulated and nobody who is alive publishes /clock."""
+        has_to_keep_it = module("car_sim.py")._has_to_keep_the_clock
+        self.assertFalse(has_to_keep_it())
+        self.addCleanup(rospy.delete_param, "/use_sim_time")
+        rospy.set_param("/use_sim_time", True)
+        self.assertTrue(has_to_keep_it())
+        ghost = Ghost(publishes=["/clock"])
+        self.addCleanup(ghost.end)
+        self.assertFalse(has_to_keep_it())
+        ghost.die()
+        self.assertTrue(has_to_keep_it())
+        rospy.set_param("/use_sim_time", False)
+        self.assertFalse(has_to_keep_it())
+
     def test_bad_parameters(self):
         car_sim = module("car_sim.py")
         for name, value, unit in (

@@ -212,14 +212,18 @@ class Ghost:
         self._ended.wait(self._silence)
         return 1, "", [[1, caller, "o", "TCPROS", topic, True, ""] for topic in self._publishes]
 
-    def end(self):
+    def die(self):
+        """Answer no more; the master is not told."""
         self._ended.set()
+        self._server.shutdown()
+        self._server.server_close()
+
+    def end(self):
         for topic in self._subscribes:
             self._master.unregisterSubscriber(topic, self._uri)
         for topic in self._publishes:
             self._master.unregisterPublisher(topic, self._uri)
-        self._server.shutdown()
-        self._server.server_close()
+        self.die()
 
 
 ENDING = 5.0

@@ -187,7 +187,7 @@ class TestPathPublisher(unittest.TestCase):
             made = path_publisher.PathPublisher()
         ghost = Ghost(subscribes=["/told_late"])
         self.addCleanup(ghost.end)
-        with self.assertRaisesRegex(path_publisher.DriveError, "/ghost should hear /told_late"):
+        with self.assertRaisesRegex(path_publisher.DriveError, "knows who should be: /ghost. Does"):
             made.run()
         self.assertEqual(ghost.calls["publisherUpdate"], [["/told_late", [rospy.get_node_uri()]]])
 

@@ -174,6 +174,13 @@ class TestRecording(unittest.TestCase):
         self.assertNotIn("were not saved", process.output)
         starts.publish(pose_msg(1.0, 2.5, 0.5))
         wait_for(lambda: "the clicks before were not saved" in process.output, "the warning")
+        click(clicks[0])
+        wait_for(lambda: len(paths.last.poses) > 1, "the path of a click")
+        self.save("clicked_3.txt")
+        starts.publish(pose_msg(1.0, 3.0, 0.5))
+        wait_for(lambda: len(paths.last.poses) == 1, "the path to begin anew")
+        wait_for(lambda: "a new plan starts at (1.000000 m, 3.0" in process.output, "that said")
+        self.assertEqual(process.output.count("were not saved"), 1)
 
     def hand_drive(self):
         """Place the car and send the commands of DRIVE; return where it ends."""
@@ -259,7 +266,11 @@ class TestRecording(unittest.TestCase):
             ("click_planner.py", "_max_steering_angle:=2", "parameter ~max_steering_angle is 2"),
             ("click_planner.py", "_name:=a/b", "parameter ~name is 'a/b'; expected a file's"),
             ("plan_recorder.py", "_folder:=7", "parameter ~folder is 7; expected text"),
-            ("plan_recorder.py", "_folder:=/nowhere", "parameter ~folder is '/nowhere'; expected"),
+            (
+                "plan_recorder.py",
+                "_folder:=/nowhere",
+                "expected a folder; there is none at /nowhere",
+            ),
         )
         started = [
             (node(name, f"__name:=wrong_{number}", argument), message)

@@ -68,7 +68,9 @@ def test_folder(monkeypatch, tmp_path):
     assert folder("~folder", "~/plans") == f"{home}/plans"
     with pytest.raises(ParameterError, match="expected text"):
         folder("~folder", "")
-    with pytest.raises(ParameterError, match=f"'plan'; expected a folder, {here}/plan is none"):
+    with pytest.raises(
+        ParameterError, match=f"'plan'; expected a folder; there is none at {here}/plan"
+    ):
         folder("~folder", "plan")
 
 

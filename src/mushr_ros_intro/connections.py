@@ -74,7 +74,7 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
             # At the same time: nobody waits for each node that is stopped.
             with ThreadPoolExecutor(len(names)) as pool:
                 alive = [
-                    name for name, is_alive in zip(names, pool.map(_answers, names)) if is_alive
+                    name for name, is_alive in zip(names, pool.map(answers, names)) if is_alive
                 ]
             is_connected = _is_connected(end, role, alive)
         if is_connected:
@@ -98,8 +98,8 @@ def _is_connected(end: Any, role: str, names: Sequence[str]) -> bool:
     return role == "subscribers" or all(_serves(name, end.resolved_name) for name in names)
 
 
-def _answers(name: str) -> bool:
-    """Say whether a node answers at all."""
+def answers(name: str) -> bool:
+    """Say whether a node answers at all, to which it has some seconds: it may be busy."""
     caller = rospy.get_name()
     try:
         ask(rosgraph.Master(caller).lookupNode(name), _PING_PATIENCE, caller, "getPid")

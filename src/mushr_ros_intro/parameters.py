@@ -58,7 +58,9 @@ def folder(name: str, value: Any) -> str:
     path = os.path.join(os.environ.get("PWD", "."), os.path.expanduser(text(name, value)))
     path = os.path.realpath(path)
     if not os.path.isdir(path):
-        raise ParameterError(f"parameter {name} is {value!r}; expected a folder, {path} is none")
+        raise ParameterError(
+            f"parameter {name} is {value!r}; expected a folder; there is none at {path}"
+        )
     return path
 
 
