@@ -1,5 +1,9 @@
 #!/usr/bin/python3
-"""The tutorial's listing with a fault: wrong_listing.py FAULT, for replays to find."""
+"""The tutorial's listing with a fault: wrong_listing.py FAULT, for replays to find.
+
+It has that one only: it waits for its subscribers and counts its commands, where the listing's
+sleep and its second by the clock come short on a busy machine.
+"""
 
 import sys
 
@@ -8,20 +12,23 @@ from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from tf.transformations import quaternion_from_euler
 
+from mushr_ros_intro.connections import wait_until_connected
+
 FAULTS = ("crash", "hang", "nan", "order", "silent", "slow")
 
 
 def main(fault):
     rospy.init_node("wrong_listing")
     commands = rospy.Publisher(
-        "/car/mux/ackermann_cmd_mux/input/navigation", AckermannDriveStamped, queue_size=1
+        "/car/mux/ackermann_cmd_mux/input/navigation", AckermannDriveStamped, queue_size=10
     )
-    placements = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1)
+    placements = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=10)
     with open(rospy.get_param("~plan_file")) as plan_file:
         plan = [tuple(map(float, line.split(","))) for line in plan_file]
     if fault == "order":
         plan[2], plan[3] = plan[3], plan[2]
-    rospy.sleep(1.0)
+    assert wait_until_connected(commands, "subscribers", 30.0)
+    assert wait_until_connected(placements, "subscribers", 30.0)
     if fault == "silent":
         rospy.spin()
 
@@ -39,9 +46,9 @@ def main(fault):
         if fault == "nan" and row == 3:
             speed = float("nan")
         drive = AckermannDrive(speed=speed, steering_angle=steering_angle)
-        rate = rospy.Rate(1 if fault == "slow" else 10)
-        begin = rospy.Time.now()
-        while rospy.Time.now() - begin < rospy.Duration(1.0):
+        frequency = 1 if fault == "slow" else 10
+        rate = rospy.Rate(frequency)
+        for _ in range(frequency):
             commands.publish(AckermannDriveStamped(drive=drive))
             rate.sleep()
 
