@@ -30,6 +30,11 @@ class TestMux(unittest.TestCase):
         self.output.clear()
         self.begin = rospy.Time.now() + rospy.Duration(LEAD)
 
+    def tearDown(self):
+        # That the mux is idle comes on a topic of its own, and may be here before the stop.
+        if self.output.messages:
+            wait_for(lambda: self.output.last.drive.speed == 0.0, "the stop")
+
     def send(self, name, seconds, speed):
         """Send a command on an input, stamped `seconds` after the test's beginning."""
         msg = AckermannDriveStamped()

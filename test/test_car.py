@@ -86,6 +86,43 @@ def test_the_command_timeout_is_the_cars():
     assert advance(state, BEGIN + SECOND, CAR).rolled.back_left == pytest.approx(1.0 / 0.0488)
 
 
+@pytest.mark.parametrize("again", range(10, 500, 70))
+def test_a_stop_that_is_repeated_changes_nothing(again):
+    """Not even the last bit: one that comes late does not change poses that have been told."""
+    car = Car(acceleration=2.5, steering_rate=3.2)
+    made = History(car, START)
+    made.add(Command(BEGIN, 0.93, 0.3), BEGIN)
+    made.add(Command(BEGIN + 150 * MS, 0.0, 0.0), BEGIN)
+    told = [at(made, offset) for offset in range(150, 800, 7)]
+    made.add(Command(BEGIN + again * MS + 150 * MS, 0.0, 0.0), BEGIN)
+    for before, offset in zip(told, range(150, 800, 7)):
+        after = at(made, offset)
+        assert after._replace(command=None, ticks=0) == before._replace(command=None, ticks=0)
+
+
+def test_commands_of_one_stamp_count_once_and_stops_count():
+    """The noise of a command depends on how many there were."""
+    made = history((0, 1.0, 0.0), (100, 0.0, 0.0), (300, 0.0, 0.0), (300, 0.0, 0.0), (300, 1.0, 0.0))
+    assert at(made, 300).ticks == 3
+
+
+@pytest.mark.parametrize(
+    "stop", [(0.0, 0.1), (0.0, 0.0, 0.5), (0.0, 0.0, 0.0, 0.5), (1e-3, 0.0)], ids=str
+)
+def test_another_stop_counts(stop):
+    """One that steers elsewhere or brakes otherwise, and also that one, when it is repeated."""
+    car = Car(acceleration=2.5, steering_rate=3.2)
+    orders = [(0, 0.93, 0.3), (150, 0.0, 0.0), (200, *stop), (350, *stop)]
+    made = History(car, START)
+    states = []
+    for offset, *order in orders:
+        made.add(Command(BEGIN + offset * MS, *order), BEGIN)
+        states.append(at(made, 430))
+    assert states[2][:6] != states[1][:6]
+    if len(stop) == 3:  # braking gently, which it does for as long as it is told to
+        assert states[3].speed > states[2].speed > 0.0
+
+
 def test_a_placement_puts_the_car_at_rest_and_forgets_the_command():
     there = Pose(-7.0, 3.0, 3.0)
     made = history((0, 2.0, 0.3), (100, there))

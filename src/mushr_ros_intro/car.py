@@ -7,7 +7,8 @@ instant depends on the messages alone and not on how busy the machine is.
 
 What a command makes of the car until the next event, up to the wall that it may hit, is settled
 when the event applies. So every later instant is evaluated from there, and asking for one between
-two others changes nothing.
+two others changes nothing. Nor does a stop that repeats another, not even by rounding: a mux adds
+one, while the car may have come to rest, or said where it brakes.
 
 All instants are integer nanoseconds.
 """
@@ -185,6 +186,8 @@ class State(NamedTuple):
     """How far each wheel has turned [rad]."""
     collision: Optional[Contact] = None
     """The contact in which the car stands at a wall, from the hit until it drives away."""
+    command: Optional[Command] = None
+    """The last command that it got since it was placed."""
     moved: int = 0
     """The stamp of the command that set it in motion [ns]."""
     motion: Tuple[Piece, ...] = ()
@@ -209,7 +212,7 @@ def at_rest(stamp: int, pose: Pose) -> State:
 
 def halted(state: State, stamp: int) -> State:
     """Return the state of a car that has been halted where `state` has it, at `stamp` [ns]."""
-    return state._replace(stamp=stamp, speed=0.0, motion=())
+    return state._replace(stamp=stamp, speed=0.0, command=None, motion=())
 
 
 def front_wheel_angles(steering_angle: float, car: Car) -> Tuple[float, float]:
@@ -313,10 +316,19 @@ def apply(state: State, event: Event, car: Car, world: Optional[World] = None) -
             odom = compose(event.pose, inverse(state.odom_pose))
             state = state._replace(pose=event.pose, map_from_odom=odom, collision=None)
         return halted(state, event.stamp)._replace(steering_angle=0.0, ticks=0)
-    is_repeated = bool(state.motion) and event.stamp == state.moved
-    state = state._replace(moved=event.stamp, ticks=state.ticks + (not is_repeated))
-    state = state._replace(motion=_set_in_motion(state, event, car, world))
+    last = state.command
+    is_counted = last is not None and event.stamp == last.stamp
+    state = state._replace(command=event, ticks=state.ticks + (not is_counted))
+    if last is None or not _repeats_stop(last, event):
+        motion = _set_in_motion(state, event, car, world)
+        state = state._replace(moved=event.stamp, motion=motion)
     return advance(state, event.stamp, car)
+
+
+def _repeats_stop(last: Command, command: Command) -> bool:
+    """Say whether a command tells the car to stop as the last one did, as fast as it can."""
+    is_stop = command.speed == 0.0 and command.acceleration == 0.0
+    return is_stop and command == last._replace(stamp=command.stamp)
 
 
 def _set_in_motion(
