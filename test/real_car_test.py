@@ -191,6 +191,7 @@ class TestRealCar(unittest.TestCase):
             "should stand 1.00 m ahead of where it began, 0.00 m to the left", launch.output
         )
         self.assertEqual(self.placements.messages, [])
+        wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         speeds = [message.drive.speed for message in self.commands.messages]
         self.assertEqual(speeds, [1.0] * 10 + [-1.0] * 5 + [0.5] * 10 + [0.0])
 
@@ -226,8 +227,8 @@ class TestRealCar(unittest.TestCase):
         teleop.unregister()
         self.assertEqual(driver.output.count("FATAL"), 1, driver.output)
         self.assertIn("active says 'teleop', so somebody else drives the car", driver.output)
+        wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         self.assertEqual([m.drive.speed for m in self.commands.messages].count(0.0), 1)
-        self.assertEqual(self.commands.last.drive.speed, 0.0)
         self.assertLess(len(self.commands.messages), 9000)
 
     def drive_under(self, mux, *names):
@@ -252,7 +253,7 @@ class TestRealCar(unittest.TestCase):
         self.assertEqual(self.commands.messages, [])
         output = self.drive_under(mux, "Default", "Navigation", "Default")
         self.assertIn("/active says 'Default', so the commands no longer reached", output)
-        self.assertEqual(self.commands.last.drive.speed, 0.0)
+        wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         mux.unregister()
 
 

@@ -102,7 +102,9 @@ def test_a_stop_that_is_repeated_changes_nothing(again):
 
 def test_commands_of_one_stamp_count_once_and_stops_count():
     """The noise of a command depends on how many there were."""
-    made = history((0, 1.0, 0.0), (100, 0.0, 0.0), (300, 0.0, 0.0), (300, 0.0, 0.0), (300, 1.0, 0.0))
+    made = history(
+        (0, 1.0, 0.0), (100, 0.0, 0.0), (300, 0.0, 0.0), (300, 0.0, 0.0), (300, 1.0, 0.0)
+    )
     assert at(made, 300).ticks == 3
 
 
