@@ -3,6 +3,7 @@
 
 import math
 import re
+import signal
 import tempfile
 import time
 import unittest
@@ -64,6 +65,11 @@ ANGLE = 0.02
 ROUNDING = 1e-6
 """Of a pose on its way through a message to the car [m, rad]."""
 
+CRASH = -signal.SIGSEGV
+STARTS = 3
+"""How often rviz may start: on a busy machine one start in about fifty ends in Qt, as it paints its
+window for the first time (rviz 1.14.19, Qt 5.15.8; QWidgetPrivate::getOpaqueChildren)."""
+
 AGAIN = 3.0
 """When to try an action again [s], in case rviz was not ready for it."""
 
@@ -85,17 +91,45 @@ class RvizTest(unittest.TestCase):
         require(self, "Xvfb", "rviz", "xdotool")
         self.display = Display()
         self.addCleanup(self.display.end)
+
+    def start(self, name):
+        """Start rviz, drive, and wait for the picture; say whether it is there.
+
+        It is not where rviz has crashed, which must have been at its start.
+        """
         self.rviz = Process(
             "rosrun",
             "mushr_ros_intro",
             "view.py",
             "car",
-            "__name:=view",
+            f"__name:={name}",
             DISPLAY=self.display.name,
             LIBGL_ALWAYS_SOFTWARE="1",
         )
         self.addCleanup(self.rviz.end)
-        self.odometry = rospy.Publisher("/car/odom", Odometry, queue_size=1)
+        # A second publisher of that topic learns whether rviz listens, and says nothing itself.
+        odometry = rospy.Publisher("/car/odom", Odometry, queue_size=1)
+        self.addCleanup(odometry.unregister)
+
+        def listens():
+            return odometry.get_num_connections() or not self.rviz.running
+
+        wait_for(listens, "rviz to listen to the odometry")
+        self.drive()
+
+        def missing():
+            scene = self.grab(SCENE)
+            return [what for what, colour in COLOURS.items() if not shows(scene, colour)]
+
+        try:
+            wait_for(lambda: not missing() or not self.rviz.running, "the picture")
+        except AssertionError:
+            self.assertEqual(missing(), [], self.rviz.output)
+        if self.rviz.running:
+            return True
+        self.assertEqual(self.rviz.wait(), CRASH, self.rviz.output)
+        odometry.unregister()
+        return False
 
     def grab(self, box):
         return ImageGrab.grab(box, xdisplay=self.display.name).convert("RGB")
@@ -110,18 +144,12 @@ class RvizTest(unittest.TestCase):
 
     def test_view(self):
         """Every display has something to show, none complains, and the tools publish."""
-        # A second publisher of that topic learns whether rviz listens, and says nothing itself.
-        wait_for(self.odometry.get_num_connections, "rviz to listen to the odometry")
-        self.drive()
-
-        def missing():
-            scene = self.grab(SCENE)
-            return [what for what, colour in COLOURS.items() if not shows(scene, colour)]
-
-        try:
-            wait_for(lambda: not missing(), "the picture")
-        except AssertionError:
-            self.assertEqual(missing(), [])
+        for number in range(STARTS):
+            if self.start(f"view_{number}"):
+                break
+            print(f"rviz crashed as it started, as it does now and then: {self.rviz.output}")
+        else:
+            self.fail(f"rviz crashed {STARTS} times as it started")
         names = self.grab(NAMES)
         self.assertTrue(shows(names, BLUE), "the names of the displays are not where expected")
         self.assertFalse(shows(names, RED), "a display is in error")
