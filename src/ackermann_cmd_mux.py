@@ -13,6 +13,7 @@ from mushr_ros_intro import conversions
 from mushr_ros_intro.car import Command
 from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.mux import ConfigError, Input, Mux, parse_config, sent_at
+from mushr_ros_intro.ros_time import sleep_until
 from mushr_ros_intro.stamps import STAMP_TOLERANCE
 from mushr_ros_intro.startup import init_node
 
@@ -64,10 +65,8 @@ class AckermannCmdMux:
             with self._lock:
                 now = self._read_clock()
                 self._expire(now)
-                remaining = (self._mux.deadline or now) - now
-            # Where time moves backwards, _read_clock sees it too.
-            with suppress(rospy.exceptions.ROSTimeMovedBackwardsException):
-                rospy.sleep(rospy.Duration(0, remaining))
+                deadline = self._mux.deadline or now
+            sleep_until(deadline, now)  # where time moves back, _read_clock sees it too
 
     def _expire(self, now: int) -> None:
         """Stop the car if the last live input has run out at `now` [ns]; needs the lock."""

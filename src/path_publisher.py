@@ -6,7 +6,6 @@ import os
 import sys
 import threading
 import time
-from contextlib import suppress
 from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
 
 import rosgraph
@@ -37,6 +36,7 @@ from mushr_ros_intro.mux import NOBODY, Watch
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
 from mushr_ros_intro.plan import Fault, Plan, PlanError, Row, find_plan, parse_plan, read_bytes
 from mushr_ros_intro.profile import car_from, names_in, read_profile
+from mushr_ros_intro.ros_time import sleep_until
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp
 from mushr_ros_intro.startup import init_node
 
@@ -444,7 +444,8 @@ class PathPublisher:
                 was planned.
         """
         while True:
-            early = due - self._now()
+            now = self._now()
+            early = due - now
             if abs(early) > STAMP_TOLERANCE:
                 raise DriveError(
                     f"a command is due {early / NANOSECONDS:+.1f} s from now: the clock was set, "
@@ -453,9 +454,7 @@ class PathPublisher:
                 )
             if early <= 0:
                 return
-            # Where time moves backwards, the next look at the clock says how far.
-            with suppress(rospy.exceptions.ROSTimeMovedBackwardsException):
-                rospy.sleep(rospy.Duration(0, early))
+            sleep_until(due, now)  # where time moves back, the next look at the clock says how far
 
     def _wait_for_clock(self) -> None:
         """Wait until there is a time at all, which under use_sim_time somebody must publish."""

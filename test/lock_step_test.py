@@ -14,6 +14,7 @@ import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Log
 from std_srvs.srv import Trigger
 
 from helpers import Recording, node, wait_for
@@ -48,6 +49,7 @@ class TestLockStep(unittest.TestCase):
         rospy.wait_for_service("/car/car_sim/reset")
         self.reset = rospy.ServiceProxy("/car/car_sim/reset", Trigger)
         self.recordings = [Recording(topic, kind).connected() for topic, kind in TOPICS.items()]
+        self.log = Recording("/rosout", Log).connected()
 
     def drive(self, plan):
         """Drive a plan; return what came on every topic, and how long it took."""
@@ -62,6 +64,8 @@ class TestLockStep(unittest.TestCase):
         self.assertLess(max(map(float, found.groups())), PROMISED, publisher.output)
         begin = commands.messages[0].header.stamp
         wait_for(lambda: commands.last.drive.speed == 0.0, "the stop")
+        said = [m.msg for m in self.log.messages if m.name == "/car/car_sim"]
+        self.assertFalse([text for text in said if "no command came" in text])
         # The plan's stop, and the one that the mux adds when nothing comes any more.
         end = next(m.header.stamp for m in commands.messages[::-1] if m.drive.speed) + TAIL
         poses.after(end)
