@@ -734,6 +734,10 @@ def main() -> int:
     rospy.on_shutdown(node.stop)
     thread.start()
     thread.join()
+    # Where the master had the node shut down, another thread does so, beginning with the stop: it
+    # has yet to sign off, and would end with this one.
+    while rospy.core.is_shutdown_requested() and not rospy.is_shutdown():
+        time.sleep(0.01)
     return status
 
 

@@ -6,6 +6,7 @@ from unittest import mock
 
 import pytest
 import rosgraph.xmlrpc
+import rospy
 from rosgraph.xmlrpc import ThreadingXMLRPCServer, XmlRpcNode
 
 from helpers import module, node, wait_for
@@ -54,6 +55,26 @@ def test_where_the_master_is_silent_meanwhile_no_node_starts(monkeypatch):
     monkeypatch.setattr("rospy.init_node", mock.Mock(side_effect=TimeoutError))
     with pytest.raises(SystemExit, match="made: no master answers at ROS_MASTER_URI="):
         init_node("made")
+
+
+def test_path_publisher_signs_off_before_it_ends(monkeypatch):
+    """The master has it shut down, which another thread does."""
+    made = module("path_publisher.py")
+    for name in ("__init__", "stop"):
+        monkeypatch.setattr(made.PathPublisher, name, lambda _: None)
+    interrupted = mock.Mock(side_effect=rospy.ROSInterruptException)
+    monkeypatch.setattr(made.PathPublisher, "run", interrupted)
+    monkeypatch.setattr(made, "init_node", lambda _: None)
+    monkeypatch.setattr("rospy.core.is_shutdown_requested", lambda: True)
+    is_signed_off = threading.Event()
+    monkeypatch.setattr("rospy.is_shutdown", is_signed_off.is_set)
+    main = threading.Thread(target=made.main, daemon=True)
+    main.start()
+    main.join(0.3)
+    assert main.is_alive()
+    is_signed_off.set()
+    main.join(5.0)
+    assert not main.is_alive()
 
 
 def test_the_server_of_a_node_ends_with_it(monkeypatch):
