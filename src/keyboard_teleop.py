@@ -252,7 +252,7 @@ def drive() -> int:
 
 def main() -> int:
     """Run the node; return its exit status."""
-    init_node("keyboard_teleop", disable_signals=True)
+    init_node("keyboard_teleop")
     status = drive()
     rospy.signal_shutdown("the keyboard is let go")
     return status

@@ -1,6 +1,9 @@
 """How a node starts where it cannot log, and where there is no master; and that it ends."""
 
 import os
+import signal
+import socket
+import sys
 import threading
 from unittest import mock
 
@@ -9,8 +12,40 @@ import rosgraph.xmlrpc
 import rospy
 from rosgraph.xmlrpc import ThreadingXMLRPCServer, XmlRpcNode
 
-from helpers import module, node, wait_for
+from helpers import Process, module, node, wait_for
+from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.startup import _find_log_folder, init_node
+
+IN_A_CALL = """
+import time, xmlrpc.client, rospy
+from mushr_ros_intro.startup import init_node
+
+init_node("made")
+request = xmlrpc.client.Transport.single_request
+
+def slow_request(*arguments, **options):
+    xmlrpc.client.Transport.single_request = request
+    print("calls the master", flush=True)
+    time.sleep(1.0)
+    return request(*arguments, **options)
+
+xmlrpc.client.Transport.single_request = slow_request
+rospy.get_param("/nothing", None)
+rospy.spin()
+"""
+"""A node that makes one call to the master that takes its time."""
+
+
+@pytest.fixture(scope="module")
+def master():
+    """Start a master; return where it is."""
+    with socket.create_server(("127.0.0.1", 0)) as unused:
+        port = unused.getsockname()[1]
+    uri = f"http://localhost:{port}"
+    with Process("rosmaster", "--core", "-p", str(port), ROS_MASTER_URI=uri):
+        made = rosgraph.Master("/test_startup", uri)
+        wait_for(made.is_online, "the master")
+        yield uri
 
 
 @pytest.mark.parametrize("home, is_good", [("ros", True), ("file/ros", False)])
@@ -50,11 +85,46 @@ def test_where_the_master_is_silent_meanwhile_the_plan_is_given_up(monkeypatch, 
 
 
 def test_where_the_master_is_silent_meanwhile_no_node_starts(monkeypatch):
-    monkeypatch.setattr("mushr_ros_intro.startup.limit_calls", lambda: None)  # which stays
+    monkeypatch.setattr("mushr_ros_intro.startup.limit_calls", lambda: None)  # these stay
+    monkeypatch.setattr("mushr_ros_intro.startup._handle_signals", lambda: None)
     monkeypatch.setattr("rosgraph.is_master_online", lambda: True)
     monkeypatch.setattr("rospy.init_node", mock.Mock(side_effect=TimeoutError))
     with pytest.raises(SystemExit, match="made: no master answers at ROS_MASTER_URI="):
         init_node("made")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_node_in_a_call_to_the_master(master, number):
+    with Process(sys.executable, "-c", IN_A_CALL, ROS_MASTER_URI=master) as process:
+        wait_for(lambda: "calls the master" in process.output, "the call")
+        assert "/made" in str(rosgraph.Master("/test_startup", master).getSystemState())
+        process.send_signal(number)
+        assert process.wait(10.0) == 0, process.output
+    assert process.output == "calls the master\n"
+    assert "/made" not in str(rosgraph.Master("/test_startup", master).getSystemState())
+
+
+def test_a_signal_ends_a_node_that_starts(monkeypatch):
+    """Without a traceback; rospy says by an exception that it was interrupted."""
+    monkeypatch.setattr("mushr_ros_intro.startup.limit_calls", lambda: None)  # these stay
+    monkeypatch.setattr("mushr_ros_intro.startup._handle_signals", lambda: None)
+    monkeypatch.setattr("rosgraph.is_master_online", lambda: True)
+    monkeypatch.setattr("rospy.init_node", mock.Mock(side_effect=rospy.ROSInitException))
+    with pytest.raises(rospy.ROSInitException):
+        init_node("made")
+    monkeypatch.setattr("rospy.is_shutdown", lambda: True)
+    with pytest.raises(SystemExit) as ended:
+        init_node("made")
+    assert ended.value.code == 0
+
+
+def test_a_node_that_is_shut_down_waits_for_no_connection(monkeypatch):
+    monkeypatch.setattr("mushr_ros_intro.connections.peers", lambda *_: ["/other"])
+    monkeypatch.setattr("time.sleep", mock.Mock(side_effect=AssertionError("it waits")))
+    monkeypatch.setattr("rospy.is_shutdown", lambda: True)
+    assert not wait_until_connected(
+        mock.Mock(**{"get_num_connections.return_value": 0}), "subscribers"
+    )
 
 
 def test_path_publisher_signs_off_before_it_ends(monkeypatch):
@@ -80,7 +150,8 @@ def test_path_publisher_signs_off_before_it_ends(monkeypatch):
 def test_the_server_of_a_node_ends_with_it(monkeypatch):
     monkeypatch.setattr(rosgraph.xmlrpc, "ThreadingXMLRPCServer", ThreadingXMLRPCServer)
     nodes = []
-    monkeypatch.setattr("mushr_ros_intro.startup.limit_calls", lambda: None)  # which stays
+    monkeypatch.setattr("mushr_ros_intro.startup.limit_calls", lambda: None)  # these stay
+    monkeypatch.setattr("mushr_ros_intro.startup._handle_signals", lambda: None)
     monkeypatch.setattr("rosgraph.is_master_online", lambda: True)
     monkeypatch.setattr("rospy.init_node", lambda *_, **__: nodes.append(XmlRpcNode()))
     monkeypatch.setattr("rospy.rostime.is_wallclock", lambda: True)

@@ -79,7 +79,7 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
             is_connected = _is_connected(end, role, alive)
         if is_connected:
             return True
-        if waited > patience:
+        if waited > patience or rospy.is_shutdown():
             return False
         if waited > (reminders + 1) * REMIND_EVERY:
             reminders += 1

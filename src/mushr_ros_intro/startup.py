@@ -1,8 +1,11 @@
 """Start a node so that what it says is seen."""
 
 import os
+import signal
 import sys
 import tempfile
+import threading
+from queue import SimpleQueue
 from typing import Any
 
 import rosgraph
@@ -37,7 +40,8 @@ def init_node(name: str, **options: Any) -> None:
         options: of rospy.init_node.
 
     Raises:
-        SystemExit: no master answers; it carries the message for the terminal.
+        SystemExit: no master answers, and it carries the message for the terminal; or a signal has
+            ended the node.
     """
     limit_calls()
     no_master = (
@@ -53,15 +57,36 @@ def init_node(name: str, **options: Any) -> None:
         sys.exit(no_master)
     _find_log_folder()
     rosgraph.xmlrpc.ThreadingXMLRPCServer = _Server
+    _handle_signals()
     try:
-        rospy.init_node(name, **options)
+        rospy.init_node(name, disable_signals=True, **options)
     except (TimeoutError, ConnectionError):
         sys.exit(no_master)
+    except rospy.ROSInitException:
+        if not rospy.is_shutdown():
+            raise
+        sys.exit(0)
     if not rospy.rostime.is_wallclock():
         # Connected with rospy's own subscription, without which there would be no time at all.
         clock = rospy.Subscriber("/clock", Clock)
         wait_until_connected(clock, "publishers")
         clock.unregister()
+
+
+def _handle_signals() -> None:
+    """Shut the node down at SIGINT and SIGTERM, in a thread of its own.
+
+    rospy does so within the signal's handler. Where the signal interrupts a call to the master,
+    that call waits for the handler and the handler's own, to sign off, for that call: for ever.
+    """
+    asked: "SimpleQueue[int]" = SimpleQueue()  # which a handler may put into at any moment
+
+    def shut_down() -> None:
+        rospy.signal_shutdown(f"signal-{asked.get()}")
+
+    threading.Thread(target=shut_down, daemon=True).start()
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, lambda number, _: asked.put(number))
 
 
 def _find_log_folder() -> None:
