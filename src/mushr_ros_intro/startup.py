@@ -79,7 +79,7 @@ def _handle_signals() -> None:
     rospy does so within the signal's handler. Where the signal interrupts a call to the master,
     that call waits for the handler and the handler's own, to sign off, for that call: for ever.
     """
-    asked: "SimpleQueue[int]" = SimpleQueue()  # which a handler may put into at any moment
+    asked: SimpleQueue[int] = SimpleQueue()  # which a handler may put into at any moment
 
     def shut_down() -> None:
         rospy.signal_shutdown(f"signal-{asked.get()}")
