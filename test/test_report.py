@@ -13,6 +13,7 @@ from mushr_ros_intro.prediction import as_float32, final_pose
 from mushr_ros_intro.report import (
     Replay,
     Sent,
+    _first_pose,
     default_tolerances,
     drive,
     frechet_distance,
@@ -247,10 +248,21 @@ def test_a_car_that_is_off():
     assert names == {"start_pose", "final_pose"}
 
 
-def test_a_car_that_is_placed_after_the_first_command():
+@pytest.mark.parametrize("elsewhere", [(9.0, 9.0, 0.5), (1.0, 2.0, 0.0), (1.0, 2.0, 0.5 - 3.0)])
+def test_a_car_that_is_placed_after_the_first_command(elsewhere):
+    """Also where it stood already, but looked elsewhere, as figure_8's does."""
     poses = replay().poses.copy()
-    poses[:7] = (9.0, 9.0, 0.0)
+    poses[:7] = elsewhere
     assert failed(replay(poses=poses))[0] == set()
+
+
+def test_a_heading_that_goes_on_at_the_other_end_of_its_range_is_no_jump():
+    seen = replay_of(b"0,0,3.14\n2.0,0.3\n", *10 * [(2.0, 0.3)])
+    theta = seen.poses[:, 2]
+    assert theta.max() > math.pi
+    wrapped = np.column_stack([seen.poses[:, :2], np.remainder(theta + np.pi, math.tau) - np.pi])
+    assert wrapped[:, 2].min() < 0.0
+    assert _first_pose(seen._replace(poses=wrapped)) == _first_pose(seen)
 
 
 def test_a_car_that_is_moved_while_it_drives():

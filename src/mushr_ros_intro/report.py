@@ -110,10 +110,16 @@ class Run(NamedTuple):
     """How many commands it is to have."""
 
 
-def default_tolerances(plan: Plan, car: Car) -> Tolerances:
-    """Return how far the car can get, and turn, in SLACK seconds of this plan."""
+def _fastest(plan: Plan, car: Car) -> Tuple[float, float]:
+    """Return how fast a plan is at most [m/s], and how fast it can turn a car [rad/s]."""
     speed = max(abs(row.speed) for row in plan.rows)
     turn = max(abs(row.speed * math.tan(row.steering_angle)) for row in plan.rows) / car.wheelbase
+    return speed, turn
+
+
+def default_tolerances(plan: Plan, car: Car) -> Tolerances:
+    """Return how far the car can get, and turn, in SLACK seconds of this plan."""
+    speed, turn = _fastest(plan, car)
     distance = max(_LEAST_TOLERANCE, SLACK * speed)
     return Tolerances(distance, max(_LEAST_TOLERANCE, SLACK * turn), distance)
 
@@ -225,9 +231,13 @@ def _first_pose(replay: Replay) -> int:
     first = replay.sent[0].time
     late = int(np.searchsorted(replay.stamps, first + 2 * PERIOD))
     poses, seconds = replay.poses[:late], np.diff(replay.stamps[:late]) / NANOSECONDS
-    speed = max(abs(row.speed) for row in replay.plan.rows)
-    moved = np.hypot(np.diff(poses[:, 0]), np.diff(poses[:, 1]))
-    jumps = np.flatnonzero(moved > speed * seconds + _START_TOLERANCE)
+    speed, turn = _fastest(replay.plan, replay.car)
+    x, y, theta = np.diff(poses, axis=0).T
+    moved, rotated = np.hypot(x, y), np.abs(np.remainder(theta + np.pi, 2.0 * np.pi) - np.pi)
+    longest = 2.0 * seconds  # a car with noise drives and turns faster than the plan asks for
+    jumps = np.flatnonzero(
+        (moved > speed * longest + _START_TOLERANCE) | (rotated > turn * longest + _START_TOLERANCE)
+    )
     placed = int(jumps[-1]) + 1 if len(jumps) else 0
     if len(jumps) and not replay.sent[0].stamped:
         return placed  # when the first command came is not known so well
