@@ -30,8 +30,8 @@ SLACK = 0.2
 _START_TOLERANCE = 1e-3
 """Between the start pose that a node sends and the plan's [m, rad]: what text loses at most."""
 
-_LEAST_TOLERANCE = 1e-6
-"""No default tolerance is smaller [m, rad]: the car promises that much."""
+_ROUNDING = 1e-6
+"""What default tolerances have on top [m, rad]: commands travel as float32."""
 
 _BRAKING = 5 * NANOSECONDS
 """How long any car takes to stand after the plan's end [ns]."""
@@ -118,10 +118,10 @@ def _fastest(plan: Plan, car: Car) -> Tuple[float, float]:
 
 
 def default_tolerances(plan: Plan, car: Car) -> Tolerances:
-    """Return how far the car can get, and turn, in SLACK seconds of this plan."""
+    """Return how far the car can get, and turn, in SLACK seconds of this plan, to its last digit."""
     speed, turn = _fastest(plan, car)
-    distance = max(_LEAST_TOLERANCE, SLACK * speed)
-    return Tolerances(distance, max(_LEAST_TOLERANCE, SLACK * turn), distance)
+    distance = _ROUNDING + SLACK * speed
+    return Tolerances(distance, _ROUNDING + SLACK * turn, distance)
 
 
 def predicted_poses(plan: Plan, car: Car, instants: Sequence[int]) -> np.ndarray:
