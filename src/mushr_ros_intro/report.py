@@ -118,7 +118,7 @@ def _fastest(plan: Plan, car: Car) -> Tuple[float, float]:
 
 
 def default_tolerances(plan: Plan, car: Car) -> Tolerances:
-    """Return how far the car can get, and turn, in SLACK seconds of this plan, to its last digit."""
+    """Return how far the car can get, and turn, in SLACK seconds of this plan, and a little."""
     speed, turn = _fastest(plan, car)
     distance = _ROUNDING + SLACK * speed
     return Tolerances(distance, _ROUNDING + SLACK * turn, distance)
