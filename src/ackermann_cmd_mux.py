@@ -63,10 +63,11 @@ class AckermannCmdMux:
             if not self._live.wait(0.5):
                 continue
             with self._lock:
+                seen = rospy.get_rostime().to_nsec()
                 now = self._read_clock()
                 self._expire(now)
-                deadline = self._mux.deadline or now
-            sleep_until(deadline, now)  # where time moves back, _read_clock sees it too
+                deadline = self._mux.deadline or seen
+            sleep_until(deadline, seen)  # where time moves far back, _read_clock sees it too
 
     def _expire(self, now: int) -> None:
         """Stop the car if the last live input has run out at `now` [ns]; needs the lock."""

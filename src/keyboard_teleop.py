@@ -71,7 +71,7 @@ class KeyboardTeleop:
     def _on_signal(self, number: int, frame: Optional[FrameType]) -> None:
         """Note that a signal asks the node to end.
 
-        rospy's own handler would close the topics in the middle of a command, before the stop.
+        The usual handler would hold up a command, and the stop waits for that to be sent.
         """
         self._asked_to_end = True
 

@@ -480,7 +480,9 @@ class PathPublisher:
                 reminders += 1
                 remind(publisher, "subscribers")
             self._pause()
-        if not wait_until_connected(publisher, "subscribers", self._patience):
+        is_connected = wait_until_connected(publisher, "subscribers", self._patience)
+        self._pause()
+        if not is_connected:
             rospy.logwarn("not every subscriber to %s is connected", publisher.resolved_name)
 
     def _nobody(self, topic: str) -> str:
@@ -728,8 +730,8 @@ def main() -> int:
         except OSError as error:
             rospy.logfatal("%s: %s: %s", rospy.get_name(), NO_MASTER, error)
 
-    # In a thread of its own, so that Ctrl-C, which rospy handles in this one, can send the stop
-    # without cutting a command in two.
+    # In a thread of its own: Ctrl-C holds up this one, until the stop has been sent after the
+    # command that was on its way.
     thread = threading.Thread(target=drive, daemon=True)
     rospy.on_shutdown(node.stop)
     thread.start()

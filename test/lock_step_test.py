@@ -17,7 +17,8 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
 from std_srvs.srv import Trigger
 
-from helpers import Recording, node, wait_for
+from helpers import PATIENCE, Recording, node, wait_for
+from mushr_ros_intro.connections import wait_until_connected
 
 PROMISED = 1e-9
 """[m, rad] Between the predicted and the driven final pose."""
@@ -49,7 +50,8 @@ class TestLockStep(unittest.TestCase):
         rospy.wait_for_service("/car/car_sim/reset")
         self.reset = rospy.ServiceProxy("/car/car_sim/reset", Trigger)
         self.recordings = [Recording(topic, kind).connected() for topic, kind in TOPICS.items()]
-        self.log = Recording("/rosout", Log).connected()
+        self.log = Recording("/rosout", Log)
+        self.assertTrue(wait_until_connected(self.log.subscriber, "publishers", PATIENCE))
 
     def drive(self, plan):
         """Drive a plan; return what came on every topic, and how long it took."""

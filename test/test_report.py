@@ -267,6 +267,13 @@ def test_a_heading_that_goes_on_at_the_other_end_of_its_range_is_no_jump():
     assert _first_pose(seen._replace(poses=wrapped)) == _first_pose(seen)
 
 
+def test_the_noise_of_a_car_is_no_jump():
+    seen = replay_of(b"0,0,0\n2.0,0\n", *10 * [(2.0, 0.0)])
+    drift = np.arange(len(seen.poses))[:, None] * [0.002, 0.0, 0.004]  # three deviations a step
+    noisy = seen._replace(car=Car(speed_noise=0.03, steering_noise=0.01), poses=seen.poses + drift)
+    assert _first_pose(noisy) == _first_pose(seen)
+
+
 def test_a_car_that_is_moved_while_it_drives():
     poses = replay().poses.copy()
     poses[60:] += (5.0, 0.0, 0.0)

@@ -7,7 +7,7 @@ import pytest
 import rospy
 from rospy.rostime import _set_rostime, switch_to_wallclock
 
-from helpers import module, wait_for
+from helpers import PATIENCE, module, wait_for
 from mushr_ros_intro.ros_time import sleep_until
 
 SECOND = 1_000_000_000
@@ -46,7 +46,7 @@ class Sleeper:
         return self._thread.is_alive()
 
     def is_interrupted(self):
-        assert not self.sleeps(5.0), "it sleeps on"
+        assert not self.sleeps(PATIENCE), "it sleeps on"
         return self._is_interrupted
 
 

@@ -59,7 +59,8 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
         patience: how long to wait [s of wall-clock time].
 
     Returns:
-        Whether it is connected with all of them. Nobody at the other end counts as connected.
+        Whether it is connected with all of them, False if the node is shut down meanwhile. Nobody
+        at the other end counts as connected.
     """
     began = time.monotonic()
     reminders = 0

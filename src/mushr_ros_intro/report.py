@@ -14,7 +14,7 @@ import numpy as np
 from mushr_ros_intro.bicycle import Pose, compose, inverse
 from mushr_ros_intro.car import Car
 from mushr_ros_intro.checks import apart, shown, turned
-from mushr_ros_intro.plan import Plan
+from mushr_ros_intro.plan import MAX_STEERING_ANGLE, Plan
 from mushr_ros_intro.prediction import as_float32, states_at
 from mushr_ros_intro.stamps import NANOSECONDS
 
@@ -32,6 +32,9 @@ _START_TOLERANCE = 1e-3
 
 _ROUNDING = 1e-6
 """What default tolerances have on top [m, rad]: commands travel as float32."""
+
+_DEVIATIONS = 5.0
+"""How many standard deviations the noise of a car may be: it is no more in a million draws."""
 
 _BRAKING = 5 * NANOSECONDS
 """How long any car takes to stand after the plan's end [ns]."""
@@ -110,11 +113,18 @@ class Run(NamedTuple):
     """How many commands it is to have."""
 
 
-def _fastest(plan: Plan, car: Car) -> Tuple[float, float]:
-    """Return how fast a plan is at most [m/s], and how fast it can turn a car [rad/s]."""
-    speed = max(abs(row.speed) for row in plan.rows)
-    turn = max(abs(row.speed * math.tan(row.steering_angle)) for row in plan.rows) / car.wheelbase
-    return speed, turn
+def _fastest(plan: Plan, car: Car, deviations: float = 0.0) -> Tuple[float, float]:
+    """Return how fast a plan is at most [m/s], and how fast it turns a car [rad/s].
+
+    The car's noise makes it faster, by so many of its standard `deviations`.
+    """
+    speed_error, angle_error = deviations * car.speed_noise, deviations * car.steering_noise
+    turns = (
+        (abs(row.speed) + speed_error)
+        * math.tan(min(abs(row.steering_angle) + angle_error, MAX_STEERING_ANGLE))
+        for row in plan.rows
+    )
+    return max(abs(row.speed) for row in plan.rows) + speed_error, max(turns) / car.wheelbase
 
 
 def default_tolerances(plan: Plan, car: Car) -> Tolerances:
@@ -231,12 +241,11 @@ def _first_pose(replay: Replay) -> int:
     first = replay.sent[0].time
     late = int(np.searchsorted(replay.stamps, first + 2 * PERIOD))
     poses, seconds = replay.poses[:late], np.diff(replay.stamps[:late]) / NANOSECONDS
-    speed, turn = _fastest(replay.plan, replay.car)
+    speed, turn = _fastest(replay.plan, replay.car, _DEVIATIONS)
     x, y, theta = np.diff(poses, axis=0).T
     moved, rotated = np.hypot(x, y), np.abs(np.remainder(theta + np.pi, 2.0 * np.pi) - np.pi)
-    longest = 2.0 * seconds  # a car with noise drives and turns faster than the plan asks for
     jumps = np.flatnonzero(
-        (moved > speed * longest + _START_TOLERANCE) | (rotated > turn * longest + _START_TOLERANCE)
+        (moved > speed * seconds + _START_TOLERANCE) | (rotated > turn * seconds + _START_TOLERANCE)
     )
     placed = int(jumps[-1]) + 1 if len(jumps) else 0
     if len(jumps) and not replay.sent[0].stamped:

@@ -1,12 +1,14 @@
 """Start a node so that what it says is seen."""
 
+import atexit
 import os
 import signal
 import sys
 import tempfile
 import threading
 from queue import SimpleQueue
-from typing import Any
+from types import FrameType
+from typing import Any, Optional
 
 import rosgraph
 import rospkg
@@ -14,6 +16,9 @@ import rospy
 from rosgraph_msgs.msg import Clock
 
 from mushr_ros_intro.connections import limit_calls, wait_until_connected
+
+_SHUTDOWN = 2.0
+"""How long a node that is interrupted waits until it has signed off [s]."""
 
 
 class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):
@@ -37,7 +42,7 @@ def init_node(name: str, **options: Any) -> None:
 
     Args:
         name: the node's name, unless the command line gives it another.
-        options: of rospy.init_node.
+        options: of rospy.init_node, but for disable_signals.
 
     Raises:
         SystemExit: no master answers, and it carries the message for the terminal; or a signal has
@@ -77,16 +82,27 @@ def _handle_signals() -> None:
     """Shut the node down at SIGINT and SIGTERM, in a thread of its own.
 
     rospy does so within the signal's handler. Where the signal interrupts a call to the master,
-    that call waits for the handler and the handler's own, to sign off, for that call: for ever.
+    that call waits for the handler, and the handler's own, to sign off, for that call: for ever.
     """
     asked: SimpleQueue[int] = SimpleQueue()  # which a handler may put into at any moment
 
     def shut_down() -> None:
         rospy.signal_shutdown(f"signal-{asked.get()}")
 
-    threading.Thread(target=shut_down, daemon=True).start()
+    worker = threading.Thread(target=shut_down, daemon=True)
+    worker.start()
+
+    def handle(number: int, _: Optional[FrameType]) -> None:
+        asked.put(number)
+        # As with rospy, nothing is done meanwhile: who publishes on a closed topic gets an error.
+        worker.join(_SHUTDOWN)
+        if worker.is_alive():
+            # It needs a lock of the interrupted thread's, which may keep it until the node ends.
+            rospy.core._shutdown_flag = True
+            atexit.register(worker.join, _SHUTDOWN)
+
     for each in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(each, lambda number, _: asked.put(number))
+        signal.signal(each, handle)
 
 
 def _find_log_folder() -> None:
