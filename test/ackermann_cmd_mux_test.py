@@ -22,6 +22,8 @@ class TestMux(unittest.TestCase):
     def setUp(self):
         self.output = Recording(f"{MUX}/output", AckermannDriveStamped).connected()
         self.active = Recording(f"{MUX}/active", String).connected()
+        # A connection of the mux's first moment may not be latched yet: rospy registers first.
+        self.addCleanup(self.active.subscriber.unregister)
         self.inputs = {
             name: publisher(f"{MUX}/input/{name}", AckermannDriveStamped)
             for name in ("safety", "teleop", "navigation", "default")

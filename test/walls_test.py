@@ -34,6 +34,8 @@ class TestWalls(unittest.TestCase):
     def setUp(self):
         self.poses = Recording("/car/car_pose", PoseStamped).connected()
         self.collisions = Recording("/car/car_sim/collision", PoseArray).connected()
+        # A connection of the car's first moment may not be latched yet: rospy registers first.
+        self.addCleanup(self.collisions.subscriber.unregister)
         self.log = Recording("/rosout", Log).connected()
         self.commands = publisher("/car/mux/ackermann_cmd_mux/output", AckermannDriveStamped)
         self.placements = publisher("/initialpose", PoseWithCovarianceStamped)
