@@ -45,6 +45,8 @@ class TestMapServer(unittest.TestCase):
             self.assert_is_the_metadata(wait_for(lambda m=metadata: m.last, "metadata"))
             self.assertEqual(len(maps.messages), 1)
             stamps.add(maps.last.header.stamp.to_nsec())
+            maps.subscriber.unregister()  # so that the next one is a connection of its own
+            metadata.subscriber.unregister()
         self.assertEqual(len(stamps), 1)
 
     def test_clients(self):
