@@ -3,6 +3,7 @@
 
 import sys
 import threading
+import time
 from contextlib import suppress
 
 import rospy
@@ -14,8 +15,10 @@ from mushr_ros_intro.car import Command
 from mushr_ros_intro.connections import wait_until_connected
 from mushr_ros_intro.mux import ConfigError, Input, Mux, parse_config, sent_at
 from mushr_ros_intro.ros_time import sleep_until
-from mushr_ros_intro.stamps import STAMP_TOLERANCE
+from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
 from mushr_ros_intro.startup import init_node
+
+_LOOK_EVERY = 0.5  # [s of wall-clock time] whether the node is shut down
 
 
 class AckermannCmdMux:
@@ -32,6 +35,7 @@ class AckermannCmdMux:
         self._live = threading.Event()
         self._mux = Mux()
         self._now = 0
+        self._held_until = 0.0  # [s of time.monotonic()]
         self._frame = ""
         self._announced = ""
 
@@ -60,7 +64,7 @@ class AckermannCmdMux:
     def run(self) -> None:
         """Stop the car whenever the last live input runs out, until the node is shut down."""
         while not rospy.is_shutdown():
-            if not self._live.wait(0.5):
+            if not self._live.wait(_LOOK_EVERY):
                 continue
             with self._lock:
                 seen = rospy.get_rostime().to_nsec()
@@ -68,9 +72,12 @@ class AckermannCmdMux:
                 self._expire(now)
                 deadline = self._mux.deadline or seen
             sleep_until(deadline, seen)  # where time moves far back, _read_clock sees it too
+            time.sleep(min(max(0.0, self._held_until - time.monotonic()), _LOOK_EVERY))
 
     def _expire(self, now: int) -> None:
         """Stop the car if the last live input has run out at `now` [ns]; needs the lock."""
+        if time.monotonic() < self._held_until:
+            return
         self._mux, stop = self._mux.expire(now)
         if stop is not None:
             self._live.clear()
@@ -101,6 +108,11 @@ class AckermannCmdMux:
         with self._lock:
             now, is_simulated = self._read_clock(), not rospy.rostime.is_wallclock()
             stamp, slack = sent_at(command.stamp, now, source.timeout, is_simulated)
+            if slack:
+                # Nobody knows when it was sent: this clock may be seconds of simulated time behind
+                # the one that the sender sees. It is good for as long by the wall clock, too.
+                held_until = time.monotonic() + source.timeout / NANOSECONDS
+                self._held_until = max(self._held_until, held_until)
             # First what is over by then, so that what comes out depends on the stamps alone.
             self._expire(stamp)
             self._mux, passes = self._mux.command(source, stamp, slack)

@@ -485,6 +485,25 @@ class TestOtherClock(Faults):
 
         made.stop = stop_later
 
+    def test_commands_without_stamps(self):
+        """One is good for its timeout by the wall clock too: the mux's clock may have been late."""
+        inputs = "[{name: late, topic: input/late, timeout: 4.0, priority: 1}]"
+        arguments = ("__name:=patient", f"_subscribers:={inputs}", "_publisher:=output")
+        with node("ackermann_cmd_mux.py", *arguments) as patient:
+            output = Recording("/patient/output", AckermannDriveStamped)
+            late = publisher("/patient/input/late", AckermannDriveStamped)
+            late.publish(command(rospy.Time(0), 1.0, 0.0))
+            wait_for(lambda: output.last, "the first command")
+            self.clock.set(jump=20.0)  # all that it did not see before
+            began, before = time.monotonic(), busy_time(patient)
+            wait_for(lambda: time.monotonic() > began + 1.0, "a second to pass")
+            self.assertLess(busy_time(patient) - before, 0.5)
+            late.publish(command(rospy.Time(0), 2.0, 0.0))
+            self.clock.set(jump=20.0)
+            wait_for(lambda: output.last.drive.speed == 0.0, "the stop")
+            self.assertEqual([msg.drive.speed for msg in output.messages], [1.0, 2.0, 0.0])
+            output.subscriber.unregister()
+
     def test_it_stands(self):
         """The plan stands too, nobody is kept busy by it, and then all goes on."""
         with self.driving("1,-1,0.5\n1.0,0.2,1.5\n") as ends:
