@@ -35,7 +35,8 @@ class AckermannCmdMux:
         self._live = threading.Event()
         self._mux = Mux()
         self._now = 0
-        self._held_until = 0.0  # [s of time.monotonic()]
+        # When a command runs out [ns] of which the time is a guess, and until when it does not [s].
+        self._guess = (-1, 0.0)
         self._frame = ""
         self._announced = ""
 
@@ -71,17 +72,31 @@ class AckermannCmdMux:
                 now = self._read_clock()
                 self._expire(now)
                 deadline = self._mux.deadline or seen
-            sleep_until(deadline, seen)  # where time moves far back, _read_clock sees it too
-            time.sleep(min(max(0.0, self._held_until - time.monotonic()), _LOOK_EVERY))
+                held = self._held()
+            if deadline <= now and held > 0.0:
+                time.sleep(min(held, _LOOK_EVERY))
+            else:
+                sleep_until(deadline, seen)  # where time moves far back, _read_clock sees it too
+
+    def _held(self) -> float:
+        """Return for how long [s of wall-clock time] no input runs out; needs the lock.
+
+        Where a command has no stamp, nobody knows when it was sent: in lock-step the clock here may
+        be seconds behind the one that the sender sees, and catch up at any moment. So it is good
+        for its timeout by the wall clock, too.
+        """
+        deadline, until = self._guess
+        return until - time.monotonic() if self._mux.deadline == deadline else 0.0
 
     def _expire(self, now: int) -> None:
         """Stop the car if the last live input has run out at `now` [ns]; needs the lock."""
-        if time.monotonic() < self._held_until:
+        if self._held() > 0.0:
             return
+        is_guess = self._mux.deadline == self._guess[0]
         self._mux, stop = self._mux.expire(now)
         if stop is not None:
             self._live.clear()
-            command = Command(stop, 0.0, 0.0)
+            command = Command(0 if is_guess else stop, 0.0, 0.0)
             self._output_pub.publish(conversions.command_to_msg(command, self._frame))
             self._announce()
 
@@ -108,14 +123,12 @@ class AckermannCmdMux:
         with self._lock:
             now, is_simulated = self._read_clock(), not rospy.rostime.is_wallclock()
             stamp, slack = sent_at(command.stamp, now, source.timeout, is_simulated)
-            if slack:
-                # Nobody knows when it was sent: this clock may be seconds of simulated time behind
-                # the one that the sender sees. It is good for as long by the wall clock, too.
-                held_until = time.monotonic() + source.timeout / NANOSECONDS
-                self._held_until = max(self._held_until, held_until)
             # First what is over by then, so that what comes out depends on the stamps alone.
             self._expire(stamp)
             self._mux, passes = self._mux.command(source, stamp, slack)
+            if slack:
+                until = time.monotonic() + source.timeout / NANOSECONDS
+                self._guess = (dict(self._mux.expires)[source], until)
             if passes:
                 self._frame = msg.header.frame_id
                 self._output_pub.publish(msg)

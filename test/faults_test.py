@@ -487,22 +487,38 @@ class TestOtherClock(Faults):
 
     def test_commands_without_stamps(self):
         """One is good for its timeout by the wall clock too: the mux's clock may have been late."""
-        inputs = "[{name: late, topic: input/late, timeout: 4.0, priority: 1}]"
+        inputs = "[{name: late, topic: input/late, timeout: 5.0, priority: 1}]"
         arguments = ("__name:=patient", f"_subscribers:={inputs}", "_publisher:=output")
         with node("ackermann_cmd_mux.py", *arguments) as patient:
-            output = Recording("/patient/output", AckermannDriveStamped)
+            output = Recording("/patient/output", AckermannDriveStamped).connected()
+            self.addCleanup(output.subscriber.unregister)
             late = publisher("/patient/input/late", AckermannDriveStamped)
-            late.publish(command(rospy.Time(0), 1.0, 0.0))
-            wait_for(lambda: output.last, "the first command")
+
+            def send(stamp, speed):
+                late.publish(command(stamp, speed, 0.0))
+                wait_for(lambda: output.last and output.last.drive.speed == speed, f"{speed} m/s")
+
+            send(rospy.Time(0), 1.0)
             self.clock.set(jump=20.0)  # all that it did not see before
             began, before = time.monotonic(), busy_time(patient)
             wait_for(lambda: time.monotonic() > began + 1.0, "a second to pass")
             self.assertLess(busy_time(patient) - before, 0.5)
-            late.publish(command(rospy.Time(0), 2.0, 0.0))
+            began = time.monotonic()
+            send(rospy.Time(0), 2.0)
             self.clock.set(jump=20.0)
             wait_for(lambda: output.last.drive.speed == 0.0, "the stop")
-            self.assertEqual([msg.drive.speed for msg in output.messages], [1.0, 2.0, 0.0])
-            output.subscriber.unregister()
+            self.assertGreaterEqual(time.monotonic(), began + 5.0)
+            # What has a stamp comes out as its stamps say, also right behind what has none.
+            send(rospy.Time(0), 3.0)
+            first, second = (at(rospy.Time.now(), seconds) for seconds in (10.0, 20.0))
+            send(first, 4.0)
+            send(second, 5.0)
+            none = rospy.Time(0)
+            self.assertEqual(
+                [(msg.header.stamp, msg.drive.speed) for msg in output.messages],
+                [(none, 1.0), (none, 2.0), (none, 0.0), (none, 3.0)]
+                + [(first, 4.0), (at(first, 5.0), 0.0), (second, 5.0)],
+            )
 
     def test_it_stands(self):
         """The plan stands too, nobody is kept busy by it, and then all goes on."""

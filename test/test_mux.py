@@ -226,6 +226,10 @@ def test_a_stamp_that_says_nothing_means_a_simulated_present_that_may_be_old(sta
     assert sent_at(stamp, NOW, 200 * MS, is_simulated=False) == (NOW, 0)
 
 
+def test_before_the_clock_has_come_a_stamp_of_zero_says_nothing_either():
+    assert sent_at(0, 0, 200 * MS, is_simulated=True) == (0, 200 * MS)
+
+
 def test_a_command_of_which_the_time_is_a_guess_is_good_for_longer():
     mux, passes = Mux().command(TELEOP, 100 * MS, slack=50 * MS)
     assert passes and mux.deadline == 350 * MS

@@ -194,7 +194,7 @@ def sent_at(stamp: int, now: int, timeout: int, is_simulated: bool) -> Tuple[int
     if not is_simulated:
         return effective_stamp(stamp, now), 0
     sent = effective_stamp(stamp, now, CLOCK_LAG)
-    return sent, 0 if sent == stamp else timeout
+    return sent, 0 if stamp and sent == stamp else timeout
 
 
 class Watch(NamedTuple):
