@@ -22,8 +22,8 @@ class TestMux(unittest.TestCase):
     def setUp(self):
         self.output = Recording(f"{MUX}/output", AckermannDriveStamped).connected()
         self.active = Recording(f"{MUX}/active", String).connected()
-        # rospy registers a publisher before it latches, and a connection stays as it was made: one of
-        # the mux's first moment tells no later subscriber of this process. The next test makes its own.
+        # rospy registers a publisher before it latches, and a connection stays as it was made: one
+        # of the mux's first moment tells no later subscriber of this process. So each test has one.
         self.addCleanup(self.active.subscriber.unregister)
         self.inputs = {
             name: publisher(f"{MUX}/input/{name}", AckermannDriveStamped)

@@ -34,8 +34,8 @@ class TestWalls(unittest.TestCase):
     def setUp(self):
         self.poses = Recording("/car/car_pose", PoseStamped).connected()
         self.collisions = Recording("/car/car_sim/collision", PoseArray).connected()
-        # rospy registers a publisher before it latches, and a connection stays as it was made: one of
-        # the car's first moment tells no later subscriber of this process. The next test makes its own.
+        # rospy registers a publisher before it latches, and a connection stays as it was made: one
+        # of the car's first moment tells no later subscriber of this process. So each test has one.
         self.addCleanup(self.collisions.subscriber.unregister)
         self.log = Recording("/rosout", Log).connected()
         self.commands = publisher("/car/mux/ackermann_cmd_mux/output", AckermannDriveStamped)
