@@ -25,6 +25,8 @@ SHORT = [(1.0, 0.1, 1.0), (2.0, -0.2, 0.5)]
 LONG = [(1.0, 0.1, 60.0)]
 TIMEOUT = 200_000_000
 """[ns] How long a command is good for."""
+TIME_WAIT = "06"
+"""The state, as /proc/net/tcp has it, of a connection that only keeps its number for a while."""
 SHOWN = 0.5e-6
 """[m, rad] path_publisher rounds the pose that it shows to six digits."""
 
@@ -65,6 +67,11 @@ class Machine:
             *(f"ROS_MASTER_URI={MASTER}", f"ROS_IP={self.address}"),
             *command,
         )
+
+    def is_silent(self):
+        """Say whether all has arrived that any connection from here had to send."""
+        sockets = ip("netns", "exec", self.name, "cat", "/proc/net/tcp").splitlines()[1:]
+        return all(line.split()[3] == TIME_WAIT for line in sockets)
 
     def end(self):
         """End all that runs on the machine, and remove it."""
@@ -171,6 +178,7 @@ def test_a_cut_in_mid_plan(network):
     before = len(network.told("command"))
     publisher = network.publisher(LONG)
     wait_for(lambda: len(network.told("command")) > before + 5, "the plan to be under way")
+    assert not network.laptop.is_silent()
     ip("-n", network.car.name, "link", "set", DEVICE, "down")
 
     # The car stops when its last command has run out.
@@ -189,4 +197,6 @@ def test_a_cut_in_mid_plan(network):
 
     ip("-n", network.car.name, "link", "set", DEVICE, "up")
     assert publisher.wait() == 1, publisher.output
+    # TCP sends what was under way when it next tries to, which may be seconds later.
+    wait_for(network.laptop.is_silent, "what was under way to arrive")
     network.drive()

@@ -133,6 +133,20 @@ def test_a_signal_ends_a_node_whatever_it_does(master, number, says):
     assert "/made" not in str(rosgraph.Master("/test_startup", master).getSystemState())
 
 
+def test_a_node_signs_off_wholly(master):
+    """Whatever it has logged; who comes next with its name has nobody shut down."""
+    seen = rosgraph.Master("/test_startup", master)
+    program = "import rospy; from mushr_ros_intro.startup import init_node; init_node('made'); "
+    program += "rospy.loginfo('a line'); rospy.spin()"
+    with Process(sys.executable, "-c", program, ROS_MASTER_URI=master) as process:
+        wait_for(lambda: "a line" in process.output, "a line")
+        assert seen.lookupNode("/made")
+        process.send_signal(signal.SIGTERM)
+        process.wait()
+    with pytest.raises(rosgraph.MasterError, match="unknown node"):
+        seen.lookupNode("/made")
+
+
 def test_a_signal_ends_a_node_that_starts(monkeypatch):
     """Without a traceback; rospy says by an exception that it was interrupted."""
     monkeypatch.setattr("mushr_ros_intro.startup.limit_calls", lambda: None)  # these stay
@@ -181,6 +195,7 @@ def test_the_server_of_a_node_ends_with_it(monkeypatch):
     nodes = []
     monkeypatch.setattr("mushr_ros_intro.startup.limit_calls", lambda: None)  # these stay
     monkeypatch.setattr("mushr_ros_intro.startup._handle_signals", lambda: None)
+    monkeypatch.setattr("mushr_ros_intro.startup._sign_off_wholly", lambda: None)
     monkeypatch.setattr("rosgraph.is_master_online", lambda: True)
     monkeypatch.setattr("rospy.init_node", lambda *_, **__: nodes.append(XmlRpcNode()))
     monkeypatch.setattr("rospy.rostime.is_wallclock", lambda: True)

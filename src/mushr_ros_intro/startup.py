@@ -6,6 +6,7 @@ import signal
 import sys
 import tempfile
 import threading
+from contextlib import suppress
 from queue import SimpleQueue
 from types import FrameType
 from typing import Any, Optional
@@ -15,7 +16,10 @@ import rospkg
 import rospy
 from rosgraph_msgs.msg import Clock
 
-from mushr_ros_intro.connections import limit_calls, wait_until_connected
+from mushr_ros_intro.connections import PATIENCE, limit_calls, wait_until_connected
+
+_LOG_PARAMETER = "/rosout_disable_topics_generation"
+"""The parameter to which rospy subscribes with a node's first line of the log."""
 
 _SHUTDOWN = 2.0
 """How long a node that is interrupted waits until it has signed off [s]."""
@@ -71,6 +75,7 @@ def init_node(name: str, **options: Any) -> None:
         if not rospy.is_shutdown():
             raise
         sys.exit(0)
+    _sign_off_wholly()
     if not rospy.rostime.is_wallclock():
         # Connected with rospy's own subscription, without which there would be no time at all.
         clock = rospy.Subscriber("/clock", Clock)
@@ -103,6 +108,27 @@ def _handle_signals() -> None:
 
     for each in (signal.SIGINT, signal.SIGTERM):
         signal.signal(each, handle)
+
+
+def _sign_off_wholly() -> None:
+    """Have the node unsubscribe, as it is shut down, from the parameter that its log looks at.
+
+    rospy leaves that out, and the master keeps the name and where the node listened. It shuts down
+    who listens there when the next node of that name comes: maybe another node by then.
+    """
+    master, uri = rosgraph.Master(rospy.get_name()), rospy.get_node_uri()
+    asked = threading.Event()
+
+    def unsubscribe() -> None:
+        asked.wait()
+        with suppress(rosgraph.MasterException, OSError):
+            master.unsubscribeParam(uri, _LOG_PARAMETER)
+
+    # Beside rospy's own signing off: where the master is silent each takes its time.
+    thread = threading.Thread(target=unsubscribe, daemon=True)
+    thread.start()
+    rospy.core.add_preshutdown_hook(lambda _: asked.set())
+    rospy.core.add_shutdown_hook(lambda _: thread.join(PATIENCE))
 
 
 def _find_log_folder() -> None:
