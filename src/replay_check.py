@@ -42,6 +42,9 @@ AUTO = "auto"
 _SHOWN_LINES = 15
 """How many of a node's last lines are quoted."""
 
+_START_PATIENCE = 1.0
+"""How long the first command waits for the start pose [s of wall-clock time]."""
+
 
 class ReplayError(RuntimeError):
     """A replay that says nothing about the node, because something else is wrong."""
@@ -146,6 +149,7 @@ class Observer:
         self._sent: List[report.Sent] = []
         self._starts: List[Pose] = []
         self._poses: List[Tuple[int, Pose]] = []
+        self._is_placed = threading.Event()
         self._collisions: List[Pose] = []
         self._map: Optional[MapMetaData] = None
         self.heard = time.monotonic()
@@ -166,10 +170,12 @@ class Observer:
         if MAP in published:
             self._subscribe(MAP, MapMetaData, self._on_map)
             _wait_for(lambda: self._map is not None, f"a message on {MAP}", patience)
-        start = self._subscribe("~start_pose", PoseWithCovarianceStamped, self._on_placement)
+        self._start_sub = self._subscribe(
+            "~start_pose", PoseWithCovarianceStamped, self._on_placement
+        )
         commands = self._subscribe("~commands", AckermannDriveStamped, self._on_command)
         self.remappings = [
-            f"{PLACEMENTS}:={start.resolved_name}",
+            f"{PLACEMENTS}:={self._start_sub.resolved_name}",
             f"{CONTROL}:={commands.resolved_name}",
         ]
 
@@ -181,7 +187,12 @@ class Observer:
         return rospy.Subscriber(topic, kind, callback, tcp_nodelay=True)
 
     def _on_command(self, msg: AckermannDriveStamped) -> None:
-        """Note a command, and pass it on as it is."""
+        """Note a command, and pass it on as it is; the first one after the start pose.
+
+        A node sends that before, but over a connection of its own, which may be the slower one.
+        """
+        if self._start_sub.get_num_connections() and not self.count_commands():
+            self._is_placed.wait(_START_PATIENCE)
         now, stamp = rospy.get_rostime().to_nsec(), msg.header.stamp.to_nsec()
         taken = effective_stamp(stamp, now, CLOCK_LAG)
         sent = report.Sent(taken, taken == stamp, msg.drive.speed, msg.drive.steering_angle)
@@ -200,6 +211,7 @@ class Observer:
             self._starts.append(pose)
             self.heard = time.monotonic()
         self._start_pub.publish(msg)
+        self._is_placed.set()
 
     def _on_pose(self, msg: PoseStamped) -> None:
         """Note where the car is."""
