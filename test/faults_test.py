@@ -41,6 +41,7 @@ from helpers import (
     closed_form,
     command,
     float32,
+    kill,
     module,
     node,
     placement,
@@ -229,12 +230,12 @@ class TestFaults(Faults):
             self.assertLessEqual({1.0, -0.5, 0.5}, {row[0] for row in rows})
             self.assert_pose(planar(pose.pose), closed_form((1.0, -1.0, 0.5), rows))
             # The car dies.
-            self.car.send_signal(signal.SIGKILL)
+            kill("/car/car_sim", self.car.pid)
             self.car.wait()
             self.__class__.car = start("car_sim.py")
             self.wait_until_it_drives()
             # The mux dies.
-            self.mux.send_signal(signal.SIGKILL)
+            kill("/car/mux/ackermann_cmd_mux", self.mux.pid)
             self.mux.wait()
             self.poses.pose_at_rest(rospy.Time.now())
             self.__class__.mux = start("ackermann_cmd_mux.py")
@@ -255,7 +256,7 @@ class TestFaults(Faults):
                 for name in ("car_sim", "mux/ackermann_cmd_mux"):
                     self.wait_until_it_drives(poses)
                     started = rf"process\[again/{name}-\d+\]: started with pid \[(\d+)\]"
-                    os.kill(int(re.findall(started, launch.output)[-1]), signal.SIGKILL)
+                    kill(f"/again/{name}", int(re.findall(started, launch.output)[-1]))
                     wait_for(
                         lambda: len(re.findall(started, launch.output)) == 2,  # noqa: B023
                         f"{name} to be started again",

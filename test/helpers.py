@@ -6,10 +6,12 @@ import importlib.util
 import math
 import os
 import signal
+import socket
 import struct
 import subprocess
 import threading
 import time
+from urllib.parse import urlsplit
 
 import rosgraph.xmlrpc
 import roslib.packages
@@ -228,6 +230,29 @@ class Ghost:
 
 ENDING = 5.0
 """How long a process may take to end when it is told to [s], before it is killed."""
+
+
+_held = []
+
+
+def kill(name, pid):
+    """Kill a node, and keep its port from others until this process ends.
+
+    When the next node of its name comes, the master has who listens there shut down: that may be a
+    node of another test by then.
+    """
+    uri = rosgraph.Master("/kill").lookupNode(name)
+    os.kill(pid, signal.SIGKILL)
+    held = socket.socket()
+    held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+
+    def is_held():
+        with contextlib.suppress(OSError):
+            held.bind(("127.0.0.1", urlsplit(uri).port))
+            return True
+
+    wait_for(is_held, f"{name} to be dead")
+    _held.append(held)
 
 
 class Process:
