@@ -126,9 +126,9 @@ class AckermannCmdMux:
             # First what is over by then, so that what comes out depends on the stamps alone.
             self._expire(stamp)
             self._mux, passes = self._mux.command(source, stamp, slack)
-            if slack:
+            if slack and self._mux.deadline == stamp + source.timeout + slack:
                 until = time.monotonic() + source.timeout / NANOSECONDS
-                self._guess = (dict(self._mux.expires)[source], until)
+                self._guess = (self._mux.deadline, until)
             if passes:
                 self._frame = msg.header.frame_id
                 self._output_pub.publish(msg)

@@ -42,7 +42,7 @@ AUTO = "auto"
 _SHOWN_LINES = 15
 """How many of a node's last lines are quoted."""
 
-_START_PATIENCE = 1.0
+_START_PATIENCE = 0.3
 """How long the first command waits for the start pose [s of wall-clock time]."""
 
 

@@ -61,6 +61,18 @@ with rospy.topics.get_topic_manager().lock:
 """
 """What rospy does where the master ends as a node tells it of a topic."""
 
+LOGS = """
+import rospy
+from mushr_ros_intro.startup import init_node
+
+init_node("made")
+rospy.loginfo("a line")
+print("has logged", flush=True)
+rospy.spin()
+rospy.loginfo("the last line")
+"""
+"""A node that also logs when it has signed off."""
+
 PROGRAMS = {"calls the master": IN_A_CALL, "publishes": PUBLISHES, "registers": REGISTERS}
 
 
@@ -134,15 +146,14 @@ def test_a_signal_ends_a_node_whatever_it_does(master, number, says):
 
 
 def test_a_node_signs_off_wholly(master):
-    """Whatever it has logged; who comes next with its name has nobody shut down."""
+    """Whatever it logs; who comes next with its name has nobody shut down."""
     seen = rosgraph.Master("/test_startup", master)
-    program = "import rospy; from mushr_ros_intro.startup import init_node; init_node('made'); "
-    program += "rospy.loginfo('a line'); rospy.spin()"
-    with Process(sys.executable, "-c", program, ROS_MASTER_URI=master) as process:
-        wait_for(lambda: "a line" in process.output, "a line")
+    with Process(sys.executable, "-c", LOGS, ROS_MASTER_URI=master) as process:
+        wait_for(lambda: "has logged" in process.output, "a line")
         assert seen.lookupNode("/made")
         process.send_signal(signal.SIGTERM)
-        process.wait()
+        assert process.wait() == 0, process.output
+    assert "the last line" in process.output and "Traceback" not in process.output
     with pytest.raises(rosgraph.MasterError, match="unknown node"):
         seen.lookupNode("/made")
 

@@ -14,9 +14,16 @@ from typing import Any, Optional
 import rosgraph
 import rospkg
 import rospy
+import rospy.impl.paramserver
 from rosgraph_msgs.msg import Clock
 
-from mushr_ros_intro.connections import PATIENCE, limit_calls, wait_until_connected
+from mushr_ros_intro.connections import (
+    PATIENCE,
+    CallError,
+    ask,
+    limit_calls,
+    wait_until_connected,
+)
 
 _LOG_PARAMETER = "/rosout_disable_topics_generation"
 """The parameter to which rospy subscribes with a node's first line of the log."""
@@ -116,19 +123,24 @@ def _sign_off_wholly() -> None:
     rospy leaves that out, and the master keeps the name and where the node listened. It shuts down
     who listens there when the next node of that name comes: maybe another node by then.
     """
-    master, uri = rosgraph.Master(rospy.get_name()), rospy.get_node_uri()
+    arguments = (rospy.get_name(), "unsubscribeParam", rospy.get_node_uri(), _LOG_PARAMETER)
     asked = threading.Event()
 
     def unsubscribe() -> None:
         asked.wait()
-        with suppress(rosgraph.MasterException, OSError):
-            master.unsubscribeParam(uri, _LOG_PARAMETER)
+        with suppress(CallError):
+            ask(rosgraph.get_master_uri(), PATIENCE, *arguments)
+
+    def begin() -> None:
+        # What is logged from now on does not subscribe again.
+        rospy.impl.paramserver.get_param_server_cache().set(_LOG_PARAMETER, False)
+        asked.set()
 
     # Beside rospy's own signing off: where the master is silent each takes its time.
     thread = threading.Thread(target=unsubscribe, daemon=True)
     thread.start()
-    rospy.core.add_preshutdown_hook(lambda _: asked.set())
-    rospy.core.add_shutdown_hook(lambda _: thread.join(PATIENCE))
+    rospy.on_shutdown(begin)
+    rospy.core.add_preshutdown_hook(lambda _: thread.join(PATIENCE))
 
 
 def _find_log_folder() -> None:
