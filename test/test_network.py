@@ -25,8 +25,8 @@ SHORT = [(1.0, 0.1, 1.0), (2.0, -0.2, 0.5)]
 LONG = [(1.0, 0.1, 60.0)]
 TIMEOUT = 200_000_000
 """[ns] How long a command is good for."""
-TIME_WAIT = "06"
-"""The state, as /proc/net/tcp has it, of a connection that only keeps its number for a while."""
+ALL_ARRIVED = {"05", "06"}
+"""FIN_WAIT2 and TIME_WAIT: what /proc/net/tcp says of a connection whose end has arrived, too."""
 SHOWN = 0.5e-6
 """[m, rad] path_publisher rounds the pose that it shows to six digits."""
 
@@ -71,7 +71,7 @@ class Machine:
     def is_silent(self):
         """Say whether all has arrived that any connection from here had to send."""
         sockets = ip("netns", "exec", self.name, "cat", "/proc/net/tcp").splitlines()[1:]
-        return all(line.split()[3] == TIME_WAIT for line in sockets)
+        return all(line.split()[3] in ALL_ARRIVED for line in sockets)
 
     def end(self):
         """End all that runs on the machine, and remove it."""
