@@ -488,18 +488,25 @@ class TestOtherClock(Faults):
 
     def test_commands_without_stamps(self):
         """One is good for its timeout by the wall clock too: the mux's clock may have been late."""
-        inputs = "[{name: late, topic: input/late, timeout: 5.0, priority: 1}]"
+        inputs = (
+            "[{name: late, topic: input/late, timeout: 5.0, priority: 1}, "
+            "{name: quick, topic: input/quick, timeout: 0.2, priority: 2}]"
+        )
         arguments = ("__name:=patient", f"_subscribers:={inputs}", "_publisher:=output")
         with node("ackermann_cmd_mux.py", *arguments) as patient:
             output = Recording("/patient/output", AckermannDriveStamped).connected()
             self.addCleanup(output.subscriber.unregister)
-            late = publisher("/patient/input/late", AckermannDriveStamped)
+            late, quick = (
+                publisher(f"/patient/input/{name}", AckermannDriveStamped)
+                for name in ("late", "quick")
+            )
 
-            def send(stamp, speed):
-                late.publish(command(stamp, speed, 0.0))
+            def send(stamp, speed, sender=late):
+                sender.publish(command(stamp, speed, 0.0))
                 wait_for(lambda: output.last and output.last.drive.speed == speed, f"{speed} m/s")
 
             send(rospy.Time(0), 1.0)
+            send(rospy.Time(0), 1.5, quick)  # is over sooner, and shortens nothing
             self.clock.set(jump=20.0)  # all that it did not see before
             began, before = time.monotonic(), busy_time(patient)
             wait_for(lambda: time.monotonic() > began + 1.0, "a second to pass")
@@ -517,7 +524,7 @@ class TestOtherClock(Faults):
             none = rospy.Time(0)
             self.assertEqual(
                 [(msg.header.stamp, msg.drive.speed) for msg in output.messages],
-                [(none, 1.0), (none, 2.0), (none, 0.0), (none, 3.0)]
+                [(none, 1.0), (none, 1.5), (none, 2.0), (none, 0.0), (none, 3.0)]
                 + [(first, 4.0), (at(first, 5.0), 0.0), (second, 5.0)],
             )
 
