@@ -602,8 +602,14 @@ class PathPublisher:
             return
         rolling = self._rest - self._plan.duration  # a car with limits does not stand at once
         stands = end + rolling + SETTLING
-        patience = self._patience + rolling / NANOSECONDS
-        if not self._wait_for_pose(lambda: self._pose_stamp >= stands, patience):
+
+        def has_settled() -> bool:
+            # A command that comes late is put in its place, and the pose is another from then on.
+            is_there = _close(self._pose, expected)
+            return self._pose_stamp >= (stands if is_there else stands + STAMP_TOLERANCE)
+
+        patience = self._patience + (rolling + STAMP_TOLERANCE) / NANOSECONDS
+        if not self._wait_for_pose(has_settled, patience):
             rospy.logwarn("the car no longer reports its pose")
             return
         with self._poses:

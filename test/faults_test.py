@@ -270,6 +270,23 @@ class TestFaults(Faults):
             self.assertEqual(launch.wait(), 0, launch.output)
         poses.subscriber.unregister()
 
+    def test_a_node_stands_still_at_the_end(self):
+        """What comes late by half a second is put in its place, and the node waits for that."""
+        path = self.plan("1,-1,0.5\n0.5,0.2,1\n")
+        for stopped in (None, self.mux, self.car):
+            self.output.clear()
+            with node("path_publisher.py", f"_plan_file:={path}") as plan:
+                wait_for(lambda: self.count(0.5) == 8, "eight commands")
+                (stopped or plan).send_signal(signal.SIGSTOP)
+                resume = at(self.output.messages[0].header.stamp, 1.3)
+                wait_for(lambda resume=resume: rospy.Time.now() > resume, "the end of the plan")
+                (stopped or plan).send_signal(signal.SIGCONT)
+                self.assertEqual(plan.wait(), 0, plan.output)
+            said = re.search(r"the car drove 0.50 m .* difference (\S+) m", plan.output)
+            self.assertTrue(said, plan.output)
+            self.assertLess(float(said.group(1)), POSITION_TOLERANCE)
+        self.assert_all_is_well()
+
     def test_a_thousand_commands_a_second(self):
         self.place(0.0, 0.0, 0.0)
         begin = at(rospy.Time.now(), LEAD)
