@@ -31,11 +31,14 @@ from mushr_ros_intro.checks import Series, as_number, wait_for
 from mushr_ros_intro.conversions import command_to_msg
 from mushr_ros_intro.mux import IDLE
 from mushr_ros_intro.parameters import ParameterError, number, text
-from mushr_ros_intro.stamps import from_seconds
+from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.startup import init_node
 
 _ON_ITS_WAY = 2.0
 """How long a message may take [s of wall-clock time]."""
+
+_TRIES = 3
+"""How often a step is done that goes wrong while messages are late, on a busy machine."""
 
 
 class MuxTest(unittest.TestCase):
@@ -44,6 +47,7 @@ class MuxTest(unittest.TestCase):
     def setUp(self) -> None:
         """Read the parameters, and connect to the mux."""
         self._outputs = Series()
+        self._delays: List[float] = []
         self._active = ""
 
         def parameter(name: str, default: float, unit: str) -> float:
@@ -79,26 +83,37 @@ class MuxTest(unittest.TestCase):
 
     def test_mux(self) -> None:
         """In every step the input wins that is to."""
-        faults = []
+        faults: List[str] = []
         for place, (send, wins) in enumerate(self._steps, 1):
             what = f"step {place}, in which {' and '.join(send) or 'nobody'} send"
-            middle, end = self._send(send)
-            # What has been sent, and who is said to drive, may still be on its way.
-            with contextlib.suppress(AssertionError):
-                wait_for(functools.partial(self._agrees, wins, end), what, _ON_ITS_WAY)
-            active = self._active
-            stamped = (name for stamp, name in self._outputs.entries if middle <= stamp < end)
-            came = sorted(set(stamped))
-            expected = [] if wins == IDLE else [wins]
-            if came != expected:
-                faults.append(
-                    f"{what}: {' and '.join(came) or 'nothing'} came out; "
-                    f"expected {' and '.join(expected) or 'nothing'}"
-                )
-            if self._active_topic and active != wins:
-                faults.append(f"{what}: {active} is said to drive; expected {wins}")
+            for _ in range(_TRIES):
+                found = self._try(what, send, wins)
+                if not found or max(self._delays) <= self._period:
+                    break
+            faults += found
         if faults:
             self.fail("\n".join(faults))
+
+    def _try(self, what: str, send: List[str], wins: str) -> List[str]:
+        """Do a step, and note by how much its messages are late [s]; return what goes wrong."""
+        self._delays = [0.0]
+        middle, end = self._send(send)
+        # What has been sent, and who is said to drive, may still be on its way.
+        with contextlib.suppress(AssertionError):
+            wait_for(functools.partial(self._agrees, wins, end), what, _ON_ITS_WAY)
+        active = self._active
+        stamped = (name for stamp, name in self._outputs.entries if middle <= stamp < end)
+        came = sorted(set(stamped))
+        expected = [] if wins == IDLE else [wins]
+        faults = []
+        if came != expected:
+            faults.append(
+                f"{what}: {' and '.join(came) or 'nothing'} came out; "
+                f"expected {' and '.join(expected) or 'nothing'}"
+            )
+        if self._active_topic and active != wins:
+            faults.append(f"{what}: {active} is said to drive; expected {wins}")
+        return faults
 
     def _agrees(self, wins: str, end: int) -> bool:
         """Say whether the input that is to win until `end` [ns] has been seen to."""
@@ -112,6 +127,7 @@ class MuxTest(unittest.TestCase):
         due = begin = rospy.get_time()
         end = begin + self._duration
         while due < end:
+            self._delays.append(rospy.get_time() - due)
             stamp = rospy.get_rostime().to_nsec()
             for name in names:
                 angle = 0.01 * (1 + self._names.index(name))
@@ -130,7 +146,9 @@ class MuxTest(unittest.TestCase):
         if msg.drive.speed == 0.0 and place == 0:
             return
         is_known = msg.drive.speed == 0.0 and 0 < place <= len(self._names)
-        stamp = msg.header.stamp.to_nsec() or rospy.get_rostime().to_nsec()
+        now = rospy.get_rostime().to_nsec()
+        stamp = msg.header.stamp.to_nsec() or now
+        self._delays.append((now - stamp) / NANOSECONDS)
         self._outputs.add(stamp, self._names[place - 1] if is_known else "something else")
 
     def _take_active(self, msg: String) -> None:

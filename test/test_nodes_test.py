@@ -6,6 +6,7 @@ of them a second of computing; that the nodes are processes too is checked in a 
 """
 
 import copy
+import functools
 import math
 import os
 import re
@@ -192,8 +193,39 @@ LATE_CASES = {  # their patience begins with the clock
         "waited 1 s for a transform from 'puppet/odom' to 'puppet/base'",
     ),
 }
+
+
+class HeldUp(muxtest.MuxTest):
+    """Does not get to send for longer than a command holds, as if the machine were busy."""
+
+    times = 1
+
+    def setUp(self):
+        super().setUp()
+        self._rounds = 0
+        teleop = self._publishers["teleop"]
+        teleop.publish = functools.partial(self._publish, teleop.publish)
+
+    def _publish(self, publish, msg):
+        publish(msg)
+        self._rounds += 1
+        if self._rounds % 10 == 6 and self._rounds < 10 * self.times:
+            rospy.sleep(0.3)
+
+
+class HeldUpAgainAndAgain(HeldUp):
+    times = 100
+
+
 MUX_CASES = {
     "mux": (muxtest.MuxTest, {**MUX, "steps": RIGHT_STEPS}, ""),
+    "mux_held_up": (HeldUp, {**MUX, "steps": RIGHT_STEPS[1:2]}, ""),
+    "mux_held_up_for_ever": (
+        HeldUpAgainAndAgain,
+        {**MUX, "steps": RIGHT_STEPS[1:2]},
+        "step 1, in which navigation and teleop send: navigation and teleop came out; "
+        "expected teleop\n",
+    ),
     "mux_wrong": (
         muxtest.MuxTest,
         {**MUX, "steps": WRONG_STEPS},
