@@ -2,6 +2,7 @@
 """Check that nothing drifts, gets lost or grows, however long a plan is driven again and again."""
 
 import bisect
+import collections
 import os
 import signal
 import sys
@@ -24,6 +25,9 @@ PERIOD = 100_000_000
 
 HOLD = 200_000_000
 """[ns] How long a command is good for, and so how late the next may be without any harm."""
+
+HINDSIGHT = 1_000_000_000
+"""[ns] After so long it is known which commands came late, in wall-clock time."""
 
 ROUNDING = 1e-9
 """[m, rad] What is left to the arithmetic: sums of 1e-16, and quaternions of 1e-16."""
@@ -48,7 +52,8 @@ class Drive:
         self.lateness = 0.0
         self.over = False
         self.first = None
-        self._late_until = 0
+        self._late = collections.deque(maxlen=100)
+        self._unjudged = collections.deque()
         self._plan = plan
         self._cycle = plan.duration + PERIOD  # the stop, and from there to the next first command
         self._read()
@@ -100,11 +105,14 @@ class Drive:
             self.first = stamp
         self._check("command", self.commands, msg)
         self.commands += 1
-        if rospy.rostime.is_wallclock():
-            late = time.time_ns() - stamp
-            self.lateness = max(self.lateness, late)
-            if late > PERIOD // 2:
-                self._late_until = stamp + late + HOLD
+        self.lateness = max(self.lateness, self._note_lateness(stamp))
+
+    def _note_lateness(self, stamp):
+        """Note between which instants a command that has just come may have been missing."""
+        late = time.time_ns() - stamp if rospy.rostime.is_wallclock() else 0
+        if late > PERIOD // 2:
+            self._late.append((stamp, stamp + late + HOLD))
+        return late
 
     def _on_passed(self, msg):
         if self.over or self.first is None:
@@ -116,6 +124,7 @@ class Drive:
         if is_stop and self._expected(self.passed)[1] and rospy.rostime.is_wallclock():
             self.stops += 1  # this machine stood still for longer than a command is good for
             return
+        self._note_lateness(msg.header.stamp.to_nsec())
         self._check("what the mux passed on", self.passed, msg)
         self.passed += 1
 
@@ -123,6 +132,15 @@ class Drive:
         stamp = msg.header.stamp.to_nsec()
         if self.over or self.first is None or stamp < self.first:
             return
+        if self._unjudged and stamp - self._unjudged[-1][0] > PERIOD:  # the car stood still
+            self._late.append((self._unjudged[-1][0], stamp + HOLD))
+        self._unjudged.append((stamp, planar(msg.pose)))
+        hindsight = HINDSIGHT if rospy.rostime.is_wallclock() else 0
+        while self._unjudged and self._unjudged[0][0] <= stamp - hindsight:
+            self._judge(*self._unjudged.popleft())
+
+    def _judge(self, stamp, found):
+        """See whether a pose is where the plan has the car, as long as no command was late."""
         offset = (stamp - self.first) % self._cycle
         expected = self._starts[0]
         if offset < self._plan.duration:
@@ -132,10 +150,9 @@ class Drive:
             expected = closed_form(self._starts[index], [driven])
         if offset == self._plan.duration:
             return  # then the car is placed again, of which it may have heard or not
-        if rospy.rostime.is_wallclock() and (self._is_news(offset) or stamp < self._late_until):
+        if rospy.rostime.is_wallclock() and (self._is_news(offset) or self._is_missing(stamp)):
             self.unsure += 1
             return
-        found = planar(msg.pose)
         error = max(
             abs(found[0] - expected[0]),
             abs(found[1] - expected[1]),
@@ -153,6 +170,10 @@ class Drive:
         index = self._row_at(offset)
         before = self._plan.rows[index - 1][:2] if index else None
         return self._plan.rows[index][:2] != before and offset - self._begins[index] < HOLD
+
+    def _is_missing(self, stamp):
+        """Say whether the car may have missed a command at an instant, because it came late."""
+        return any(begin <= stamp < end for begin, end in tuple(self._late))
 
 
 class Memory:
