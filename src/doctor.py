@@ -360,7 +360,7 @@ class Doctor:
 
         Args:
             topics: their names.
-            seconds: for how long.
+            seconds: for how long, once connected.
             reports: the topics on which no publisher minds who listens.
             enough: how many messages of each end it early; 0: none do.
 
@@ -375,7 +375,7 @@ class Doctor:
             wanted = set(self._subscribers.get(topic, [])) - dead
             # A publisher that waits for its subscribers would take us for one, and go ahead.
             may_listen = topic in reports or _await_links(uri, topic, wanted, begin + 0.5 * seconds)
-            _hear(topic, uri, "*" if may_listen else "?", begin + seconds, enough, stream)
+            _hear(topic, uri, "*" if may_listen else "?", seconds, enough, stream)
 
         streams = {
             (topic, node): Stream({}, [])
@@ -387,7 +387,7 @@ class Doctor:
             lambda each=each, stream=stream: hear(each[0], each[1], stream)
             for each, stream in streams.items()
         ]
-        at_once(jobs, seconds + CALL_PATIENCE)
+        at_once(jobs, 1.5 * seconds + CALL_PATIENCE)
         return {
             each: Stream(dict(stream.header), list(stream.messages))
             for each, stream in streams.items()
@@ -481,8 +481,8 @@ def _await_links(uri: str, topic: str, wanted: Set[str], deadline: float) -> boo
     return False
 
 
-def _hear(topic: str, uri: str, md5sum: str, deadline: float, enough: int, stream: Stream) -> None:
-    """Connect with a publisher as a subscriber does, and take what it sends until `deadline`.
+def _hear(topic: str, uri: str, md5sum: str, seconds: float, enough: int, stream: Stream) -> None:
+    """Connect with a publisher as a subscriber does, and from then on take what it sends.
 
     To any other sum than "*" and its own it sends nothing, but says what its own is.
     """
@@ -499,6 +499,7 @@ def _hear(topic: str, uri: str, md5sum: str, deadline: float, enough: int, strea
             if match:
                 stream.header.update(type=match[1], md5sum=match[2])
             data = buffer.getvalue()
+            deadline = time.monotonic() + seconds
             while True:
                 while len(data) >= 4:
                     (size,) = struct.unpack_from("<I", data)

@@ -7,6 +7,7 @@ import signal
 import socket
 import sys
 import threading
+import time
 import unittest
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from unittest import mock
@@ -229,6 +230,16 @@ class TestDoctor(unittest.TestCase):
             self.expect(f"the commands of {self.me} go nowhere: nobody subscribes to /cmd")
         Driver.release("/cmd")
         self.expect(f"though there is {self.me} to send some")
+
+    def test_commands_of_one_that_is_slow_to_connect(self):
+        def slow_call(uri, method, *arguments):
+            if method == "requestTopic":
+                time.sleep(2.0 * LISTENING)
+            return call(uri, method, *arguments)
+
+        call = doctor.call
+        with Driver(NAVIGATION), mock.patch.object(doctor, "call", slow_call):
+            self.expect_healthy()
 
     def test_types(self):
         topic = f"{MUX}/input/default"

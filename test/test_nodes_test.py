@@ -196,9 +196,7 @@ LATE_CASES = {  # their patience begins with the clock
 
 
 class HeldUp(muxtest.MuxTest):
-    """Does not get to send for longer than a command holds, as if the machine were busy."""
-
-    times = 1
+    """Does not get to send for longer than a command holds, once, as if the machine were busy."""
 
     def setUp(self):
         super().setUp()
@@ -209,22 +207,26 @@ class HeldUp(muxtest.MuxTest):
     def _publish(self, publish, msg):
         publish(msg)
         self._rounds += 1
-        if self._rounds % 10 == 6 and self._rounds < 10 * self.times:
+        if self._rounds == 6:
             rospy.sleep(0.3)
 
 
-class HeldUpAgainAndAgain(HeldUp):
-    times = 100
+class Late(muxtest.MuxTest):
+    """Finds messages late in every step."""
+
+    def _try(self, *arguments):
+        faults = super()._try(*arguments)
+        self._delays.append(1.0)
+        return faults
 
 
 MUX_CASES = {
     "mux": (muxtest.MuxTest, {**MUX, "steps": RIGHT_STEPS}, ""),
     "mux_held_up": (HeldUp, {**MUX, "steps": RIGHT_STEPS[1:2]}, ""),
-    "mux_held_up_for_ever": (
-        HeldUpAgainAndAgain,
-        {**MUX, "steps": RIGHT_STEPS[1:2]},
-        "step 1, in which navigation and teleop send: navigation and teleop came out; "
-        "expected teleop\n",
+    "mux_wrong_and_late": (
+        Late,
+        {**MUX, "steps": WRONG_STEPS[:1]},
+        "step 1, in which navigation and teleop send: teleop came out; expected navigation\n",
     ),
     "mux_wrong": (
         muxtest.MuxTest,
