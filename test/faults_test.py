@@ -282,7 +282,8 @@ class TestFaults(Faults):
                 wait_for(lambda resume=resume: rospy.Time.now() > resume, "the end of the plan")
                 (stopped or plan).send_signal(signal.SIGCONT)
                 self.assertEqual(plan.wait(), 0, plan.output)
-            said = re.search(r"the car drove 0.50 m .* difference (\S+) m", plan.output)
+            # How far it drove is by its poses; one may show it too far before the stop has come.
+            said = re.search(r"the car drove .* difference (\S+) m", plan.output)
             self.assertTrue(said, plan.output)
             self.assertLess(float(said.group(1)), POSITION_TOLERANCE)
         self.assert_all_is_well()
