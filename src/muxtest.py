@@ -3,6 +3,7 @@
 
 It sends commands to the inputs, step by step, and looks at what comes out. The car stands: every
 command has the speed 0, and the input's number in hundredths of a radian as its steering angle.
+A step that goes wrong while messages are late by more than a period is done up to three times.
 
 Parameters, all private:
     inputs: the topic of each input by its name, such as {teleop: /car/mux/input/teleop}; all are
