@@ -46,6 +46,13 @@ PERIOD = prediction.COMMAND_PERIOD
 POSE_TOLERANCE = 1e-3
 """How far from the start pose the car may report itself [m, rad] once it has taken it."""
 
+LEAD = STAMP_TOLERANCE - PERIOD
+"""How far ahead of the clock a plan begins in lock-step [ns]: as far as a stamp is taken as it is.
+
+The clock runs on until the start pose or the first command has come. Where the car stands at the
+start pose anyway, its reports do not say when that is; and running ahead takes no time there.
+"""
+
 SETTLING = 2 * PERIOD
 """How long after the car should stand [ns] its pose is compared with the prediction."""
 
@@ -283,13 +290,15 @@ class PathPublisher:
         """Place the car and send every command of the plan.
 
         Args:
-            begin: when to place the car, if it is placed [ns], None: now. The first command is due
-                one period later, or once the car has taken the start pose, if it takes longer.
+            begin: when to place the car, if it is placed [ns], None: now, or `LEAD` from now. The
+                first command is due one period later, or once the car has taken the start pose,
+                if it takes longer.
 
         Returns:
             When the plan ends, and the car is to stop [ns].
         """
-        placed = self._now() if begin is None else begin
+        asked = self._now() if begin is None else begin
+        placed = asked + LEAD if begin is None and self._in_lock_step else asked
         placement = Placement(placed, Pose(*self._plan.start))
         if begin is not None:
             self._wait_until(self._release if self._leads else begin)
@@ -298,7 +307,7 @@ class PathPublisher:
         if begin is not None and not self._in_lock_step:
             self._send(Command(begin, 0.0, 0.0))
         if self._places_car:
-            self._wait_for_start_pose(placement)
+            self._wait_for_start_pose(placement.pose, asked)
         if begin is not None and self._in_lock_step:
             # The car stands where it has been placed. A clock that knew of a stop alone would run
             # on soon, with the placement still to come.
@@ -306,7 +315,7 @@ class PathPublisher:
         start = placed + PERIOD
         if begin is None:
             start = first_due(placed, self._pose_stamp, self._now(), self._leads)
-        self._release = placed
+        self._release = asked
         end = start + self._plan.duration
         self._next_line = start
         due = start
@@ -330,8 +339,10 @@ class PathPublisher:
         msg.pose.pose.orientation = Quaternion(*quaternion_from_euler(0, 0, theta))
         self._pub_init_pose.publish(msg)
 
-    def _wait_for_start_pose(self, placement: Placement) -> None:
-        """Wait until the car is where it has been placed, where anybody reports its pose.
+    def _wait_for_start_pose(self, start: Pose, since: int) -> None:
+        """Wait until the car reports from `since` [ns] on that it is where it has been placed.
+
+        Where nobody reports its pose there is nothing to wait for.
 
         Raises:
             DriveError: it reports another pose.
@@ -342,11 +353,11 @@ class PathPublisher:
             return
 
         def is_there() -> bool:
-            return self._pose_stamp >= placement.stamp and _close(self._pose, placement.pose)
+            return self._pose_stamp >= since and _close(self._pose, start)
 
         if not self._wait_for_pose(is_there, self._patience):
             raise DriveError(
-                f"the car did not take the start pose {_pose_text(placement.pose)} within "
+                f"the car did not take the start pose {_pose_text(start)} within "
                 f"{self._patience:g} s; {topic} says {_pose_text(self._pose)}. "
                 "Is a wall there, or does something else place the car?"
             )

@@ -18,7 +18,7 @@ from mushr_ros_intro.parameters import ParameterError, file_name, folder, text
 from mushr_ros_intro.plan import Row, WriteError, write_plan
 from mushr_ros_intro.profile import car_from
 from mushr_ros_intro.recording import Recording
-from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp
+from mushr_ros_intro.stamps import CLOCK_LAG, NANOSECONDS, STAMP_TOLERANCE, effective_stamp
 from mushr_ros_intro.startup import init_node
 
 AT_REST = 1e-3
@@ -45,6 +45,8 @@ class PlanRecorder:
         self._name = file_name("~name", rospy.get_param("~name", "recorded.txt"))
 
         self._lock = threading.Lock()
+        # Simulated time is one clock for all, and may be far on when a message of it is looked at.
+        self._tolerance = STAMP_TOLERANCE if rospy.rostime.is_wallclock() else CLOCK_LAG
         self._command_timeout = car.command_timeout
         self._recording = Recording(self._command_timeout)
         self._now = 0
@@ -83,9 +85,9 @@ class PlanRecorder:
             )
             return
         with self._lock:
-            stamp = effective_stamp(msg.header.stamp.to_nsec(), self._read_clock())
+            stamp = effective_stamp(msg.header.stamp.to_nsec(), self._read_clock(), self._tolerance)
             self._poses.append((stamp, pose))
-            while len(self._poses) > 2 and self._poses[1][0] < stamp - 2 * STAMP_TOLERANCE:
+            while len(self._poses) > 2 and self._poses[1][0] < stamp - 2 * self._tolerance:
                 self._poses.popleft()
             begin = self._recording.begin
             if begin is not None and stamp <= begin:
@@ -98,7 +100,7 @@ class PlanRecorder:
         except conversions.MessageError:
             return  # of which the car says that it ignores it
         with self._lock:
-            stamp = effective_stamp(placement.stamp, self._read_clock())
+            stamp = effective_stamp(placement.stamp, self._read_clock(), self._tolerance)
             self._placed = placement.pose
             begin = self._recording.begin
             if begin is not None and begin < stamp:
@@ -121,7 +123,7 @@ class PlanRecorder:
         with self._lock:
             now = self._read_clock()
             before = self._recording.begin
-            stamp = effective_stamp(command.stamp, now)
+            stamp = effective_stamp(command.stamp, now, self._tolerance)
             self._recording.add(command._replace(stamp=stamp), now)
             if self._recording.begin == before:
                 return

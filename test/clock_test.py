@@ -34,6 +34,8 @@ from helpers import (
     wait_for,
 )
 from mushr_ros_intro.car import Placement
+from mushr_ros_intro.plan import parse_plan
+from mushr_ros_intro.stamps import from_seconds
 
 COMMANDS = "/car/mux/ackermann_cmd_mux/input/navigation"
 OUTPUT = "/car/mux/ackermann_cmd_mux/output"
@@ -222,6 +224,31 @@ class TestClock(unittest.TestCase):
             self.assertEqual(driver.wait(PATIENCE), 1, driver.output)
             self.assertIn("stood still", driver.output)
         self.runs_on(0.5, "after its stop")
+
+    def test_a_recorder_that_stands_still(self):
+        """What counts is when the car got a command, not when the recorder did."""
+        rows = ((1.0, 0.2, 3.5), (-1.0, 0.1, 4.25), (0.5, 0.0, 3.0))
+        expected = [(*row[:2], from_seconds(row[2])) for row in rows]
+        obeyed = Recording(OUTPUT, AckermannDriveStamped).connected()
+        path = self.plan(*rows)
+        with node("plan_recorder.py", f"_folder:={self.folder}") as recorder:
+            rospy.wait_for_service("/plan_recorder/save", PATIENCE)
+            save = rospy.ServiceProxy("/plan_recorder/save", Trigger)
+            with node("path_publisher.py", f"_plan_file:={path}") as driver:
+                wait_for(lambda: obeyed.messages, "a command", PATIENCE)
+                recorder.send_signal(signal.SIGSTOP)
+                self.assertEqual(driver.wait(PATIENCE), 0, driver.output)
+            recorder.send_signal(signal.SIGCONT)
+
+            def recorded():
+                answer = save()
+                if not answer.success:
+                    return None
+                saved = answer.message.split("saved ")[-1].split(";")[0]
+                with open(saved, "rb") as file:
+                    return [row[:3] for row in parse_plan(file.read(), saved).rows]
+
+            wait_for(lambda: recorded() == expected, "the plan to be recorded as it was")
 
 
 class TestFactors(unittest.TestCase):

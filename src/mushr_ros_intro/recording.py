@@ -42,8 +42,8 @@ class Recording:
     def add(self, command: Command, now: int) -> None:
         """Take a command that arrives at `now` [ns].
 
-        Its stamp is no further than STAMP_TOLERANCE from that. Of commands with the same stamp
-        the one that arrives last counts.
+        It is put in its place, among those that are stamped less than STAMP_TOLERANCE ago. Of
+        commands with the same stamp the one that arrives last counts.
         """
         place = bisect.bisect_right([each.stamp for each in self._recent], command.stamp)
         self._recent.insert(place, command)
