@@ -312,10 +312,9 @@ class PathPublisher:
             # The car stands where it has been placed. A clock that knew of a stop alone would run
             # on soon, with the placement still to come.
             self._send(Command(begin, 0.0, 0.0))
-        start = placed + PERIOD
+        start, self._release = placed + PERIOD, placed
         if begin is None:
-            start = first_due(placed, self._pose_stamp, self._now(), self._leads)
-        self._release = asked
+            start, self._release = first_due(placed, self._pose_stamp, self._now(), self._leads)
         end = start + self._plan.duration
         self._next_line = start
         due = start
@@ -639,20 +638,24 @@ class PathPublisher:
         return rospy.get_rostime().to_nsec()
 
 
-def first_due(placed: int, reported: int, now: int, leads: bool) -> int:
-    """Return when a plan's first command is due [ns], one period after the car has been placed.
+def first_due(placed: int, reported: int, now: int, leads: bool) -> Tuple[int, int]:
+    """Return when a plan's first command is due, and when it may be sent where the clock waits.
+
+    It is due one period after the car has been placed. All instants are in ns.
 
     Args:
-        placed: when the car was to be placed [ns].
-        reported: the stamp of the newest pose that it has reported [ns].
-        now: the present [ns].
+        placed: when the car was to be placed.
+        reported: the stamp of the newest pose that it has reported.
+        now: the present.
         leads: whether the clock waits for the commands: then, if it ran on before the car knew of
             its placement, the plan begins after the report, and not at a random present.
     """
     due = placed + PERIOD
     if not leads:
-        return max(due, now)
-    return due if reported < due else reported + PERIOD
+        due = max(due, now)
+    elif reported >= due:
+        due = reported + PERIOD
+    return due, min(due - PERIOD, now)
 
 
 def _text_or_none(name: str) -> Optional[str]:

@@ -26,6 +26,7 @@ from helpers import (
     Recording,
     angle_between,
     closed_form,
+    kill,
     module,
     node,
     planar,
@@ -202,7 +203,7 @@ class TestClock(unittest.TestCase):
         path = self.plan((1.0, 0.2, 600.0))
         with node("path_publisher.py", f"_plan_file:={path}", "__name:=killed") as driver:
             wait_for(lambda: len(obeyed.messages) >= 5, "five commands", PATIENCE)
-            driver.send_signal(signal.SIGKILL)
+            kill("/killed", driver.pid)
             driver.wait()
         self.runs_on(1.0, "after the client died")
         warning = "no command came for 5 s of wall-clock time"

@@ -238,8 +238,10 @@ _held = []
 def kill(name, pid):
     """Kill a node, and keep its port from others until this process ends.
 
-    When the next node of its name comes, the master has who listens there shut down: that may be a
-    node of another test by then.
+    When the next node of its name comes, the master has who listens there shut down; and who
+    subscribes to what it published asks there for it, which another's port for messages takes for
+    one that is slow to introduce itself, and accepts nobody else meanwhile. Either may be a node
+    of another test by then.
     """
     uri = rosgraph.Master("/kill").lookupNode(name)
     os.kill(pid, signal.SIGKILL)

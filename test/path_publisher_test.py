@@ -23,6 +23,7 @@ from helpers import (
     Recording,
     angle_between,
     closed_form,
+    kill,
     module,
     node,
     private_parameters,
@@ -84,7 +85,7 @@ class TestPathPublisher(unittest.TestCase):
         obeyed = Recording("/car/mux/ackermann_cmd_mux/output", AckermannDriveStamped).connected()
         with node("path_publisher.py", f"_plan_file:={path}", "__name:=killed") as publisher:
             wait_for(lambda: len(obeyed.messages) >= 5, "five commands")
-            publisher.send_signal(signal.SIGKILL)
+            kill("/killed", publisher.pid)
             publisher.wait()
         self.assertEqual(self.commands.last.drive.speed, 1.0)
         # It may have died between sending its last command to the mux and to this test.
@@ -166,15 +167,17 @@ class TestPathPublisher(unittest.TestCase):
     def test_when_the_first_command_is_due(self):
         """One period after the placement, or after what there was to wait for."""
         first_due, period = module("path_publisher.py").first_due, 10**8
-        for placed, reported, now, leads, expected in (
-            (0, 1, 1, False, period),
-            (0, 1, 3 * period, False, 3 * period),
-            (0, 1, 3 * period, True, period),  # the present is what the clock happens to show
-            (0, period - 1, 3 * period, True, period),
-            (0, period, period, True, 2 * period),
-            (0, 2 * period + 7, 9 * period, True, 3 * period + 7),
+        for placed, reported, now, leads, due, release in (
+            (0, 1, 1, False, period, 0),
+            (0, 1, 3 * period, False, 3 * period, 2 * period),
+            (0, 1, 3 * period, True, period, 0),  # the present is what the clock happens to show
+            (0, period - 1, 3 * period, True, period, 0),
+            (0, period, period, True, 2 * period, period),
+            (0, 2 * period + 7, 9 * period, True, 3 * period + 7, 2 * period + 7),
+            (9 * period, 0, 1, True, 10 * period, 1),  # the clock is on its way there
+            (9 * period, 15 * period, 15 * period, True, 16 * period, 15 * period),
         ):
-            self.assertEqual(first_due(placed, reported, now, leads), expected)
+            self.assertEqual(first_due(placed, reported, now, leads), (due, release))
 
     def test_reminds_a_subscriber_that_was_not_told_of_it(self):
         parameters = {
