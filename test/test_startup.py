@@ -49,6 +49,30 @@ while not rospy.is_shutdown():
 """
 """A node that publishes all the time, also on a topic that is closed as it is shut down."""
 
+INTERRUPTED = """
+import linecache, os, signal, sys, time, rospy
+from mushr_ros_intro.startup import init_node
+from std_msgs.msg import String
+
+def interrupt(frame, event, _):
+    where = frame.f_code.co_filename
+    if event == "line" and "topics" in where:
+        if linecache.getline(where, frame.f_lineno).strip() == sys.argv[1]:
+            sys.settrace(None)
+            os.kill(os.getpid(), signal.SIGINT)
+    return interrupt
+
+init_node("made")
+publisher = rospy.Publisher("/text", String, queue_size=1)
+rospy.Subscriber("/text", String)
+while not publisher.get_num_connections():
+    time.sleep(0.01)
+sys.settrace(interrupt)
+publisher.publish("text")
+print(rospy.is_shutdown())
+"""
+"""A node that a signal interrupts before it comes to a given line of rospy's."""
+
 REGISTERS = """
 import time, rospy
 from mushr_ros_intro.startup import init_node
@@ -143,6 +167,16 @@ def test_a_signal_ends_a_node_whatever_it_does(master, number, says):
         assert process.wait() == 0, process.output
     assert process.output == f"{says}\n"
     assert "/made" not in str(rosgraph.Master("/test_startup", master).getSystemState())
+
+
+@pytest.mark.parametrize(
+    "line", ["self.publock.acquire()", "b = self.buff", "b.tell()", "self.publock.release()"]
+)
+def test_a_signal_interrupts_a_publisher(master, line):
+    """Where rospy would look for what it has just taken away."""
+    with Process(sys.executable, "-c", INTERRUPTED, line, ROS_MASTER_URI=master) as process:
+        assert process.wait() == 0, process.output
+    assert process.output == "True\n"
 
 
 def test_a_node_signs_off_wholly(master):

@@ -15,6 +15,7 @@ import rosgraph
 import rospkg
 import rospy
 import rospy.impl.paramserver
+import rospy.topics
 from rosgraph_msgs.msg import Clock
 
 from mushr_ros_intro.connections import (
@@ -46,6 +47,20 @@ class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):
             raise OSError("the server is closed")
 
 
+_close = rospy.topics._PublisherImpl.close
+
+
+def _close_but_keep(topic: Any) -> None:
+    """Close a topic that the node publishes, and leave it its lock and its buffer.
+
+    rospy takes them away; who was interrupted in publish by the signal that shut the node down
+    looks for them then, and would end with an AttributeError.
+    """
+    lock, buffer = topic.publock, topic.buff
+    _close(topic)
+    topic.publock, topic.buff = lock, buffer
+
+
 def init_node(name: str, **options: Any) -> None:
     """Start the node of this process as rospy.init_node does, and see to it that it has a time.
 
@@ -73,6 +88,7 @@ def init_node(name: str, **options: Any) -> None:
         sys.exit(no_master)
     _find_log_folder()
     rosgraph.xmlrpc.ThreadingXMLRPCServer = _Server
+    rospy.topics._PublisherImpl.close = _close_but_keep
     _handle_signals()
     try:
         rospy.init_node(name, disable_signals=True, **options)
