@@ -49,8 +49,8 @@ POSE_TOLERANCE = 1e-3
 LEAD = STAMP_TOLERANCE - PERIOD
 """How far ahead of the clock a plan begins in lock-step [ns]: as far as a stamp is taken as it is.
 
-The clock runs on until the start pose or the first command has come. Where the car stands at the
-start pose anyway, its reports do not say when that is; and running ahead takes no time there.
+The clock runs on until the start pose has come, and then takes no time to get there. Where the car
+stands at the start pose anyway, only the stamp of its report can say that it has.
 """
 
 SETTLING = 2 * PERIOD
@@ -297,8 +297,9 @@ class PathPublisher:
         Returns:
             When the plan ends, and the car is to stop [ns].
         """
-        asked = self._now() if begin is None else begin
-        placed = asked + LEAD if begin is None and self._in_lock_step else asked
+        placed = self._now() if begin is None else begin
+        if begin is None and self._in_lock_step:
+            placed += LEAD
         placement = Placement(placed, Pose(*self._plan.start))
         if begin is not None:
             self._wait_until(self._release if self._leads else begin)
@@ -307,14 +308,17 @@ class PathPublisher:
         if begin is not None and not self._in_lock_step:
             self._send(Command(begin, 0.0, 0.0))
         if self._places_car:
-            self._wait_for_start_pose(placement.pose, asked)
+            self._wait_for_start_pose(placement)
         if begin is not None and self._in_lock_step:
             # The car stands where it has been placed. A clock that knew of a stop alone would run
             # on soon, with the placement still to come.
             self._send(Command(begin, 0.0, 0.0))
         start, self._release = placed + PERIOD, placed
         if begin is None:
-            start, self._release = first_due(placed, self._pose_stamp, self._now(), self._leads)
+            if self._leads:
+                sleep_until(self._pose_stamp, self._now())  # the car's pose comes before its clock
+            self._release = self._now()
+            start = first_due(placed, self._pose_stamp, self._release, self._leads)
         end = start + self._plan.duration
         self._next_line = start
         due = start
@@ -338,13 +342,11 @@ class PathPublisher:
         msg.pose.pose.orientation = Quaternion(*quaternion_from_euler(0, 0, theta))
         self._pub_init_pose.publish(msg)
 
-    def _wait_for_start_pose(self, start: Pose, since: int) -> None:
-        """Wait until the car reports from `since` [ns] on that it is where it has been placed.
-
-        Where nobody reports its pose there is nothing to wait for.
+    def _wait_for_start_pose(self, placement: Placement) -> None:
+        """Wait until the car is where it has been placed, where anybody reports its pose.
 
         Raises:
-            DriveError: it reports another pose.
+            DriveError: it reports another pose, or none since.
         """
         topic = self._pose_sub.resolved_name
         if not self._is_reported():
@@ -352,13 +354,13 @@ class PathPublisher:
             return
 
         def is_there() -> bool:
-            return self._pose_stamp >= since and _close(self._pose, start)
+            return self._pose_stamp >= placement.stamp and _close(self._pose, placement.pose)
 
         if not self._wait_for_pose(is_there, self._patience):
             raise DriveError(
-                f"the car did not take the start pose {_pose_text(start)} within "
+                f"the car did not take the start pose {_pose_text(placement.pose)} within "
                 f"{self._patience:g} s; {topic} says {_pose_text(self._pose)}. "
-                "Is a wall there, or does something else place the car?"
+                "Is a wall there, is the clock held, or does something else place the car?"
             )
         self._driven = 0.0
 
@@ -638,24 +640,20 @@ class PathPublisher:
         return rospy.get_rostime().to_nsec()
 
 
-def first_due(placed: int, reported: int, now: int, leads: bool) -> Tuple[int, int]:
-    """Return when a plan's first command is due, and when it may be sent where the clock waits.
-
-    It is due one period after the car has been placed. All instants are in ns.
+def first_due(placed: int, reported: int, now: int, leads: bool) -> int:
+    """Return when a plan's first command is due [ns], one period after the car has been placed.
 
     Args:
-        placed: when the car was to be placed.
-        reported: the stamp of the newest pose that it has reported.
-        now: the present.
+        placed: when the car was to be placed [ns].
+        reported: the stamp of the newest pose that it has reported [ns].
+        now: the present [ns].
         leads: whether the clock waits for the commands: then, if it ran on before the car knew of
             its placement, the plan begins after the report, and not at a random present.
     """
     due = placed + PERIOD
     if not leads:
-        due = max(due, now)
-    elif reported >= due:
-        due = reported + PERIOD
-    return due, min(due - PERIOD, now)
+        return max(due, now)
+    return due if reported < due else reported + PERIOD
 
 
 def _text_or_none(name: str) -> Optional[str]:

@@ -118,7 +118,7 @@ class TestLockStep(unittest.TestCase):
 
     def assert_same_to_the_bit(self, plan, drive, again):
         for topic, one, other in zip(TOPICS, drive, again):
-            self.assertGreater(len(one), 50, f"{plan}: {topic}")
+            self.assertGreater(len(one), 10, f"{plan}: {topic}")
             for first, second in zip(one, other):
                 self.assertEqual(first, second, f"{plan}: {topic}")
             self.assertEqual(len(one), len(other), f"{plan}: {topic}")
