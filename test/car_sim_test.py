@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """Check the simulated car: events at their stamps, refusals, and reports that agree."""
 
+import itertools
 import math
 import random
 import socket
@@ -56,7 +57,7 @@ class TestCarSim(unittest.TestCase):
         """Put the car somewhere, and wait until it says that it is there."""
         stamp = rospy.Time.now()
         self.placements.publish(placement(stamp, x, y, theta))
-        self.assert_pose(self.poses.pose_at_rest(stamp), (x, y, theta))
+        self.poses.shows((x, y, theta), stamp)
 
     def rest_after(self, stamp):
         return self.poses.pose_at_rest(at(stamp, 0.2))
@@ -85,7 +86,7 @@ class TestCarSim(unittest.TestCase):
     def test_late_commands(self):
         self.place()
         begin = rospy.Time.now() + rospy.Duration(0.1)
-        wait_for(lambda: rospy.Time.now() > at(begin, 0.7), "time to pass")
+        wait_for(lambda: rospy.Time.now() > at(begin, 0.4), "time to pass")
         # The car already stands there again, and has to go back in time.
         self.commands.publish(command(at(begin, 0.1), 2.0, 0.3))
         self.placements.publish(placement(begin, 5.0, 5.0, 1.0))
@@ -95,8 +96,8 @@ class TestCarSim(unittest.TestCase):
 
     def test_placed_while_driving(self):
         self.place()
-        begin = rospy.Time.now() + LEAD
         odometry = Recording("/car/odom", Odometry).connected()
+        begin = rospy.Time.now() + LEAD
         for index in range(7):
             self.commands.publish(command(at(begin, 0.1 * index), 2.0, 0.1))
         self.placements.publish(placement(at(begin, 0.35), -3.0, 4.0, 2.0))
@@ -173,6 +174,8 @@ class TestCarSim(unittest.TestCase):
         turn_rate = speed * math.tan(angle) / 0.33
 
         driving = [m for m in odometry.messages if begin < m.header.stamp < at(begin, 0.7)]
+        # Where the first command comes late, the car stands until then.
+        driving = list(itertools.dropwhile(lambda m: not m.twist.twist.linear.x, driving))
         self.assertGreater(len(driving), 10)
         for one, other in zip(driving, driving[1:]):
             self.assertEqual(one.header.frame_id, "car/odom")
@@ -219,17 +222,16 @@ class TestCarSim(unittest.TestCase):
         told = rospy.Publisher("/told", Empty, queue_size=1)
         ghost = Ghost(subscribes=["/told"])
         self.addCleanup(ghost.end)
-        self.assertFalse(wait_until_connected(told, "subscribers", patience=1.5))
-        self.assertEqual(
-            ghost.calls["publisherUpdate"], [[told.resolved_name, [rospy.get_node_uri()]]]
-        )
+        self.assertFalse(wait_until_connected(told, "subscribers", patience=3.0))
+        calls = wait_for(lambda: ghost.calls["publisherUpdate"], "the subscriber to be told")
+        self.assertEqual(calls[0], [told.resolved_name, [rospy.get_node_uri()]])
 
         asks = rospy.Subscriber("/asks", Empty)
         ghost = Ghost(publishes=["/asks"])
         self.addCleanup(ghost.end)
         wait_for(lambda: len(ghost.calls["requestTopic"]) == 1, "the subscriber to ask once")
-        self.assertFalse(wait_until_connected(asks, "publishers", patience=1.5))
-        wait_for(lambda: len(ghost.calls["requestTopic"]) == 2, "the subscriber to ask again")
+        self.assertFalse(wait_until_connected(asks, "publishers", patience=3.0))
+        wait_for(lambda: len(ghost.calls["requestTopic"]) >= 2, "the subscriber to ask again")
 
     def test_a_subscriber_that_is_not_yet_connected(self):
         """It counts a connection that the publisher has not answered; that is not good enough."""
@@ -256,7 +258,7 @@ class TestCarSim(unittest.TestCase):
         left = rospy.Publisher("/left", Empty, queue_size=1)
         ghost = Ghost(subscribes=["/left"])
         self.addCleanup(ghost.end)
-        self.assertFalse(wait_until_connected(left, "subscribers", patience=1.5))
+        self.assertFalse(wait_until_connected(left, "subscribers", patience=3.0))
         ghost.die()
         self.assertTrue(wait_until_connected(left, "subscribers"))
 

@@ -3,6 +3,7 @@
 
 import math
 import os
+import re
 import shutil
 import signal
 import tempfile
@@ -35,6 +36,7 @@ from helpers import (
     wait_for,
 )
 from mushr_ros_intro.car import Placement
+from mushr_ros_intro.clock import PATIENCE_AT_REST
 from mushr_ros_intro.plan import parse_plan
 from mushr_ros_intro.stamps import from_seconds
 
@@ -135,11 +137,13 @@ class TestClock(unittest.TestCase):
         with node("path_publisher.py", f"_plan_file:={self.plan(*ROWS)}") as driver:
             self.assertEqual(driver.wait(PATIENCE), 0, driver.output)
         self.assert_at(planar(self.poses.last.pose), closed_form((0.0, 0.0, 0.0), ROWS))
-        before = self.poses.last.header.stamp
-        self.assertTrue(self.reset().success)
-        reset = self.poses.after(before + rospy.Duration(0.1), PATIENCE)
+        answer = self.reset()
+        self.assertTrue(answer.success)
+        since = float(re.fullmatch("at the start pose since (.*) s", answer.message).group(1))
+        then = rospy.Time.from_sec(since + 0.001)  # a double holds it to 2.4e-7 s
+        reset = self.poses.after(then, PATIENCE)
         self.assertEqual(planar(reset.pose), (0.0, 0.0, 0.0))
-        after = odometry.after(before + rospy.Duration(0.1), PATIENCE)
+        after = odometry.after(then, PATIENCE)
         self.assertEqual(planar(after.pose.pose), (0.0, 0.0, 0.0))
         stamps = self.stamps()
         self.assertEqual(stamps, sorted(stamps))
@@ -149,14 +153,14 @@ class TestClock(unittest.TestCase):
 
         def hold_up(send, node, event):
             if isinstance(event, Placement) or not event.speed:
-                time.sleep(0.5)  # more than the clock's patience after a stop
+                time.sleep(PATIENCE_AT_REST + 0.3)
             send(node, event)
 
         self.drive_a_loop({"send_init_pose": hold_up, "_send": hold_up})
 
     def test_a_loop_whose_start_pose_is_long_on_its_way(self):
         def delay(send, node, event):
-            threading.Timer(0.5, send, (node, event)).start()
+            threading.Timer(PATIENCE_AT_REST + 0.3, send, (node, event)).start()
 
         self.drive_a_loop({"send_init_pose": delay})
 

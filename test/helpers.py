@@ -150,6 +150,18 @@ class Recording:
 
         return wait_for(find, f"a message on {self.topic} after {stamp.to_sec():.3f}", patience)
 
+    def shows(self, pose, since, patience=PATIENCE):
+        """Wait until the car reports from `since` on that it is at `pose` (x, y, theta)."""
+
+        def is_there():
+            if not self.last or self.last.header.stamp < since:
+                return False
+            x, y, theta = planar(self.last.pose)
+            is_near = math.hypot(x - pose[0], y - pose[1]) < POSITION_TOLERANCE
+            return is_near and angle_between(theta, pose[2]) < ANGLE_TOLERANCE
+
+        wait_for(is_there, f"the car of {self.topic} to be at {pose}", patience)
+
     def pose_at_rest(self, since, patience=PATIENCE):
         """Return the pose (x, y, theta) of a car that reports the same one for 0.3 s after `since`.
 

@@ -153,11 +153,11 @@ class TestRealCar(unittest.TestCase):
             (["_strict:=maybe"], ["parameter ~strict is 'maybe'; expected true or false"]),
             (["_active_topic:=5"], ["parameter ~active_topic is 5; expected text"]),
             (
-                ["_active_topic:=/nobody", "_subscriber_timeout:=1.0", "_send_init_pose:=false"],
-                ["/nobody said nothing within 1 s"],
+                ["_active_topic:=/nobody", "_subscriber_timeout:=3.0", "_send_init_pose:=false"],
+                ["/nobody said nothing within 3 s"],
             ),
             (
-                ["/map:=/broken_map", f"_plan_file:={in_wall}", "_subscriber_timeout:=1.0"],
+                ["/map:=/broken_map", f"_plan_file:={in_wall}", "_subscriber_timeout:=3.0"],
                 ["not checked against the map on /broken_map: ", "did not take the start pose"],
             ),
         ]

@@ -23,11 +23,11 @@ import roslib.packages
 import rospy
 import rostest
 import tf2_ros
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from std_srvs.srv import Trigger
 
-from helpers import Process, closed_form, node, wait_for
+from helpers import Process, Recording, closed_form, node, wait_for
 
 PACKAGE = roslib.packages.get_pkg_dir("mushr_ros_intro")
 sys.path.append(os.path.join(PACKAGE, "src"))
@@ -413,6 +413,7 @@ class TestTestNodes(unittest.TestCase):
         # The first of a process offers a service, which several would do at once.
         buffer = tf2_ros.Buffer()
         self.addCleanup(buffer.frame_server.shutdown)
+        placements = Recording("/initialpose", PoseWithCovarianceStamped)
         driver = node(
             "path_publisher.py",
             f"_plan_file:={self.files['PLAN']}",
@@ -436,6 +437,9 @@ class TestTestNodes(unittest.TestCase):
             PATIENCE,
         )
         wait_for(is_connected, "the test nodes to be connected", PATIENCE)
+        # The driver has had no time so far. It places the car before anything happens.
+        rospy.ServiceProxy("/car/car_sim/step", Trigger)()
+        wait_for(lambda: placements.messages, "the start pose", PATIENCE)
         resume()
         self.assertEqual(driver.wait(PATIENCE), 0, driver.output)
         self.check(cases)

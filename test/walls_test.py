@@ -53,7 +53,7 @@ class TestWalls(unittest.TestCase):
         """Put the car somewhere, and wait until it says that it is there."""
         stamp = rospy.Time.now()
         self.placements.publish(placement(stamp, x, y, theta))
-        self.assert_pose(self.poses.pose_at_rest(stamp), (x, y, theta))
+        self.poses.shows((x, y, theta), stamp)
         wait_for(lambda: not self.collisions.last.poses, "no contact")
 
     def drive(self, speed, steering_angle, count, order=1):

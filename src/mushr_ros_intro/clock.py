@@ -31,8 +31,11 @@ PATIENCE = 5.0
 On a machine with ten processes to a core, a publisher may well be kept from it for a second.
 """
 
-PATIENCE_AT_REST = 0.2
-"""How long it waits after a command to stand [s], with which most streams end."""
+PATIENCE_AT_REST = 1.0
+"""How long it waits after a command to stand [s], with which most streams end.
+
+But a plan may have a row to stand, and a publisher may be kept from its commands there, too.
+"""
 
 
 class Kind(IntEnum):
