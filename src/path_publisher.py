@@ -182,6 +182,7 @@ class PathPublisher:
             self._wait_for_subscriber(self._pub_controls)
             if self._places_car:
                 self._wait_for_subscriber(self._pub_init_pose)
+                wait_until_connected(self._pose_sub, "publishers", self._patience)
             self._meet_car()
             self._look_ahead()
             self._wait_for_mux()

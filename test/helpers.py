@@ -20,6 +20,8 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
+from mushr_ros_intro.connections import remind
+
 POSITION_TOLERANCE = 1e-6
 """[m] What the package promises; the sums of 1e-16 that are behind it reach about 1e-12."""
 ANGLE_TOLERANCE = 1e-6
@@ -138,8 +140,17 @@ class Recording:
             self._messages.clear()
 
     def connected(self):
-        """Wait until somebody publishes the topic."""
-        wait_for(self.subscriber.get_num_connections, f"a publisher of {self.topic}")
+        """Wait until somebody publishes the topic, of whom rospy may have to be told again."""
+        reminded = time.monotonic()
+
+        def is_connected():
+            nonlocal reminded
+            if time.monotonic() > reminded + 2.0:
+                reminded = time.monotonic()
+                remind(self.subscriber, "publishers")
+            return self.subscriber.get_num_connections()
+
+        wait_for(is_connected, f"a publisher of {self.topic}")
         return self
 
     def after(self, stamp, patience=PATIENCE):

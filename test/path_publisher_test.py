@@ -192,6 +192,20 @@ class TestPathPublisher(unittest.TestCase):
         calls = wait_for(lambda: ghost.calls["publisherUpdate"], "the subscriber to be told")
         self.assertEqual(calls[0], ["/told_late", [rospy.get_node_uri()]])
 
+    def test_reminds_the_car_that_reports_its_pose(self):
+        ghost = Ghost(publishes=["/ghost/car_pose"])
+        self.addCleanup(ghost.end)
+        path_publisher = module("path_publisher.py")
+        parameters = {"plan_file": "circle", "car_name": "ghost", "subscriber_timeout": 3.0}
+        parameters.update(control_topic=CONTROL, init_pose_topic="/initialpose")
+        with private_parameters(parameters):
+            made = path_publisher.PathPublisher()
+        wait_for(lambda: ghost.calls["requestTopic"], "the node to ask once")
+        with self.assertRaisesRegex(path_publisher.DriveError, "did not take the start pose"):
+            made.run()
+        self.assertGreater(len(ghost.calls["requestTopic"]), 1)
+        self.assertEqual(self.commands.messages, [])
+
     def test_refuses_every_broken_plan_and_parameter(self):
         """The node that this process would be is not made, and says where the fault is."""
         broken = sorted(glob.glob(os.path.join(PACKAGE, "test", "broken_plans", "*.txt")))
