@@ -165,6 +165,8 @@ class TestCarSim(unittest.TestCase):
         joints = Recording("/car/joint_states", JointState).connected()
         transforms = tf2_ros.Buffer()
         listener = tf2_ros.TransformListener(transforms)
+        there = ("map", "car/base_footprint", rospy.Time(0))
+        wait_for(lambda: transforms.can_transform(*there), "the transforms")
         self.place(3.0, -1.0, 2.5)
         speed, angle = 1.5, 0.3
         begin = rospy.Time.now() + LEAD

@@ -34,6 +34,7 @@ from helpers import (
     private_parameters,
     publisher,
     wait_for,
+    wait_for_recorder,
 )
 from mushr_ros_intro.car import Placement
 from mushr_ros_intro.clock import PATIENCE_AT_REST
@@ -239,6 +240,7 @@ class TestClock(unittest.TestCase):
         with node("plan_recorder.py", f"_folder:={self.folder}") as recorder:
             rospy.wait_for_service("/plan_recorder/save", PATIENCE)
             save = rospy.ServiceProxy("/plan_recorder/save", Trigger)
+            wait_for_recorder("/plan_recorder")
             with node("path_publisher.py", f"_plan_file:={path}") as driver:
                 wait_for(lambda: obeyed.messages, "a command", PATIENCE)
                 recorder.send_signal(signal.SIGSTOP)

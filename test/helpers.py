@@ -20,7 +20,7 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from mushr_ros_intro.connections import remind
+from mushr_ros_intro.connections import receivers, remind
 
 POSITION_TOLERANCE = 1e-6
 """[m] What the package promises; the sums of 1e-16 that are behind it reach about 1e-12."""
@@ -197,6 +197,21 @@ def publisher(topic, kind, **options):
     made = rospy.Publisher(topic, kind, queue_size=100, tcp_nodelay=True, **options)
     wait_for(made.get_num_connections, f"a subscriber of {made.resolved_name}")
     return made
+
+
+def wait_for_recorder(name):
+    """Wait until what a plan_recorder needs to hear reaches it."""
+    master = rosgraph.Master(rospy.get_name())
+    topics = {
+        "/car/mux/ackermann_cmd_mux": "/car/mux/ackermann_cmd_mux/output",
+        "/car/car_sim": "/car/car_pose",
+    }
+
+    def hears(sender):
+        uri = master.lookupNode(sender)
+        return name in receivers(uri, PATIENCE, rospy.get_name(), topics[sender])
+
+    wait_for(lambda: all(map(hears, topics)), f"{name} to listen")
 
 
 class Ghost:

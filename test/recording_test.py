@@ -15,7 +15,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamp
 from nav_msgs.msg import Path
 from std_srvs.srv import Trigger
 
-from helpers import Recording, closed_form, node, planar, publisher, wait_for
+from helpers import Recording, closed_form, node, planar, publisher, wait_for, wait_for_recorder
 
 CLICK_TOLERANCE = 1e-3
 """[m] Between a click and where the car stops. Commands are float32, and round to about 1e-6."""
@@ -200,6 +200,7 @@ class TestRecording(unittest.TestCase):
         self.placements = publisher("/initialpose", PoseWithCovarianceStamped)
         self.commands = publisher("/car/mux/ackermann_cmd_mux/input/teleop", AckermannDriveStamped)
         wait_for(lambda: self.placements.get_num_connections() >= 2, "the recorder to listen")
+        wait_for_recorder("/plan_recorder")
         self.assertEqual(self.call("save").message, "nothing saved: the car has not been driven")
 
         end = self.hand_drive()
@@ -244,6 +245,7 @@ class TestRecording(unittest.TestCase):
         self.commands = publisher("/car/mux/ackermann_cmd_mux/input/teleop", AckermannDriveStamped)
         points = publisher("/clicked_point", PointStamped)
         wait_for(lambda: self.placements.get_num_connections() >= 2, "the recorder to listen")
+        wait_for_recorder("/locked_recorder")
         self.hand_drive()
         publisher("/elsewhere", PoseWithCovarianceStamped).publish(pose_msg(-3.0, 2.0, 1.0))
         wait_for(lambda: "a new plan starts" in planner.output, "the start of the plan")
