@@ -226,7 +226,7 @@ class TestCarSim(unittest.TestCase):
         self.addCleanup(ghost.end)
         self.assertFalse(wait_until_connected(told, "subscribers", patience=3.0))
         calls = wait_for(lambda: ghost.calls["publisherUpdate"], "the subscriber to be told")
-        self.assertEqual(calls[0], [told.resolved_name, [rospy.get_node_uri()]])
+        self.assertEqual(calls, [[told.resolved_name, [rospy.get_node_uri()]]] * len(calls))
 
         asks = rospy.Subscriber("/asks", Empty)
         ghost = Ghost(publishes=["/asks"])
