@@ -19,6 +19,7 @@ import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import MapMetaData
+from std_srvs.srv import Trigger
 
 from mushr_ros_intro import conversions, report
 from mushr_ros_intro.bicycle import Pose
@@ -44,6 +45,9 @@ _SHOWN_LINES = 15
 
 _START_PATIENCE = 0.3
 """How long the first command waits for the start pose [s of wall-clock time]."""
+
+_STEP = 0.02
+"""From one pose of the car to the next [s]; until the node is heard, of wall-clock time too."""
 
 
 class ReplayError(RuntimeError):
@@ -136,7 +140,8 @@ class Observer:
     The node's commands and start pose come on ``~commands`` and ``~start_pose`` and go to the mux
     and the car from here. So what is seen is what reaches the car, also where the node's queue is
     short and the machine busy, and nothing is lost between the node's first subscriber and its
-    second.
+    second. Until something has come from the node, the clock is held and goes on from here, step by
+    step: where a busy machine holds up this process, it does so to the node's time as well.
     """
 
     def __init__(self, patience: float) -> None:
@@ -149,6 +154,8 @@ class Observer:
         self._sent: List[report.Sent] = []
         self._starts: List[Pose] = []
         self._poses: List[Tuple[int, Pose]] = []
+        self._is_heard = threading.Event()
+        self._is_passed_on = threading.Event()
         self._is_placed = threading.Event()
         self._collisions: List[Pose] = []
         self._map: Optional[MapMetaData] = None
@@ -178,6 +185,23 @@ class Observer:
             f"{PLACEMENTS}:={self._start_sub.resolved_name}",
             f"{CONTROL}:={commands.resolved_name}",
         ]
+        threading.Thread(target=self._keep_pace, daemon=True).start()
+
+    def _keep_pace(self) -> None:
+        """Move the car's clock until the node is heard, and let it go when that has been passed on.
+
+        Who is held up sends on at once all that a clock which runs on has brought meanwhile.
+        """
+        step, resume = (
+            rospy.ServiceProxy(f"/car/car_sim/{name}", Trigger, persistent=True)
+            for name in ("step", "resume")
+        )
+        # Without the car no pose comes, which is said elsewhere.
+        with contextlib.suppress(rospy.ServiceException, rospy.ROSException):
+            while not self._is_heard.wait(_STEP):
+                step()
+            self._is_passed_on.wait()
+            resume()
 
     @staticmethod
     def _subscribe(
@@ -191,6 +215,7 @@ class Observer:
 
         A node sends that before, but over a connection of its own, which may be the slower one.
         """
+        self._is_heard.set()
         if self._start_sub.get_num_connections() and not self.count_commands():
             self._is_placed.wait(_START_PATIENCE)
         now, stamp = rospy.get_rostime().to_nsec(), msg.header.stamp.to_nsec()
@@ -200,9 +225,11 @@ class Observer:
             self._sent.append(sent)
             self.heard = time.monotonic()
         self._commands_pub.publish(msg)
+        self._is_passed_on.set()
 
     def _on_placement(self, msg: PoseWithCovarianceStamped) -> None:
         """Note a start pose, and pass it on as it is."""
+        self._is_heard.set()
         try:
             pose = conversions.pose_from_msg(msg.pose.pose)
         except conversions.MessageError:
@@ -211,6 +238,7 @@ class Observer:
             self._starts.append(pose)
             self.heard = time.monotonic()
         self._start_pub.publish(msg)
+        self._is_passed_on.set()
         self._is_placed.set()
 
     def _on_pose(self, msg: PoseStamped) -> None:

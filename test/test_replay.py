@@ -70,6 +70,12 @@ REPLAYS = {
         {"test_node", "test_commands", "test_final_pose", "test_path"},
         "node: the node hangs: 20 of 50 commands came, and then nothing for 8 s",
     ),
+    "hold_up": (
+        f"{WRONG} hold_up",
+        NO_MAP,
+        set(),
+        "everything is right, but the node sends no stop at the end",
+    ),
     "nan": (
         f"{WRONG} nan",
         NO_MAP,
@@ -179,7 +185,9 @@ def test_the_first_command_does_not_overtake_the_start_pose(monkeypatch, is_anno
     monkeypatch.setattr("rospy.get_rostime", lambda: rospy.Time(1))
     monkeypatch.setattr(made, "_START_PATIENCE", 60.0)
     observer = made.Observer.__new__(made.Observer)
-    observer._lock, observer._is_placed = threading.Lock(), threading.Event()
+    observer._lock = threading.Lock()
+    observer._is_heard, observer._is_passed_on = threading.Event(), threading.Event()
+    observer._is_placed = threading.Event()
     observer._sent, observer._starts, passed_on = [], [], []
     observer._start_sub = mock.Mock(**{"get_num_connections.return_value": int(is_announced)})
     observer._start_pub = mock.Mock(publish=passed_on.append)

@@ -2,10 +2,14 @@
 """The tutorial's listing with a fault: wrong_listing.py FAULT, for replays to find.
 
 It has that one only: it waits for its subscribers and counts its commands, where the listing's
-sleep and its second by the clock come short on a busy machine.
+sleep and its second by the clock come short on a busy machine. The one named hold_up is none of its
+own: it stops the replay for half a second, as a busy machine may, and drives on.
 """
 
+import os
+import signal
 import sys
+import threading
 
 import rospy
 from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
@@ -14,7 +18,10 @@ from tf.transformations import quaternion_from_euler
 
 from mushr_ros_intro.connections import wait_until_connected
 
-FAULTS = ("crash", "hang", "nan", "order", "silent", "slow")
+FAULTS = ("crash", "hang", "hold_up", "nan", "order", "silent", "slow")
+
+HELD_UP = 0.5
+"""[s] More than a replay lets a car be late by; so far the clock came meanwhile, and the plan."""
 
 
 def main(fault):
@@ -37,6 +44,9 @@ def main(fault):
     position, orientation = placement.pose.pose.position, placement.pose.pose.orientation
     position.x, position.y = x, y
     orientation.x, orientation.y, orientation.z, orientation.w = quaternion_from_euler(0, 0, theta)
+    if fault == "hold_up":
+        os.kill(os.getppid(), signal.SIGSTOP)
+        threading.Timer(HELD_UP, os.kill, [os.getppid(), signal.SIGCONT]).start()
     placements.publish(placement)
     for row, (speed, steering_angle) in enumerate(plan[1:], 1):
         if fault == "crash" and row == 3:
