@@ -90,8 +90,14 @@ class PlanRecorder:
             while len(self._poses) > 2 and self._poses[1][0] < stamp - 2 * self._tolerance:
                 self._poses.popleft()
             begin = self._recording.begin
-            if begin is not None and stamp <= begin:
+            if begin is None:
+                return
+            if stamp <= begin:
+                if self._start is None:
+                    rospy.loginfo("recording")
                 self._start = pose
+            elif self._start is None:
+                self._give_up()
 
     def _on_placement(self, msg: PoseWithCovarianceStamped) -> None:
         """Begin anew where the car is placed."""
@@ -125,17 +131,21 @@ class PlanRecorder:
             before = self._recording.begin
             stamp = effective_stamp(command.stamp, now, self._tolerance)
             self._recording.add(command._replace(stamp=stamp), now)
-            if self._recording.begin == before:
-                return
-            self._find_start()
-            if self._start is None:
-                self._recording = Recording(self._command_timeout)
-                rospy.logwarn_throttle(
-                    1.0,
-                    f"not recording: {self._pose_sub.resolved_name} has not said where the car is",
-                )
-            elif before is None:
-                rospy.loginfo("recording")
+            begin = self._recording.begin
+            if begin != before:
+                self._find_start()
+                if before is None and self._start is not None:
+                    rospy.loginfo("recording")
+            # The pose before the first command may come after it, but as late as that it does not.
+            if begin is not None and self._start is None and begin < now - self._tolerance:
+                self._give_up()
+
+    def _give_up(self) -> None:
+        """Forget a drive that began nobody knows where, and say so; needs the lock."""
+        self._recording = Recording(self._command_timeout)
+        rospy.logwarn_throttle(
+            1.0, f"not recording: {self._pose_sub.resolved_name} has not said where the car is"
+        )
 
     def _find_start(self) -> None:
         """Find where the car was before the first command; needs the lock."""
@@ -188,8 +198,11 @@ class PlanRecorder:
         """
         with self._lock:
             rows, start = self._recording.rows(), self._start
-            if not rows or start is None:
+            if not rows:
                 raise WriteError("the car has not been driven")
+            if start is None:
+                topic = self._pose_sub.resolved_name
+                raise WriteError(f"{topic} has not said where the car was when the drive began")
             path = write_plan(self._folder, self._name, start, rows)
             self._saved = rows
         seconds = sum(row.duration for row in rows) / NANOSECONDS

@@ -2,14 +2,20 @@
 
 import math
 
+import pytest
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from hypothesis import given
 from hypothesis import strategies as st
+from test_messages import Ros
 
+from helpers import module
 from mushr_ros_intro.bicycle import Pose
 from mushr_ros_intro.car import Car, Command, History, at_rest
 from mushr_ros_intro.plan import Plan, parse_plan, plan_text
 from mushr_ros_intro.prediction import as_float32, final_pose
 from mushr_ros_intro.recording import Recording
+from mushr_ros_intro.stamps import STAMP_TOLERANCE
 
 MS = 1_000_000
 """[ns]"""
@@ -136,3 +142,54 @@ def test_the_replay_ends_where_the_drive_did(steps):
     ):
         replayed = final_pose(plan, CAR)
         assert math.dist(replayed, end) < REPLAY_TOLERANCE
+
+
+def message(kind, stamp, x=0.0):
+    """Return a command to drive, or where the car is or is placed."""
+    msg = kind()
+    msg.header.stamp.secs, msg.header.stamp.nsecs = divmod(stamp, 1000 * MS)
+    if kind is AckermannDriveStamped:
+        msg.drive.speed = 1.0
+        return msg
+    msg.header.frame_id = "map"
+    pose = msg.pose if kind is PoseStamped else msg.pose.pose
+    pose.position.x, pose.orientation.w = x, 1.0
+    return msg
+
+
+@pytest.mark.parametrize(
+    "pose, later, duration",
+    [
+        (None, 0, None),  # it may still come
+        (90 * MS, 0, 300 * MS),
+        (110 * MS, 0, 200 * MS),  # of the second command; where the first began is not known
+        (None, STAMP_TOLERANCE + 110 * MS, None),
+    ],
+)
+def test_a_pose_that_comes_after_the_first_command(monkeypatch, tmp_path, pose, later, duration):
+    """The car is placed, and its pose from there is slower than the command after it."""
+    ros = Ros(monkeypatch)
+    begin, warnings = ros.now, []
+    monkeypatch.setattr("rospy.logwarn_throttle", lambda _, text: warnings.append(text))
+    recorder = module("plan_recorder.py").PlanRecorder()
+    recorder._folder = str(tmp_path)
+    recorder._on_pose(message(PoseStamped, begin - 20 * MS, x=5.0))
+    recorder._on_placement(message(PoseWithCovarianceStamped, begin, x=7.0))
+    recorder._on_command(message(AckermannDriveStamped, begin + 100 * MS))
+    assert not warnings
+    if pose:
+        recorder._on_pose(message(PoseStamped, begin + pose, x=7.0))
+    ros.now += later
+    recorder._on_command(message(AckermannDriveStamped, begin + 200 * MS))
+    answer = recorder._on_save(None)
+    is_given_up = bool(later) or duration == 200 * MS
+    unknown = "not recording: /car//car/car_pose has not said where the car is"
+    assert warnings == [unknown] * is_given_up
+    assert answer.success == bool(duration), answer.message
+    if duration:
+        plan = parse_plan((tmp_path / "recorded.txt").read_bytes(), "recorded.txt")
+        assert plan.start == (7.0, 0.0, 0.0)
+        assert [row.duration for row in plan.rows] == [duration]
+    else:
+        why = "the car has not been driven" if later else "has not said where the car was when"
+        assert why in answer.message
