@@ -1,6 +1,6 @@
 """Tell catkin where the package's modules are; run by CMake, not by hand."""
 
 from catkin_pkg.python_setup import generate_distutils_setup
-from setuptools import setup
+from setuptools import find_packages, setup
 
-setup(**generate_distutils_setup(packages=["mushr_ros_intro"], package_dir={"": "src"}))
+setup(**generate_distutils_setup(packages=find_packages("src"), package_dir={"": "src"}))

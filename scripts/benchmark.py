@@ -25,9 +25,9 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 
-from mushr_ros_intro import ensemble
-from mushr_ros_intro.car import Car
-from mushr_ros_intro.plan import read_plan
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.preview import ensemble
 
 SCRIPTS = os.path.dirname(os.path.abspath(__file__))
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"

@@ -5,8 +5,8 @@ import time
 
 import numpy as np
 
-from mushr_ros_intro.grid import Grid
-from mushr_ros_intro.laser import Beams, Laser
+from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.world.laser import Beams, Laser
 
 _ROOM = 50  # side of a room in cells, of 1000 x 1000 cells of 0.1 m
 _POSES = 2048

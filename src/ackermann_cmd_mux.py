@@ -10,13 +10,13 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
-from mushr_ros_intro import conversions
-from mushr_ros_intro.car import Command
-from mushr_ros_intro.connections import wait_until_connected
-from mushr_ros_intro.mux import ConfigError, Input, Mux, parse_config, sent_at
-from mushr_ros_intro.ros_time import sleep_until
-from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
-from mushr_ros_intro.startup import init_node
+from mushr_ros_intro.car.model import Command
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.connections import wait_until_connected
+from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.ros.sim_time import sleep_until
+from mushr_ros_intro.sim.mux import ConfigError, Input, Mux, parse_config, sent_at
+from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE
 
 _LOOK_EVERY = 0.5  # [s of wall-clock time] whether the node is shut down
 

@@ -18,9 +18,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
-from mushr_ros_intro import conversions
-from mushr_ros_intro.bicycle import Pose
-from mushr_ros_intro.car import (
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.car.model import (
     Command,
     Contact,
     Event,
@@ -31,14 +30,15 @@ from mushr_ros_intro.car import (
     at_rest,
     halted,
 )
-from mushr_ros_intro.clock import Kind, Stream, carry_over, hear, horizon
-from mushr_ros_intro.connections import PATIENCE, CallError, answers, ask, wait_until_connected
-from mushr_ros_intro.footprint import is_free, on_map
+from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.parameters import ParameterError, number
-from mushr_ros_intro.plan import MAX_COORDINATE
-from mushr_ros_intro.profile import car_from
-from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp, from_seconds
-from mushr_ros_intro.startup import init_node
+from mushr_ros_intro.plan.parse import MAX_COORDINATE
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.connections import PATIENCE, CallError, answers, ask, wait_until_connected
+from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.sim.clock import Kind, Stream, carry_over, hear, horizon
+from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp, from_seconds
+from mushr_ros_intro.world.footprint import is_free, on_map
 
 
 class CarSim:

@@ -10,13 +10,13 @@ from typing import Optional
 
 import rospkg
 
-from mushr_ros_intro.car import Car
-from mushr_ros_intro.check import Report, Scatter, as_json, as_text, check, scatter, verdict
-from mushr_ros_intro.ensemble import count_ticks
-from mushr_ros_intro.grid import Grid, MapError, find_map, read_map
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.parameters import ParameterError
-from mushr_ros_intro.plan import PlanError, find_plan, parse_plan, read_bytes
-from mushr_ros_intro.profile import car_from, names_in, read_profile
+from mushr_ros_intro.plan.parse import PlanError, find_plan, parse_plan, read_bytes
+from mushr_ros_intro.preview.check import Report, Scatter, as_json, as_text, check, scatter, verdict
+from mushr_ros_intro.preview.ensemble import count_ticks
+from mushr_ros_intro.world.grid import Grid, MapError, find_map, read_map
 
 MOST_RUNS = 10_000_000
 MOST_CAR_TICKS = 20_000_000_000
@@ -151,7 +151,7 @@ def _check(path: str, car_name: str, car: Car, map_path: str, grid: Optional[Gri
 
 def _plot(path: str, report: Report, result: Optional[Scatter], grid: Optional[Grid]) -> bool:
     """Draw a plan into a file; say whether that went well."""
-    from mushr_ros_intro.plan_plot import draw  # only who draws pays for matplotlib
+    from mushr_ros_intro.preview.plot import draw  # only who draws pays for matplotlib
 
     try:
         draw(path, report, result, grid)

@@ -11,12 +11,12 @@ from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
-from mushr_ros_intro import conversions, prediction
-from mushr_ros_intro.bicycle import Pose
-from mushr_ros_intro.car import Car
-from mushr_ros_intro.clicks import ClickError, path, pose_after, row_to
+from mushr_ros_intro.authoring.clicks import ClickError, path, pose_after, row_to
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.parameters import ParameterError, file_name, folder, number, text
-from mushr_ros_intro.plan import (
+from mushr_ros_intro.plan.parse import (
     MAX_SPEED,
     MAX_STEERING_ANGLE,
     Plan,
@@ -24,9 +24,10 @@ from mushr_ros_intro.plan import (
     WriteError,
     write_plan,
 )
-from mushr_ros_intro.profile import car_from
-from mushr_ros_intro.stamps import NANOSECONDS
-from mushr_ros_intro.startup import init_node
+from mushr_ros_intro.preview import prediction
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 USUAL_STEERING_LIMIT = 0.34
 """Of a car whose profile has none [rad]; MuSHR's teleop steers so far."""

@@ -38,10 +38,11 @@ try:
     from rosgraph_msgs.msg import Clock as ClockMsg
     from std_msgs.msg import String
 
-    from mushr_ros_intro import conversions, diagnosis
-    from mushr_ros_intro.connections import CallError, ask, receivers
-    from mushr_ros_intro.diagnosis import Facts, Finding, Input, Master, Source, Takeover, Topic
-    from mushr_ros_intro.mux import IDLE, ConfigError, parse_config
+    from mushr_ros_intro.doctor import rules as diagnosis
+    from mushr_ros_intro.doctor.rules import Facts, Finding, Input, Master, Source, Takeover, Topic
+    from mushr_ros_intro.ros import conversions
+    from mushr_ros_intro.ros.connections import CallError, ask, receivers
+    from mushr_ros_intro.sim.mux import IDLE, ConfigError, parse_config
 
     missing = ""
 except ImportError as error:  # the workspace is not sourced; main() says so

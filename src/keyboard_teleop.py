@@ -17,11 +17,11 @@ from typing import Any, Callable, Dict, Optional
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 
-from mushr_ros_intro import conversions
-from mushr_ros_intro.car import Command
+from mushr_ros_intro.authoring.teleop import Keys, Schedule
+from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.parameters import ParameterError, number
-from mushr_ros_intro.startup import init_node
-from mushr_ros_intro.teleop import Keys, Schedule
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.node import init_node
 
 POLL = 0.01
 """How often to look whether a command is due [s]."""

@@ -11,12 +11,12 @@ from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan
 
-from mushr_ros_intro import conversions
-from mushr_ros_intro.bicycle import Pose, compose
-from mushr_ros_intro.laser import Beams, Laser, add_noise
+from mushr_ros_intro.car.bicycle import Pose, compose
 from mushr_ros_intro.parameters import ParameterError, number
-from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
-from mushr_ros_intro.startup import init_node
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
+from mushr_ros_intro.world.laser import Beams, Laser, add_noise
 
 
 class LaserSim:

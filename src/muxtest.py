@@ -27,13 +27,13 @@ import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
-from mushr_ros_intro.car import Command
-from mushr_ros_intro.checks import Series, as_number, wait_for
-from mushr_ros_intro.conversions import command_to_msg
-from mushr_ros_intro.mux import IDLE
+from mushr_ros_intro.car.model import Command
+from mushr_ros_intro.grading.checks import Series, as_number, wait_for
 from mushr_ros_intro.parameters import ParameterError, number, text
-from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
-from mushr_ros_intro.startup import init_node
+from mushr_ros_intro.ros.conversions import command_to_msg
+from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.sim.mux import IDLE
+from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 
 _ON_ITS_WAY = 2.0
 """How long a message may take [s of wall-clock time]."""

@@ -26,12 +26,19 @@ from geometry_msgs.msg import Pose as PoseMsg
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 
-from mushr_ros_intro.bicycle import Pose
-from mushr_ros_intro.checks import Motion, Series, as_number, odometry_faults, pose_fault, wait_for
-from mushr_ros_intro.conversions import MessageError, pose_from_msg, time_from
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.grading.checks import (
+    Motion,
+    Series,
+    as_number,
+    odometry_faults,
+    pose_fault,
+    wait_for,
+)
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
-from mushr_ros_intro.stamps import from_seconds
-from mushr_ros_intro.startup import init_node
+from mushr_ros_intro.ros.conversions import MessageError, pose_from_msg, time_from
+from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.sim.stamps import from_seconds
 
 _SHOWN = 5
 """How many faults are said."""

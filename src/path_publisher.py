@@ -19,26 +19,35 @@ from std_msgs.msg import String
 from tf.transformations import quaternion_from_euler
 from visualization_msgs.msg import MarkerArray
 
-from mushr_ros_intro import conversions, prediction
-from mushr_ros_intro.bicycle import Pose, compose, inverse
-from mushr_ros_intro.car import Command, Placement, State, World, at_rest
-from mushr_ros_intro.check import SHOWN_FAULTS, Report, check, scatter, slowed
-from mushr_ros_intro.connections import (
+from mushr_ros_intro.car.bicycle import Pose, compose, inverse
+from mushr_ros_intro.car.model import Command, Placement, State, World, at_rest
+from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.parameters import ParameterError, flag, number, text
+from mushr_ros_intro.plan.parse import (
+    Fault,
+    Plan,
+    PlanError,
+    Row,
+    find_plan,
+    parse_plan,
+    read_bytes,
+)
+from mushr_ros_intro.preview import prediction
+from mushr_ros_intro.preview.check import SHOWN_FAULTS, Report, check, scatter, slowed
+from mushr_ros_intro.preview.ensemble import count_ticks, ellipse
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.connections import (
     PATIENCE,
     REMIND_EVERY,
     peers,
     remind,
     wait_until_connected,
 )
-from mushr_ros_intro.ensemble import count_ticks, ellipse
-from mushr_ros_intro.grid import Grid
-from mushr_ros_intro.mux import NOBODY, Watch
-from mushr_ros_intro.parameters import ParameterError, flag, number, text
-from mushr_ros_intro.plan import Fault, Plan, PlanError, Row, find_plan, parse_plan, read_bytes
-from mushr_ros_intro.profile import car_from, names_in, read_profile
-from mushr_ros_intro.ros_time import sleep_until
-from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp
-from mushr_ros_intro.startup import init_node
+from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.ros.sim_time import sleep_until
+from mushr_ros_intro.sim.mux import NOBODY, Watch
+from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp
+from mushr_ros_intro.world.grid import Grid
 
 PERIOD = prediction.COMMAND_PERIOD
 """Between the commands of a row [ns]."""

@@ -12,14 +12,14 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
-from mushr_ros_intro import conversions
-from mushr_ros_intro.bicycle import Pose
+from mushr_ros_intro.authoring.recording import Recording
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.parameters import ParameterError, file_name, folder, text
-from mushr_ros_intro.plan import Row, WriteError, write_plan
-from mushr_ros_intro.profile import car_from
-from mushr_ros_intro.recording import Recording
-from mushr_ros_intro.stamps import CLOCK_LAG, NANOSECONDS, STAMP_TOLERANCE, effective_stamp
-from mushr_ros_intro.startup import init_node
+from mushr_ros_intro.plan.parse import Row, WriteError, write_plan
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.sim.stamps import CLOCK_LAG, NANOSECONDS, STAMP_TOLERANCE, effective_stamp
 
 AT_REST = 1e-3
 """A car that moves less than this [m] from one reported pose to the next stands."""

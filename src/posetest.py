@@ -25,12 +25,12 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
-from mushr_ros_intro.bicycle import Pose
-from mushr_ros_intro.checks import Series, as_number, pose_fault, wait_for
-from mushr_ros_intro.conversions import MessageError, pose_from_msg
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.grading.checks import Series, as_number, pose_fault, wait_for
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
-from mushr_ros_intro.stamps import from_seconds
-from mushr_ros_intro.startup import init_node
+from mushr_ros_intro.ros.conversions import MessageError, pose_from_msg
+from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.sim.stamps import from_seconds
 
 _KINDS: Dict[str, Tuple[Any, Callable[[Any], PoseMsg]]] = {
     "geometry_msgs/PoseStamped": (PoseStamped, lambda msg: msg.pose),

@@ -19,11 +19,11 @@ import roslib.message
 import rospy
 import rostest
 
-from mushr_ros_intro.checks import Series, as_number, rate_faults, wait_for
+from mushr_ros_intro.grading.checks import Series, as_number, rate_faults, wait_for
 from mushr_ros_intro.parameters import ParameterError, number, text
-from mushr_ros_intro.plan import PlanError, read_plan
-from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
-from mushr_ros_intro.startup import init_node
+from mushr_ros_intro.plan.parse import PlanError, read_plan
+from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 
 _SHOWN = 5
 """How many faults are said."""

@@ -21,15 +21,16 @@ from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import MapMetaData
 from std_srvs.srv import Trigger
 
-from mushr_ros_intro import conversions, report
-from mushr_ros_intro.bicycle import Pose
-from mushr_ros_intro.car import Car
-from mushr_ros_intro.checks import as_number
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.grading import judge as report
+from mushr_ros_intro.grading.checks import as_number
 from mushr_ros_intro.parameters import ParameterError, number, text
-from mushr_ros_intro.plan import Plan, PlanError, find_plan, read_plan
-from mushr_ros_intro.profile import car_from
-from mushr_ros_intro.stamps import CLOCK_LAG, NANOSECONDS, effective_stamp
-from mushr_ros_intro.startup import init_node
+from mushr_ros_intro.plan.parse import Plan, PlanError, find_plan, read_plan
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.sim.stamps import CLOCK_LAG, NANOSECONDS, effective_stamp
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 POSES = "/car/car_pose"

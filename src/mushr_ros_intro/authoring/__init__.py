@@ -1,0 +1,1 @@
+"""Make plans by clicking, recording or driving."""

@@ -1,0 +1,1 @@
+"""The simulated car: its parameters, its motion and its event history."""

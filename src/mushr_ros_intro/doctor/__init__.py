@@ -1,0 +1,1 @@
+"""Explain why the car does not move."""

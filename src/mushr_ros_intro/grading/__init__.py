@@ -1,0 +1,1 @@
+"""Judge recorded messages and replays."""

@@ -1,0 +1,1 @@
+"""Read, find and write plan files."""

@@ -1,0 +1,1 @@
+"""Predict a plan's outcome before it is driven."""

@@ -1,0 +1,1 @@
+"""Time and command selection in the simulation."""

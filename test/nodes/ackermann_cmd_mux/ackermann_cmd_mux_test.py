@@ -1,0 +1,149 @@
+#!/usr/bin/python3
+"""Check the mux: priorities, timeouts, the stop, the latched winner, and bad configurations."""
+
+import unittest
+
+import rospy
+import rostest
+from ackermann_msgs.msg import AckermannDriveStamped
+from std_msgs.msg import String
+
+from mushr_ros_intro.sim.mux import ConfigError
+from support.helpers import Recording, module, node, private_parameters, publisher, wait_for
+
+MUX = "/car/mux/ackermann_cmd_mux"
+TIMEOUT = 0.2
+"""[s] Of each input, in the default configuration."""
+LEAD = 0.3
+"""[s] How far ahead of the clock the tests stamp their first message: time to send the rest."""
+
+
+class TestMux(unittest.TestCase):
+    def setUp(self):
+        self.output = Recording(f"{MUX}/output", AckermannDriveStamped).connected()
+        self.active = Recording(f"{MUX}/active", String).connected()
+        # rospy registers a publisher before it latches, and a connection stays as it was made: one
+        # of the mux's first moment tells no later subscriber of this process. So each test has one.
+        self.addCleanup(self.active.subscriber.unregister)
+        self.inputs = {
+            name: publisher(f"{MUX}/input/{name}", AckermannDriveStamped)
+            for name in ("safety", "teleop", "navigation", "default")
+        }
+        wait_for(lambda: self.active.last and self.active.last.data == "idle", "an idle mux")
+        self.output.clear()
+        self.begin = rospy.Time.now() + rospy.Duration(LEAD)
+
+    def tearDown(self):
+        # That the mux is idle comes on a topic of its own, and may be here before the stop.
+        if self.output.messages:
+            wait_for(lambda: self.output.last.drive.speed == 0.0, "the stop")
+
+    def send(self, name, seconds, speed):
+        """Send a command on an input, stamped `seconds` after the test's beginning."""
+        msg = AckermannDriveStamped()
+        msg.header.stamp = self.begin + rospy.Duration.from_sec(seconds)
+        msg.header.frame_id = "car/base_footprint"
+        msg.drive.speed = speed
+        self.inputs[name].publish(msg)
+
+    def sent(self):
+        """Return what has come out, as (seconds, speed)."""
+        return [
+            (round((m.header.stamp - self.begin).to_sec(), 9), m.drive.speed)
+            for m in self.output.messages
+        ]
+
+    def expect(self, *commands):
+        """Wait until just these commands have come out."""
+        wait_for(lambda: len(self.sent()) >= len(commands), f"{commands}, got {self.sent()}")
+        expected = [(round(seconds, 9), speed) for seconds, speed in commands]
+        self.assertEqual(self.sent(), expected)
+
+    def test_priorities_and_timeouts(self):
+        self.send("navigation", 0.0, 1.0)
+        self.expect((0.0, 1.0))
+        self.send("teleop", 0.05, 2.0)
+        self.expect((0.0, 1.0), (0.05, 2.0))
+        wait_for(lambda: self.active.last.data == "teleop", "teleop to win")
+        self.send("navigation", 0.1, 3.0)  # teleop is live
+        self.send("navigation", 0.24, 4.0)  # and still is
+        self.send("navigation", 0.25, 5.0)  # and no longer is
+        self.expect((0.0, 1.0), (0.05, 2.0), (0.25, 5.0))
+        self.send("default", 0.3, 6.0)
+        self.send("default", 0.45, 7.0)
+        self.expect((0.0, 1.0), (0.05, 2.0), (0.25, 5.0), (0.45, 7.0))
+        self.send("safety", 0.5, 0.0)
+        expected = [(0.0, 1.0), (0.05, 2.0), (0.25, 5.0), (0.45, 7.0), (0.5, 0.0)]
+        self.expect(*expected)
+        wait_for(lambda: self.active.last.data == "safety", "safety to win")
+        self.expect(*expected, (0.5 + TIMEOUT, 0.0))
+
+    def test_one_stop_when_the_last_live_input_times_out(self):
+        self.send("teleop", 0.0, 2.0)
+        self.expect((0.0, 2.0), (TIMEOUT, 0.0))
+        wait_for(lambda: self.active.last.data == "idle", "an idle mux")
+        stop = self.output.last
+        self.assertEqual(stop.drive.steering_angle, 0.0)
+        self.assertEqual(stop.header.frame_id, "car/base_footprint")
+        # Long after, there still is the one stop.
+        later = rospy.Time.now() + rospy.Duration(3 * TIMEOUT)
+        wait_for(lambda: rospy.Time.now() > later, "time to pass")
+        self.expect((0.0, 2.0), (TIMEOUT, 0.0))
+
+    def test_messages_are_forwarded_as_they_are(self):
+        msg = AckermannDriveStamped()  # stamped zero, as the tutorial's listing does
+        msg.drive.speed, msg.drive.steering_angle, msg.drive.acceleration = 1.5, -0.25, 0.5
+        self.inputs["navigation"].publish(msg)
+        wait_for(lambda: self.output.last, "a command")
+        got = self.output.messages[0]
+        self.assertEqual(got.header.stamp, rospy.Time(0))
+        self.assertEqual(got.drive, msg.drive)
+
+    def test_what_is_not_finite_does_not_pass(self):
+        self.send("safety", 0.0, float("nan"))
+        self.send("safety", 0.05, float("inf"))
+        self.send("navigation", 0.1, 1.0)
+        self.expect((0.1, 1.0), (0.1 + TIMEOUT, 0.0))
+
+    def test_late_subscriber_hears_the_winner(self):
+        late = Recording(f"{MUX}/active", String).connected()
+        wait_for(lambda: late.last, "the latched winner")
+        self.assertEqual(late.last.data, "idle")
+
+    def test_bad_configurations(self):
+        entry = {"name": "a", "topic": "input/a", "timeout": 0.2, "priority": 1}
+        configurations = {
+            "publisher": {"subscribers": [entry]},
+            "subscribers": {"publisher": "output"},
+            "share the priority 1": {
+                "publisher": "output",
+                "subscribers": [entry, {**entry, "name": "b", "topic": "input/b"}],
+            },
+            "unknown key 'timeuot'": {
+                "publisher": "output",
+                "subscribers": [{**entry, "timeuot": 0.1}],
+            },
+            "lacks the key 'topic'": {
+                "publisher": "output",
+                "subscribers": [{"name": "a", "timeout": 0.2, "priority": 1}],
+            },
+            "expected seconds": {
+                "publisher": "output",
+                "subscribers": [{**entry, "timeout": 0.0}],
+            },
+        }
+        mux = module("ackermann_cmd_mux.py")
+        for fault, configuration in configurations.items():
+            refused = self.assertRaisesRegex(ConfigError, fault)
+            with private_parameters(configuration), refused:
+                mux.AckermannCmdMux()
+        rospy.set_param("/bad", configurations["publisher"])
+        with node("ackermann_cmd_mux.py", "__name:=bad") as process:
+            self.assertEqual(process.wait(), 1, process.output)
+            self.assertIn("/bad: the mux's configuration lacks the key 'publisher'", process.output)
+            self.assertNotIn("Traceback", process.output)
+
+
+if __name__ == "__main__":
+    rospy.init_node("ackermann_cmd_mux_test")
+    rostest.rosrun("mushr_ros_intro", "ackermann_cmd_mux", TestMux)

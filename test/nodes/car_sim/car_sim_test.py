@@ -1,0 +1,304 @@
+#!/usr/bin/python3
+"""Check the simulated car: events at their stamps, refusals, and reports that agree."""
+
+import itertools
+import math
+import random
+import socket
+import unittest
+
+import rospy
+import rostest
+import tf2_ros
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Log
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Empty
+
+from mushr_ros_intro.parameters import ParameterError
+from mushr_ros_intro.ros.connections import wait_until_connected
+from support.helpers import (
+    ANGLE_TOLERANCE,
+    LEAD,
+    POSITION_TOLERANCE,
+    Ghost,
+    Recording,
+    angle_between,
+    at,
+    closed_form,
+    command,
+    module,
+    node,
+    placement,
+    planar,
+    private_parameters,
+    publisher,
+    wait_for,
+    yaw_of,
+)
+
+ROWS = [(2.0, 0.3), (1.0, -0.2), (-1.5, 0.25), (3.0, 0.0), (0.5, 1.2), (2.5, -0.1)]
+"""[m/s, rad] One command every 0.1 s."""
+
+
+class TestCarSim(unittest.TestCase):
+    def setUp(self):
+        self.poses = Recording("/car/car_pose", PoseStamped).connected()
+        self.commands = publisher("/car/mux/ackermann_cmd_mux/output", AckermannDriveStamped)
+        self.placements = publisher("/initialpose", PoseWithCovarianceStamped)
+
+    def assert_pose(self, got, expected):
+        self.assertLess(math.hypot(got[0] - expected[0], got[1] - expected[1]), POSITION_TOLERANCE)
+        self.assertLess(angle_between(got[2], expected[2]), ANGLE_TOLERANCE)
+
+    def place(self, x=0.0, y=0.0, theta=0.0):
+        """Put the car somewhere, and wait until it says that it is there."""
+        stamp = rospy.Time.now()
+        self.placements.publish(placement(stamp, x, y, theta))
+        self.poses.shows((x, y, theta), stamp)
+
+    def rest_after(self, stamp):
+        return self.poses.pose_at_rest(at(stamp, 0.2))
+
+    def drive(self, order):
+        """Send ROWS in some order, 0.1 s apart by their stamps; return where the car ends."""
+        begin = rospy.Time.now() + LEAD
+        for index in order:
+            self.commands.publish(command(at(begin, 0.1 * index), *ROWS[index]))
+        return self.rest_after(at(begin, 0.1 * (len(ROWS) - 1)))
+
+    def test_0_start_pose(self):
+        # Tests run in the order of their names, so here nobody has placed the car yet.
+        self.assert_pose(planar(self.poses.after(rospy.Time(0)).pose), (1.0, -2.0, 0.5))
+
+    def test_in_order_late_twice_and_out_of_order(self):
+        rows = [(speed, angle, 0.1) for speed, angle in ROWS[:-1]] + [(*ROWS[-1], 0.2)]
+        expected = closed_form((0.0, 0.0, 0.0), rows)
+        in_order = list(range(len(ROWS)))
+        shuffled = in_order * 2
+        random.Random(1).shuffle(shuffled)
+        for order in (in_order, in_order[::-1], shuffled):
+            self.place()
+            self.assert_pose(self.drive(order), expected)
+
+    def test_late_commands(self):
+        self.place()
+        begin = rospy.Time.now() + rospy.Duration(0.1)
+        wait_for(lambda: rospy.Time.now() > at(begin, 0.4), "time to pass")
+        # The car already stands there again, and has to go back in time.
+        self.commands.publish(command(at(begin, 0.1), 2.0, 0.3))
+        self.placements.publish(placement(begin, 5.0, 5.0, 1.0))
+        wait_for(lambda: planar(self.poses.last.pose)[1] > 4.0, "the car to be placed")
+        expected = closed_form((5.0, 5.0, 1.0), [(2.0, 0.3, 0.2)])
+        self.assert_pose(self.rest_after(rospy.Time.now()), expected)
+
+    def test_placed_while_driving(self):
+        self.place()
+        odometry = Recording("/car/odom", Odometry).connected()
+        begin = rospy.Time.now() + LEAD
+        for index in range(7):
+            self.commands.publish(command(at(begin, 0.1 * index), 2.0, 0.1))
+        self.placements.publish(placement(at(begin, 0.35), -3.0, 4.0, 2.0))
+        # At rest from 0.35 s to the next command at 0.4 s.
+        expected = closed_form((-3.0, 4.0, 2.0), [(2.0, 0.1, 0.4)])
+        self.assert_pose(self.rest_after(at(begin, 0.6)), expected)
+        messages = odometry.messages
+        for one, other in zip(messages, messages[1:]):
+            seconds = (other.header.stamp - one.header.stamp).to_sec()
+            moved = math.hypot(
+                other.pose.pose.position.x - one.pose.pose.position.x,
+                other.pose.pose.position.y - one.pose.pose.position.y,
+            )
+            self.assertLessEqual(moved, 2.0 * seconds + POSITION_TOLERANCE, "odometry jumped")
+
+    def test_a_placement_forgets_the_command(self):
+        self.place()
+        begin = rospy.Time.now() + LEAD
+        self.commands.publish(command(begin, 2.0, 0.0))
+        self.placements.publish(placement(at(begin, 0.05), 7.0, 8.0, 0.0))
+        self.assert_pose(self.rest_after(begin), (7.0, 8.0, 0.0))
+
+    def test_command_timeout(self):
+        self.place()
+        begin = rospy.Time.now() + LEAD
+        self.commands.publish(command(begin, 2.0, 0.4))
+        expected = closed_form((0.0, 0.0, 0.0), [(2.0, 0.4, 0.2)])
+        self.assert_pose(self.rest_after(begin), expected)
+
+    def test_stamps_that_mean_now(self):
+        log = Recording("/rosout", Log).connected()
+        for stamp in (rospy.Time(0), rospy.Time.now() + rospy.Duration(10.0)):
+            self.place()
+            self.commands.publish(command(stamp, 2.0, 0.0))
+            wait_for(lambda: planar(self.poses.last.pose)[0] > 0.3, "the car to drive on")
+            self.assert_pose(self.rest_after(rospy.Time.now()), (0.4, 0.0, 0.0))
+        wait_for(lambda: any("synchronise" in m.msg for m in log.messages), "a warning")
+
+    def test_refuses_what_is_not_finite(self):
+        log = Recording("/rosout", Log).connected()
+        nan, infinity = float("nan"), float("inf")
+        zero = placement(rospy.Time.now(), 9.0, 9.0, 0.0)
+        zero.pose.pose.orientation.w = 0.0
+        bad_placements = {
+            "finite": placement(rospy.Time.now(), nan, 0.0, 0.0),
+            "length": zero,
+            "frame": placement(rospy.Time.now(), 9.0, 9.0, 0.0, frame="odom"),
+            "far": placement(rospy.Time.now(), 1e30, 0.0, 0.0),
+        }
+        self.place(1.0, 2.0, 3.0)
+        for word, msg in bad_placements.items():
+
+            def warned(word=word, msg=msg):
+                self.placements.publish(msg)  # again and again: there is one warning a second
+                return any(word in m.msg for m in log.messages)
+
+            wait_for(warned, f"a warning with the word {word}")
+        self.assert_pose(self.poses.pose_at_rest(rospy.Time.now()), (1.0, 2.0, 3.0))
+        for speed, angle in ((nan, 0.0), (1.0, infinity), (-infinity, nan), (1.0, 1.6)):
+            self.commands.publish(command(rospy.Time.now(), speed, angle))
+        self.assert_pose(self.rest_after(rospy.Time.now()), (1.0, 2.0, 3.0))
+
+    def test_reports_agree(self):
+        odometry = Recording("/car/odom", Odometry).connected()
+        joints = Recording("/car/joint_states", JointState).connected()
+        transforms = tf2_ros.Buffer()
+        listener = tf2_ros.TransformListener(transforms)
+        there = ("map", "car/base_footprint", rospy.Time(0))
+        wait_for(lambda: transforms.can_transform(*there), "the transforms")
+        self.place(3.0, -1.0, 2.5)
+        speed, angle = 1.5, 0.3
+        begin = rospy.Time.now() + LEAD
+        for index in range(6):
+            self.commands.publish(command(at(begin, 0.1 * index), speed, angle))
+        self.rest_after(at(begin, 0.5))
+        turn_rate = speed * math.tan(angle) / 0.33
+
+        driving = [m for m in odometry.messages if begin < m.header.stamp < at(begin, 0.7)]
+        # Where the first command comes late, the car stands until then.
+        driving = list(itertools.dropwhile(lambda m: not m.twist.twist.linear.x, driving))
+        self.assertGreater(len(driving), 10)
+        for one, other in zip(driving, driving[1:]):
+            self.assertEqual(one.header.frame_id, "car/odom")
+            self.assertEqual(one.child_frame_id, "car/base_footprint")
+            self.assertAlmostEqual(one.twist.twist.linear.x, speed, delta=1e-6)
+            self.assertAlmostEqual(one.twist.twist.angular.z, turn_rate, delta=1e-6)
+            self.assertEqual(one.twist.twist.linear.y, 0.0)
+            seconds = (other.header.stamp - one.header.stamp).to_sec()
+            expected = closed_form(planar(one.pose.pose), [(speed, angle, seconds)])
+            self.assert_pose(planar(other.pose.pose), expected)
+
+        # On a busy machine a report may be left out for the next one.
+        poses = {m.header.stamp: m.pose for m in self.poses.messages}
+        joints = {m.header.stamp: m for m in joints.messages}
+        complete = [m for m in driving if m.header.stamp in poses and m.header.stamp in joints]
+        self.assertGreater(len(complete), 10)
+        for msg in complete:
+            stamp = msg.header.stamp
+            pose = poses[stamp]
+            for frame, wanted in (("map", pose), ("car/odom", msg.pose.pose)):
+                found = transforms.lookup_transform(frame, "car/base_footprint", stamp).transform
+                got = (found.translation.x, found.translation.y, yaw_of(found.rotation))
+                self.assert_pose(got, planar(wanted))
+            joint = joints[stamp]
+            angles = dict(zip(joint.name, joint.position))
+            # Ackermann: the cotangents of the front wheels' angles differ by track / wheelbase.
+            left, right = angles["front_left_wheel_steer"], angles["front_right_wheel_steer"]
+            self.assertAlmostEqual(1 / math.tan(right) - 1 / math.tan(left), 0.25 / 0.33, places=6)
+        self.assertEqual(
+            sorted(joint.name),
+            [
+                "back_left_wheel_throttle",
+                "back_right_wheel_throttle",
+                "front_left_wheel_steer",
+                "front_left_wheel_throttle",
+                "front_right_wheel_steer",
+                "front_right_wheel_throttle",
+            ],
+        )
+        listener.unregister()
+
+    def test_a_subscriber_that_was_not_told_of_a_publisher(self):
+        """Which now and then happens to rospy: it is told again, whichever end waits."""
+        told = rospy.Publisher("/told", Empty, queue_size=1)
+        ghost = Ghost(subscribes=["/told"])
+        self.addCleanup(ghost.end)
+        self.assertFalse(wait_until_connected(told, "subscribers", patience=3.0))
+        calls = wait_for(lambda: ghost.calls["publisherUpdate"], "the subscriber to be told")
+        self.assertEqual(calls, [[told.resolved_name, [rospy.get_node_uri()]]] * len(calls))
+
+        asks = rospy.Subscriber("/asks", Empty)
+        ghost = Ghost(publishes=["/asks"])
+        self.addCleanup(ghost.end)
+        wait_for(lambda: len(ghost.calls["requestTopic"]) == 1, "the subscriber to ask once")
+        self.assertFalse(wait_until_connected(asks, "publishers", patience=3.0))
+        wait_for(lambda: len(ghost.calls["requestTopic"]) >= 2, "the subscriber to ask again")
+
+    def test_a_subscriber_that_is_not_yet_connected(self):
+        """It counts a connection that the publisher has not answered; that is not good enough."""
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            ghost = Ghost(publishes=["/begun"], port=server.getsockname()[1])
+            self.addCleanup(ghost.end)
+            begun = rospy.Subscriber("/begun", Empty)
+            wait_for(lambda: begun.get_num_connections() == 1, "the subscriber to connect")
+            self.assertFalse(wait_until_connected(begun, "publishers", patience=1.0))
+        there = rospy.Subscriber("/car/car_pose", PoseStamped)
+        self.assertTrue(wait_until_connected(there, "publishers"))
+
+    def test_a_publisher_that_does_not_say_whether_it_is_connected(self):
+        """It is not waited for, or a node would hang at its start with it."""
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            ghost = Ghost(publishes=["/silent"], port=server.getsockname()[1], silence=60.0)
+            self.addCleanup(ghost.end)
+            silent = rospy.Subscriber("/silent", Empty)
+            wait_for(lambda: silent.get_num_connections() == 1, "the subscriber to connect")
+            self.assertFalse(wait_until_connected(silent, "publishers", patience=1.0))
+
+    def test_a_node_that_is_gone_without_signing_off(self):
+        """The master goes on naming it, but nobody waits for it."""
+        left = rospy.Publisher("/left", Empty, queue_size=1)
+        ghost = Ghost(subscribes=["/left"])
+        self.addCleanup(ghost.end)
+        self.assertFalse(wait_until_connected(left, "subscribers", patience=3.0))
+        ghost.die()
+        self.assertTrue(wait_until_connected(left, "subscribers"))
+
+    def test_who_keeps_the_clock(self):
+        """The car does where time is simulated and nobody who is alive publishes /clock."""
+        has_to_keep_it = module("car_sim.py")._has_to_keep_the_clock
+        self.assertFalse(has_to_keep_it())
+        self.addCleanup(rospy.delete_param, "/use_sim_time")
+        rospy.set_param("/use_sim_time", True)
+        self.assertTrue(has_to_keep_it())
+        ghost = Ghost(publishes=["/clock"])
+        self.addCleanup(ghost.end)
+        self.assertFalse(has_to_keep_it())
+        ghost.die()
+        self.assertTrue(has_to_keep_it())
+        rospy.set_param("/use_sim_time", False)
+        self.assertFalse(has_to_keep_it())
+
+    def test_bad_parameters(self):
+        car_sim = module("car_sim.py")
+        for name, value, unit in (
+            ("wheelbase", 0.0, "m"),
+            ("track", "wide", "m"),
+            ("wheel_radius", float("nan"), "m"),
+            ("command_timeout", -1, "s"),
+            ("pose_rate", 0, "Hz"),
+            ("x", True, "m"),
+        ):
+            expected = rf"parameter ~{name} is .* expected .* {unit}"
+            refused = self.assertRaisesRegex(ParameterError, expected)
+            with private_parameters({name: value}), refused:
+                car_sim.CarSim(keeps_clock=False)
+        with node("car_sim.py", "__name:=bad", "_track:=wide") as car:
+            self.assertEqual(car.wait(), 1, car.output)
+            self.assertIn("parameter ~track is 'wide'; expected", car.output)
+            self.assertNotIn("Traceback", car.output)
+
+
+if __name__ == "__main__":
+    rospy.init_node("car_sim_test")
+    rostest.rosrun("mushr_ros_intro", "car_sim", TestCarSim)

@@ -1,0 +1,165 @@
+#!/usr/bin/python3
+"""Check that every plan ends where its closed form says, and that its commands are as written."""
+
+import glob
+import math
+import os
+import re
+import unittest
+
+import rosnode
+import rospkg
+import rospy
+import rostest
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+
+from support.helpers import (
+    ANGLE_TOLERANCE,
+    POSITION_TOLERANCE,
+    Process,
+    Recording,
+    angle_between,
+    closed_form,
+    float32,
+    node,
+    planar,
+)
+
+PERIOD = 100_000_000
+"""[ns] Between two commands of a row."""
+
+TUTORIAL = {"straight_line", "figure_8"}
+"""The plans that the tutorial has."""
+
+
+def read(path):
+    """Read a plan file that is known to be good."""
+    with open(path) as file:
+        lines = [line.split("#")[0].strip() for line in file]
+    numbers = [tuple(map(float, line.split(","))) for line in lines if line]
+    return numbers[0], [(row + (1.0,))[:3] for row in numbers[1:]]
+
+
+class TestDrive(unittest.TestCase):
+    plans = None
+
+    @classmethod
+    def drive(cls):
+        """Drive every plan once, all at the same time."""
+        folder = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "plans")
+        cls.plans = {os.path.basename(p)[:-4]: read(p) for p in glob.glob(folder + "/*.txt")}
+        cls.starts, cls.commands, cls.poses, cls.outputs = {}, {}, {}, {}
+        for name in cls.plans:
+            topic = f"/{name}/mux/ackermann_cmd_mux/input/navigation"
+            cls.commands[name] = Recording(topic, AckermannDriveStamped)
+            cls.starts[name] = Recording(f"/{name}/initialpose", PoseWithCovarianceStamped)
+            cls.poses[name] = Recording(f"/{name}/car_pose", PoseStamped).connected()
+        processes = {name: cls.start(name) for name in cls.plans}
+        for name, process in processes.items():
+            assert process.wait(90.0) == 0, process.output
+            cls.outputs[name] = process.output
+
+    @staticmethod
+    def start(name):
+        """Start the publisher of a plan: the tutorial's plans as a user does, with roslaunch."""
+        if name in TUTORIAL:
+            arguments = ("path_publisher.launch", f"car_name:={name}", f"plan_file:={name}")
+            return Process("roslaunch", "mushr_ros_intro", *arguments)
+        return node(
+            "path_publisher.py",
+            f"__ns:=/{name}",
+            f"_car_name:={name}",
+            f"_plan_file:={name}",
+            f"_control_topic:=/{name}/mux/ackermann_cmd_mux/input/navigation",
+            f"_init_pose_topic:=/{name}/initialpose",
+        )
+
+    def setUp(self):
+        if self.plans is None:
+            self.drive()
+
+    def test_every_plan_is_driven(self):
+        self.assertLessEqual(TUTORIAL, set(self.plans))
+        self.assertGreaterEqual(len(self.plans), 6)
+
+    def test_final_pose(self):
+        for name, (start, rows) in self.plans.items():
+            stop = self.commands[name].last.header.stamp
+            x, y, theta = self.poses[name].pose_at_rest(stop)
+            expected = closed_form(start, rows)
+            distance = math.hypot(x - expected[0], y - expected[1])
+            turned = angle_between(theta, expected[2])
+            print(f"{name}: {distance:.1e} m, {turned:.1e} rad from the closed form")
+            self.assertLess(distance, POSITION_TOLERANCE, name)
+            self.assertLess(turned, ANGLE_TOLERANCE, name)
+
+    def test_start_pose_comes_first(self):
+        for name in self.plans:
+            (placement,) = self.starts[name].messages
+            self.assertEqual(placement.header.frame_id, "map", name)
+            first = self.commands[name].messages[0].header.stamp
+            self.assertGreater(placement.header.stamp.to_nsec(), 0, name)
+            self.assertLessEqual(placement.header.stamp, first, name)
+
+    def test_the_car_is_at_the_start_when_the_first_command_applies(self):
+        for name, (start, _) in self.plans.items():
+            first = self.commands[name].messages[0].header.stamp
+            before = [m for m in self.poses[name].messages if m.header.stamp <= first]
+            for got, wanted in zip(planar(before[-1].pose), start):
+                self.assertAlmostEqual(got, wanted, delta=POSITION_TOLERANCE, msg=name)
+
+    def test_a_line_a_second(self):
+        for name, (_, rows) in self.plans.items():
+            seconds = math.ceil(sum(row[2] for row in rows))
+            lines = re.findall(rf"row \d+ of {len(rows)}: .* s left", self.outputs[name])
+            self.assertEqual(len(lines), seconds, name)
+            self.assertIn("difference", self.outputs[name])
+
+    def test_commands(self):
+        """Ten a second, each at the instant at which it is due, and a stop at the end."""
+        for name, (_, rows) in self.plans.items():
+            messages = self.commands[name].messages
+            begin = messages[0].header.stamp.to_nsec()
+            expected, due = [], 0
+            for speed, steering_angle, seconds in rows:
+                duration = round(seconds * 1e9)
+                expected += [
+                    (due + offset, float32(speed), float32(steering_angle))
+                    for offset in range(0, duration, PERIOD)
+                ]
+                due += duration
+            expected.append((due, 0.0, 0.0))
+            got = [
+                (m.header.stamp.to_nsec() - begin, m.drive.speed, m.drive.steering_angle)
+                for m in messages
+            ]
+            self.assertEqual(got, expected, name)
+            frames = {m.header.frame_id for m in messages}
+            self.assertEqual(frames, {f"{name}/base_footprint"})
+
+    def test_ten_messages_a_second(self):
+        begin = self.commands["figure_8"].messages[0].header.stamp.to_nsec()
+        for second in range(22):
+            lower, upper = begin + second * 10**9, begin + (second + 1) * 10**9
+            stamps = [m.header.stamp.to_nsec() for m in self.commands["figure_8"].messages]
+            self.assertEqual(sum(lower <= stamp < upper for stamp in stamps), 10)
+
+    def test_cars_share_nothing(self):
+        """Two cars have no topic and no node in common but /tf and the log's."""
+        master = rospy.get_master()
+        _, _, (publishers, subscribers, _) = master.getSystemState()
+        for topic, nodes in publishers + subscribers:
+            if topic.startswith(("/rosout", "/tf", "/clock", "/map")):
+                continue
+            cars = {name for name in self.plans for node in nodes if node.startswith(f"/{name}/")}
+            self.assertLessEqual(len(cars), 1, f"{topic} is shared by {cars}")
+        names = rosnode.get_node_names()
+        for name in self.plans:
+            self.assertIn(f"/{name}/car_sim", names)
+            self.assertIn(f"/{name}/mux/ackermann_cmd_mux", names)
+
+
+if __name__ == "__main__":
+    rospy.init_node("drive_test")
+    rostest.rosrun("mushr_ros_intro", "drive", TestDrive)

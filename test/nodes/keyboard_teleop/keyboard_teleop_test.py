@@ -1,0 +1,203 @@
+#!/usr/bin/python3
+"""Drive with the keys: in a real window on a display of its own, and in a terminal."""
+
+import os
+import pty
+import signal
+import subprocess
+import termios
+import time
+import unittest
+
+import roslib.packages
+import rospy
+import rostest
+from ackermann_msgs.msg import AckermannDriveStamped
+from std_msgs.msg import String
+
+from support.display import Display, require
+from support.helpers import PATIENCE, Process, Recording, float32, wait_for
+
+NODE = (*roslib.packages.find_node("mushr_ros_intro", "keyboard_teleop.py"), "__ns:=/car")
+TOPIC = "/car/mux/ackermann_cmd_mux/input/teleop"
+
+FORWARD = (2.0, 0.0)
+FORWARD_LEFT = (2.0, float32(0.34))
+STOP = (0.0, 0.0)
+"""[m/s, rad]"""
+
+SILENCE = 0.5
+"""How long nothing may come [s]: five commands' time, and beyond the mux's timeout of 0.2 s."""
+
+REPEATING = 1.5
+"""How long a key is held [s]: beyond the 0.5 or 0.66 s after which a display repeats it."""
+
+
+def drives(messages):
+    return [(each.drive.speed, each.drive.steering_angle) for each in messages]
+
+
+class Commands:
+    """What the tests of window and terminal share: one node at a time, on the car's own mux."""
+
+    def setUp(self):
+        self.commands = Recording(TOPIC, AckermannDriveStamped)
+        self.active = Recording("/car/mux/ackermann_cmd_mux/active", String).connected()
+
+    def tearDown(self):
+        self.commands.subscriber.unregister()
+        self.active.subscriber.unregister()
+
+    def wait_for_drive(self, wanted):
+        wait_for(
+            lambda: drives(self.commands.messages)[-1:] == [wanted],
+            f"the command {wanted}",
+        )
+
+    def wait_for_silence(self):
+        """Wait for the stop, and check that it is the only one and the last message."""
+        self.wait_for_drive(STOP)
+        wait_for(lambda: self.active.last.data == "idle", "the mux to be idle")
+        count = len(self.commands.messages)
+        until = time.monotonic() + SILENCE
+        wait_for(lambda: time.monotonic() > until, "silence")
+        self.assertEqual(len(self.commands.messages), count, "it goes on after the stop")
+        self.assertEqual(drives(self.commands.messages).count(STOP), 1)
+
+    def check_headers(self):
+        stamps = [each.header.stamp for each in self.commands.messages]
+        self.assertEqual(stamps, sorted(stamps))
+        age = (rospy.Time.now() - stamps[-1]).to_sec()
+        self.assertTrue(0.0 <= age < PATIENCE, f"the last stamp is {age:g} s old")
+        for each in self.commands.messages:
+            self.assertEqual(each.header.frame_id, "car/base_footprint")
+
+
+class NoKeyboardTest(unittest.TestCase):
+    """What it says where it cannot drive."""
+
+    def test_no_keyboard(self):
+        """Without a window and a terminal it ends and says why."""
+        with Process(*NODE, DISPLAY="") as node:
+            self.assertEqual(node.wait(), 1)
+            self.assertIn("no keyboard to drive with", node.output)
+            self.assertIn("DISPLAY", node.output)
+
+    def test_bad_parameter(self):
+        for parameter in ("_speed:=fast", "_speed:=-1.0", "_steering_angle:=1.6"):
+            with Process(*NODE, parameter, DISPLAY="") as node:
+                self.assertEqual(node.wait(), 1)
+                self.assertIn(f"parameter ~{parameter[1:].split(':')[0]} is", node.output)
+            rospy.delete_param(f"/car/keyboard_teleop/{parameter[1:].split(':')[0]}")
+
+
+class WindowTest(Commands, unittest.TestCase):
+    """In a window, with keys that xdotool presses."""
+
+    def setUp(self):
+        require(self, "Xvfb", "xdotool")
+        super().setUp()
+        self.display = Display()
+        self.addCleanup(self.display.end)
+        self.node = Process(*NODE, DISPLAY=self.display.name)
+        self.addCleanup(self.node.end)
+        self.addCleanup(self.display.xdotool, "keyup", "w", "keyup", "a")
+        self.commands.connected()
+        found = wait_for(
+            lambda: self.display.xdotool("search", "--name", "^Teleop car$"), "the window"
+        )
+        wait_for(lambda: self.display.focus(found[0]), "the window to have the focus")
+
+    def test_keys(self):
+        """Commands while keys are held, a stop when they are released, and then silence."""
+        self.display.xdotool("keydown", "w")
+        self.wait_for_drive(FORWARD)
+        wait_for(lambda: self.active.last.data == "teleop", "the mux to pass it on")
+        began = rospy.Time.now()
+        last = self.commands.after(began + rospy.Duration(REPEATING)).header.stamp
+        held = [each for each in self.commands.messages if each.header.stamp <= last]
+        self.assertEqual(set(drives(held)), {FORWARD})
+        first = held[0].header.stamp
+        self.assertLessEqual(len(held), 10 * (last - first).to_sec() + 1.5, "more than 10 Hz")
+
+        self.display.xdotool("keydown", "a")
+        self.wait_for_drive(FORWARD_LEFT)
+        self.display.xdotool("keyup", "a")
+        self.wait_for_drive(FORWARD)
+        self.display.xdotool("keyup", "w")
+        self.wait_for_silence()
+        self.check_headers()
+
+    def test_focus(self):
+        """Where the window loses the focus the car stops, though the key is still down."""
+        self.display.xdotool("keydown", "w")
+        self.wait_for_drive(FORWARD)
+        other = subprocess.Popen(
+            ["/usr/bin/python3", "-c", "import tkinter; tkinter.Tk(className='other').mainloop()"],
+            env={**os.environ, "DISPLAY": self.display.name},
+        )
+        self.addCleanup(other.wait)
+        self.addCleanup(other.kill)
+        window = wait_for(
+            lambda: self.display.xdotool("search", "--name", "^other$"), "another window"
+        )[0]
+        wait_for(lambda: self.display.focus(window), "the other window to have the focus")
+        self.wait_for_silence()
+
+    def test_end(self):
+        """Ctrl-C with a key down: the stop goes out before the node ends."""
+        self.display.xdotool("keydown", "w")
+        self.wait_for_drive(FORWARD)
+        self.node.send_signal(signal.SIGINT)
+        self.assertEqual(self.node.wait(), 0, self.node.output)
+        self.wait_for_silence()
+        self.assertNotIn("Traceback", self.node.output)
+
+
+class TerminalTest(Commands, unittest.TestCase):
+    """In a terminal, where there is no display."""
+
+    def setUp(self):
+        super().setUp()
+        self.keyboard, terminal = pty.openpty()
+        self.addCleanup(os.close, self.keyboard)
+        self.addCleanup(os.close, terminal)
+        self.terminal = terminal
+        self.settings = termios.tcgetattr(terminal)
+        self.node = subprocess.Popen(
+            NODE, stdin=terminal, env={**os.environ, "DISPLAY": ""}, start_new_session=True
+        )
+        self.addCleanup(self.node.wait)
+        self.addCleanup(self.node.kill)
+        wait_for(lambda: termios.tcgetattr(terminal) != self.settings, "the terminal to be set")
+        self.commands.connected()
+
+    def test_keys(self):
+        """A character drives for a while, repeats drive on, and then comes a stop and silence."""
+        os.write(self.keyboard, b"w")
+        self.wait_for_drive(FORWARD)
+        os.write(self.keyboard, b"a")
+        self.wait_for_drive(FORWARD_LEFT)
+        self.wait_for_silence()
+        self.check_headers()
+
+    def test_other_key(self):
+        """Any other key stops the car at once."""
+        os.write(self.keyboard, b"w")
+        self.wait_for_drive(FORWARD)
+        os.write(self.keyboard, b" ")
+        self.wait_for_silence()
+
+    def test_end(self):
+        """Ctrl-C, which the terminal makes a signal of: a stop, and the settings are put back."""
+        os.write(self.keyboard, b"w")
+        self.wait_for_drive(FORWARD)
+        os.killpg(self.node.pid, signal.SIGINT)
+        self.assertEqual(self.node.wait(PATIENCE), 0)
+        self.assertEqual(termios.tcgetattr(self.terminal), self.settings)
+        self.wait_for_silence()
+
+
+if __name__ == "__main__":
+    rospy.init_node("keyboard_teleop_test")
+    rostest.rosrun("mushr_ros_intro", "keyboard_teleop", "keyboard_teleop_test")

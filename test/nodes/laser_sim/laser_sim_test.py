@@ -1,0 +1,139 @@
+#!/usr/bin/python3
+"""Check the laser's node; the test stands in for the car and reports its poses."""
+
+import math
+import unittest
+
+import rospy
+import rostest
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import LaserScan
+
+from mushr_ros_intro.parameters import ParameterError
+from support.helpers import Recording, module, node, private_parameters, publisher, wait_for
+
+HALF_TRACK = 1.4
+"""[m] Of race_loop's straight, whose walls are at this to either side of its middle."""
+OFFSET = 0.1227
+"""[m] Of the scanner, in front of the rear axle."""
+EXACT = 2e-6
+"""[m] The ranges are float32, and so are the angles of the message."""
+BEAM = 90
+"""Beams in an eighth of a turn, from straight back on; the profile's pi has six digits."""
+LOST_DIGITS = 3e-6
+"""[rad]"""
+
+
+class TestLaserSim(unittest.TestCase):
+    begin = 1_000_000
+
+    def setUp(self):
+        self.scans = Recording("/car/scan", LaserScan).connected()
+        self.noisy = Recording("/noisy/scan", LaserScan).connected()
+        self.poses = publisher("/car/car_pose", PoseStamped)
+        wait_for(lambda: self.poses.get_num_connections() >= 2, "both lasers")
+        # Not the stamps of the test before, whose last scans may still be on their way.
+        TestLaserSim.begin += 1000
+        self.stamp = rospy.Time(TestLaserSim.begin)
+
+    def report(self, stamp, x, y, theta):
+        msg = PoseStamped()
+        msg.header.stamp, msg.header.frame_id = stamp, "map"
+        msg.pose.position.x, msg.pose.position.y = x, y
+        msg.pose.orientation.z, msg.pose.orientation.w = math.sin(theta / 2), math.cos(theta / 2)
+        self.poses.publish(msg)
+
+    def scan_of(self, x, y, theta):
+        """Return both scans of a pose; it is reported until the lasers have their map."""
+
+        def find():
+            self.stamp += rospy.Duration(0.1)
+            self.report(self.stamp, x, y, theta)
+            both = []
+            for recording in (self.scans, self.noisy):
+                try:
+                    both.append(recording.after(begin, 0.2))
+                except AssertionError:
+                    return None
+            return both
+
+        self.stamp += rospy.Duration(1)
+        begin = self.stamp
+        return wait_for(find, "a scan")
+
+    def test_what_it_sees(self):
+        scan, noisy = self.scan_of(0.0, 0.4, 0.0)
+        self.assertEqual(scan.header.frame_id, "car/laser_link")
+        self.assertEqual(noisy.header.frame_id, "noisy/laser_link")
+        self.assertEqual(len(scan.ranges), 720)
+        self.assertAlmostEqual(scan.angle_min, -3.14159, delta=LOST_DIGITS)
+        self.assertAlmostEqual(
+            scan.angle_max, scan.angle_min + 719 * scan.angle_increment, delta=1e-5
+        )
+        self.assertAlmostEqual(scan.range_max, 10.0)
+        right, left = scan.ranges[2 * BEAM], scan.ranges[6 * BEAM]
+        self.assertAlmostEqual(right, HALF_TRACK + 0.4, delta=EXACT)
+        self.assertAlmostEqual(left, HALF_TRACK - 0.4, delta=EXACT)
+        # The noise is there, and is not large.
+        differences = [a - b for a, b in zip(noisy.ranges[170:190], scan.ranges[170:190])]
+        self.assertGreater(max(map(abs, differences)), 1e-4)
+        self.assertLess(max(map(abs, differences)), 0.1)
+
+    def test_where_it_stands(self):
+        """Turned towards the wall it is nearer than the rear axle by its offset."""
+        scan, _ = self.scan_of(2.0, 0.0, math.pi / 2)
+        self.assertAlmostEqual(scan.ranges[4 * BEAM], HALF_TRACK - OFFSET, delta=EXACT)
+
+    def test_inside_a_wall_and_off_the_map(self):
+        scan, _ = self.scan_of(5.0, 5.0, 0.0)
+        self.assertEqual(set(scan.ranges), {-math.inf})
+        scan, _ = self.scan_of(500.0, 5.0, 0.0)
+        self.assertEqual(set(scan.ranges), {math.inf})
+
+    def test_ten_scans_a_second_by_the_stamps(self):
+        """Of poses at 50 Hz every fifth is scanned from, with its stamp, however fast they come."""
+        self.scan_of(0.0, 0.0, 0.0)
+        self.scans.clear()
+        begin = self.stamp + rospy.Duration(100)
+        for number in range(51):
+            before = len(self.scans.messages)
+            self.report(begin + rospy.Duration(0, number * 20_000_000), 0.01 * number, 0.0, 0.0)
+            if number % 5 == 0:
+                wait_for(lambda n=before: len(self.scans.messages) > n, "the next scan")
+        stamps = [(scan.header.stamp - begin).to_nsec() for scan in self.scans.messages]
+        self.assertEqual(stamps, [number * 100_000_000 for number in range(11)])
+
+    def test_poses_that_are_none(self):
+        self.scan_of(0.0, 0.0, 0.0)
+        self.scans.clear()
+        begin = self.stamp + rospy.Duration(100)
+        self.report(begin, math.nan, 0.0, 0.0)
+        self.report(begin + rospy.Duration(1), math.inf, 0.0, 0.0)
+        self.report(begin + rospy.Duration(2), 0.0, 0.0, 0.0)
+        good = self.scans.after(begin)
+        self.assertEqual(good.header.stamp, begin + rospy.Duration(2))
+        self.assertEqual(len(self.scans.messages), 1)
+
+    def test_refusals(self):
+        cases = (
+            ({"beams": 0}, "parameter ~beams is 0; expected a number from 1 to 62832"),
+            ({"beams": 1.5}, "parameter ~beams is 1.5; expected a whole number"),
+            ({"beams": 900}, "900 beams are 0.00872665 rad apart; expected at least one beam, and"),
+            ({"range_min": 10.0}, "range_min is 10 and range_max is 10 m; expected"),
+            ({"noise_std": -0.1}, "parameter ~noise_std is -0.1; expected a number from 0 to 1000"),
+            ({"scan_rate": "often"}, "parameter ~scan_rate is 'often'; expected a number from 0.1"),
+        )
+        laser_sim = module("laser_sim.py")
+        for parameters, expected in cases:
+            with private_parameters(parameters), self.assertRaises(ParameterError) as caught:
+                laser_sim.LaserSim()
+            self.assertIn(expected, str(caught.exception))
+        with node("laser_sim.py", "__name:=refusing", "_beams:=0") as laser:
+            self.assertEqual(laser.wait(), 1, laser.output)
+            self.assertIn("parameter ~beams is 0; expected", laser.output)
+            self.assertNotIn("Traceback", laser.output)
+
+
+if __name__ == "__main__":
+    rospy.init_node("laser_sim_test")
+    rostest.rosrun("mushr_ros_intro", "test_laser_sim", TestLaserSim)

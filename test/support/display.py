@@ -1,0 +1,57 @@
+"""A display of a test's own, which nobody sees: Xvfb on a free number."""
+
+import os
+import select
+import shutil
+import subprocess
+
+from support.helpers import PATIENCE
+
+
+def require(test, *programs):
+    """Fail the test if one of the programs is not installed."""
+    for program in programs:
+        test.assertTrue(
+            shutil.which(program), f"{program} is not on the PATH; scripts/setup installs it"
+        )
+
+
+class Display:
+    """An X server with a screen of 1280 by 900 pixels."""
+
+    def __init__(self):
+        reader, writer = os.pipe()
+        # Without -noreset it refuses whoever comes while it forgets its last client.
+        options = ["-screen", "0", "1280x900x24", "-noreset", "-nolisten", "tcp"]
+        self._server = subprocess.Popen(
+            ["Xvfb", "-displayfd", str(writer), *options],
+            pass_fds=[writer],
+            stderr=subprocess.DEVNULL,
+        )
+        os.close(writer)
+        with open(reader, encoding="ascii") as answer:
+            ready, _, _ = select.select([reader], [], [], PATIENCE)
+            self.name = ":" + answer.readline().strip() if ready else ":"
+        if self.name == ":":
+            self.end()
+            raise AssertionError(f"Xvfb named no display within {PATIENCE:g} s")
+
+    def end(self):
+        """End the server, and with it every window."""
+        self._server.terminate()
+        self._server.wait()
+
+    def xdotool(self, *arguments):
+        """Run xdotool on this display; return the words that it prints."""
+        return subprocess.run(
+            ["xdotool", *arguments],
+            env={**os.environ, "DISPLAY": self.name},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        ).stdout.split()
+
+    def focus(self, window):
+        """Give a window the keys; say whether it has them."""
+        self.xdotool("windowfocus", window)
+        return self.xdotool("getwindowfocus") == [window]

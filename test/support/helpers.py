@@ -1,0 +1,388 @@
+"""What several of the rostests need: recording topics, waiting with a deadline, the closed form."""
+
+import cmath
+import contextlib
+import importlib.util
+import math
+import os
+import signal
+import socket
+import struct
+import subprocess
+import threading
+import time
+from urllib.parse import urlsplit
+
+import rosgraph.xmlrpc
+import roslib.packages
+import rospkg
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
+
+from mushr_ros_intro.ros.connections import receivers, remind
+
+POSITION_TOLERANCE = 1e-6
+"""[m] What the package promises; the sums of 1e-16 that are behind it reach about 1e-12."""
+ANGLE_TOLERANCE = 1e-6
+"""[rad] Likewise."""
+
+LEAD = rospy.Duration(0.3)
+"""How far ahead of the clock the tests stamp their first message: time to send the rest."""
+
+PATIENCE = 30.0
+"""[s] How long to wait for what should come at once: a busy machine is not a failure."""
+
+
+def float32(value):
+    """Return `value` as it travels in an AckermannDrive."""
+    return struct.unpack("f", struct.pack("f", value))[0]
+
+
+def closed_form(start, rows, wheelbase=0.33):
+    """Return the pose (x, y, theta) at the end of `rows` of (speed, steering angle, seconds).
+
+    Written in complex numbers, with the turning centre, and so not as the car does it.
+    """
+    position, heading = complex(start[0], start[1]), start[2]
+    for speed, steering_angle, duration in rows:
+        speed, steering_angle = float32(speed), float32(steering_angle)
+        turn_rate = speed * math.tan(steering_angle) / wheelbase
+        if turn_rate == 0.0:
+            position += speed * duration * cmath.exp(1j * heading)
+        else:
+            turned = heading + turn_rate * duration
+            centre = position + 1j * speed / turn_rate * cmath.exp(1j * heading)
+            position = centre - 1j * speed / turn_rate * cmath.exp(1j * turned)
+            heading = turned
+    return position.real, position.imag, heading
+
+
+def yaw_of(quaternion):
+    """Return the yaw [rad] of a rotation about the z axis."""
+    return 2.0 * math.atan2(quaternion.z, quaternion.w)
+
+
+def planar(pose):
+    """Return the (x, y, theta) of a geometry_msgs/Pose on the ground."""
+    return pose.position.x, pose.position.y, yaw_of(pose.orientation)
+
+
+def angle_between(one, other):
+    """Return the size of the angle [rad] between two headings."""
+    return abs(math.remainder(one - other, math.tau))
+
+
+def command(stamp, speed, steering_angle):
+    """Return a command."""
+    msg = AckermannDriveStamped()
+    msg.header.stamp = stamp
+    msg.header.frame_id = "car/base_footprint"
+    msg.drive.speed, msg.drive.steering_angle = speed, steering_angle
+    return msg
+
+
+def placement(stamp, x, y, theta, frame="map"):
+    """Return a message that places the car."""
+    msg = PoseWithCovarianceStamped()
+    msg.header.stamp = stamp
+    msg.header.frame_id = frame
+    msg.pose.pose.position.x, msg.pose.pose.position.y = x, y
+    msg.pose.pose.orientation.z = math.sin(theta / 2.0)
+    msg.pose.pose.orientation.w = math.cos(theta / 2.0)
+    return msg
+
+
+def at(begin, seconds):
+    """Return the instant `seconds` after another."""
+    return begin + rospy.Duration.from_sec(seconds)
+
+
+def wait_for(condition, what, patience=PATIENCE):
+    """Return the first true value of `condition`; fail with `what` was waited for after a while."""
+    deadline = time.monotonic() + patience
+    while True:
+        value = condition()
+        if value:
+            return value
+        if rospy.is_shutdown():
+            raise AssertionError(f"shut down while waiting for {what}")
+        if time.monotonic() > deadline:
+            raise AssertionError(f"waited {patience:g} s for {what}")
+        time.sleep(0.01)
+
+
+class Recording:
+    """Every message of a topic, in the order of arrival."""
+
+    def __init__(self, topic, kind):
+        self.topic = rospy.resolve_name(topic)
+        self._lock = threading.Lock()
+        self._messages = []
+        self.subscriber = rospy.Subscriber(topic, kind, self._take, tcp_nodelay=True)
+
+    def _take(self, message):
+        with self._lock:
+            self._messages.append(message)
+
+    @property
+    def messages(self):
+        with self._lock:
+            return list(self._messages)
+
+    @property
+    def last(self):
+        with self._lock:
+            return self._messages[-1] if self._messages else None
+
+    def clear(self):
+        with self._lock:
+            self._messages.clear()
+
+    def connected(self):
+        """Wait until somebody publishes the topic, of whom rospy may have to be told again."""
+        reminded = time.monotonic()
+
+        def is_connected():
+            nonlocal reminded
+            if time.monotonic() > reminded + 2.0:
+                reminded = time.monotonic()
+                remind(self.subscriber, "publishers")
+            return self.subscriber.get_num_connections()
+
+        wait_for(is_connected, f"a publisher of {self.topic}")
+        return self
+
+    def after(self, stamp, patience=PATIENCE):
+        """Return the first message that is stamped after `stamp` (a rospy.Time)."""
+
+        def find():
+            return next((m for m in self.messages if m.header.stamp > stamp), None)
+
+        return wait_for(find, f"a message on {self.topic} after {stamp.to_sec():.3f}", patience)
+
+    def shows(self, pose, since, patience=PATIENCE):
+        """Wait until the car reports from `since` on that it is at `pose` (x, y, theta)."""
+
+        def is_there():
+            if not self.last or self.last.header.stamp < since:
+                return False
+            x, y, theta = planar(self.last.pose)
+            is_near = math.hypot(x - pose[0], y - pose[1]) < POSITION_TOLERANCE
+            return is_near and angle_between(theta, pose[2]) < ANGLE_TOLERANCE
+
+        wait_for(is_there, f"the car of {self.topic} to be at {pose}", patience)
+
+    def pose_at_rest(self, since, patience=PATIENCE):
+        """Return the pose (x, y, theta) of a car that reports the same one for 0.3 s after `since`.
+
+        0.3 s is longer than a command is good for.
+        """
+
+        def find():
+            messages = [m for m in self.messages if m.header.stamp >= since]
+            if not messages:
+                return None
+            tail = messages[-1].header.stamp - rospy.Duration(0.3)
+            if tail < since:
+                return None
+            poses = {planar(m.pose) for m in messages if m.header.stamp >= tail}
+            return poses if len(poses) == 1 else None
+
+        return wait_for(find, f"the car of {self.topic} to stand still", patience).pop()
+
+
+def publisher(topic, kind, **options):
+    """Return a publisher of `topic` that somebody listens to."""
+    made = rospy.Publisher(topic, kind, queue_size=100, tcp_nodelay=True, **options)
+    wait_for(made.get_num_connections, f"a subscriber of {made.resolved_name}")
+    return made
+
+
+def wait_for_recorder(name):
+    """Wait until what a plan_recorder needs to hear reaches it."""
+    master = rosgraph.Master(rospy.get_name())
+    topics = {
+        "/car/mux/ackermann_cmd_mux": "/car/mux/ackermann_cmd_mux/output",
+        "/car/car_sim": "/car/car_pose",
+    }
+
+    def hears(sender):
+        uri = master.lookupNode(sender)
+        return name in receivers(uri, PATIENCE, rospy.get_name(), topics[sender])
+
+    wait_for(lambda: all(map(hears, topics)), f"{name} to listen")
+
+
+class Ghost:
+    """A node that the master knows, and that connects with nobody, whatever it is told.
+
+    Who asks for what it publishes is sent to a `port` of this machine, or nowhere. Who asks
+    whether it is connected is told nothing, or where there is a `silence` [s], then yes.
+    """
+
+    def __init__(self, subscribes=(), publishes=(), port=None, silence=0.0):
+        self.calls = {"publisherUpdate": [], "requestTopic": []}
+        self._ended = threading.Event()
+        self._silence = silence
+        self._server = rosgraph.xmlrpc.ThreadingXMLRPCServer(("127.0.0.1", 0), log_requests=False)
+        self._uri = f"http://localhost:{self._server.server_address[1]}/"
+        self._master = rosgraph.Master("/ghost")
+        self._subscribes, self._publishes = subscribes, publishes
+        self._server.register_function(lambda *_: (1, "", os.getpid()), "getPid")
+        if silence:
+            self._server.register_function(self._say_it_is_connected, "getBusInfo")
+        offer = (1, "", ["TCPROS", "localhost", port]) if port else (0, "no", 0)
+        for name, answer in (("publisherUpdate", (1, "", 0)), ("requestTopic", offer)):
+            self._server.register_function(self._answer(name, answer), name)
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+        for topic in subscribes:
+            self._master.registerSubscriber(topic, "*", self._uri)
+        for topic in publishes:
+            self._master.registerPublisher(topic, "*", self._uri)
+
+    def _answer(self, name, answer):
+        def take(_, *arguments):
+            self.calls[name].append(list(arguments))
+            return answer
+
+        return take
+
+    def _say_it_is_connected(self, caller):
+        self._ended.wait(self._silence)
+        return 1, "", [[1, caller, "o", "TCPROS", topic, True, ""] for topic in self._publishes]
+
+    def die(self):
+        """Answer no more; the master is not told."""
+        self._ended.set()
+        self._server.shutdown()
+        self._server.server_close()
+
+    def end(self):
+        for topic in self._subscribes:
+            self._master.unregisterSubscriber(topic, self._uri)
+        for topic in self._publishes:
+            self._master.unregisterPublisher(topic, self._uri)
+        self.die()
+
+
+ENDING = 5.0
+"""How long a process may take to end when it is told to [s], before it is killed."""
+
+
+_held = []
+
+
+def kill(name, pid):
+    """Kill a node, and keep its port from others until this process ends.
+
+    When the next node of its name comes, the master has who listens there shut down; and who
+    subscribes to what it published asks there for it, which another's port for messages takes for
+    one that is slow to introduce itself, and accepts nobody else meanwhile. Either may be a node
+    of another test by then.
+    """
+    uri = rosgraph.Master("/kill").lookupNode(name)
+    os.kill(pid, signal.SIGKILL)
+    held = socket.socket()
+    held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+
+    def is_held():
+        with contextlib.suppress(OSError):
+            held.bind(("127.0.0.1", urlsplit(uri).port))
+            return True
+
+    wait_for(is_held, f"{name} to be dead")
+    _held.append(held)
+
+
+class Process:
+    """A command that a test starts, watches and ends."""
+
+    def __init__(self, *command, **environment):
+        self._process = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, **environment, "PYTHONUNBUFFERED": "1"},
+            start_new_session=True,
+        )
+        self._lines = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self):
+        for line in self._process.stdout:
+            self._lines.append(line.decode(errors="replace"))
+
+    @property
+    def output(self):
+        return "".join(self._lines)
+
+    @property
+    def pid(self):
+        return self._process.pid
+
+    @property
+    def running(self):
+        return self._process.poll() is None
+
+    def send_signal(self, number):
+        """Send a signal to the process and to all that it has started."""
+        os.killpg(self._process.pid, number)
+
+    def wait(self, patience=PATIENCE):
+        """Return the exit status."""
+        try:
+            status = self._process.wait(patience)
+        except subprocess.TimeoutExpired:
+            self.end()
+            raise AssertionError(f"no end after {patience:g} s: {self.output}") from None
+        self._reader.join(5.0)
+        return status
+
+    def end(self):
+        """End the process, as a rule so that a node signs off at the master.
+
+        Otherwise the next one of its name makes the master call where this one listened: there
+        may be a node of another test by then, and be told to shut down.
+        """
+        if self.running:
+            self.send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(ENDING)
+        if self.running:
+            self.send_signal(signal.SIGKILL)
+            self._process.wait()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.end()
+
+
+def module(name):
+    """Return a node of this package as a module, for what needs no process of its own."""
+    path = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "src", name)
+    spec = importlib.util.spec_from_file_location(os.path.splitext(name)[0], path)
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    return made
+
+
+@contextlib.contextmanager
+def private_parameters(parameters):
+    """Let the node that this process is have `parameters` for a while."""
+    try:
+        for name, value in parameters.items():
+            rospy.set_param(f"~{name}", value)
+        yield
+    finally:
+        for name in parameters:
+            rospy.delete_param(f"~{name}")
+
+
+def node(name, *arguments, **environment):
+    """Start a node of this package as rosrun does, without rosrun's second of searching."""
+    path = roslib.packages.find_node("mushr_ros_intro", name)[0]
+    return Process(path, *arguments, **environment)

@@ -1,0 +1,29 @@
+"""Print every command that reaches the car, and every pose that it reports, until it is ended."""
+
+import sys
+
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped
+from helpers import planar
+
+
+def tell(what, msg, *numbers):
+    words = (what, str(msg.header.stamp.to_nsec()), *map(float.hex, numbers))
+    sys.stdout.write(" ".join(words) + "\n")  # in one piece, as each topic has its thread
+
+
+def on_command(msg):
+    tell("command", msg, msg.drive.speed, msg.drive.steering_angle)
+
+
+def on_pose(msg):
+    tell("pose", msg, *planar(msg.pose))
+
+
+if __name__ == "__main__":
+    rospy.init_node("witness")
+    output = "/car/mux/ackermann_cmd_mux/output"
+    rospy.Subscriber(output, AckermannDriveStamped, on_command, tcp_nodelay=True)
+    rospy.Subscriber("/car/car_pose", PoseStamped, on_pose, tcp_nodelay=True)
+    rospy.spin()

@@ -1,0 +1,261 @@
+#!/usr/bin/python3
+"""Check that nothing drifts, gets lost or grows, however long a plan is driven again and again."""
+
+import bisect
+import collections
+import os
+import signal
+import sys
+import time
+import unittest
+import xmlrpc.client
+
+import rosgraph
+import rospkg
+import rospy
+import rostest
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped
+
+from mushr_ros_intro.plan.parse import read_plan
+from support.helpers import angle_between, closed_form, float32, node, planar, wait_for
+
+PERIOD = 100_000_000
+"""[ns] Between commands."""
+
+HOLD = 200_000_000
+"""[ns] How long a command is good for, and so how late the next may be without any harm."""
+
+HINDSIGHT = 1_000_000_000
+"""[ns] After so long it is known which commands came late, in wall-clock time."""
+
+ROUNDING = 1e-9
+"""[m, rad] What is left to the arithmetic: sums of 1e-16, and quaternions of 1e-16."""
+
+GROWTH = 2.0
+"""[MB] How much more memory a process may have than it had in the first minute."""
+
+SETTLED = 60.0
+"""[s] That minute."""
+
+SHOWN = 5
+
+
+class Drive:
+    """One car that is driven again and again, each message checked as it comes."""
+
+    def __init__(self, car, plan):
+        self.car = car
+        self.faults = []
+        self.commands = self.passed = self.stops = self.poses = self.unsure = 0
+        self.worst = 0.0
+        self.lateness = 0.0
+        self.over = False
+        self.first = None
+        self._late = collections.deque(maxlen=100)
+        self._unjudged = collections.deque()
+        self._plan = plan
+        self._cycle = plan.duration + PERIOD  # the stop, and from there to the next first command
+        self._read()
+        topic = f"/{car}/mux/ackermann_cmd_mux"
+        options = {"tcp_nodelay": True}
+        rospy.Subscriber(
+            f"{topic}/input/navigation", AckermannDriveStamped, self._on_command, **options
+        )
+        rospy.Subscriber(f"{topic}/output", AckermannDriveStamped, self._on_passed, **options)
+        rospy.Subscriber(f"/{car}/car_pose", PoseStamped, self._on_pose, **options)
+
+    def _read(self):
+        """Note when each row of the plan begins, where the car is then, and what it is told."""
+        self._begins, self._starts, begin = [], [tuple(self._plan.start)], 0
+        self._told = []
+        for row in self._plan.rows:
+            self._begins.append(begin)
+            told = (float32(row.speed), float32(row.steering_angle))
+            self._told += [(due, *told) for due in range(begin, begin + row.duration, PERIOD)]
+            begin += row.duration
+            driven = (row.speed, row.steering_angle, row.duration / 1e9)
+            self._starts.append(closed_form(self._starts[-1], [driven]))
+        self._told.append((begin, 0.0, 0.0))
+
+    def _row_at(self, offset):
+        return bisect.bisect_right(self._begins, offset) - 1
+
+    def _expected(self, index):
+        """Return the stamp, speed and steering angle of a command, counted from the first."""
+        rounds, index = divmod(index, len(self._told))
+        due, speed, steering_angle = self._told[index]
+        return (self.first + rounds * self._cycle + due, speed, steering_angle)
+
+    def _check(self, what, index, msg):
+        found = (msg.header.stamp.to_nsec(), msg.drive.speed, msg.drive.steering_angle)
+        expected = self._expected(index)
+        if found != expected:
+            self._blame(f"{what} {index} is {found}, expected {expected}")
+
+    def _blame(self, fault):
+        if len(self.faults) < SHOWN:
+            self.faults.append(f"{self.car}: {fault}")
+
+    def _on_command(self, msg):
+        if self.over:
+            return
+        stamp = msg.header.stamp.to_nsec()
+        if self.first is None:
+            self.first = stamp
+        self._check("command", self.commands, msg)
+        self.commands += 1
+        self.lateness = max(self.lateness, self._note_lateness(stamp))
+
+    def _note_lateness(self, stamp):
+        """Note between which instants a command that has just come may have been missing."""
+        late = time.time_ns() - stamp if rospy.rostime.is_wallclock() else 0
+        if late > PERIOD // 2:
+            self._late.append((stamp, stamp + late + HOLD))
+        return late
+
+    def _on_passed(self, msg):
+        if self.over or self.first is None:
+            return
+        if not self.passed:  # its first may have been here before the input's
+            while self._expected(self.passed)[0] < msg.header.stamp.to_nsec():
+                self.passed += 1
+        is_stop = msg.drive.speed == msg.drive.steering_angle == 0.0
+        if is_stop and self._expected(self.passed)[1] and rospy.rostime.is_wallclock():
+            self.stops += 1  # this machine stood still for longer than a command is good for
+            return
+        self._note_lateness(msg.header.stamp.to_nsec())
+        self._check("what the mux passed on", self.passed, msg)
+        self.passed += 1
+
+    def _on_pose(self, msg):
+        stamp = msg.header.stamp.to_nsec()
+        if self.over or self.first is None or stamp < self.first:
+            return
+        if self._unjudged and stamp - self._unjudged[-1][0] > PERIOD:  # the car stood still
+            self._late.append((self._unjudged[-1][0], stamp + HOLD))
+        self._unjudged.append((stamp, planar(msg.pose)))
+        hindsight = HINDSIGHT if rospy.rostime.is_wallclock() else 0
+        while self._unjudged and self._unjudged[0][0] <= stamp - hindsight:
+            self._judge(*self._unjudged.popleft())
+
+    def _judge(self, stamp, found):
+        """See whether a pose is where the plan has the car, as long as no command was late."""
+        offset = (stamp - self.first) % self._cycle
+        expected = self._starts[0]
+        if offset < self._plan.duration:
+            index = self._row_at(offset)
+            row, begin = self._plan.rows[index], self._begins[index]
+            driven = (row.speed, row.steering_angle, (offset - begin) / 1e9)
+            expected = closed_form(self._starts[index], [driven])
+        if offset == self._plan.duration:
+            return  # then the car is placed again, of which it may have heard or not
+        if rospy.rostime.is_wallclock() and (self._is_news(offset) or self._is_missing(stamp)):
+            self.unsure += 1
+            return
+        error = max(
+            abs(found[0] - expected[0]),
+            abs(found[1] - expected[1]),
+            angle_between(found[2], expected[2]),
+        )
+        self.poses += 1
+        self.worst = max(self.worst, error)
+        if error > ROUNDING:
+            self._blame(f"{offset / 1e9} s into the plan at {found}, expected {expected}")
+
+    def _is_news(self, offset):
+        """Say whether a command has just changed something, so that the car may not know yet."""
+        if offset >= self._plan.duration - PERIOD // 10:
+            return True
+        index = self._row_at(offset)
+        before = self._plan.rows[index - 1][:2] if index else None
+        return self._plan.rows[index][:2] != before and offset - self._begins[index] < HOLD
+
+    def _is_missing(self, stamp):
+        """Say whether the car may have missed a command at an instant, because it came late."""
+        return any(begin <= stamp < end for begin, end in tuple(self._late))
+
+
+class Memory:
+    """The resident memory of every node."""
+
+    def __init__(self):
+        master = rosgraph.Master(rospy.get_name())
+        names = {name for group in master.getSystemState() for _, each in group for name in each}
+        self._pids = {}
+        for name in names - {rospy.get_name()}:
+            with xmlrpc.client.ServerProxy(master.lookupNode(name)) as api:
+                self._pids[name] = api.getPid(rospy.get_name())[2]
+        self.settled = dict.fromkeys(self._pids, 0.0)
+        self.most = dict.fromkeys(self._pids, 0.0)
+
+    def look(self, is_settled):
+        """Note how much each node has now [MB]."""
+        for name, pid in self._pids.items():
+            with open(f"/proc/{pid}/status") as file:
+                line = next(each for each in file if each.startswith("VmRSS:"))
+            resident = int(line.split()[1]) / 1e3
+            kept = self.most if is_settled else self.settled
+            kept[name] = max(kept[name], resident)
+
+    def growth(self):
+        """Return by how much each node has grown since the first minute [MB], if that is over."""
+        return {name: most - self.settled[name] for name, most in self.most.items() if most}
+
+
+class TestSoak(unittest.TestCase):
+    maxDiff = None
+
+    def test_nothing_drifts_gets_lost_or_grows(self):
+        duration = int(rospy.get_param("~hours") * 3600e9)
+        plans = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "plans")
+        drives, nodes = [], []
+        cars = {"car": "figure_8"}
+        if rospy.get_param("~second_car", False):
+            cars["car2"] = "slalom"
+        for car, name in cars.items():
+            drives.append(Drive(car, read_plan(os.path.join(plans, f"{name}.txt"))))
+            arguments = [f"_car_name:={car}", f"_plan_file:={name}", "_loop:=true"]
+            if car != "car":
+                arguments += [f"_init_pose_topic:=/{car}/initialpose", f"__ns:=/{car}"]
+            nodes.append(node("path_publisher.py", *arguments))
+            self.addCleanup(nodes[-1].end)
+        for drive in drives:
+            wait_for(lambda d=drive: d.commands, f"the first command to {drive.car}")
+        began = time.monotonic()
+        memory = Memory()
+        while not all(d.first + duration <= rospy.get_rostime().to_nsec() for d in drives):
+            memory.look(time.monotonic() > began + SETTLED)
+            faults = [fault for drive in drives for fault in drive.faults]
+            self.assertEqual(faults, [])
+            for each in nodes:
+                self.assertTrue(each.running, each.output[-2000:])
+            time.sleep(0.5)
+        elapsed = time.monotonic() - began
+        for drive, each in zip(drives, nodes):
+            # The clock may be here before them.
+            wait_for(lambda d=drive: d.commands > duration / PERIOD, "the commands of that time")
+            sent = drive.commands
+            wait_for(lambda d=drive, n=sent: d.passed >= n, f"the mux to pass on {sent} commands")
+            drive.over = True
+            each.send_signal(signal.SIGINT)
+            self.assertEqual(each.wait(), 0, each.output[-2000:])
+            sys.stderr.write(
+                f"{drive.car}: {duration / 3.6e12:g} h in {elapsed:.0f} s; {drive.commands} "
+                f"commands, {drive.passed} passed on, {drive.stops} stops between; "
+                f"{drive.poses} poses, {drive.unsure} more within {HOLD / 1e9} s of a change or of "
+                f"a late command; worst pose {drive.worst:.1e}, latest command "
+                f"{drive.lateness / 1e6:.0f} ms\n"
+            )
+        growth = memory.growth()
+        for name in sorted(growth):
+            sys.stderr.write(f"{name}: {memory.settled[name]:.1f} MB, {growth[name]:+.2f} MB\n")
+        for drive in drives:
+            self.assertEqual(drive.faults, [])
+            self.assertGreater(drive.poses, 0.5 * drive.commands)
+        self.assertLess(max(growth.values(), default=0.0), GROWTH, growth)
+
+
+if __name__ == "__main__":
+    rospy.init_node("soak_test")
+    rostest.rosrun("mushr_ros_intro", "soak_test", TestSoak)

@@ -1,0 +1,82 @@
+"""The package of a course that grades with this one: right passes, and wrong fails."""
+
+import concurrent.futures
+import glob
+import os
+import subprocess
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+
+from support.helpers import angle_between, closed_form
+from support.paths import PACKAGE
+
+COURSE = os.path.join(PACKAGE, "examples", "example_course")
+PARKING = os.path.join(COURSE, "plans", "parking.txt")
+PATIENCE = 120.0
+"""[s] How long a test of the course may take on a busy machine."""
+
+
+def rostest(folder, name, *arguments):
+    """Run a test of the course; return its exit status, and what its cases say, by their names."""
+    packages = os.pathsep.join((COURSE, os.environ["ROS_PACKAGE_PATH"]))
+    environment = {
+        **os.environ,
+        "ROS_PACKAGE_PATH": packages,
+        "ROS_TEST_RESULTS_DIR": f"{folder}/{name}",
+    }
+    done = subprocess.run(
+        ["rostest", "example_course", name, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env=environment,
+        timeout=PATIENCE,
+    )
+    (path,) = glob.glob(f"{folder}/{name}/example_course/rosunit-*.xml")
+    cases = ElementTree.parse(path).getroot().iter("testcase")
+    return done.returncode, {case.get("name"): case.findtext("failure") for case in cases}
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Grade the student's node, and a plan that parks at the wrong side."""
+    folder = tmp_path_factory.mktemp("course")
+    with open(PARKING) as file:
+        start, straight, left, right, end = file
+    (folder / "wrong.txt").write_text("".join((start, straight, right, left, end)))
+    with concurrent.futures.ThreadPoolExecutor() as pool:
+        node = pool.submit(rostest, folder, "node.test")
+        plan = pool.submit(rostest, folder, "plan.test", f"plan_file:={folder}/wrong.txt")
+        return node.result(), plan.result()
+
+
+def test_a_node_that_is_right(results):
+    (status, cases), _ = results
+    assert len(cases) > 8
+    assert [message for message in cases.values() if message] == []
+    assert status == 0
+
+
+def test_a_plan_that_is_wrong(results):
+    _, (status, cases) = results
+    assert "-0.8707 m, 0.0000 rad) is 1.74 m" in str(cases["test_pose"])
+    assert status != 0
+
+
+def test_a_plan_that_is_right():
+    with open(PARKING) as file:
+        start, *rows = (tuple(map(float, line.split(","))) for line in file)
+    x, y, theta = closed_form(start, [(*row, 1.0) for row in rows])
+    test = ElementTree.parse(os.path.join(COURSE, "plan.test")).getroot()
+    space = {param.get("name"): param.get("value") for param in test.find("test").iter("param")}
+    off = abs(complex(x, y) - complex(float(space["x"]), float(space["y"])))
+    assert off < float(space["position_tolerance"])
+    assert angle_between(theta, float(space["theta"])) < float(space["angle_tolerance"])
+
+
+def test_catkin_and_ros_do_not_find_it_inside_the_package():
+    """They do not look for packages inside a package, so nothing has to hide this one."""
+    path = os.environ["ROS_PACKAGE_PATH"]
+    listed = subprocess.run(["rospack", "list-names"], stdout=subprocess.PIPE, check=True)
+    assert "mushr_ros_intro" in listed.stdout.decode().split(), path
+    assert "example_course" not in listed.stdout.decode().split(), path

@@ -1,0 +1,203 @@
+"""Two machines on one network: the car and the master on one, path_publisher on the other.
+
+The machines are network namespaces, joined by a pair of virtual Ethernet devices.
+"""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+
+import pytest
+import roslib.packages
+
+from support.helpers import POSITION_TOLERANCE, Process, closed_form, wait_for
+from support.paths import PACKAGE
+
+WITNESS = os.path.join(PACKAGE, "test", "support", "witness.py")
+DEVICE = "eth0"
+MASTER = "http://192.0.2.1:11311"
+"""The addresses are those that RFC 5737 sets aside for documentation."""
+
+START = (0.0, 0.0, 0.5)
+SHORT = [(1.0, 0.1, 1.0), (2.0, -0.2, 0.5)]
+LONG = [(1.0, 0.1, 60.0)]
+TIMEOUT = 200_000_000
+"""[ns] How long a command is good for."""
+ALL_ARRIVED = {"05", "06"}
+"""FIN_WAIT2 and TIME_WAIT: what /proc/net/tcp says of a connection whose end has arrived, too."""
+SHOWN = 0.5e-6
+"""[m, rad] path_publisher rounds the pose that it shows to six digits."""
+
+WITH_ANOTHER_CLOCK = """
+import runpy, sys, time
+read_clock, offset, sys.argv = time.time, float(sys.argv[1]), sys.argv[2:]
+time.time = lambda: read_clock() + offset
+runpy.run_path(sys.argv[0], run_name="__main__")
+"""
+
+
+def ip(*command):
+    """Let iproute2 do something; return what it prints."""
+    done = subprocess.run(["ip", *command], capture_output=True)
+    if done.returncode:
+        raise OSError(f"ip {' '.join(command)}: {done.stderr.decode().strip()}")
+    return done.stdout.decode()
+
+
+class Machine:
+    """A network namespace, and what runs in it."""
+
+    def __init__(self, name, address):
+        self.name = f"mushr-{name}-{os.getpid()}"
+        self.address = address
+        ip("netns", "add", self.name)
+
+    def connect(self):
+        ip("-n", self.name, "address", "add", f"{self.address}/24", "dev", DEVICE)
+        for device in ("lo", DEVICE):
+            ip("-n", self.name, "link", "set", device, "up")
+
+    def start(self, *command):
+        """Start a command as the README says: no ROS_HOSTNAME, ROS_MASTER_URI and ROS_IP."""
+        return Process(
+            *("ip", "netns", "exec", self.name, "env", "-u", "ROS_HOSTNAME"),
+            *("-u", "LD_PRELOAD"),  # scripts/loopback.c, of which the README's reader has none
+            *(f"ROS_MASTER_URI={MASTER}", f"ROS_IP={self.address}"),
+            *command,
+        )
+
+    def is_silent(self):
+        """Say whether all has arrived that any connection from here had to send."""
+        sockets = ip("netns", "exec", self.name, "cat", "/proc/net/tcp").splitlines()[1:]
+        return all(line.split()[3] in ALL_ARRIVED for line in sockets)
+
+    def end(self):
+        """End all that runs on the machine, and remove it."""
+        for pid in ip("netns", "pids", self.name).split():
+            os.kill(int(pid), signal.SIGKILL)
+        ip("netns", "delete", self.name)
+
+
+class Network:
+    """The two machines, and what is known of the car."""
+
+    def __init__(self, car, laptop, folder):
+        self.car, self.laptop, self._folder = car, laptop, folder
+        arguments = ("map:=none", "laser:=false", "model:=false")
+        self.simulation = car.start("roslaunch", "mushr_ros_intro", "sim.launch", *arguments)
+        wait_for(lambda: "input default" in self.simulation.output, "the mux to be ready")
+        self._witness = car.start(sys.executable, WITNESS)
+        wait_for(lambda: self.told("pose"), "the car's first pose")
+
+    def told(self, what):
+        """Return what the witness has told: [(stamp [ns], [number, ...]), ...]."""
+        lines = [line.split() for line in self._witness.output.split("\n")[:-1]]
+        return [
+            (int(line[1]), [float.fromhex(number) for number in line[2:]])
+            for line in lines
+            if line[0] == what
+        ]
+
+    def publisher(self, rows, *interpreter):
+        """Start path_publisher on the laptop."""
+        plan = self._folder / "plan.txt"
+        plan.write_text("\n".join(", ".join(map(str, row)) for row in [START, *rows]))
+        node = roslib.packages.find_node("mushr_ros_intro", "path_publisher.py")[0]
+        return self.laptop.start(*interpreter, node, f"_plan_file:={plan}")
+
+    def drive(self, *interpreter):
+        """Drive a short plan, which has to end where its closed form does."""
+        publisher = self.publisher(SHORT, *interpreter)
+        assert publisher.wait() == 0, publisher.output
+        pattern = r"stopped at \((\S+) m, (\S+) m, (\S+) rad\); difference (\S+) m"
+        said = re.search(pattern, publisher.output)
+        assert said, publisher.output
+        *pose, difference = map(float, said.groups())
+        assert pose == pytest.approx(closed_form(START, SHORT), abs=POSITION_TOLERANCE + SHOWN)
+        assert difference < POSITION_TOLERANCE
+
+
+@pytest.fixture(scope="module")
+def network(tmp_path_factory):
+    """Return the two machines with a car on one; skip where there can be none."""
+    if os.geteuid() != 0:
+        pytest.skip("network namespaces are for root")
+    if not shutil.which("ip"):
+        pytest.skip("there is no ip, of the package iproute2")
+    machines = []
+    try:
+        try:
+            for name, address in (("car", "192.0.2.1"), ("laptop", "192.0.2.2")):
+                machines.append(Machine(name, address))
+            car, laptop = machines
+            peer = ("type", "veth", "peer", "name", DEVICE, "netns", laptop.name)
+            ip("link", "add", DEVICE, "netns", car.name, *peer)
+            car.connect()
+            laptop.connect()
+        except OSError as error:
+            pytest.skip(f"network namespaces are refused: {error}")
+        yield Network(car, laptop, tmp_path_factory.mktemp("network"))
+    finally:
+        for machine in machines:
+            machine.end()
+
+
+def test_a_plan_drives(network):
+    network.drive()
+
+
+@pytest.mark.parametrize("offset", [0.3, -0.3])  # [s] more than a command is good for
+def test_clocks_that_differ(network, offset):
+    network.drive(sys.executable, "-c", WITH_ANOTHER_CLOCK, str(offset))
+
+
+def test_clocks_that_differ_too_much(network):
+    publisher = network.publisher(SHORT, sys.executable, "-c", WITH_ANOTHER_CLOCK, "-10")
+    assert publisher.wait() == 0, publisher.output
+    warning = "s from this machine's clock; expected at most 1 s. It is applied on arrival"
+    wait_for(lambda: warning in network.simulation.output, "the car to warn of the clocks")
+
+
+def test_a_slow_and_lossy_network(network):
+    # Towards the car.
+    netem = ("netns", "exec", network.laptop.name, "tc", "qdisc")
+    where = ("dev", DEVICE, "root")
+    try:
+        ip(*netem, "add", *where, "netem", "delay", "50ms", "loss", "5%")
+    except OSError as error:
+        pytest.skip(f"the kernel has no netem: {error}")
+    try:
+        network.drive()
+    finally:
+        ip(*netem, "delete", *where)
+
+
+def test_a_cut_in_mid_plan(network):
+    before = len(network.told("command"))
+    publisher = network.publisher(LONG)
+    wait_for(lambda: len(network.told("command")) > before + 5, "the plan to be under way")
+    assert not network.laptop.is_silent()
+    ip("-n", network.car.name, "link", "set", DEVICE, "down")
+
+    # The car stops when its last command has run out.
+    wait_for(lambda: network.told("command")[-1][1] == [0.0, 0.0], "the mux to stop the car")
+    commands = network.told("command")[before:]
+    (begin, _), (last, _), (stop, _) = commands[0], commands[-2], commands[-1]
+    assert stop == last + TIMEOUT
+    wait_for(lambda: network.told("pose")[-1][0] > stop, "a pose of the car at rest")
+    rows = [(LONG[0][0], LONG[0][1], (stop - begin) / 1e9)]
+    expected = closed_form(START, rows)
+    assert network.told("pose")[-1][1] == pytest.approx(expected, abs=POSITION_TOLERANCE)
+
+    # The publisher gives up, and says so while the network is still away.
+    wait_for(lambda: "the way to the master is cut" in publisher.output, "the publisher to give up")
+    assert network.told("pose")[-1][1] == pytest.approx(expected, abs=POSITION_TOLERANCE)
+
+    ip("-n", network.car.name, "link", "set", DEVICE, "up")
+    assert publisher.wait() == 1, publisher.output
+    # TCP sends what was under way when it next tries to, which may be seconds later.
+    wait_for(network.laptop.is_silent, "what was under way to arrive")
+    network.drive()

@@ -1,0 +1,205 @@
+"""Replays that are to succeed and to fail: each gets the verdict that it deserves."""
+
+import concurrent.futures
+import json
+import math
+import os
+import subprocess
+import threading
+import xml.etree.ElementTree as ElementTree
+from unittest import mock
+
+import pytest
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
+
+from support.helpers import module
+
+PLAN = "1,2,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n0.5,0.0\n"
+
+OURS = "mushr_ros_intro path_publisher.py"
+LISTING = "mushr_ros_intro listing.py"
+WRONG = "mushr_ros_intro wrong_listing.py"
+
+EVERY_CHECK = {
+    "test_collision",
+    "test_commands",
+    "test_final_pose",
+    "test_map",
+    "test_node",
+    "test_path",
+    "test_rate",
+    "test_rest",
+    "test_start_pose",
+}
+
+NEVER_DROVE = {
+    "test_commands",
+    "test_final_pose",
+    "test_node",
+    "test_path",
+    "test_rate",
+    "test_rest",
+    "test_start_pose",
+}
+
+EXACT = ("position_tolerance:=1e-9", "angle_tolerance:=1e-9", "path_tolerance:=1e-9")
+"""[m, rad] Prediction and car differ by the rounding of sums of 1e-16."""
+REPORTED = ("report:=report",)
+NO_MAP = ("map:=none",)
+
+# Name: the publisher, more arguments, which test cases fail, and what the report says.
+REPLAYS = {
+    "ours": (OURS, EXACT + REPORTED, set(), "everything is right"),
+    "listing": (
+        LISTING,
+        NO_MAP,
+        set(),
+        "everything is right, but the node sends no stop at the end",
+    ),
+    "crash": (
+        f"{WRONG} crash",
+        NO_MAP,
+        {"test_node", "test_commands", "test_final_pose", "test_path"},
+        "node: the node ended with the exit status 1; its last words:",
+    ),
+    "hang": (
+        f"{WRONG} hang",
+        NO_MAP + ("patience:=8.0",),
+        {"test_node", "test_commands", "test_final_pose", "test_path"},
+        "node: the node hangs: 20 of 50 commands came, and then nothing for 8 s",
+    ),
+    "hold_up": (
+        f"{WRONG} hold_up",
+        NO_MAP,
+        set(),
+        "everything is right, but the node sends no stop at the end",
+    ),
+    "nan": (
+        f"{WRONG} nan",
+        NO_MAP,
+        {"test_commands", "test_final_pose", "test_path"},
+        "commands: command 21 has the speed nan and the steering angle 0.2; expected finite",
+    ),
+    "order": (
+        f"{WRONG} order",
+        NO_MAP,
+        {"test_commands", "test_final_pose", "test_path"},
+        "commands: the rows are in the wrong order: where row 2 of the plan has 2 m/s, -0.1 rad, "
+        "there came 1.5 m/s, 0.2 rad",
+    ),
+    "silent": (
+        f"{WRONG} silent",
+        NO_MAP + ("patience:=8.0",),
+        NEVER_DROVE,
+        "node: the node runs, but published no command on "
+        "/car/mux/ackermann_cmd_mux/input/navigation for 8 s; it publishes ",
+    ),
+    "slow": (
+        f"{WRONG} slow",
+        NO_MAP,
+        {"test_rate", "test_final_pose", "test_path"},
+        "rate: row 1 (1 s) came with 1 message; expected 10, 10 a second",
+    ),
+}
+
+
+def rostest(folder, name, *arguments):
+    """Run a replay; return its exit status, its result and what it wrote."""
+    done = subprocess.run(
+        ["rostest", "mushr_ros_intro", "replay.test", f"result:={name}", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env={**os.environ, "ROS_TEST_RESULTS_DIR": str(folder), "PWD": str(folder)},
+        timeout=120.0,
+    )
+    output = done.stdout.decode(errors="replace")
+    path = os.path.join(str(folder), "mushr_ros_intro", f"rosunit-replay_{name}.xml")
+    assert os.path.exists(path), output
+    return done.returncode, ElementTree.parse(path).getroot(), output
+
+
+@pytest.fixture(scope="module")
+def replays(tmp_path_factory):
+    """Do every replay, several at a time."""
+    folder = tmp_path_factory.mktemp("replays")
+    (folder / "plan.txt").write_text(PLAN)
+
+    def run(name):
+        publisher, arguments, _, _ = REPLAYS[name]
+        return rostest(folder, name, "plan_file:=plan.txt", f"publisher:={publisher}", *arguments)
+
+    with concurrent.futures.ThreadPoolExecutor(5) as pool:
+        return folder, dict(zip(REPLAYS, pool.map(run, REPLAYS)))
+
+
+@pytest.mark.parametrize("name", REPLAYS)
+def test_verdict(replays, name):
+    _, results = replays
+    _, _, failing, verdict = REPLAYS[name]
+    status, result, output = results[name]
+    failures = {
+        case.get("name"): case.find("failure").text
+        for case in result.iter("testcase")
+        if case.find("failure") is not None
+    }
+    assert {case.get("name") for case in result.iter("testcase")} == EVERY_CHECK
+    # On a machine that is busy enough a fault has more consequences than it needs to.
+    assert set(failures) >= failing and bool(failures) == bool(failing), failures
+    assert (status == 0) == (not failing), output
+    said = result.findtext("system-out")
+    assert verdict in said
+    if failing:
+        check, message = verdict.split(": ", 1)
+        assert message in failures[f"test_{check}"]
+
+
+def test_last_words(replays):
+    """What a node says when it crashes is quoted, without what XML cannot hold."""
+    assert "IndexError: list index out of range [0m" in replays[1]["crash"][1].findtext(
+        "system-out"
+    )
+
+
+def test_files(replays):
+    folder = replays[0] / "report"
+    for name in ("locations.png", "distances.png"):
+        assert (folder / name).read_bytes().startswith(b"\x89PNG"), name
+    said = json.loads((folder / "report.json").read_text())
+    assert said["passed"] and said["verdict"] == "everything is right"
+    assert {f"test_{check['name']}" for check in said["checks"]} == EVERY_CHECK
+    lines = (folder / "trajectory.csv").read_text().splitlines()
+    assert lines[0].startswith("time,x,y,theta,predicted_x")
+    rows = [tuple(map(float, line.split(","))) for line in lines[1:]]
+    assert rows[0][:4] == pytest.approx((0.0, 1.0, 2.0, 0.5), abs=1e-9)
+    assert rows[-1][1:4] == pytest.approx(tuple(said["final_pose"].values()), abs=0.0)
+    assert [row[0] for row in rows] == pytest.approx([0.02 * i for i in range(251)], abs=1e-9)
+    for _, x, y, _, _, _, _, away in rows:
+        assert away == pytest.approx(math.hypot(x - 1.0, y - 2.0), abs=1e-9)
+
+
+@pytest.mark.parametrize("is_announced", [False, True])
+def test_the_first_command_does_not_overtake_the_start_pose(monkeypatch, is_announced):
+    made = module("replay_check.py")
+    monkeypatch.setattr("rospy.get_rostime", lambda: rospy.Time(1))
+    monkeypatch.setattr(made, "_START_PATIENCE", 60.0)
+    observer = made.Observer.__new__(made.Observer)
+    observer._lock = threading.Lock()
+    observer._is_heard, observer._is_passed_on = threading.Event(), threading.Event()
+    observer._is_placed = threading.Event()
+    observer._sent, observer._starts, passed_on = [], [], []
+    observer._start_sub = mock.Mock(**{"get_num_connections.return_value": int(is_announced)})
+    observer._start_pub = mock.Mock(publish=passed_on.append)
+    observer._commands_pub = mock.Mock(publish=passed_on.append)
+    command, start = AckermannDriveStamped(), PoseWithCovarianceStamped()
+    start.pose.pose.orientation.w = 1.0
+    thread = threading.Thread(target=observer._on_command, args=[command], daemon=True)
+    thread.start()
+    thread.join(0.3 if is_announced else 30.0)
+    assert passed_on == ([] if is_announced else [command])
+    observer._on_placement(start)
+    thread.join(30.0)
+    assert not thread.is_alive()
+    observer._on_command(command)
+    assert passed_on == ([start, command] if is_announced else [command, start]) + [command]

@@ -1,0 +1,169 @@
+"""The arc that a bicycle drives, against pencil and paper and against a quadrature."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mushr_ros_intro.car.bicycle import ORIGIN, Pose, compose, curvature, drive_arc, inverse
+
+WHEELBASE = 0.33
+"""[m] MuSHR's."""
+
+ROUNDING = 1e-12
+"""[m, rad] Doubles of the size of 100 are good to 1e-14; this leaves room for some operations."""
+
+SIMPSON = 1e-12
+"""[m] At 1 ms and 2 rad/s Simpson's rule is off by (0.002)^4 / 2880 = 6e-15 per metre."""
+
+poses = st.builds(Pose, st.floats(-20, 20), st.floats(-20, 20), st.floats(-7, 7))
+distances = st.floats(-20, 20)
+curvatures = st.floats(-4, 4)
+
+
+def close(one, other, tolerance=ROUNDING):
+    """Return whether two poses are the same, the headings as numbers and not modulo 2 pi."""
+    return all(abs(a - b) <= tolerance for a, b in zip(one, other))
+
+
+def drive(pose, rows):
+    """Drive rows of (speed [m/s], steering angle [rad], duration [s])."""
+    for speed, steering_angle, duration in rows:
+        pose = drive_arc(pose, speed * duration, curvature(steering_angle, WHEELBASE))
+    return pose
+
+
+@pytest.mark.parametrize(
+    "distance, bend, expected",
+    [
+        (math.pi, 0.5, (2.0, 2.0, math.pi / 2)),
+        (math.pi, -0.5, (2.0, -2.0, -math.pi / 2)),
+        (-math.pi, 0.5, (-2.0, 2.0, -math.pi / 2)),
+        (-math.pi, -0.5, (-2.0, -2.0, math.pi / 2)),
+        (4 * math.pi, 0.5, (0.0, 0.0, 2 * math.pi)),
+        (7.0, 0.0, (7.0, 0.0, 0.0)),
+        (0.0, 0.5, (0.0, 0.0, 0.0)),
+    ],
+)
+def test_quarter_circles_of_2_m(distance, bend, expected):
+    assert close(drive_arc(ORIGIN, distance, bend), expected)
+
+
+def test_curvature_is_left_positive():
+    assert curvature(math.atan(0.33), 0.33) == pytest.approx(1.0, abs=ROUNDING)
+    assert curvature(-math.atan(0.33), 0.66) == pytest.approx(-0.5, abs=ROUNDING)
+
+
+@given(poses, distances, curvatures, st.floats(0, 1))
+def test_two_parts_of_a_step_are_the_step(pose, distance, bend, share):
+    once = drive_arc(pose, distance, bend)
+    for part in (0.5, share):
+        first = part * distance
+        assert close(drive_arc(drive_arc(pose, first, bend), distance - first, bend), once)
+
+
+@given(poses, distances, curvatures)
+def test_reverse_undoes_forward(pose, distance, bend):
+    assert close(drive_arc(drive_arc(pose, distance, bend), -distance, bend), pose)
+
+
+@given(poses, distances, curvatures)
+def test_the_arc_does_not_depend_on_the_frame(pose, distance, bend):
+    assert close(drive_arc(pose, distance, bend), compose(pose, drive_arc(ORIGIN, distance, bend)))
+
+
+@given(distances, curvatures)
+def test_right_mirrors_left(distance, bend):
+    x, y, theta = drive_arc(ORIGIN, distance, bend)
+    assert drive_arc(ORIGIN, distance, -bend) == (x, -y, -theta)
+
+
+@given(poses, poses, poses)
+def test_poses_compose(one, two, three):
+    assert close(compose(one, ORIGIN), one) and close(compose(ORIGIN, one), one)
+    assert close(compose(one, inverse(one)), ORIGIN) and close(compose(inverse(one), one), ORIGIN)
+    assert close(compose(compose(one, two), three), compose(one, compose(two, three)))
+
+
+def test_compose_by_hand():
+    assert close(compose(Pose(1, 2, math.pi / 2), Pose(3, 4, 0.5)), (-3, 5, math.pi / 2 + 0.5))
+    assert close(inverse(Pose(1, 2, math.pi / 2)), (-2, 1, -math.pi / 2))
+
+
+def test_a_pose_is_shown_with_a_heading_of_half_a_turn_at_most():
+    assert str(Pose(1.0, -2.5, 3.0)) == "(1.000000 m, -2.500000 m, 3.000000 rad)"
+    assert str(Pose(0.0, 0.0, 4.0)) == "(0.000000 m, 0.000000 m, -2.283185 rad)"
+
+
+@given(st.floats(-50, 50), st.floats(-1e-3, 1e-3))
+def test_the_straight_line_is_the_limit(distance, turn):
+    """Compare with the series of the arc, which is good to turn^4 / 120 = 1e-14 of its length."""
+    if abs(distance) < 1e-3:
+        return
+    pose = drive_arc(ORIGIN, distance, turn / distance)
+    assert pose.x == pytest.approx(distance * (1 - turn**2 / 6), rel=ROUNDING)
+    expected = distance * turn / 2 * (1 - turn**2 / 12)
+    assert pose.y == pytest.approx(expected, rel=1e-9, abs=1e-300)
+
+
+@pytest.mark.parametrize("angle", [5e-324, 1e-300, 1e-15, 1e-9, 0.0099, -0.0099, -1e-15])
+def test_no_steering_angle_is_too_small(angle):
+    """Drive 44 m, as figure_8 is long; 0.0099 rad is what MuSHR's own car ignores."""
+    pose = drive_arc(ORIGIN, 44.0, curvature(angle, WHEELBASE))
+    radius = WHEELBASE / math.tan(angle) if abs(angle) >= 1e-300 else math.inf
+    turn = 44.0 / radius
+    assert pose.theta == pytest.approx(turn, rel=ROUNDING, abs=1e-300)
+    aside = 2 * (radius * math.sin(turn / 2)) * math.sin(turn / 2) if turn else 0.0
+    assert pose.y == pytest.approx(aside, rel=ROUNDING, abs=1e-300)
+    ahead = radius * math.sin(turn) if turn else 44.0
+    assert pose.x == pytest.approx(ahead, rel=ROUNDING)
+
+
+def test_figure_8_of_the_tutorial():
+    left, right = [(2.0, 0.09, 1.0)] * 11, [(2.0, -0.09, 1.0)] * 11
+    radius = 0.33 / math.tan(0.09)
+    turned = 0.785 + 22.0 / radius
+    half = Pose(
+        radius * (math.sin(turned) - math.sin(0.785)),
+        radius * (math.cos(0.785) - math.cos(turned)),
+        turned,
+    )
+    start = Pose(0.0, 0.0, 0.785)
+    assert close(drive(start, left), half)
+    assert close(drive(start, left + right), (-1.547710754950350, -1.180326367139546, 0.785))
+
+
+def test_straight_line_of_the_tutorial():
+    rows = [(float(speed), 0.0, 1.0) for speed in (2, 3, 4, 5, 6, 6, 6, 5, 4, 3, 2)]
+    assert drive(ORIGIN, rows) == (46.0, 0.0, 0.0)
+
+
+def test_the_whole_path_against_a_quadrature():
+    """Compare every 10 ms of a plan that does not mirror, reverse included."""
+    rows = [
+        (2.0, 0.3, 1.3),
+        (0.7, -0.4, 2.1),
+        (-1.5, 0.1, 1.7),
+        (3.0, -1e-7, 0.9),
+        (-0.5, 0.5, 2.0),
+    ]
+    pose = Pose(3.0, -1.0, 2.5)
+    x, y, theta = pose
+    furthest = 0.0
+    for speed, angle, duration in rows:
+        rate = speed * math.tan(angle) / WHEELBASE
+        begin, heading = pose, theta
+        for tick in range(round(duration * 1000)):
+            headings = [heading + rate * (tick + part) / 1000 for part in (0.0, 0.5, 1.0)]
+            weights = (speed / 6000, 4 * speed / 6000, speed / 6000)
+            x += math.fsum(w * math.cos(h) for w, h in zip(weights, headings))
+            y += math.fsum(w * math.sin(h) for w, h in zip(weights, headings))
+            theta = headings[-1]
+            if tick % 10 == 9:
+                pose = drive(pose, [(speed, angle, 0.01)])
+                at_once = drive(begin, [(speed, angle, (tick + 1) / 1000)])
+                assert close(pose, (x, y, theta), SIMPSON)
+                assert close(at_once, (x, y, theta), SIMPSON)
+                furthest = max(furthest, math.hypot(x - 3.0, y + 1.0))
+    assert furthest > 2.0  # so the plan went somewhere

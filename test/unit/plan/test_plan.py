@@ -1,0 +1,395 @@
+"""Plan files: what is read from good ones, what is said about bad ones, what is written."""
+
+import os
+import resource
+import struct
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from mushr_ros_intro.plan import parse as module
+from mushr_ros_intro.plan.parse import (
+    PlanError,
+    Row,
+    WriteError,
+    find_plan,
+    parse_plan,
+    plan_text,
+    read_plan,
+    write_plan,
+)
+from support.paths import FIXTURES, PLANS
+
+BROKEN_PLANS = os.path.join(FIXTURES, "broken_plans")
+
+SECOND = 1_000_000_000
+
+FAULTS = {
+    "decimal_commas": ["2:3: steering angle is '0; 0', which is not a number"],
+    "duration_negative": ["2:12: duration '-1' is not positive"],
+    "duration_too_large": ["2:12: duration '1e300' is out of range; expected seconds, 1e+09 at"],
+    "duration_too_small": ["2:12: duration '0.5e-9' is not positive; expected seconds, 1e-09 or"],
+    "duration_zero": ["2:12: duration '0.0' is not positive"],
+    "empty": ["1:1: the file is empty; expected a start pose"],
+    "empty_cell": ["2:1: speed is missing; expected a number"],
+    "four_columns": ["2:17: 4 columns; expected 'speed, steering angle' or"],
+    "infinity": ["2:1: speed is '-Infinity'; expected a finite number"],
+    "many": [
+        "1:1: x is 'x', which is not a number",
+        "1:7: theta '1e400' is out of range; expected radians, from -1e+06 to 1e+06",
+        "4:2: speed is 'fast', which is not a number",
+        "4:8: steering angle is 'ninety', which is not a number",
+        "4:16: duration '-1' is not positive",
+        "5:4: 1 column; expected",
+        "6:15: 4 columns; expected",
+    ],
+    "nan": ["2:6: steering angle is 'nan'; expected a finite number"],
+    "no_command": ["4:1: no command after the start pose; expected 'speed, steering angle'"],
+    "not_a_number": ["2:6: steering angle is 'left', which is not a number; expected one such as"],
+    "not_utf_8": ["2:17: byte 0xe9 is not UTF-8; expected a text file in UTF-8"],
+    "nul_byte": ["2:6: steering angle is '0\\x00.09', which is not a number"],
+    "one_column": ["2:4: 1 column; expected 'speed, steering angle' or"],
+    "only_comments": ["1:1: the file is empty; expected a start pose"],
+    "overflow": ["2:6: steering angle '1e400' is out of range; expected radians, from -1.57 to"],
+    "semicolons": ["2:10: 1 column; expected 'speed, steering angle' or"],
+    "speed_too_large": ["2:1: speed '2000' is out of range; expected m/s, from -1000 to 1000"],
+    "start_pose_missing": ["1:10: 2 columns; expected a start pose 'x, y, theta' in m, m, rad"],
+    "start_pose_too_far_away": ["1:4: y '-2e6' is out of range; expected metres, from -1e+06 to"],
+    "start_pose_with_four_columns": ["1:10: 4 columns; expected a start pose"],
+    "steering_angle_in_degrees": ["2:6: steering angle '-30' is out of range; expected radians"],
+    "too_long": ["3:1: here the plan exceeds 1000000000 s; expected a shorter plan"],
+    "trailing_comma": ["2:11: duration is missing; expected a number"],
+    "underscore": ["2:1: speed is '1_0.0', which is not a number"],
+    "unit": ["2:12: duration is '3s', which is not a number"],
+    "utf_16": ["1:1: the file is UTF-16; expected UTF-8"],
+}
+"""Each broken plan with LINE:COLUMN of every fault and how its message begins."""
+
+
+def faults_of(path):
+    """Return the faults of a plan file as text, in the order in which they are reported."""
+    with pytest.raises(PlanError) as caught:
+        read_plan(str(path))
+    assert str(caught.value) == "\n".join(map(str, caught.value.faults))
+    return [str(fault) for fault in caught.value.faults]
+
+
+def rows_of(text):
+    """Return the rows of a plan that starts at the origin and goes on with `text`."""
+    data = text if isinstance(text, bytes) else text.encode()
+    return parse_plan(b"0,0,0\n" + data, "plan").rows
+
+
+@pytest.mark.parametrize("name", sorted(FAULTS))
+def test_broken_plan(name):
+    path = os.path.join(BROKEN_PLANS, name + ".txt")
+    found = faults_of(path)
+    assert len(found) == len(FAULTS[name]), found
+    for fault, expected in zip(found, FAULTS[name]):
+        assert fault.startswith(f"{path}:{expected}")
+
+
+def test_every_broken_plan_is_in_the_table():
+    assert sorted(os.listdir(BROKEN_PLANS)) == sorted(name + ".txt" for name in FAULTS)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "file").touch()
+    with open(tmp_path / "huge", "wb") as file:
+        file.truncate(module.MAX_FILE_SIZE + 1)
+    for name, expected in {
+        "missing": "no such file; expected a plan file",
+        ".": "this is a directory; expected a plan file",
+        "fifo": "this is not a regular file; expected a plan file",
+        "loop": "the file cannot be read (Too many levels of symbolic links)",
+        "file/plan": "the file cannot be read (Not a directory)",
+        "n" * 300: "the file cannot be read (File name too long)",
+        "nul\0": "the file cannot be read (",
+        "huge": "the file has 100000001 bytes; expected a plan file of at most 100000000",
+    }.items():
+        path = os.path.join(str(tmp_path), name)
+        (fault,) = faults_of(path)
+        assert fault.startswith(f"{path}:1:1: {expected}")
+
+
+def test_many_faults_are_counted_and_far_too_many_end_the_search():
+    with pytest.raises(PlanError) as caught:
+        rows_of("nan, 0\n" * 25)
+    assert str(caught.value).splitlines()[20:] == ["... and 5 more faults"]
+    with pytest.raises(PlanError) as caught:
+        rows_of("nan, 0\n" * 100_000)
+    assert len(caught.value.faults) == module.MAX_FAULTS + 1
+    assert "too many faults; the rest of the file" in caught.value.faults[-1].text
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["1" * 100_000 + "x", "1e" + "1" * 100_000 + "x", "1" + " " * 100_000 + "x", "," * 1_000_000],
+    ids=["digits", "exponent", "spaces", "commas"],
+)
+def test_a_long_line_takes_no_more_than_linear_time(line):
+    with pytest.raises(PlanError) as caught:  # quadratic time would be half an hour
+        rows_of(line)
+    (fault,) = caught.value.faults
+    assert len(str(fault)) < 200
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"2.0,0.09\n-1,.5,0.25\n",
+        b"2.0,0.09\r\n-1,.5,0.25\r\n",
+        b"2.0,0.09\r-1,.5,0.25",
+        b"\n  \t 2. , +9e-2\t\n\n -1.0E0 ,\t0.5 , 25e-2  \n\n",
+        b"# a comment\n2.0,0.09# 1, 2, 3, 4\n  # nan\n-1,.5,0.25 # caf\xc3\xa9\n#",
+    ],
+    ids=["plain", "CRLF", "CR", "spaces", "comments"],
+)
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"], ids=["", "BOM"])
+def test_forms_of_the_same_plan(text, mark):
+    plan = parse_plan(mark + b"# start\n\n1, -2.5, 0.785 # x, y, theta\n" + text, "plan")
+    assert plan.start == (1.0, -2.5, 0.785)
+    assert [row[:3] for row in plan.rows] == [(2.0, 0.09, SECOND), (-1.0, 0.5, 250_000_000)]
+    assert plan.duration == 1_250_000_000
+    assert plan.path == "plan"
+
+
+def test_utf_16_of_either_byte_order_is_named():
+    for encoding in ("utf-16-le", "utf-16-be"):
+        with pytest.raises(PlanError, match="1:1: the file is UTF-16; expected UTF-8"):
+            parse_plan("\ufeff0,0,0\n1,0\n".encode(encoding), "plan")
+
+
+@pytest.mark.parametrize("duration", ["1e-9", "1e9"])
+def test_in_a_faulty_row_the_least_and_the_longest_duration_are_no_fault(duration):
+    with pytest.raises(PlanError) as caught:
+        rows_of(f"fast, 0, {duration}\n")
+    (fault,) = caught.value.faults
+    assert fault.text.startswith("speed is 'fast'")
+
+
+def test_rows_know_their_line():
+    assert [row.line for row in rows_of("\n1,0\r\n# \r\r1,0")] == [3, 6]
+
+
+def test_durations_are_whole_nanoseconds():
+    for text, expected in {
+        "0.25": 250_000_000,
+        "0.58": 580_000_000,
+        "0.1": 100_000_000,
+        "1e-9": 1,
+        "86400.000000001": 86_400_000_000_001,
+        "1e9": 1_000_000_000 * SECOND,
+    }.items():
+        (row,) = rows_of(f"1, 0, {text}")
+        assert row.duration == expected and isinstance(row.duration, int)
+
+
+def test_the_tutorials_plans_are_the_tutorials():
+    for name, expected in {
+        "straight_line": ["0,0,0"] + [f"{v},0.0" for v in (2, 3, 4, 5, 6, 6, 6, 5, 4, 3, 2)],
+        "figure_8": ["0,0,0.785"] + ["2.0,0.09"] * 11 + ["2.0,-0.09"] * 11,
+    }.items():
+        with open(os.path.join(PLANS, name + ".txt"), "rb") as file:
+            assert file.read().decode() == "\n".join(expected) + "\n"
+
+
+def test_figure_8_is_read_as_it_stands():
+    plan = read_plan(os.path.join(PLANS, "figure_8.txt"))
+    assert plan.start == (0.0, 0.0, 0.785)
+    assert plan.rows == tuple(
+        Row(2.0, 0.09 if line <= 12 else -0.09, SECOND, line) for line in range(2, 24)
+    )
+    assert plan.duration == 22 * SECOND
+
+
+@pytest.mark.parametrize("name", sorted(os.listdir(PLANS)))
+def test_every_shipped_plan_is_good(name):
+    assert read_plan(os.path.join(PLANS, name)).rows
+
+
+numbers = ["0", "1", "2.0", "0.09", "-.5", "1e3", "1e400", "nan", "+", ".", "x", "_", "\u0661"]
+marks = [",", ", ", "#", " ", "\n", "\n", "\r\n", "\r", "\t", "\v", "\0", "\u2028", "\ufeff"]
+scraps = st.lists(st.tuples(st.sampled_from(numbers), st.sampled_from(marks)), max_size=30)
+nearly_plans = scraps.map(lambda parts: "".join(map("".join, parts)).encode())
+
+
+def check_verdict(data):
+    """See that `data` either is a plan that can be driven, or gets faults with good places."""
+    lines = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+    try:
+        plan = parse_plan(data, "plan")
+    except PlanError as error:
+        assert error.faults
+        for fault in error.faults:
+            assert 1 <= fault.line <= len(lines)
+            assert 1 <= fault.column <= len(lines[fault.line - 1]) + 1
+        return
+    text = data.decode("utf-8-sig").replace("\r", "\n")
+    said = [line for line in text.split("\n") if line.split("#")[0].strip()]
+    assert len(said) == 1 + len(plan.rows) >= 2, "a line was passed over"
+    assert all(abs(value) <= 1e6 for value in plan.start)
+    for row in plan.rows:
+        assert abs(row.speed) <= 1e3 and abs(row.steering_angle) <= 1.57 and row.duration >= 1
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_plan_or_a_plan_error(data):
+    check_verdict(data)
+
+
+@given(nearly_plans)
+def test_near_plans_are_a_plan_or_a_plan_error(data):
+    check_verdict(data)
+    check_verdict(b"0,0,0\n1,0\n" + data)
+
+
+ends = st.sampled_from(["\n", "\r\n", " \n", " # 1, 2\n", "\n\n", "\n\t# caf\u00e9\r\n"])
+DAYS = 10**15
+"""Longest duration drawn [ns]; up to here a float of seconds is good to a nanosecond."""
+
+
+@given(
+    st.tuples(*[st.floats(-1e6, 1e6)] * 3),
+    st.lists(
+        st.tuples(st.floats(-1e3, 1e3), st.floats(-1.57, 1.57), st.integers(1, DAYS), ends),
+        min_size=1,
+        max_size=8,
+    ),
+)
+def test_a_plan_that_is_written_is_read_back(start, rows):
+    text = "{!r}, {!r}, {!r}\n".format(*start)
+    for speed, angle, duration, end in rows:
+        text += f"{speed!r},{angle!r} , {duration // SECOND}.{duration % SECOND:09d}{end}"
+    plan = parse_plan(text.encode(), "plan")
+    assert plan.start == start
+    assert [row[:3] for row in plan.rows] == [row[:3] for row in rows]
+
+
+@pytest.fixture
+def folders(tmp_path):
+    """Make a folder of plans, one to work in with other files, and return the two."""
+    plans, here = tmp_path / "plans", tmp_path / "here"
+    for path in ("plans/circle.txt", "plans/eight.txt", "here/circle.txt", "here/own.txt"):
+        (tmp_path / path).parent.mkdir(exist_ok=True)
+        (tmp_path / path).touch()
+    return plans, here
+
+
+def test_plans_are_found_by_name_and_by_path(folders, monkeypatch):
+    plans, here = folders
+    (plans / "eight").mkdir()  # what is no file does not hide one
+    monkeypatch.setenv("HOME", str(here))
+    for name, expected in {
+        "circle": plans / "circle.txt",
+        "circle.txt": plans / "circle.txt",
+        "eight": plans / "eight.txt",
+        "./circle.txt": here / "circle.txt",
+        "own.txt": here / "own.txt",
+        "~/own.txt": here / "own.txt",
+        "../plans/eight.txt": plans / "eight.txt",
+        str(here / "circle.txt"): here / "circle.txt",
+        str(here): here,
+    }.items():
+        found = find_plan(name, str(plans), [str(here), "/"])
+        assert os.path.realpath(found) == str(expected)
+
+
+@pytest.mark.parametrize("name", ["", "eigth", "here/own", "/nowhere/circle.txt", "circle\0"])
+def test_a_plan_that_is_not_there_is_told_with_those_that_are(folders, name):
+    plans, here = folders
+    with pytest.raises(PlanError) as caught:
+        find_plan(name, str(plans), [str(here)])
+    expected = f"no such plan file; expected the path of a file, or the name of one in {plans}"
+    assert f"{name or repr('')}:1:1: {expected}: circle, eight" == str(caught.value)
+
+
+ROWS = [Row(2.0, 0.3400000035762787, 250_000_001, 0), Row(-0.5, -0.0, 10 * SECOND, 0)]
+
+NOBODY = 65534
+"""The user who owns nothing."""
+
+
+def float32(value):
+    return struct.unpack("f", struct.pack("f", value))[0]
+
+
+def test_text_of_a_plan():
+    assert plan_text((0.0, -1.5, 0.785), ROWS) == (
+        "# x [m], y [m], theta [rad]\n"
+        "0.0, -1.5, 0.785\n"
+        "# speed [m/s], steering angle [rad], duration [s]\n"
+        "2.0, 0.34, 0.250000001\n"
+        "-0.5, 0.0, 10.0\n"
+    )
+
+
+coordinates = st.floats(-1e6, 1e6)
+written_rows = st.builds(
+    Row, st.floats(-1e3, 1e3), st.floats(-1.57, 1.57), st.integers(1, 10**15), st.just(0)
+)
+
+
+@given(st.tuples(*[coordinates] * 3), st.lists(written_rows, min_size=1, max_size=5))
+@example((0.0, 0.0, 0.0), [Row(1.1094741225242617, -1.1094741225242617, 1, 0)])
+def test_what_is_written_is_read_again(start, rows):
+    plan = parse_plan(plan_text(start, rows).encode(), "p")
+    assert plan.start == start
+    for got, row in zip(plan.rows, rows):
+        assert float32(got.speed) == float32(row.speed)
+        assert float32(got.steering_angle) == float32(row.steering_angle)
+        assert got.duration == row.duration
+    assert len(plan.rows) == len(rows)
+
+
+def test_no_file_is_overwritten(tmp_path):
+    (tmp_path / "mine_2.txt").mkdir()
+    paths = [write_plan(str(tmp_path), "mine.txt", (0, 0, x), ROWS) for x in range(3)]
+    assert [os.path.basename(path) for path in paths] == ["mine.txt", "mine_3.txt", "mine_4.txt"]
+    assert [read_plan(path).start[2] for path in paths] == [0.0, 1.0, 2.0]
+
+
+def test_where_nothing_can_be_written(tmp_path):
+    gone = str(tmp_path / "gone")
+    with pytest.raises(WriteError, match=r"gone/mine.txt cannot be written \(No such file or dir"):
+        write_plan(gone, "mine.txt", (0, 0, 0), ROWS)
+    locked = tmp_path / "locked"
+    locked.mkdir()
+    locked.chmod(0o555)
+    user = os.geteuid()
+    if user == 0:
+        os.seteuid(NOBODY)  # root may write anywhere
+    try:
+        with pytest.raises(WriteError, match=r"mine.txt cannot be written \(Permission denied\)"):
+            write_plan(str(locked), "mine.txt", (0, 0, 0), ROWS)
+    finally:
+        os.seteuid(user)
+    assert os.listdir(str(locked)) == []
+
+
+def test_nothing_stays_of_a_file_for_which_there_is_no_room(tmp_path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50, limits[1]))
+    try:
+        with pytest.raises(WriteError, match=r"mine.txt cannot be written \(File too large\)"):
+            write_plan(str(tmp_path), "mine.txt", (0, 0, 0), ROWS)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert os.listdir(str(tmp_path)) == []
+
+
+@pytest.mark.parametrize(
+    "row, expected",
+    [
+        (Row(1.0, 1.5705, SECOND, 0), "mine.txt:4:6: steering angle '1.5705' is out of range"),
+        (Row(1.0, 0.0, 10**19, 0), "duration '10000000000.0' is out of range"),
+    ],
+)
+def test_what_could_not_be_read_is_not_written(tmp_path, row, expected):
+    with pytest.raises(WriteError) as caught:
+        write_plan(str(tmp_path), "mine.txt", (0, 0, 0), [row])
+    assert expected in str(caught.value)
+    assert os.listdir(str(tmp_path)) == []

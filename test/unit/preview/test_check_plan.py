@@ -1,0 +1,502 @@
+"""What check_plan.py says of a plan: against the closed form, the simulated car, and by hand."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.car.model import Car, Command, World, advance, apply, at_rest
+from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.plan.parse import PlanError, parse_plan, read_plan
+from mushr_ros_intro.preview import ensemble, prediction
+from mushr_ros_intro.preview.check import as_json, as_text, check, growth, scatter, slowed
+from mushr_ros_intro.world.footprint import Footprint
+from mushr_ros_intro.world.grid import Grid, read_map
+from support.paths import PACKAGE
+
+PLANS = os.path.join(PACKAGE, "plans")
+BROKEN = os.path.join(PACKAGE, "test", "fixtures", "broken_plans")
+PROGRAM = os.path.join(PACKAGE, "src", "check_plan.py")
+
+NAMES = sorted(entry[:-4] for entry in os.listdir(PLANS))
+CARS = ("ideal", "mushr_nano", "mushr_tx2", "racecar_mit")
+
+SAME = 1e-9
+"""[m, rad, s] What check and simulated car may differ by, after dozens of ramps of 1e-11 each."""
+
+SAGITTA = 1e-4
+"""[m] How far a path of chords is from its arcs, where each turns by 0.02 rad at most."""
+
+
+def car_named(name):
+    with open(os.path.join(PACKAGE, "config", "cars", name + ".yaml"), encoding="utf-8") as file:
+        return car_from(yaml.safe_load(file), "")
+
+
+def checked(text, car="ideal", grid=None):
+    data = text.encode()
+    plan = parse_plan(data, "my.txt")
+    return check(plan, data, car, car_named(car), "the map" if grid else "", grid)
+
+
+def faults(text, car="ideal", grid=None):
+    return [str(fault) for fault in checked(text, car, grid).faults]
+
+
+def report_on(name, car="ideal", grid=None):
+    path = os.path.join(PLANS, name + ".txt")
+    with open(path, "rb") as file:
+        data = file.read()
+    return check(read_plan(path), data, car, car_named(car), "the map" if grid else "", grid)
+
+
+def walled(free_to=5.0):
+    """Return a map that is free from x = -2 m to `free_to`, y = -2 m to 2 m, with a wall round."""
+    cells = np.full((60, 120), 100, np.int8)
+    cells[10:50, 10 : 30 + round(10 * free_to)] = 0
+    return Grid(cells, 0.1, Pose(-3.0, -3.0, 0.0))
+
+
+# What it does -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("car", CARS)
+@pytest.mark.parametrize("name", NAMES)
+def test_it_ends_where_the_prediction_ends(name, car):
+    report = report_on(name, car)
+    expected = prediction.final_pose(report.plan, car_named(car)._replace(speed_noise=0.0))
+    assert tuple(report.final_pose) == pytest.approx(tuple(expected), abs=SAME)
+    assert tuple(report.path.poses[-1]) == pytest.approx(tuple(expected), abs=SAME)
+
+
+def test_the_figures_of_figure_8():
+    """At 2 m/s and 0.09 rad the radius is L / tan(0.09), and each lobe is 22 m of circle."""
+    report = report_on("figure_8")
+    radius = 0.33 / math.tan(prediction.as_float32(0.09))
+    assert report.length == pytest.approx(44.0, abs=SAME)
+    assert report.radius == pytest.approx(radius, abs=SAME)
+    assert report.closing_gap == pytest.approx((math.hypot(1.547709, 1.180325), 0.0), abs=1e-6)
+    x, y = -radius * math.sin(0.785), radius * math.cos(0.785)  # the first lobe's centre
+    left, right, bottom, top = report.box
+    assert (left, top) == pytest.approx((x - radius, y + radius), abs=SAME)
+    turned = 22.0 / radius + 0.785
+    x += 2.0 * radius * math.sin(turned)  # and the second one's, on the other side
+    y -= 2.0 * radius * math.cos(turned)
+    assert (right, bottom) == pytest.approx((x + radius, y - radius), abs=SAME)
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(-2, 2), st.floats(-0.6, 0.6), st.sampled_from([0.1, 0.25, 1, 7.3])),
+        min_size=1,
+        max_size=5,
+    ),
+    st.sampled_from(["ideal", "mushr_tx2"]),
+)
+@example([(1.625, 0.2468, 7.3)], "mushr_tx2")  # it ends with its wheels turned, along an axis
+def test_the_box_is_that_of_the_path(rows, car_name):
+    text = "1, 2, 3\n" + "".join("{:.6f}, {:.6f}, {}\n".format(*row) for row in rows)
+    report, car = checked(text, car_name), car_named(car_name)
+    durations, speeds, angles = ensemble.commands(report.plan, car)
+    fine = 1_000_000  # [ns]
+    many = np.repeat(np.arange(len(durations)), durations // fine)
+    # The stop at the end, too.
+    count = len(many) + 1000
+    speeds, angles = (np.append(each[many], np.zeros(1000)) for each in (speeds, angles))
+    dense = ensemble.follow(report.plan.start, np.full(count, fine), speeds, angles, car)
+    low, high = dense.poses[:, :2].min(axis=0), dense.poses[:, :2].max(axis=0)
+    assert report.box == pytest.approx((low[0], high[0], low[1], high[1]), abs=SAGITTA)
+
+
+def test_a_long_plan_is_followed_row_by_row(monkeypatch):
+    expected = report_on("slalom", "mushr_nano")
+    monkeypatch.setattr("mushr_ros_intro.preview.check.MAX_FINE_TICKS", 3)
+    report = report_on("slalom", "mushr_nano")
+    assert len(report.path.poses) == len(report.plan.rows) + 2
+    assert tuple(report.final_pose) == pytest.approx(tuple(expected.final_pose), abs=SAME)
+    assert report.faults == expected.faults
+
+
+def test_the_box_of_a_full_circle_in_one_step(monkeypatch):
+    monkeypatch.setattr("mushr_ros_intro.preview.check.MAX_FINE_TICKS", 0)
+    radius = 0.33 / math.tan(prediction.as_float32(0.3))
+    expected = (-radius, radius, 0.0, 2.0 * radius)
+    assert checked("0,0,0\n1,0.3,100\n").box == pytest.approx(expected, abs=SAME)
+
+
+def test_wheels_that_turn_while_the_car_stands_are_no_turn():
+    assert checked("0,0,0\n0,0.4\n1,0\n").radius == math.inf
+
+
+def test_noise_is_left_out():
+    data = b"0,0,0\n1,0,9\n"
+    plan, car = parse_plan(data, "my.txt"), Car(speed_noise=0.2, steering_noise=0.1)
+    report = check(plan, data, "noisy", car, "the map", walled())
+    assert report.car.is_ideal
+    assert report.hit == checked(data.decode(), grid=walled()).hit
+
+
+def test_the_table():
+    text = list(as_text(checked("1, 2, 0\n2.0, 0, 1.5\n-1, 0\n")))
+    assert text == [
+        "my.txt: 2 rows, on the ideal car",
+        "",
+        "    row   speed  steering  duration  distance     turn         x         y    theta",
+        "            m/s       rad         s         m      rad         m         m      rad",
+        "  start                                                 1.000     2.000    0.000",
+        "      1    2.00    0.0000      1.50     3.000    0.000     4.000     2.000    0.000",
+        "      2   -1.00    0.0000      1.00     1.000    0.000     3.000     2.000    0.000",
+        "",
+        "length          4.00 m",
+        "duration        2.5 s",
+        "final pose      x 3.000 m, y 2.000 m, theta 0.000 rad",
+        "closing gap     2.000 m and 0.000 rad between start and end",
+        "bounding box    x 1.000 to 4.000 m, y 2.000 to 2.000 m (of the rear axle)",
+        "turning radius  none, it drives straight",
+        "ends at rest    no, the last row asks for -1 m/s; path_publisher then sends a stop",
+        "",
+        "no faults",
+    ]
+
+
+def test_only_what_rounds_to_zero_is_shown_as_zero():
+    text = "\n".join(as_text(checked("0,0,0\n-0.0004,0\n0.0044,0\n")))
+    assert "final pose      x 0.004 m, y 0.000 m" in text
+    assert "bounding box    x 0.000 to 0.004 m" in text
+
+
+def test_the_table_of_a_long_plan_is_cut():
+    text = list(as_text(checked("0, 0, 0\n" + "1, 0.1\n" * 1000)))
+    assert "    ... 960 more rows ..." in text
+    assert len(text) < 60
+
+
+def test_a_car_with_ramps_has_a_line_for_its_stop():
+    text = "\n".join(as_text(checked("0, 0, 0\n0.5, 0\n", "mushr_nano")))
+    assert "\n   stop    0.00    0.0000      0.20     0.050    0.000" in text
+    assert "and the car rolls on for 0.050 m" in text
+
+
+# What is wrong with it --------------------------------------------------------------------------
+
+
+def test_limits():
+    text = "\ufeff0,0,0\r\n\r\n0.9, 0\r\n  6.6 , -0.45\r\n 5, 0.5\r\n-1,0,2 # back\r\n"
+    assert faults(text, "mushr_nano") == [
+        "my.txt:4:3: rows 2 to 3 ask for 5 to 6.6 m/s; the mushr_nano does 0.9286 m/s at most",
+        "my.txt:4:9: row 2 asks for -0.45 rad; the mushr_nano steers 0.4375 rad to the right "
+        "at most",
+        "my.txt:5:5: row 3 asks for 0.5 rad; the mushr_nano steers 0.4375 rad to the left at most",
+        "my.txt:6:1: row 4 asks for -1 m/s; the mushr_nano does 0.9286 m/s in reverse at most",
+    ]
+    assert not faults(text, "ideal")
+
+
+def test_limits_that_are_not_the_same_on_both_sides():
+    assert not faults("0,0,0\n0.5,0.3,1\n0.5,-0.2,1\n", "racecar_mit")
+    (fault,) = faults("0,0,0\n0.5,0.3,1\n0.5,-0.3,1\n", "racecar_mit")
+    assert fault.startswith("my.txt:3:5: row 2 asks for -0.3 rad; the racecar_mit steers 0.26")
+
+
+def test_the_limit_itself_is_no_fault():
+    assert not faults("0,0,0\n0.9286,0.4375,1\n-0.9286,-0.4375,2\n", "mushr_nano")
+
+
+def test_a_plan_is_slowed_down_and_says_where():
+    data = b"0,0,0\n# slow\n0.5, 0.1\n 2, 0\n-3, 0.2, 0.5\n-1, 0\n1.5,0\n"
+    plan = parse_plan(data, "my.txt")
+    slow, said = slowed(plan, data, 1.0)
+    assert [row.speed for row in slow.rows] == [0.5, 1.0, -1.0, -1.0, 1.0]
+    assert [row[1:] for row in slow.rows] == [row[1:] for row in plan.rows]
+    assert (slow.path, slow.start) == (plan.path, plan.start)
+    assert [str(each) for each in said] == [
+        "my.txt:4:2: rows 2 to 3 ask for 2 to -3 m/s; the largest speed allowed is 1 m/s, "
+        "and that is sent",
+        "my.txt:7:1: row 5 asks for 1.5 m/s; the largest speed allowed is 1 m/s, and that is sent",
+    ]
+    assert slowed(plan, data, math.inf) == (plan, [])
+
+
+def test_ramps_that_do_not_fit_into_their_rows():
+    assert faults("0,0,0\n0.5,0,0.1\n0.5,0,0.2\n0.5,0.4,0.1\n", "mushr_nano") == [
+        "my.txt:2:1: row 1 is too short: the mushr_nano needs 0.2 s from 0 to 0.5 m/s at "
+        "2.5 m/s^2, and row 1 lasts 0.1 s",
+        "my.txt:4:5: row 3 is too short: the mushr_nano needs 0.125 s from 0 to 0.4 rad at "
+        "3.2 rad/s, and row 3 lasts 0.1 s",
+    ]
+
+
+def test_ramps_that_just_fit_into_their_rows():
+    """0.5 m/s takes 0.2 s, and 0.4 rad takes 0.125 s."""
+    assert not faults("0,0,0\n0.5,0.4,0.2\n0.25,0,0.125\n0,0,0.1\n", "mushr_nano")
+
+
+def test_a_wall_ahead():
+    """The body ends 0.38 m before the rear axle, and the wall is at 5 m."""
+    report = checked("0,0,0\n1, 0\n2, 0, 9\n", grid=walled())
+    (fault,) = report.faults
+    assert str(fault) == "my.txt:3:1: row 2 hits a wall at t = 2.8 s, (4.6, 0.0); it stops there"
+    assert tuple(report.hit) == pytest.approx((4.62, 0.0, 0.0), abs=1e-8)  # [m] walls are to 1e-9
+
+
+@pytest.mark.parametrize("car_name", ["ideal", "mushr_nano"])
+@pytest.mark.parametrize(
+    "rows",
+    [
+        "1, 0.2, 2\n1.5, -0.3, 9",
+        "-0.8, 0.1, 9",
+        "0.9, 0.2, 3\n0.9, 0.05, 0.35\n-0.9, 0.4, 2\n0.7, 0.1, 20",
+    ],
+)
+def test_a_wall_is_hit_where_the_simulated_car_hits_it(rows, car_name):
+    grid, car = walled(), car_named(car_name)
+    report = checked(f"0, 0, 0.3\n{rows}\n", car_name, grid)
+    world, state, now = World(grid), at_rest(0, Pose(*report.plan.start)), 0
+    for tick in ensemble.ticks(report.plan, car):
+        command = Command(now, tick.speed, tick.steering_angle)
+        state = apply(advance(state, now, car), command, car, world)
+        now += tick.duration
+        if advance(state, now, car).collision is not None:
+            break
+    contact = advance(state, now, car).collision
+    assert tuple(report.hit) == pytest.approx(tuple(contact.pose), abs=1e-7)  # [m] a nudge at most
+    (fault,) = (each for each in report.faults if "wall" in each.text)
+    assert f"t = {contact.stamp / 1e9:.1f} s" in fault.text
+
+
+@pytest.mark.parametrize("car", ["ideal", "mushr_nano"])
+@pytest.mark.parametrize("angle", [0.0, 0.1, -0.3, 0.6])
+def test_a_row_that_lasts_for_years_hits_what_one_of_a_minute_does(angle, car):
+    """And takes no years: after one turn of the circle there is nothing new."""
+    years = faults(f"0,0,0\n0.5, {angle}, 1e9\n", car, walled())
+    assert years == faults(f"0,0,0\n0.5, {angle}, 60\n", car, walled())
+    assert any("hits a wall" in each for each in years) == (angle != 0.6)
+
+
+def test_rolling_on_into_a_wall():
+    report = checked("0,0,0\n0.9, 0, 5.19\n", "mushr_nano", walled(5.0))
+    (fault,) = report.faults
+    assert fault.line == 2
+    assert "the car, rolling on after the last row, hits a wall at t = 5.3 s" in fault.text
+
+
+def test_start_poses_that_cannot_be():
+    grid = walled()
+    assert faults("\n# c\n 4.8,0,0\n1,0\n", grid=grid) == [
+        "my.txt:3:2: the start pose is in a wall, at least in part"
+    ]
+    assert faults("40,0,0\n1,0\n", grid=grid) == [
+        "my.txt:1:1: the start pose is off the map, at least in part"
+    ]
+
+
+def test_leaving_the_map():
+    free = Grid(np.zeros((40, 80), np.int8), 0.1, Pose(2.0, -4.0, math.pi / 2))
+    assert faults("0,0,1.5707963\n1,0,2\n0,0\n1,0,9\n", grid=free) == [
+        "my.txt:4:1: row 3 leaves the map at t = 4.7 s, (0.0, 3.7)"
+    ]
+
+
+@pytest.mark.parametrize(
+    "heading, where",
+    [
+        (0.0, "(3.7, 0.0)"),
+        (0.5 * math.pi, "(0.0, 3.7)"),
+        (math.pi, "(-3.7, 0.0)"),
+        (-0.5 * math.pi, "(0.0, -3.7)"),
+    ],
+)
+def test_leaving_the_map_over_any_edge(heading, where):
+    """The body ends 0.38 m before the rear axle, and the map at 4 m."""
+    free = Grid(np.zeros((80, 80), np.int8), 0.1, Pose(-4.0, -4.0, 0.0))
+    (fault,) = faults(f"0,0,{heading}\n1,0,9\n", grid=free)
+    assert fault.endswith(f"row 1 leaves the map at t = 3.7 s, {where}")
+
+
+def test_leaving_the_map_tail_first():
+    """The tail ends 0.9 m behind the rear axle, so 0.1 s after 3.1 m it is off."""
+    free = Grid(np.zeros((80, 80), np.int8), 0.1, Pose(-4.0, -4.0, 0.0))
+    data, long_tail = b"0,0,0\n-1,0,9\n", Footprint(front=0.05, back=0.9, half_width=0.1)
+    plan = parse_plan(data, "my.txt")
+    (fault,) = check(plan, data, "ideal", Car(), "the map", free, long_tail).faults
+    assert "row 1 leaves the map at t = 3.2 s, (-3.2, " in fault.text
+
+
+def test_without_a_map_there_are_no_walls():
+    assert not faults("0,0,0\n2, 0, 1000\n")
+
+
+def test_straight_line_twice_hits_the_wall_of_the_sandbox():
+    rows = "2,0\n3,0\n4,0\n5,0\n6,0\n6,0\n6,0\n5,0\n4,0\n3,0\n2,0\n"
+    grid = read_map(os.path.join(PACKAGE, "maps", "sandbox.yaml"))
+    assert not faults("0,0,0\n" + rows, grid=grid)
+    (fault,) = faults("0,0,0\n" + rows + rows, grid=grid)
+    assert fault.startswith("my.txt:14:1: row 13 hits a wall at t = 12.3 s, (49.0, 0.0)")
+
+
+# The spread -------------------------------------------------------------------------------------
+
+
+def test_the_spread_grows_and_both_ways_to_it_agree():
+    report = report_on("figure_8")
+    car = Car(speed_noise=0.05, steering_noise=0.02)
+    result = scatter(report, car, 4000, 1)
+    assert result.sampled.runs == 4000
+    assert (np.diff(result.rms_errors[:5]) > 0.0).all()
+    assert growth(result) > 1.0
+    sampled, closed = (math.sqrt(np.trace(each.covariance[-1][:2, :2])) for each in result[5:])
+    # The spread of 4000 runs is known to 1 / sqrt(2 * 4000), and this is five times that.
+    assert sampled == pytest.approx(closed, rel=5 / math.sqrt(8000))
+    assert list(result.planned[-1]) == pytest.approx(list(report.final_pose), abs=SAME)
+
+
+def test_a_speed_that_is_off_makes_an_error_in_proportion_to_the_way(monkeypatch):
+    monkeypatch.setattr(
+        "mushr_ros_intro.preview.check.RUN_ERRORS", ensemble.Errors(speed_scale=0.02)
+    )
+    result = scatter(checked("0,0,0\n1,0,20\n"), Car(speed_noise=1e-9), 4000, 1)
+    assert growth(result) == pytest.approx(1.0, abs=1e-3)
+    assert result.rms_errors / result.distances == pytest.approx(0.02, rel=5 / math.sqrt(8000))
+
+
+def test_off_the_plan_counts_from_where_the_car_comes_to_rest():
+    report = report_on("straight_line", "mushr_nano")
+    result = scatter(report, car_named("mushr_nano"), 100, 1)
+    assert result.distances[-1] == pytest.approx(report.length, abs=SAME)
+    assert list(result.planned[-1]) == pytest.approx(list(report.final_pose), abs=SAME)
+
+
+def test_the_ideal_car_does_not_spread():
+    report = report_on("circle")
+    result = scatter(report, Car(), 10, 1)
+    assert result.rms_errors.max() <= SAME
+    assert growth(result) is None
+    assert any(
+        "no errors, so all runs end in the same place" in line for line in as_text(report, result)
+    )
+
+
+# The program ------------------------------------------------------------------------------------
+
+
+def run(*arguments, cwd=PACKAGE):
+    return subprocess.run(
+        [sys.executable, PROGRAM, *arguments],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def test_a_clean_plan_ends_with_status_0():
+    result = run("figure_8", "--map", "sandbox")
+    assert (result.returncode, result.stderr) == (0, "")
+    first = result.stdout.split("\n")[0]
+    assert "plans/figure_8.txt: 22 rows, on the ideal car, on the map " in first
+    assert result.stdout.endswith("\nno faults\n")
+
+
+def test_many_plans_one_of_them_with_faults_end_with_status_1(tmp_path):
+    (tmp_path / "fast.txt").write_text("0,0,0\n0.5,0\n6.6,0\n")
+    result = run("circle", "fast.txt", "--car=mushr_tx2", cwd=str(tmp_path))
+    assert (result.returncode, result.stderr) == (1, "")
+    assert "circle.txt: 1 row, on the mushr_tx2 car\n" in result.stdout
+    assert "\nfast.txt:3:1: row 2 asks for 6.6 m/s; the mushr_tx2 does 1.625 m/s" in result.stdout
+
+
+def test_broken_plans_are_named_fault_by_fault():
+    names = sorted(os.listdir(BROKEN))
+    paths = [os.path.join("test", "fixtures", "broken_plans", name) for name in names]
+    result = run(*paths)
+    assert (result.returncode, result.stderr) == (1, "")
+    parts = result.stdout.split("\n\n")
+    assert len(parts) == len(names) >= 20
+    for path, part in zip(paths, parts):
+        with pytest.raises(PlanError) as caught:
+            read_plan(os.path.join(PACKAGE, path))
+        for fault in caught.value.faults[:20]:
+            assert f"{path}:{fault.line}:{fault.column}: {fault.text}" in part
+        count = len(caught.value.faults)
+        assert part.strip().endswith("1 fault" if count == 1 else f"{count} faults")
+
+
+def test_a_plan_that_is_not_there():
+    result = run("figure_9")
+    assert result.returncode == 1
+    assert result.stdout.startswith("figure_9:1:1: no such plan file; expected the path of a file")
+    assert "figure_8" in result.stdout
+
+
+@pytest.mark.parametrize(
+    "arguments, text",
+    [
+        ([], "the following arguments are required: PLAN"),
+        (["circle", "--car", "tank"], "invalid choice: 'tank'"),
+        (["circle", "--map", "moon"], "moon: no such map; expected the path of a yaml file"),
+        (["circle", "--map", "package.xml"], "expected yaml"),
+        (["circle", "--runs", "1"], "--runs: '1'; expected a whole number from 2 to 10000000"),
+        (["circle", "--seed", "-1"], "--seed: '-1'; expected a whole number from 0"),
+        (["circle", "slalom", "--plot", "a.png"], "--plot draws one plan; expected one PLAN"),
+        (["circle", "--plot", "/nowhere/a.png"], "cannot be written: No such file or directory"),
+        (["circle", "--plot", "a.mp3"], "expected such as figure_8.png"),
+    ],
+)
+def test_bad_usage_ends_with_status_2(arguments, text):
+    result = run(*arguments)
+    assert result.returncode == 2
+    assert text in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_too_much_to_drive_is_refused(tmp_path):
+    (tmp_path / "long.txt").write_text("0,0,0\n1,0,1e9\n")
+    result = run("long.txt", "--runs", "100", cwd=str(tmp_path))
+    assert result.returncode == 2
+    assert "so fewer --runs" in result.stderr
+
+
+def test_json(tmp_path):
+    (tmp_path / "bad.txt").write_text("0,0\n")
+    result = run(
+        "parallel_parking", "bad.txt", "--json", "--map=rooms", "--runs=50", cwd=str(tmp_path)
+    )
+    assert result.returncode == 1
+    parking, bad = json.loads(result.stdout)
+    assert bad["faults"][0]["line"] == 1
+    assert parking["faults"] == []
+    assert parking["length"] == pytest.approx(3.35, abs=1e-6)
+    assert parking["rows"]["line"] == [4, 5, 6, 7, 8, 9, 10, None]
+    assert len(set(map(len, parking["rows"].values()))) == 1
+    assert parking["ends_at_rest"] is False
+    assert parking["spread"]["runs"] == 50
+    assert len(parking["spread"]["sampled"]["covariance"][-1]) == 3
+    report = report_on("parallel_parking")
+    assert parking["final_pose"] == as_json(report)["final_pose"]
+
+
+def test_the_same_seed_gives_the_same_words():
+    arguments = ("slalom", "--car", "mushr_nano", "--runs", "500", "--seed")
+    outputs = [run(*arguments, seed).stdout for seed in ("1", "1", "2")]
+    assert outputs[0] == outputs[1] != outputs[2]
+    assert "spread of 500 runs, seed 1" in outputs[0]
+    assert "final pose, in closed form (for a car without ramps):" in outputs[0]
+
+
+def test_plot(tmp_path):
+    path = str(tmp_path / "out.png")
+    result = run("slalom", "--plot", path, "--map", "race_loop", "--car=mushr_nano", "--runs=200")
+    assert (result.returncode, result.stderr) == (1, "")
+    with open(path, "rb") as file:
+        head = file.read(24)
+    assert head.startswith(b"\x89PNG\r\n\x1a\n")
+    width, height = (int.from_bytes(head[at : at + 4], "big") for at in (16, 20))
+    assert width > 500 and height > 500

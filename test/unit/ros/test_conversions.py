@@ -1,0 +1,402 @@
+"""Values to messages and back, and the messages that are refused."""
+
+import io
+import math
+
+import numpy as np
+import pytest
+from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
+from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped, Quaternion
+from geometry_msgs.msg import Pose as PoseMsg
+from hypothesis import given
+from hypothesis import strategies as st
+from nav_msgs.msg import OccupancyGrid
+from nav_msgs.srv import GetMapResponse
+from rospy.numpy_msg import numpy_msg
+from visualization_msgs.msg import Marker
+
+from mushr_ros_intro.car.bicycle import Pose, compose
+from mushr_ros_intro.car.model import Car, Command, Contact, Placement, advance, apply, at_rest
+from mushr_ros_intro.preview.prediction import as_float32
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.conversions import MessageError
+from mushr_ros_intro.world.grid import Grid, as_travelled
+from mushr_ros_intro.world.laser import Beams
+
+ROUNDING = 1e-15
+"""[rad] Relative to a heading within half a turn, through a quaternion and back: some ulps."""
+
+STAMP = 1_700_000_000_123_456_789
+NOT_FINITE = [float("nan"), float("inf"), -float("inf")]
+
+stamps = st.integers(0, 2**32 * 10**9 - 1)
+poses = st.builds(Pose, st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(-1e3, 1e3))
+
+
+def travelled(msg):
+    """Return a message as it arrives."""
+    wire = io.BytesIO()
+    msg.serialize(wire)
+    return type(msg)().deserialize(wire.getvalue())
+
+
+def command_msg(**fields):
+    """Return a command with some fields of the drive."""
+    return AckermannDriveStamped(drive=AckermannDrive(**fields))
+
+
+def pose_msg(**fields):
+    """Return the origin with some numbers changed: x, y, z, qx, qy, qz, qw."""
+    msg = PoseMsg(orientation=Quaternion(w=1.0))
+    for name, value in fields.items():
+        setattr(msg.orientation if name[0] == "q" else msg.position, name[-1], value)
+    return msg
+
+
+def test_the_messages_are_the_real_ones():
+    assert AckermannDrive._md5sum == "3512e91b48d69674a0e86fadf1ea8231"
+    assert AckermannDriveStamped._md5sum == "1fd5d7f58889cefd44d29f6653240d0c"
+
+
+@given(stamps)
+def test_stamps_keep_every_nanosecond(stamp):
+    assert conversions.time_from(stamp).to_nsec() == stamp
+
+
+@given(stamps, st.floats(-1e3, 1e3), st.floats(-1.57, 1.57))
+def test_a_command_comes_back_as_float32(stamp, speed, angle):
+    msg = travelled(conversions.command_to_msg(Command(stamp, speed, angle), "car/base_footprint"))
+    assert msg.header.frame_id == "car/base_footprint"
+    expected = Command(stamp, as_float32(speed), as_float32(angle))
+    assert conversions.command_from_msg(msg) == expected
+
+
+@given(stamps, poses)
+def test_a_placement_comes_back(stamp, pose):
+    msg = PoseWithCovarianceStamped()
+    msg.header.stamp, msg.header.frame_id = conversions.time_from(stamp), "map"
+    msg.pose.pose = conversions.pose_to_msg(pose)
+    msg = travelled(msg)
+    assert msg.header.frame_id == "map"
+    back = conversions.placement_from_msg(msg)
+    assert back.stamp == stamp and back.pose[:2] == pose[:2]
+    assert abs(back.pose.theta) <= math.pi
+    off = math.remainder(back.pose.theta - pose.theta, math.tau)
+    assert abs(off) <= 4 * ROUNDING * max(math.pi, abs(pose.theta))
+
+
+@pytest.mark.parametrize(
+    "field", ["steering_angle", "steering_angle_velocity", "speed", "acceleration", "jerk"]
+)
+@pytest.mark.parametrize("value", NOT_FINITE)
+def test_a_command_that_is_not_finite_is_refused(field, value):
+    with pytest.raises(MessageError, match="is not finite; expected finite numbers"):
+        conversions.command_from_msg(travelled(command_msg(**{field: value})))
+
+
+@pytest.mark.parametrize(
+    "fields, expected",
+    [
+        ({"speed": 1e30}, "speed is 1e+30 m/s; expected at most 1000 m/s"),
+        ({"speed": -1001.0}, "speed is -1001 m/s; expected at most 1000 m/s"),
+        ({"steering_angle": math.pi / 2}, "steering angle 1.5708 is a right angle or more"),
+        (
+            {"steering_angle": -30.0},
+            "steering angle -30 is a right angle or more; expected radians",
+        ),
+    ],
+)
+def test_a_command_out_of_range_is_refused(fields, expected):
+    with pytest.raises(MessageError) as caught:
+        conversions.command_from_msg(travelled(command_msg(**fields)))
+    assert str(caught.value).startswith(expected)
+
+
+@given(st.tuples(*[st.floats(width=32)] * 5))
+def test_what_is_not_refused_leaves_the_car_somewhere(numbers):
+    """Denormals, 1e30 and the like: no pose that is not finite."""
+    try:
+        command = conversions.command_from_msg(
+            AckermannDriveStamped(drive=AckermannDrive(*numbers))
+        )
+    except MessageError:
+        return
+    state = apply(at_rest(0, Pose(0.0, 0.0, 0.0)), command, Car())
+    state = advance(state, 10**9, Car())
+    assert all(map(math.isfinite, (*state.pose, *state.rolled, *state.odom_pose)))
+
+
+def test_denormals_are_numbers():
+    msg = travelled(command_msg(speed=1e-45, steering_angle=-1e-45))
+    assert conversions.command_from_msg(msg) == Command(0, 2.0**-149, -(2.0**-149))
+    assert conversions.pose_from_msg(pose_msg(x=5e-324, qz=-5e-324)) == (5e-324, 0.0, -1e-323)
+
+
+@pytest.mark.parametrize("field", ["x", "y", "z", "qx", "qy", "qz", "qw"])
+@pytest.mark.parametrize("value", NOT_FINITE)
+def test_a_pose_that_is_not_finite_is_refused(field, value):
+    with pytest.raises(MessageError, match="is not finite; expected finite numbers"):
+        conversions.pose_from_msg(pose_msg(**{field: value}))
+
+
+@pytest.mark.parametrize(
+    "fields, expected",
+    [
+        ({"x": 1e30}, "is too far away; expected 1e+06 m at most"),
+        ({"y": -1.1e6}, "is too far away; expected 1e+06 m at most"),
+        ({"qw": 0.0}, "quaternion (0.0, 0.0, 0.0, 0.0) has the length 0; expected 1"),
+        ({"qw": 5e-324}, "has the length 4.94066e-324; expected 1"),
+        ({"qw": 1e-4}, "has the length 0.0001; expected 1"),
+        ({"qz": 1e30}, "has the length 1e+30; expected 1"),
+        ({"qx": 1.7e308, "qy": 1.7e308}, "has the length inf; expected 1"),
+    ],
+)
+def test_a_pose_without_meaning_is_refused(fields, expected):
+    with pytest.raises(MessageError) as caught:
+        conversions.pose_from_msg(pose_msg(**fields))
+    assert expected in str(caught.value)
+
+
+@given(st.tuples(*[st.floats()] * 3), st.tuples(*[st.floats()] * 4))
+def test_any_pose_is_read_or_refused(position, orientation):
+    try:
+        pose = conversions.pose_from_msg(PoseMsg(Point(*position), Quaternion(*orientation)))
+    except MessageError:
+        return
+    assert all(map(math.isfinite, pose)) and abs(pose.theta) <= math.pi
+
+
+@pytest.mark.parametrize("length", [0.01, 1.0, 100.0])
+def test_the_yaw_does_not_depend_on_the_quaternions_length(length):
+    msg = pose_msg(qz=length * math.sin(0.4), qw=length * math.cos(0.4))
+    assert conversions.pose_from_msg(msg).theta == pytest.approx(0.8, abs=ROUNDING)
+
+
+def test_the_yaw_is_that_of_the_x_axis_on_a_slope():
+    """Pitched by 0.5 rad and then turned by 2 rad about the vertical."""
+    turn, pitch = 1.0, 0.25
+    msg = pose_msg(
+        qx=-math.sin(turn) * math.sin(pitch),
+        qy=math.cos(turn) * math.sin(pitch),
+        qz=math.sin(turn) * math.cos(pitch),
+        qw=math.cos(turn) * math.cos(pitch),
+    )
+    assert conversions.pose_from_msg(msg).theta == pytest.approx(2.0, abs=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    "frame, good", [("map", 1), ("/map", 1), ("", 1), ("odom", 0), ("map2", 0)]
+)
+def test_a_placement_is_in_the_map(frame, good):
+    msg = PoseWithCovarianceStamped()
+    msg.header.frame_id = frame
+    msg.pose.pose = pose_msg(x=1.0)
+    if good:
+        assert conversions.placement_from_msg(msg) == Placement(0, Pose(1.0, 0.0, 0.0))
+        return
+    with pytest.raises(MessageError) as caught:
+        conversions.placement_from_msg(msg)
+    assert str(caught.value) == f"pose is in the frame '{frame}'; expected 'map'"
+
+
+def moving():
+    """Return the state of a car that was placed, and has driven a bend since."""
+    state = advance(
+        apply(at_rest(0, Pose(1.0, 2.0, 0.5)), Command(0, 2.0, 0.3), Car()), 10**8, Car()
+    )
+    state = apply(state, Placement(10**8, Pose(-3.0, 4.0, -1.0)), Car())
+    state = apply(state, Command(10**8, 1.5, -0.4), Car())
+    return advance(state, 2 * 10**8, Car())._replace(stamp=STAMP)
+
+
+def test_a_command_s_rates_travel():
+    command = Command(STAMP, 1.0, 0.25, 0.5, -2.0)
+    msg = travelled(conversions.command_to_msg(command, "car/base_footprint"))
+    assert (msg.drive.acceleration, msg.drive.steering_angle_velocity) == (0.5, -2.0)
+    assert conversions.command_from_msg(msg) == command
+
+
+def test_a_path_counts_its_stamps_from_its_beginning():
+    states = [moving()._replace(stamp=number * 10**8) for number in range(3)]
+    path = conversions.path_to_msg(iter(states), STAMP)
+    assert (path.header.frame_id, path.header.stamp.to_nsec()) == ("map", STAMP)
+    assert [pose.header.stamp.to_nsec() - STAMP for pose in path.poses] == [0, 10**8, 2 * 10**8]
+    assert conversions.pose_from_msg(path.poses[1].pose)[:2] == moving().pose[:2]
+
+
+def test_a_collision_has_a_pose_while_it_lasts():
+    contact = Contact(STAMP, Pose(1.0, 2.0, 0.5))
+    msg = conversions.collision_to_msg(contact, STAMP + 10**9)
+    assert (msg.header.frame_id, msg.header.stamp.to_nsec()) == ("map", STAMP)
+    assert [conversions.pose_from_msg(pose) for pose in msg.poses] == [pytest.approx(contact.pose)]
+    free = conversions.collision_to_msg(None, STAMP + 10**9)
+    assert (free.header.stamp.to_nsec(), free.poses) == (STAMP + 10**9, [])
+
+
+def test_ellipses():
+    """Flat ones that take the place of what was shown before; none without a size."""
+    ellipses = [(Pose(1.0, 2.0, 0.5), 3.0, 0.25), (Pose(-1.0, 0.0, -1.5), 0.5, 0.0)]
+    clear, *markers = conversions.ellipses_to_msg(iter(ellipses), STAMP).markers
+    assert clear.action == Marker.DELETEALL
+    assert [marker.id for marker in markers] == [0, 1]
+    for marker, (middle, major, minor) in zip(markers, ellipses):
+        assert (marker.type, marker.action) == (Marker.CYLINDER, Marker.ADD)
+        assert conversions.pose_from_msg(marker.pose) == pytest.approx(middle)
+        scale = (marker.scale.x, marker.scale.y, marker.scale.z)
+        assert scale == (2.0 * major, max(2.0 * minor, 1e-3), 1e-3)
+        assert 0.0 < marker.color.a < 1.0
+    for marker in (clear, *markers):
+        assert (marker.header.frame_id, marker.header.stamp.to_nsec()) == ("map", STAMP)
+        marker.serialize(io.BytesIO())
+
+
+def test_pose_odometry_and_transforms_tell_the_same():
+    state = moving()
+    pose = conversions.car_pose_to_msg(state)
+    odom = conversions.odometry_to_msg(state, Car(), "car/odom", "car/base_footprint")
+    first, second = conversions.transforms_to_msgs(state, "car/odom", "car/base_footprint")
+    for msg in (pose, odom, first, second):
+        assert msg.header.stamp.to_nsec() == STAMP
+    assert pose.header.frame_id == first.header.frame_id == "map"
+    assert first.child_frame_id == "car/odom"
+    for msg in (odom, second):
+        assert msg.header.frame_id == "car/odom" and msg.child_frame_id == "car/base_footprint"
+
+    def planar(transform):
+        return Pose(
+            transform.translation.x,
+            transform.translation.y,
+            2.0 * math.atan2(transform.rotation.z, transform.rotation.w),
+        )
+
+    in_odom = conversions.pose_from_msg(odom.pose.pose)
+    assert planar(second.transform) == pytest.approx(in_odom, abs=1e-14)
+    in_map = compose(planar(first.transform), in_odom)
+    assert in_map == pytest.approx(conversions.pose_from_msg(pose.pose), abs=1e-14)
+    assert in_map == pytest.approx(state.pose, abs=1e-14)
+    twist = odom.twist.twist
+    assert twist.linear.x == 1.5 and twist.linear.y == 0.0
+    assert twist.angular.z == pytest.approx(1.5 * math.tan(-0.4) / 0.33, abs=1e-14)
+
+
+def test_joint_states_are_mushrs():
+    msg = conversions.joint_states_to_msg(moving(), Car())
+    joints = dict(zip(msg.name, msg.position))
+    assert sorted(joints) == [
+        "back_left_wheel_throttle",
+        "back_right_wheel_throttle",
+        "front_left_wheel_steer",
+        "front_left_wheel_throttle",
+        "front_right_wheel_steer",
+        "front_right_wheel_throttle",
+    ]
+    assert msg.header.stamp.to_nsec() == STAMP
+    assert joints["front_right_wheel_steer"] < -0.4 < joints["front_left_wheel_steer"] < 0.0
+    back = joints["back_left_wheel_throttle"] + joints["back_right_wheel_throttle"]
+    assert back / 2 == pytest.approx((0.2 + 0.15) / 0.0488, abs=1e-12)
+
+
+def sample_grid():
+    """Return a map with one cell of every value, no two rows alike, and its origin turned."""
+    return Grid(
+        np.arange(-128, 128).astype(np.int8).reshape(16, 16)[:, :-1], 0.05, Pose(-3, 4, 2.5)
+    )
+
+
+@pytest.mark.parametrize("kind", [OccupancyGrid, numpy_msg(OccupancyGrid)])
+def test_a_map_travels_to_the_cell(kind):
+    grid = sample_grid()
+    wire = io.BytesIO()
+    conversions.grid_to_msg(grid, STAMP, "map").serialize(wire)
+    msg = kind().deserialize(wire.getvalue())
+    assert (msg.header.frame_id, msg.header.stamp.to_nsec()) == ("map", STAMP)
+    assert msg.info.map_load_time.to_nsec() == STAMP
+    assert (msg.info.width, msg.info.height) == (15, 16)
+    assert list(msg.data[:3]) == [-128, -127, -126]  # row by row, from the bottom
+    back = conversions.grid_from_msg(msg)
+    assert (back.cells == grid.cells).all()
+    assert back.resolution == grid.resolution
+    assert (back.origin.x, back.origin.y) == (grid.origin.x, grid.origin.y)
+    assert abs(back.origin.theta - grid.origin.theta) < 4 * ROUNDING
+
+
+def test_a_map_is_sent_as_genpy_would_send_it():
+    msg = conversions.grid_to_msg(sample_grid(), STAMP, "map")
+    plain = OccupancyGrid(header=msg.header, info=msg.info, data=msg.data.tolist())
+    response = GetMapResponse(map=plain)
+    sent = {}
+    for each in (msg, plain, conversions.map_response(msg), response):
+        wire = io.BytesIO()
+        wire.write(b"what was sent before")
+        each.serialize(wire)
+        sent[type(each).__name__] = wire.getvalue()
+    assert len(sent) == 4
+    assert len(set(sent.values())) == 1
+
+
+@given(st.floats(1e-4, 1e3), poses)
+def test_the_place_of_a_map_travels(resolution, origin):
+    grid = Grid(np.zeros((1, 2), np.int8), as_travelled(resolution), origin)
+    back = conversions.grid_from_msg(travelled(conversions.grid_to_msg(grid, STAMP, "map")))
+    assert back.resolution == grid.resolution
+    turned = math.remainder(back.origin.theta - origin.theta, math.tau)
+    assert abs(turned) <= ROUNDING * max(4.0, abs(origin.theta))
+
+
+@pytest.mark.parametrize(
+    "changes, expected",
+    [
+        ({"width": 3}, "the map has 4 cells; expected 3 x 2"),
+        ({"width": 0, "height": 0}, "the map has 4 cells; expected 0 x 0"),
+        ({"resolution": 0.0}, "the map's resolution is 0.0; expected a number from"),
+        ({"resolution": math.nan}, "the map's resolution is nan; expected a number from"),
+        ({"origin": PoseMsg()}, "quaternion"),
+        ({"origin": PoseMsg(position=Point(x=math.inf))}, "is not finite"),
+    ],
+)
+def test_an_impossible_map(changes, expected):
+    msg = conversions.grid_to_msg(Grid(np.zeros((2, 2), np.int8), 0.1), STAMP, "map")
+    for field, value in changes.items():
+        setattr(msg.info, field, value)
+    with pytest.raises(MessageError) as caught:
+        conversions.grid_from_msg(msg)
+    assert expected in str(caught.value)
+
+
+def test_a_map_without_cells():
+    msg = OccupancyGrid()
+    msg.info.resolution = 0.1
+    msg.info.origin.orientation.w = 1.0
+    with pytest.raises(MessageError, match="expected"):
+        conversions.grid_from_msg(msg)
+
+
+def test_a_scan():
+    beams = Beams(number=3)
+    ranges = np.array([math.inf, 2.5, -math.inf])
+    msg = travelled(conversions.scan_to_msg(ranges, beams, STAMP, 0.1, "car/laser_link"))
+    assert (msg.header.frame_id, msg.header.stamp.to_nsec()) == ("car/laser_link", STAMP)
+    assert list(msg.ranges) == [math.inf, 2.5, -math.inf]
+    assert msg.angle_min == as_float32(beams.angle_min)
+    assert msg.angle_max == as_float32(beams.angle_min + 2 * beams.angle_increment)
+    assert msg.angle_increment == as_float32(beams.angle_increment)
+    assert (msg.range_min, msg.range_max) == (as_float32(0.02), 10.0)
+    assert (msg.scan_time, msg.time_increment, len(msg.intensities)) == (as_float32(0.1), 0.0, 0)
+
+
+def test_a_point_is_read_or_refused():
+    def read(x, y, z=0.0, frame="map"):
+        msg = PointStamped(point=Point(x, y, z))
+        msg.header.frame_id = frame
+        return conversions.point_from_msg(travelled(msg))
+
+    for frame in ("map", "/map", ""):
+        assert read(1.5, -2.5, 0.3, frame) == (1.5, -2.5)
+    for value in NOT_FINITE:
+        for numbers in ((value, 0.0, 0.0), (0.0, value, 0.0), (0.0, 0.0, value)):
+            with pytest.raises(MessageError, match="not finite"):
+                read(*numbers)
+    with pytest.raises(MessageError, match="1e.06 m at most"):
+        read(0.0, -1.1e6)
+    with pytest.raises(MessageError, match="in the frame 'car/odom'; expected 'map'"):
+        read(0.0, 0.0, frame="car/odom")

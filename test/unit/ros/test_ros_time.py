@@ -1,0 +1,130 @@
+"""Check the sleep until an instant, by a clock that the test sets."""
+
+import threading
+import time
+
+import pytest
+import rospy
+from rospy.rostime import _set_rostime, switch_to_wallclock
+
+from mushr_ros_intro.ros.sim_time import sleep_until
+from support.helpers import PATIENCE, module, wait_for
+
+SECOND = 1_000_000_000
+
+
+def set_clock(stamp):
+    _set_rostime(rospy.Time(0, stamp))
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch):
+    """Set the clock to 5 s, in a node that is not shut down."""
+    monkeypatch.setattr("rospy.rostime._rostime_initialized", True)
+    monkeypatch.setattr("rospy.is_shutdown", lambda: False)
+    set_clock(5 * SECOND)
+    yield
+    switch_to_wallclock()
+
+
+class Sleeper:
+    """Somebody who sleeps until an instant."""
+
+    def __init__(self, due, now=5 * SECOND, sleep=sleep_until):
+        self._is_interrupted = False
+        self._thread = threading.Thread(target=self._run, args=[sleep, due, now], daemon=True)
+        self._thread.start()
+
+    def _run(self, sleep, due, now):
+        try:
+            sleep(due, now)
+        except rospy.ROSInterruptException:
+            self._is_interrupted = True
+
+    def sleeps(self, still=0.1):
+        self._thread.join(still)
+        return self._thread.is_alive()
+
+    def is_interrupted(self):
+        assert not self.sleeps(PATIENCE), "it sleeps on"
+        return self._is_interrupted
+
+
+@pytest.mark.parametrize("due", [4 * SECOND, 5 * SECOND - 1, 5 * SECOND])
+def test_who_is_late_does_not_sleep(due):
+    """The clock, which waits for this node, has moved since the node looked."""
+    assert not Sleeper(due, now=due - SECOND // 10).is_interrupted()
+
+
+def test_path_publisher_sends_a_command_where_the_clock_moves_after_its_look(monkeypatch):
+    """In lock-step that clock waits for the command."""
+    made = module("path_publisher.py")
+    look = made.PathPublisher._now
+
+    def look_and_move():
+        now = look()
+        set_clock(6 * SECOND)
+        return now
+
+    monkeypatch.setattr(made.PathPublisher, "_now", staticmethod(look_and_move))
+    publisher = object.__new__(made.PathPublisher)
+    waits = Sleeper(6 * SECOND, sleep=lambda due, _: publisher._wait_until(due))
+    assert not waits.is_interrupted()
+
+
+def test_who_has_seen_a_later_present_does_not_sleep():
+    assert not Sleeper(7 * SECOND, now=6 * SECOND).is_interrupted()
+
+
+def test_one_sleeps_until_the_clock_is_there():
+    sleeper = Sleeper(6 * SECOND)
+    for stamp in (5 * SECOND, 6 * SECOND - 1):
+        set_clock(stamp)
+        assert sleeper.sleeps()
+    set_clock(6 * SECOND)
+    assert not sleeper.is_interrupted()
+
+
+def test_no_move_of_the_clock_is_missed(monkeypatch):
+    """The sleeper looks at the clock, and the clock moves before it sleeps."""
+    monkeypatch.setattr("mushr_ros_intro.ros.sim_time._LOOK_EVERY", 60.0)
+    look = rospy.get_rostime
+    looks = []
+    movers = []
+
+    def look_and_move():
+        now = look()
+        looks.append(now)
+        if len(looks) == 1:
+            movers.append(threading.Thread(target=set_clock, args=[6 * SECOND]))
+            movers[0].start()
+            wait_for(lambda: look().to_nsec() == 6 * SECOND, "the clock")
+        return now
+
+    monkeypatch.setattr("rospy.get_rostime", look_and_move)
+    assert not Sleeper(6 * SECOND).is_interrupted()
+    movers[0].join()
+
+
+def test_one_wakes_where_the_clock_moves_back():
+    sleeper = Sleeper(6 * SECOND)
+    assert sleeper.sleeps()
+    set_clock(5 * SECOND - 1)
+    assert not sleeper.is_interrupted()
+
+
+def test_one_wakes_where_the_node_is_shut_down(monkeypatch):
+    sleeper = Sleeper(6 * SECOND)
+    assert sleeper.sleeps()
+    monkeypatch.setattr("rospy.is_shutdown", lambda: True)
+    assert sleeper.is_interrupted()
+
+
+@pytest.mark.parametrize("is_shut_down", [False, True])
+def test_by_the_wall_clock(monkeypatch, is_shut_down):
+    switch_to_wallclock()
+    monkeypatch.setattr("rospy.is_shutdown", lambda: is_shut_down)
+    begin = time.time_ns()
+    late, early = Sleeper(begin - SECOND, begin), Sleeper(begin + SECOND // 5, begin)
+    assert late.is_interrupted() == early.is_interrupted() == is_shut_down
+    assert time.time_ns() - begin >= SECOND // 5

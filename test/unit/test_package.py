@@ -1,0 +1,101 @@
+"""Check that what is written in several places agrees, and that every node can be started."""
+
+import glob
+import os
+import re
+import stat
+import xml.etree.ElementTree as ElementTree
+
+import yaml
+
+from support import paths
+
+PACKAGE = paths.CHECKOUT
+
+
+def read(name):
+    with open(os.path.join(PACKAGE, name), encoding="utf-8") as file:
+        return file.read()
+
+
+def executables(folder):
+    paths = glob.glob(os.path.join(PACKAGE, folder, "*.py"), recursive=True)
+    return {os.path.basename(p): p for p in paths if os.stat(p).st_mode & stat.S_IXUSR}
+
+
+def test_every_node_is_installed():
+    installed = set(re.findall(r"src/(\w+\.py)", read("CMakeLists.txt")))
+    assert installed == set(executables("src"))
+
+
+def test_every_executable_names_the_interpreter_that_knows_ros():
+    for name, path in {**executables("src"), **executables("test/**")}.items():
+        with open(path, "rb") as file:
+            assert file.readline() == b"#!/usr/bin/python3\n", name
+
+
+def test_every_node_says_where_there_is_no_master():
+    for name in executables("src"):
+        assert "rospy.init_node(" not in read(f"src/{name}"), f"{name}: startup.init_node says so"
+
+
+def test_every_rostest_is_registered():
+    registered = set(re.findall(r"add_rostest\((test/[\w./]+)\)", read("CMakeLists.txt")))
+    found = glob.glob(os.path.join(PACKAGE, "test", "**", "*.test"), recursive=True)
+    there = {os.path.relpath(path, PACKAGE) for path in found if "/fixtures/" not in path}
+    assert registered == there
+
+
+def test_every_run_of_a_rostest_has_results_of_its_own():
+    """Runs at the same time, with the same name for their results, would overwrite them."""
+    runs = re.findall(r"add_rostest\((test/[\w./]+)(?: ARGS ([^)]*))?\)", read("CMakeLists.txt"))
+    names = []
+    for file, given in runs:
+        text = read(file)
+        arguments = dict(re.findall(r'<arg name="(\w+)" default="([^"]*)"', text))
+        arguments.update(each.split(":=") for each in given.split())
+        for name in re.findall(r'test-name="([^"]+)"', text):
+            for argument, value in arguments.items():
+                name = name.replace(f"$(arg {argument})", value)
+            names.append(name)
+    assert len(names) >= len(runs)
+    assert sorted(set(names)) == sorted(names)
+
+
+def test_every_package_that_setup_installs_is_sorted():
+    listed = re.search(r'debian_packages="\n(.*?)\n"', read("scripts/setup"), re.DOTALL).group(1)
+    assert listed.split("\n") == sorted(listed.split("\n"), key=lambda name: name.encode())
+
+
+def test_versions_agree():
+    version = ElementTree.fromstring(read("package.xml")).findtext("version")
+    assert re.search(rf"^{re.escape(version)} \(", read("CHANGELOG.rst"), re.MULTILINE)
+
+
+def test_sources_are_ascii():
+    """Python files are read in the locale's encoding by catkin's relays."""
+    for pattern in ("src/**/*.py", "test/**/*.py"):
+        for path in glob.glob(os.path.join(PACKAGE, pattern), recursive=True):
+            with open(path, "rb") as file:
+                assert file.read().isascii(), path
+
+
+def test_the_workflow_runs_a_script_that_is_there():
+    (job,) = yaml.safe_load(read(".github/workflows/test.yml"))["jobs"].values()
+    (command,) = (step["run"] for step in job["steps"] if "run" in step)
+    assert command == "scripts/test"
+    assert os.access(os.path.join(PACKAGE, command), os.X_OK)
+    assert job["container"] == "debian:${{ matrix.debian }}"
+    assert job["strategy"]["matrix"]["debian"] == [11, 12, 13]
+
+
+def test_every_file_that_the_page_for_contributors_names_is_there():
+    named = re.findall(r"`([\w./]+/[\w./]*)`", read("CONTRIBUTING.md"))
+    assert len(named) > 10
+    placeholders = re.compile("NAME|MODULE")
+    missing = [
+        name
+        for name in named
+        if not placeholders.search(name) and not os.path.exists(os.path.join(PACKAGE, name))
+    ]
+    assert missing == []

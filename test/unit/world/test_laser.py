@@ -1,0 +1,303 @@
+"""The laser against a walk from cell to cell, and against distances worked out by hand."""
+
+import math
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mushr_ros_intro.car.bicycle import Pose, compose
+from mushr_ros_intro.world.grid import Grid, read_map
+from mushr_ros_intro.world.laser import Beams, Laser, add_noise
+from support.paths import PACKAGE
+
+EXACT = 1e-9
+"""[m] What the laser promises for a beam that grazes no corner."""
+
+GRAZING = 1e-9
+"""[rad] A beam is not judged if it hits another cell when it is turned by this much."""
+
+ROUNDING = 1e-12
+"""[m] Between the same scan alone and in a batch."""
+
+FEW = Beams(angle_min=-2.0, angle_increment=0.05, number=81, range_min=0.02, range_max=6.0)
+
+
+def walk(occupied, side, x, y, angle, reach):
+    """Return the range of one beam and the cell that it hits: from cell to cell, to a wall.
+
+    The walk of Amanatides and Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", 1987.
+    """
+    rows, columns = len(occupied), len(occupied[0])
+    column, row = math.floor(x / side), math.floor(y / side)
+    dx, dy = math.cos(angle), math.sin(angle)
+    step_x, step_y = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+    way = 0.0
+    while True:
+        if 0 <= column < columns and 0 <= row < rows and occupied[row][column]:
+            return way, (column, row)
+        to_x = ((column + (dx > 0)) * side - x) / dx if dx else math.inf
+        to_y = ((row + (dy > 0)) * side - y) / dy if dy else math.inf
+        way = min(to_x, to_y)
+        if way > reach:
+            return math.inf, None
+        if to_x < to_y:
+            column += step_x
+        else:
+            row += step_y
+
+
+def judge(grid, beams, pose):
+    """Compare a scan with the walk, beam by beam; return how many were judged, and hit a wall."""
+    occupied = (grid.cells > 50).tolist()
+    local = grid.to_grid(pose)
+    scanned = Laser(grid, beams).scan(pose)
+    judged = hits = 0
+    for number, got in enumerate(scanned.tolist()):
+        angle = local.theta + beams.angle_min + number * beams.angle_increment
+        ways = [
+            walk(occupied, grid.resolution, local.x, local.y, angle + turn, beams.range_max)
+            for turn in (-GRAZING, 0.0, GRAZING)
+        ]
+        expected, cell = ways[1]
+        if any(other != cell for _, other in ways):
+            continue
+        if expected < beams.range_min:
+            expected = -math.inf
+        judged += 1
+        hits += math.isfinite(expected)
+        assert got == expected or abs(got - expected) < EXACT, (pose, number)
+    return judged, hits
+
+
+def noise_map(seed, share, resolution=0.25, shape=(33, 41)):
+    dice = np.random.default_rng(seed)
+    cells = np.where(dice.random(shape) < share, 100, 0).astype(np.int8)
+    return Grid(cells, resolution, Pose(3.0, -2.0, 0.7 * seed)), dice
+
+
+ASYMMETRIC = Grid(
+    np.array(
+        [
+            [100 if cell == "#" else 0 for cell in row]
+            for row in (
+                "##########",
+                "#        #",
+                "#  ##    #",
+                "#        #",
+                "#      # #",
+                "#     #  #",
+                "####     #",
+                "   #  ####",
+            )[::-1]
+        ],
+        np.int8,
+    ),
+    0.5,
+    Pose(-7.0, 11.0, 2.5),
+)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.003, 0.03, 0.3, 0.8, 1.0])
+def test_noise_against_the_walk(share):
+    judged = 0
+    for seed in range(4):
+        grid, dice = noise_map(seed, share)
+        size = np.array([grid.width, grid.height]) * grid.resolution
+        for _ in range(6):
+            x, y = dice.uniform(-2.0, size + 2.0)
+            pose = compose(grid.origin, Pose(x, y, dice.uniform(-9.0, 9.0)))
+            judged += judge(grid, FEW, pose)[0]
+    assert judged > 0.99 * 4 * 6 * FEW.number
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_an_asymmetric_map_against_the_walk(seed):
+    dice = np.random.default_rng(seed)
+    x, y = dice.uniform((-1.0, -1.0), (6.0, 5.0))
+    pose = compose(ASYMMETRIC.origin, Pose(x, y, dice.uniform(-4.0, 4.0)))
+    judged, _ = judge(ASYMMETRIC, FEW, pose)
+    assert judged > 0.9 * FEW.number
+
+
+@pytest.mark.parametrize("name", ["sandbox", "race_loop", "rooms"])
+def test_the_shipped_maps_against_the_walk(name):
+    grid = read_map(os.path.join(PACKAGE, "maps", f"{name}.yaml"))
+    dice = np.random.default_rng(3)
+    for _ in range(3):
+        x, y = dice.uniform(-2.0, 2.0, 2)
+        judged, hits = judge(grid, Beams(), Pose(x, 0.5 * y, dice.uniform(-4.0, 4.0)))
+        assert judged > 0.99 * Beams().number
+        assert bool(hits) == (name != "sandbox")
+
+
+def test_the_defaults_are_mushr_s():
+    beams = Beams()
+    assert beams.number == 720
+    assert beams.range_max == 10.0
+    last = beams.angle_min + (beams.number - 1) * beams.angle_increment
+    assert math.pi - 0.01 < last < math.pi
+
+
+CROSS = Beams(angle_min=0.0, angle_increment=math.pi / 2, number=4, range_min=0.1, range_max=20.0)
+
+
+def test_distances_by_hand():
+    """A room from 0.5 to 4.5 m and from 0.5 to 2.0 m, seen along its walls and turned."""
+    cells = np.full((5, 10), 100, np.int8)
+    cells[1:4, 1:9] = 0
+    room = Laser(Grid(cells, 0.5), CROSS)
+    ahead, left, behind, right = room.scan(Pose(1.7, 0.9, 0.0))
+    assert ahead == pytest.approx(2.8, abs=EXACT)
+    assert left == pytest.approx(1.1, abs=EXACT)
+    assert behind == pytest.approx(1.2, abs=EXACT)
+    assert right == pytest.approx(0.4, abs=EXACT)
+    ahead, left, behind, right = room.scan(Pose(1.7, 0.9, math.pi / 6))
+    assert ahead == pytest.approx(1.1 / math.sin(math.pi / 6), abs=EXACT)
+    assert left == pytest.approx(1.1 / math.cos(math.pi / 6), abs=EXACT)
+    assert right == pytest.approx(0.4 / math.cos(math.pi / 6), abs=EXACT)
+
+
+def test_no_beam_through_a_diagonal():
+    """A wall of cells that touch in their corners only: beams at these end there, or before."""
+    side, count = 0.5, 20
+    falling = np.where(np.eye(count, dtype=bool), 100, 0).astype(np.int8)[::-1]
+    beam = Beams(angle_min=0.0, angle_increment=1.0, number=1, range_min=0.0, range_max=100.0)
+    laser = Laser(Grid(falling, side), beam)
+    for x, y in ((4.0, 5.0), (4.5, 4.5), (1.3, 7.7), (6.5, 6.5), (9.9, 1.1)):
+        for number in range(1, count):
+            corner = (side * number, side * (count - number))
+            away = math.dist((x, y), corner)
+            heading = math.atan2(corner[1] - y, corner[0] - x)
+            for ulps in range(-4, 5):
+                (got,) = laser.scan(Pose(x, y, heading + ulps * 2.0**-51))
+                assert got <= away + EXACT
+
+
+@pytest.mark.parametrize("away", [0.5, 1.0, 1.7, 3.0])
+def test_a_beam_into_the_corner_between_two_walls(away):
+    """It ends in that corner, however it is rounded, where two cells touch in it alone."""
+    cells = np.zeros((12, 12), np.int8)
+    cells[5, 6] = cells[6, 5] = 100  # they touch in (6, 6)
+    one_beam = Beams(0.0, 0.1, 1, 0.0, 50.0)
+    laser = Laser(Grid(cells, 1.0), one_beam)
+    for heading in (math.pi / 4, -3 * math.pi / 4):
+        start = 6.0 - away * math.cos(heading), 6.0 - away * math.sin(heading)
+        for ulps in range(-3, 4):
+            turn = heading + ulps * 2.0**-52
+            (got,) = laser.scan(Pose(start[0], start[1], turn))
+            assert got == pytest.approx(away, abs=EXACT)
+
+
+def test_what_cannot_be_measured():
+    cells = np.zeros((3, 9), np.int8)
+    cells[:, 6] = 100
+    laser = Laser(Grid(cells, 1.0), CROSS._replace(range_max=4.0))
+    assert laser.scan(Pose(1.9, 1.5, 0.0))[0] == math.inf
+    assert laser.scan(Pose(2.1, 1.5, 0.0))[0] == pytest.approx(3.9, abs=EXACT)
+    assert laser.scan(Pose(5.85, 1.5, 0.0))[0] == pytest.approx(0.15, abs=EXACT)
+    assert laser.scan(Pose(5.95, 1.5, 0.0))[0] == -math.inf
+    assert (laser.scan(Pose(6.5, 1.5, 1.0)) == -math.inf).all()  # inside the wall
+
+
+def test_off_the_map():
+    cells = np.zeros((3, 9), np.int8)
+    cells[1, 0] = 100
+    laser = Laser(Grid(cells, 1.0), CROSS)
+    assert laser.scan(Pose(-3.0, 1.5, 0.0))[0] == pytest.approx(3.0, abs=EXACT)
+    assert (laser.scan(Pose(-3.0, 1.5, 0.0))[1:] == math.inf).all()
+    for pose in (Pose(-50.0, 1.5, 0.0), Pose(1e6, -1e6, 2.0)):
+        assert (laser.scan(pose) == math.inf).all()
+
+
+def test_what_is_unknown_stops_no_beam():
+    cells = np.array([[0, -1, 50, 100]], np.int8)
+    laser = Laser(Grid(cells, 1.0), CROSS)
+    assert laser.scan(Pose(0.5, 0.5, 0.0))[0] == pytest.approx(2.5, abs=EXACT)
+
+
+@pytest.mark.parametrize("value", [0, 100])
+def test_a_map_of_one_cell(value):
+    laser = Laser(Grid(np.array([[value]], np.int8), 1.0), CROSS)
+    assert (laser.scan(Pose(0.5, 0.5, 0.3)) == (-math.inf if value else math.inf)).all()
+
+
+def test_one_pose_or_many():
+    grid, dice = noise_map(1, 0.05)
+    laser = Laser(grid, FEW)
+    local = dice.uniform((0.0, 0.0, -4.0), (10.0, 8.0, 4.0), (100, 3))
+    poses = np.array([compose(grid.origin, Pose(*pose)) for pose in local.tolist()])
+    many = laser.scan(poses)
+    assert many.shape == (100, FEW.number)
+    assert laser.scan(poses[:0]).shape == (0, FEW.number)
+    assert laser.scan(poses[0]).shape == laser.scan(Pose(*poses[0])).shape == (FEW.number,)
+    for pose, ranges in zip(poses, many):
+        alone = laser.scan(pose)
+        finite = np.isfinite(ranges)
+        assert (alone[~finite] == ranges[~finite]).all()
+        assert np.abs(alone[finite] - ranges[finite]).max(initial=0.0) < ROUNDING
+
+
+def test_the_same_ranges_whatever_was_scanned_before(monkeypatch):
+    """Tiles that were forgotten are built again."""
+    monkeypatch.setattr("mushr_ros_intro.world.laser._MAX_TILES", 2)
+    grid, dice = noise_map(2, 0.05)
+    poses = dice.uniform((0.0, 0.0, -4.0), (10.0, 8.0, 4.0), (40, 3))
+    used = Laser(grid, FEW)
+    for pose in poses:
+        assert (used.scan(pose) == Laser(grid, FEW).scan(pose)).all()
+        assert len(used._tiles) <= 2
+
+
+@pytest.mark.parametrize("count", [1, 2, 90, 719])
+def test_beams_of_less_than_a_full_turn(count):
+    grid, _ = noise_map(3, 0.05)
+    pose = compose(grid.origin, Pose(5.1, 4.2, 1.0))
+    beams = Beams(angle_min=1.0, angle_increment=0.00872665, number=count)
+    judged, _ = judge(grid, beams, pose)
+    assert judged >= 0.98 * count
+
+
+@pytest.mark.parametrize(
+    "beams, expected",
+    [
+        (Beams(number=0), "0 beams are 0.00872665 rad apart; expected at least one beam"),
+        (Beams(number=722), "722 beams are 0.00872665 rad apart; expected at least one beam, and"),
+        (Beams(0.0, math.tau / 4, 5), "5 beams are 1.5708 rad apart; expected at least one beam"),
+        (Beams(angle_increment=-0.1), "expected at least one beam, and less than a full turn"),
+        (Beams(angle_increment=math.nan), "expected at least one beam, and less than a full turn"),
+        (Beams(range_min=10.0), "range_min is 10 and range_max is 10 m; expected a range_min from"),
+        (Beams(range_min=-1.0), "expected a range_min from 0 to less than range_max"),
+    ],
+)
+def test_impossible_beams(beams, expected):
+    with pytest.raises(ValueError, match="expected") as caught:
+        Laser(ASYMMETRIC, beams)
+    assert expected in str(caught.value)
+
+
+def test_noise():
+    beams = Beams(range_min=0.1)
+    exact = np.full(100_000, 5.0)
+    noisy = add_noise(exact, beams, 0.02, (4, 99))
+    assert (noisy == add_noise(exact, beams, 0.02, (4, 99))).all()
+    assert (noisy != add_noise(exact, beams, 0.02, (5, 99))).any()
+    assert (noisy != add_noise(exact, beams, 0.02, (4, 100))).any()
+    # Five standard errors of the mean and of the standard deviation.
+    assert abs(noisy.mean() - 5.0) < 5 * 0.02 / math.sqrt(exact.size)
+    assert abs(noisy.std() - 0.02) < 5 * 0.02 / math.sqrt(2 * exact.size)
+    assert (add_noise(exact, beams, 0.0, (4, 99)) == exact).all()
+
+
+def test_noise_keeps_to_what_can_be_measured():
+    beams = Beams(range_min=0.1)
+    ranges = np.array([-math.inf, 0.1, 9.99, math.inf] * 1000)
+    noisy = add_noise(ranges, beams, 0.05, (1,)).reshape(-1, 4)
+    assert (noisy[:, 0] == -math.inf).all()
+    assert (noisy[:, 3] == math.inf).all()
+    middle = noisy[:, 1:3]
+    assert ((middle >= 0.1) & (middle <= 10.0) | np.isinf(middle)).all()
+    assert (middle[:, 0] == -math.inf).any()
+    assert (middle[:, 1] == math.inf).any()
