@@ -19,22 +19,14 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from tf2_msgs.msg import TFMessage
 
 from mushr_ros_intro.car.bicycle import Pose
-from mushr_ros_intro.car.model import (
-    Command,
-    Contact,
-    Event,
-    History,
-    Placement,
-    State,
-    World,
-    at_rest,
-    halted,
-)
+from mushr_ros_intro.car.contact import World
+from mushr_ros_intro.car.history import History
+from mushr_ros_intro.car.model import Command, Contact, Event, InitialPose, State, at_rest, halted
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.parameters import ParameterError, number
-from mushr_ros_intro.plan.parse import MAX_COORDINATE
+from mushr_ros_intro.plan.model import MAX_COORDINATE
 from mushr_ros_intro.ros import conversions
-from mushr_ros_intro.ros.connections import PATIENCE, CallError, answers, ask, wait_until_connected
+from mushr_ros_intro.ros.connections import PATIENCE, CallError, ask, responds, wait_until_connected
 from mushr_ros_intro.ros.node import init_node
 from mushr_ros_intro.sim.clock import Kind, Stream, carry_over, hear, horizon
 from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp, from_seconds
@@ -109,7 +101,7 @@ class CarSim:
             "initialpose",
             PoseWithCovarianceStamped,
             self._on_message,
-            conversions.placement_from_msg,
+            conversions.initial_pose_from_msg,
             tcp_nodelay=True,
         )
         self._command_sub = rospy.Subscriber(
@@ -226,7 +218,7 @@ class CarSim:
             rospy.logwarn_throttle(1.0, f"ignored a message on {_topic(msg)}: {error}")
             return
         world = self._world
-        if world and isinstance(event, Placement) and not is_free(*world, event.pose):
+        if world and isinstance(event, InitialPose) and not is_free(*world, event.pose):
             rospy.logwarn_throttle(
                 1.0,
                 f"refused to place the car at {event.pose}, as {_topic(msg)} asks: it would stand "
@@ -358,7 +350,7 @@ def _has_to_keep_the_clock() -> bool:
     except CallError:
         return False  # it is not set, or there is no master, which init_node says
     names = {name for topic, nodes in publishers if topic == "/clock" for name in nodes}
-    return not any(map(answers, names))
+    return not any(map(responds, names))
 
 
 def _topic(msg: rospy.Message) -> str:

@@ -13,7 +13,9 @@ import rospkg
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.parameters import ParameterError
-from mushr_ros_intro.plan.parse import PlanError, find_plan, parse_plan, read_bytes
+from mushr_ros_intro.plan.find import find_plan, read_bytes
+from mushr_ros_intro.plan.model import PlanError
+from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview.check import Report, Scatter, as_json, as_text, check, scatter, verdict
 from mushr_ros_intro.preview.ensemble import count_ticks
 from mushr_ros_intro.world.grid import Grid, MapError, find_map, read_map

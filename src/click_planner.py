@@ -16,14 +16,8 @@ from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.parameters import ParameterError, file_name, folder, number, text
-from mushr_ros_intro.plan.parse import (
-    MAX_SPEED,
-    MAX_STEERING_ANGLE,
-    Plan,
-    Row,
-    WriteError,
-    write_plan,
-)
+from mushr_ros_intro.plan.model import MAX_SPEED, MAX_STEERING_ANGLE, Plan, Row
+from mushr_ros_intro.plan.write import WriteError, write_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.node import init_node
@@ -115,7 +109,7 @@ class ClickPlanner:
     def _on_start(self, msg: PoseWithCovarianceStamped) -> None:
         """Begin a plan."""
         try:
-            pose = conversions.placement_from_msg(msg).pose
+            pose = conversions.initial_pose_from_msg(msg).pose
         except conversions.MessageError as error:
             rospy.logwarn(f"ignored a start pose on {self._start_sub.resolved_name}: {error}")
             return

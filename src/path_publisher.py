@@ -20,32 +20,27 @@ from tf.transformations import quaternion_from_euler
 from visualization_msgs.msg import MarkerArray
 
 from mushr_ros_intro.car.bicycle import Pose, compose, inverse
-from mushr_ros_intro.car.model import Command, Placement, State, World, at_rest
+from mushr_ros_intro.car.contact import World
+from mushr_ros_intro.car.model import Command, InitialPose, State, at_rest
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.parameters import ParameterError, flag, number, text
-from mushr_ros_intro.plan.parse import (
-    Fault,
-    Plan,
-    PlanError,
-    Row,
-    find_plan,
-    parse_plan,
-    read_bytes,
-)
+from mushr_ros_intro.plan.find import find_plan, read_bytes
+from mushr_ros_intro.plan.model import Fault, Plan, PlanError, Row
+from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview.check import SHOWN_FAULTS, Report, check, scatter, slowed
 from mushr_ros_intro.preview.ensemble import count_ticks, ellipse
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.connections import (
     PATIENCE,
-    REMIND_EVERY,
-    peers,
-    remind,
+    REANNOUNCE_EVERY,
+    reannounce,
+    registered_nodes,
     wait_until_connected,
 )
 from mushr_ros_intro.ros.node import init_node
 from mushr_ros_intro.ros.sim_time import sleep_until
-from mushr_ros_intro.sim.mux import NOBODY, Watch
+from mushr_ros_intro.sim.mux import NOBODY, TakeoverMonitor
 from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp
 from mushr_ros_intro.world.grid import Grid
 
@@ -139,7 +134,7 @@ class PathPublisher:
         self._release = 0
         self._next_line = 0
         self._quiet_until = 0.0
-        self._watch = Watch(control_topic.rsplit("/", 1)[-1])
+        self._watch = TakeoverMonitor(control_topic.rsplit("/", 1)[-1])
         self._active: Optional[str] = None
         self._is_over = False
         self._poses = threading.Condition()
@@ -310,7 +305,7 @@ class PathPublisher:
         placed = self._now() if begin is None else begin
         if begin is None and self._in_lock_step:
             placed += LEAD
-        placement = Placement(placed, Pose(*self._plan.start))
+        placement = InitialPose(placed, Pose(*self._plan.start))
         if begin is not None:
             self._wait_until(self._release if self._leads else begin)
         if self._places_car:
@@ -342,7 +337,7 @@ class PathPublisher:
             self._report_end(end)
         return end
 
-    def send_init_pose(self, placement: Placement) -> None:
+    def send_init_pose(self, placement: InitialPose) -> None:
         """Place the car."""
         x, y, theta = placement.pose
         msg = PoseWithCovarianceStamped()
@@ -352,7 +347,7 @@ class PathPublisher:
         msg.pose.pose.orientation = Quaternion(*quaternion_from_euler(0, 0, theta))
         self._pub_init_pose.publish(msg)
 
-    def _wait_for_start_pose(self, placement: Placement) -> None:
+    def _wait_for_start_pose(self, placement: InitialPose) -> None:
         """Wait until the car is where it has been placed, where anybody reports its pose.
 
         Raises:
@@ -497,11 +492,11 @@ class PathPublisher:
             waited = time.monotonic() - began
             if waited > self._patience:
                 raise DriveError(self._nobody(publisher.resolved_name))
-            if waited > (reminders + 1) * REMIND_EVERY:
+            if waited > (reminders + 1) * REANNOUNCE_EVERY:
                 if not reminders:
                     rospy.loginfo("waiting for a subscriber to %s", publisher.resolved_name)
                 reminders += 1
-                remind(publisher, "subscribers")
+                reannounce(publisher, "subscribers")
             self._pause()
         is_connected = wait_until_connected(publisher, "subscribers", self._patience)
         self._pause()
@@ -511,7 +506,7 @@ class PathPublisher:
     def _nobody(self, topic: str) -> str:
         """Say why nobody hears a topic after so long."""
         try:
-            names = peers(topic, "subscribers")
+            names = registered_nodes(topic, "subscribers")
         except (rosgraph.MasterException, OSError):
             names = []
         if names:
@@ -714,7 +709,7 @@ def _shown(faults: Sequence[Fault]) -> List[str]:
 def _is_published(topic: str) -> bool:
     """Say whether anybody publishes a topic, as far as the master can tell."""
     try:
-        return bool(peers(topic, "publishers"))
+        return bool(registered_nodes(topic, "publishers"))
     except (rosgraph.MasterException, OSError):
         return False
 

@@ -16,7 +16,8 @@ from mushr_ros_intro.authoring.recording import Recording
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.parameters import ParameterError, file_name, folder, text
-from mushr_ros_intro.plan.parse import Row, WriteError, write_plan
+from mushr_ros_intro.plan.model import Row
+from mushr_ros_intro.plan.write import WriteError, write_plan
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.node import init_node
 from mushr_ros_intro.sim.stamps import CLOCK_LAG, NANOSECONDS, STAMP_TOLERANCE, effective_stamp
@@ -102,7 +103,7 @@ class PlanRecorder:
     def _on_placement(self, msg: PoseWithCovarianceStamped) -> None:
         """Begin anew where the car is placed."""
         try:
-            placement = conversions.placement_from_msg(msg)
+            placement = conversions.initial_pose_from_msg(msg)
         except conversions.MessageError:
             return  # of which the car says that it ignores it
         with self._lock:

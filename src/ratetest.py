@@ -21,7 +21,8 @@ import rostest
 
 from mushr_ros_intro.grading.checks import Series, as_number, rate_faults, wait_for
 from mushr_ros_intro.parameters import ParameterError, number, text
-from mushr_ros_intro.plan.parse import PlanError, read_plan
+from mushr_ros_intro.plan.find import read_plan
+from mushr_ros_intro.plan.model import PlanError
 from mushr_ros_intro.ros.node import init_node
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 

@@ -27,7 +27,8 @@ from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.grading import judge as report
 from mushr_ros_intro.grading.checks import as_number
 from mushr_ros_intro.parameters import ParameterError, number, text
-from mushr_ros_intro.plan.parse import Plan, PlanError, find_plan, read_plan
+from mushr_ros_intro.plan.find import find_plan, read_plan
+from mushr_ros_intro.plan.model import Plan, PlanError
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.node import init_node
 from mushr_ros_intro.sim.stamps import CLOCK_LAG, NANOSECONDS, effective_stamp

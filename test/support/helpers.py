@@ -20,7 +20,7 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from mushr_ros_intro.ros.connections import receivers, remind
+from mushr_ros_intro.ros.connections import reannounce, receivers
 
 POSITION_TOLERANCE = 1e-6
 """[m] What the package promises; the sums of 1e-16 that are behind it reach about 1e-12."""
@@ -147,7 +147,7 @@ class Recording:
             nonlocal reminded
             if time.monotonic() > reminded + 2.0:
                 reminded = time.monotonic()
-                remind(self.subscriber, "publishers")
+                reannounce(self.subscriber, "publishers")
             return self.subscriber.get_num_connections()
 
         wait_for(is_connected, f"a publisher of {self.topic}")

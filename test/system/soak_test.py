@@ -17,7 +17,7 @@ import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped
 
-from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.plan.find import read_plan
 from support.helpers import angle_between, closed_form, float32, node, planar, wait_for
 
 PERIOD = 100_000_000

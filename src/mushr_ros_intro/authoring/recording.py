@@ -10,7 +10,7 @@ from itertools import chain
 from typing import Iterable, List, NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.car.model import Command
-from mushr_ros_intro.plan.parse import Row
+from mushr_ros_intro.plan.model import Row
 from mushr_ros_intro.sim.stamps import STAMP_TOLERANCE
 
 

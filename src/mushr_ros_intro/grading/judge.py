@@ -14,7 +14,7 @@ import numpy as np
 from mushr_ros_intro.car.bicycle import Pose, compose, inverse
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.grading.checks import apart, shown, turned
-from mushr_ros_intro.plan.parse import MAX_STEERING_ANGLE, Plan
+from mushr_ros_intro.plan.model import MAX_STEERING_ANGLE, Plan
 from mushr_ros_intro.preview.prediction import as_float32, states_at
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 

@@ -1,54 +1,54 @@
-"""Read and write plan files: a start pose, then a speed and a steering angle a line.
+"""Parse plan files: a start pose, then a speed and a steering angle per line.
 
     0, 0, 0.785       the start pose: x [m], y [m], theta [rad]
     2.0, 0.09         speed [m/s], steering angle [rad, left positive], for one second
     3.0, -0.15, 0.5   the same with a duration [s]
 
 Comments from ``#`` to the end of the line, blank lines, spaces, CRLF and a byte order mark
-are all fine.
+are allowed.
 """
 
-import itertools
-import os
 import re
-import stat
-import struct
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import List, Optional, Tuple
 
+from mushr_ros_intro.plan.model import (
+    MAX_COORDINATE,
+    MAX_DURATION,
+    MAX_SPEED,
+    MAX_STEERING_ANGLE,
+    Fault,
+    Plan,
+    PlanError,
+    Row,
+)
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 
 DEFAULT_DURATION = NANOSECONDS
-
-MAX_FILE_SIZE = 100_000_000
-"""A plan file is refused beyond this size [bytes]; a plan of a million rows has twelve million."""
-
-MAX_DURATION = 1_000_000_000 * NANOSECONDS
-"""A plan beyond this duration [ns] is refused: stamps must fit into ROS's 32 bits of seconds."""
-
-MAX_COORDINATE = 1e6
-"""A start pose beyond this [m, rad] is refused: nobody means it, and it would cost digits."""
-
-MAX_SPEED = 1e3
-"""A speed beyond this [m/s] is refused, for the same reason."""
-
-MAX_STEERING_ANGLE = 1.57
-"""The largest steering angle [rad]; at a right angle a bicycle would turn on the spot."""
 
 MAX_FAULTS = 1000
 """After so many faults the rest of a file is not checked: it is no plan, and may be huge."""
 
 # Unambiguous, so that matching takes time in proportion to the line, whatever stands there.
 _NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+
 _CELL = rf"\s*({_NUMBER})\s*"
+
 _UNDECODABLE = "\udc80-\udcff"
+
 _END = f"(?:#[^{_UNDECODABLE}]*)?"
+
 _IS_NUMBER = re.compile(_NUMBER)
+
 _IS_UNDECODABLE = re.compile(f"[{_UNDECODABLE}]")
+
 _START = re.compile(f"{_CELL},{_CELL},{_CELL}{_END}")
+
 _ROW = re.compile(f"{_CELL},{_CELL}(?:,{_CELL})?{_END}")
 
 _MIN_SECONDS = 1.0 / NANOSECONDS
+
 _MAX_SECONDS = MAX_DURATION / NANOSECONDS
+
 _LIMITS = {
     "x": (MAX_COORDINATE, "metres"),
     "y": (MAX_COORDINATE, "metres"),
@@ -58,144 +58,8 @@ _LIMITS = {
 }
 
 _START_COLUMNS = "a start pose 'x, y, theta' in m, m, rad"
+
 _ROW_COLUMNS = "'speed, steering angle' or 'speed, steering angle, duration' in m/s, rad, s"
-
-
-class Row(NamedTuple):
-    """One command of a plan and how long it lasts."""
-
-    speed: float
-    """Forward speed [m/s], negative in reverse."""
-    steering_angle: float
-    """Steering angle of the virtual middle front wheel [rad], left positive."""
-    duration: int
-    """How long the command lasts [ns]."""
-    line: int
-    """Where it stands in the file, counted from 1."""
-
-
-class Plan(NamedTuple):
-    """A start pose and the commands that follow it."""
-
-    path: str
-    """The file that it was read from."""
-    start: Tuple[float, float, float]
-    """x [m], y [m], theta [rad] in the map frame."""
-    rows: Tuple[Row, ...]
-
-    @property
-    def duration(self) -> int:
-        """How long the whole plan lasts [ns]."""
-        return sum(row.duration for row in self.rows)
-
-
-class Fault(NamedTuple):
-    """One thing that is wrong with a plan file."""
-
-    path: str
-    line: int
-    column: int
-    text: str
-
-    def __str__(self) -> str:
-        return f"{self.path}:{self.line}:{self.column}: {self.text}"
-
-
-class PlanError(ValueError):
-    """A plan file that cannot be driven, with all that is wrong with it in ``faults``."""
-
-    SHOWN = 20
-
-    def __init__(self, faults: Sequence[Fault]):
-        self.faults = tuple(faults)
-        lines = [str(fault) for fault in self.faults[: self.SHOWN]]
-        if len(self.faults) > self.SHOWN:
-            lines.append(f"... and {len(self.faults) - self.SHOWN} more faults")
-        super().__init__("\n".join(lines))
-
-
-class WriteError(RuntimeError):
-    """A plan that could not be written; says where and why."""
-
-
-def find_plan(name: str, plans: str, folders: Sequence[str]) -> str:
-    """Find the file that a user means by `name`.
-
-    A bare name is looked up in the folder `plans` first, with or without ``.txt``; anything else
-    is a path, tried as it is and, where it is relative, in each of `folders`.
-
-    Returns:
-        The path of a file that exists.
-
-    Raises:
-        PlanError: nothing of that name is there; the message lists the plans that are.
-    """
-    candidates = []
-    if name and os.sep not in name:
-        candidates += [os.path.join(plans, name), os.path.join(plans, name + ".txt")]
-    candidates += [os.path.join(folder, os.path.expanduser(name)) for folder in folders]
-    for candidate in candidates:
-        if name and os.path.isfile(candidate):
-            return candidate
-    for candidate in candidates:
-        if name and os.path.exists(candidate):
-            return candidate  # not a file, which read_plan says better
-    try:
-        known = sorted(entry[:-4] for entry in os.listdir(plans) if entry.endswith(".txt"))
-    except OSError:
-        known = []
-    raise PlanError(
-        [
-            Fault(
-                name or "''",
-                1,
-                1,
-                "no such plan file; expected the path of a file, or the name of one in "
-                f"{plans}: {', '.join(known) or '(there are none)'}",
-            )
-        ]
-    )
-
-
-def read_plan(path: str) -> Plan:
-    """Read the plan file at `path`.
-
-    Raises:
-        PlanError: the file cannot be read, or is no plan; it names every fault of the file.
-    """
-    return parse_plan(read_bytes(path), path)
-
-
-def read_bytes(path: str) -> bytes:
-    """Return what stands in the plan file at `path`.
-
-    Raises:
-        PlanError: it cannot be read, or is too large for a plan.
-    """
-
-    def refuse(text: str) -> PlanError:
-        return PlanError([Fault(path, 1, 1, text)])
-
-    try:
-        status = os.stat(path)
-        if stat.S_ISDIR(status.st_mode):
-            raise refuse("this is a directory; expected a plan file")
-        if not stat.S_ISREG(status.st_mode):
-            raise refuse("this is not a regular file; expected a plan file")
-        if status.st_size > MAX_FILE_SIZE:
-            raise refuse(
-                f"the file has {status.st_size} bytes; "
-                f"expected a plan file of at most {MAX_FILE_SIZE}"
-            )
-        with open(path, "rb") as file:
-            return file.read(MAX_FILE_SIZE + 1)
-    except PlanError:
-        raise
-    except FileNotFoundError:
-        raise refuse("no such file; expected a plan file") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise refuse(f"the file cannot be read ({reason}); expected a plan file") from None
 
 
 def parse_plan(data: bytes, path: str) -> Plan:
@@ -242,77 +106,6 @@ def parse_plan(data: bytes, path: str) -> Plan:
         raise PlanError(faults)
     assert start is not None
     return Plan(path, start, tuple(rows))
-
-
-def write_plan(folder: str, name: str, start: Sequence[float], rows: Sequence[Row]) -> str:
-    """Write a plan into a new file.
-
-    No file is overwritten: where there is one of that name, the new one gets a number. Nothing
-    stays of a file that cannot be written to its end.
-
-    Args:
-        folder: the folder that the file goes into.
-        name: of the file.
-        start: x [m], y [m], theta [rad] in the map frame.
-        rows: the commands; the lines that they name do not matter.
-
-    Returns:
-        The path of the file.
-
-    Raises:
-        WriteError: it cannot be written, or read_plan would not take it.
-    """
-    data = plan_text(start, rows).encode()
-    try:
-        parse_plan(data, name)
-    except PlanError as error:
-        raise WriteError(f"this is no plan that can be driven: {error}") from None
-    stem, ending = os.path.splitext(name)
-    for number in itertools.count(1):
-        path = os.path.join(folder, name if number == 1 else f"{stem}_{number}{ending}")
-        try:
-            with open(path, "xb") as file:
-                try:
-                    file.write(data)
-                    file.flush()
-                    os.fsync(file.fileno())
-                except BaseException:
-                    os.unlink(path)
-                    raise
-        except FileExistsError:
-            continue
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise WriteError(f"{path} cannot be written ({reason})") from None
-        return path
-    raise AssertionError("there is always another number")
-
-
-def plan_text(start: Sequence[float], rows: Sequence[Row]) -> str:
-    """Return the text of a plan file.
-
-    The start pose and the durations are exact. Speeds and steering angles have the digits that
-    they keep as float32, as which they travel.
-
-    Args:
-        start: x [m], y [m], theta [rad] in the map frame.
-        rows: the commands; the lines that they name do not matter.
-    """
-    lines = ["# x [m], y [m], theta [rad]", ", ".join(repr(float(value)) for value in start)]
-    lines.append("# speed [m/s], steering angle [rad], duration [s]")
-    for row in rows:
-        seconds, rest = divmod(row.duration, NANOSECONDS)
-        duration = f"{seconds}.{rest:09d}".rstrip("0") + ("" if rest else "0")
-        lines.append(f"{_as_float32(row.speed)}, {_as_float32(row.steering_angle)}, {duration}")
-    return "\n".join(lines) + "\n"
-
-
-def _as_float32(value: float) -> str:
-    """Return the shortest number that is the same as `value` when both travel as float32."""
-    travelling = struct.pack("<f", value + 0.0)  # no negative zero
-    (value,) = struct.unpack("<f", travelling)  # of which nine digits are enough
-    texts = (f"{value:.{digits}g}" for digits in range(1, 10))
-    return next(repr(float(t)) for t in texts if struct.pack("<f", float(t)) == travelling)
 
 
 def _read_start(line: str) -> Optional[Tuple[float, float, float]]:

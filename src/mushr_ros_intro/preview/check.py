@@ -10,8 +10,10 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tu
 import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose, curvature
-from mushr_ros_intro.car.model import Car, Command, World, apply, at_rest
-from mushr_ros_intro.plan.parse import MAX_DURATION, Fault, Plan
+from mushr_ros_intro.car.contact import World
+from mushr_ros_intro.car.model import Car, Command, at_rest
+from mushr_ros_intro.car.motion import apply
+from mushr_ros_intro.plan.model import MAX_DURATION, Fault, Plan
 from mushr_ros_intro.preview.ensemble import (
     PERIOD,
     Errors,

@@ -14,7 +14,7 @@ from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.plan.parse import Plan
+from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.preview.prediction import COMMAND_PERIOD, as_float32
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 

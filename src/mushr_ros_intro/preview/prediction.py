@@ -10,8 +10,10 @@ from itertools import accumulate
 from typing import Iterable, Iterator, Optional, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
-from mushr_ros_intro.car.model import Car, Command, State, World, advance, apply, at_rest
-from mushr_ros_intro.plan.parse import MAX_DURATION, Plan
+from mushr_ros_intro.car.contact import World
+from mushr_ros_intro.car.model import Car, Command, State, at_rest
+from mushr_ros_intro.car.motion import advance, apply
+from mushr_ros_intro.plan.model import MAX_DURATION, Plan
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 COMMAND_PERIOD = NANOSECONDS // 10

@@ -25,7 +25,7 @@ PATIENCE = 5.0
 
 _PING_AFTER = 0.5  # [s] from when on those are left out that do not answer ...
 _PING_PATIENCE = 3.0  # ... for so long [s]; one that is only busy does
-REMIND_EVERY = 1.0
+REANNOUNCE_EVERY = 1.0
 """How long to wait for a connection before the subscribers are reminded, again and again [s]."""
 
 
@@ -33,7 +33,7 @@ class CallError(RuntimeError):
     """The master or a node gave no answer, or none that is one; says in which way."""
 
 
-def peers(topic: str, role: str) -> List[str]:
+def registered_nodes(topic: str, role: str) -> List[str]:
     """Return the names of the nodes that are registered at a topic.
 
     Args:
@@ -67,7 +67,7 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
     while True:
         waited = time.monotonic() - began
         try:
-            names = peers(end.resolved_name, role)
+            names = registered_nodes(end.resolved_name, role)
         except (rosgraph.MasterException, OSError):
             return False
         is_connected = _is_connected(end, role, names)
@@ -75,16 +75,16 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
             # At the same time: nobody waits for each node that is stopped.
             with ThreadPoolExecutor(len(names)) as pool:
                 alive = [
-                    name for name, is_alive in zip(names, pool.map(answers, names)) if is_alive
+                    name for name, is_alive in zip(names, pool.map(responds, names)) if is_alive
                 ]
             is_connected = _is_connected(end, role, alive)
         if is_connected:
             return True
         if waited > patience or rospy.is_shutdown():
             return False
-        if waited > (reminders + 1) * REMIND_EVERY:
+        if waited > (reminders + 1) * REANNOUNCE_EVERY:
             reminders += 1
-            remind(end, role)
+            reannounce(end, role)
         time.sleep(0.01)
 
 
@@ -99,7 +99,7 @@ def _is_connected(end: Any, role: str, names: Sequence[str]) -> bool:
     return role == "subscribers" or all(_serves(name, end.resolved_name) for name in names)
 
 
-def answers(name: str) -> bool:
+def responds(name: str) -> bool:
     """Say whether a node answers at all, to which it has some seconds: it may be busy."""
     caller = rospy.get_name()
     try:
@@ -205,7 +205,7 @@ def limit_calls(patience: float = PATIENCE) -> None:
     xmlrpc.client.Transport.single_request = make_limited_request  # type: ignore
 
 
-def remind(end: Any, role: str) -> None:
+def reannounce(end: Any, role: str) -> None:
     """Have the topic's subscribers told again who publishes it; `end` and `role` as above."""
     master, uri = rosgraph.Master(rospy.get_name()), rospy.get_node_uri()
     try:

@@ -23,8 +23,8 @@ from sensor_msgs.msg import JointState, LaserScan
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mushr_ros_intro.car.bicycle import Pose
-from mushr_ros_intro.car.model import Car, Command, Contact, Placement, State, front_wheel_angles
-from mushr_ros_intro.plan.parse import MAX_COORDINATE, MAX_SPEED
+from mushr_ros_intro.car.model import Car, Command, Contact, InitialPose, State, front_wheel_angles
+from mushr_ros_intro.plan.model import MAX_COORDINATE, MAX_SPEED
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid, as_travelled
 from mushr_ros_intro.world.laser import Beams
@@ -74,7 +74,7 @@ def pose_from_msg(msg: PoseMsg) -> Pose:
     return Pose(position.x, position.y, yaw)
 
 
-def placement_from_msg(msg: PoseWithCovarianceStamped) -> Placement:
+def initial_pose_from_msg(msg: PoseWithCovarianceStamped) -> InitialPose:
     """Return the placement that a message orders, with the stamp as it was sent.
 
     Raises:
@@ -83,7 +83,7 @@ def placement_from_msg(msg: PoseWithCovarianceStamped) -> Placement:
     frame = msg.header.frame_id
     if frame.lstrip("/") not in ("", MAP_FRAME):
         raise MessageError(f"pose is in the frame '{frame}'; expected '{MAP_FRAME}'")
-    return Placement(msg.header.stamp.to_nsec(), pose_from_msg(msg.pose.pose))
+    return InitialPose(msg.header.stamp.to_nsec(), pose_from_msg(msg.pose.pose))
 
 
 def point_from_msg(msg: PointStamped) -> Tuple[float, float]:
@@ -221,10 +221,10 @@ def joint_states_to_msg(state: State, car: Car) -> JointState:
     """Return the angles of MuSHR's six joints: how the wheels have turned, and are steered."""
     left, right = front_wheel_angles(state.steering_angle, car)
     joints: List[Tuple[str, float]] = [
-        ("front_left_wheel_throttle", state.rolled.front_left),
-        ("front_right_wheel_throttle", state.rolled.front_right),
-        ("back_left_wheel_throttle", state.rolled.back_left),
-        ("back_right_wheel_throttle", state.rolled.back_right),
+        ("front_left_wheel_throttle", state.wheel_angles.front_left),
+        ("front_right_wheel_throttle", state.wheel_angles.front_right),
+        ("back_left_wheel_throttle", state.wheel_angles.back_left),
+        ("back_right_wheel_throttle", state.wheel_angles.back_right),
         ("front_left_wheel_steer", left),
         ("front_right_wheel_steer", right),
     ]

@@ -13,7 +13,7 @@ Stamps are integer nanoseconds of simulated time; `wall` is in seconds of the co
 from enum import IntEnum
 from typing import NamedTuple, Optional
 
-from mushr_ros_intro.car.model import Event, Placement
+from mushr_ros_intro.car.model import Event, InitialPose
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 DEFAULT_PERIOD = NANOSECONDS // 10
@@ -52,7 +52,7 @@ class Kind(IntEnum):
     @classmethod
     def of(cls, event: Event) -> "Kind":
         """Return what an event is."""
-        if isinstance(event, Placement):
+        if isinstance(event, InitialPose):
             return cls.PLACEMENT
         return cls.DRIVE if event.speed or event.steering_angle else cls.STOP
 

@@ -197,7 +197,7 @@ def sent_at(stamp: int, now: int, timeout: int, is_simulated: bool) -> Tuple[int
     return sent, 0 if stamp and sent == stamp else timeout
 
 
-class Watch(NamedTuple):
+class TakeoverMonitor(NamedTuple):
     """What the sender of an input makes of what a mux calls active.
 
     A car that somebody else drives is lost for good, and so is one that the sender had and has no
@@ -211,7 +211,7 @@ class Watch(NamedTuple):
     lost_to: str = ""
     """What the mux called active when the car was lost; nothing before that."""
 
-    def hear(self, active: str, is_sending: bool) -> "Watch":
+    def hear(self, active: str, is_sending: bool) -> "TakeoverMonitor":
         """Return what follows from the mux calling an input `active`."""
         name = active.strip().lower()
         if name == self.ours.lower():

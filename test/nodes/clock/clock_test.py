@@ -20,7 +20,7 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock, Log
 from std_srvs.srv import Trigger
 
-from mushr_ros_intro.car.model import Placement
+from mushr_ros_intro.car.model import InitialPose
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.sim.clock import PATIENCE_AT_REST
 from mushr_ros_intro.sim.stamps import from_seconds
@@ -153,7 +153,7 @@ class TestClock(unittest.TestCase):
         """Between the end of a round and the next: each round is driven as the first."""
 
         def hold_up(send, node, event):
-            if isinstance(event, Placement) or not event.speed:
+            if isinstance(event, InitialPose) or not event.speed:
                 time.sleep(PATIENCE_AT_REST + 0.3)
             send(node, event)
 

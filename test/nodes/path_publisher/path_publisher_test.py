@@ -16,7 +16,7 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from mushr_ros_intro.parameters import ParameterError
-from mushr_ros_intro.plan.parse import PlanError
+from mushr_ros_intro.plan.model import PlanError
 from support.helpers import (
     ANGLE_TOLERANCE,
     POSITION_TOLERANCE,

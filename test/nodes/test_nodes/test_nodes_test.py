@@ -36,7 +36,7 @@ import odomtest  # noqa: E402
 import posetest  # noqa: E402
 import ratetest  # noqa: E402
 from mushr_ros_intro.grading import checks  # noqa: E402
-from mushr_ros_intro.ros.connections import peers  # noqa: E402
+from mushr_ros_intro.ros.connections import registered_nodes  # noqa: E402
 
 PATIENCE = 90.0
 """[s] For all the nodes to start, on a busy machine."""
@@ -432,7 +432,8 @@ class TestTestNodes(unittest.TestCase):
             PATIENCE,
         )
         wait_for(
-            lambda: "/case_driver" in peers(NAVIGATION, "publishers") or not driver.running,
+            lambda: "/case_driver" in registered_nodes(NAVIGATION, "publishers")
+            or not driver.running,
             "the driver",
             PATIENCE,
         )

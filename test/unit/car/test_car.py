@@ -7,16 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.car.bicycle import Pose, compose, inverse
-from mushr_ros_intro.car.model import (
-    Car,
-    Command,
-    History,
-    Placement,
-    advance,
-    apply,
-    at_rest,
-    front_wheel_angles,
-)
+from mushr_ros_intro.car.history import History
+from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest, front_wheel_angles
+from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.sim.stamps import STAMP_TOLERANCE
 
 MS = 1_000_000
@@ -45,7 +38,7 @@ def history(*events):
     for offset, *what in events:
         stamp = BEGIN + offset * MS
         is_pose = isinstance(what[0], Pose)
-        event = Placement(stamp, what[0]) if is_pose else Command(stamp, *what)
+        event = InitialPose(stamp, what[0]) if is_pose else Command(stamp, *what)
         made.add(event, stamp)
     return made
 
@@ -83,7 +76,7 @@ def test_the_timeout_runs_from_the_stamp_and_each_command_renews_it():
 
 def test_the_command_timeout_is_the_cars():
     state = driving(2.0, 0.0, Car(command_timeout=500 * MS))
-    assert advance(state, BEGIN + SECOND, CAR).rolled.back_left == pytest.approx(1.0 / 0.0488)
+    assert advance(state, BEGIN + SECOND, CAR).wheel_angles.back_left == pytest.approx(1.0 / 0.0488)
 
 
 @pytest.mark.parametrize("again", range(10, 500, 70))
@@ -198,7 +191,7 @@ def test_late_double_and_shuffled_messages_give_the_state_as_in_order(commands, 
     events so far applied in order. Stamps and delays are multiples of 50 ms, so many coincide.
     """
     events = [Command(BEGIN + offset, *command) for offset, command in commands.items()]
-    events += [Placement(BEGIN + offset, pose) for offset, pose in placements.items()]
+    events += [InitialPose(BEGIN + offset, pose) for offset, pose in placements.items()]
     arrivals = []
     for event in events:
         for delay in data.draw(st.lists(delays, min_size=1, max_size=2)):
@@ -224,13 +217,13 @@ def test_odometry_is_continuous_and_the_frames_agree(commands, placements):
         stamp = BEGIN + offset
         before = made.state_at(stamp)
         if offset in placements:
-            made.add(Placement(stamp, placements[offset]), stamp)
+            made.add(InitialPose(stamp, placements[offset]), stamp)
             assert made.state_at(stamp).pose == placements[offset]
         if offset in commands:
             made.add(Command(stamp, *commands[offset]), stamp)
         after = made.state_at(stamp)
         assert after.odom_pose == pytest.approx(before.odom_pose, abs=ROUNDING)
-        assert after.rolled == before.rolled
+        assert after.wheel_angles == before.wheel_angles
         assert compose(after.map_from_odom, after.odom_pose) == pytest.approx(
             after.pose, abs=ROUNDING
         )
@@ -266,8 +259,8 @@ def test_the_wheels_roll_where_they_point_and_do_not_slip(speed, angle):
         mount = inverse(compose(now.pose, wheel))
         ahead = compose(mount, compose(after.pose, wheel))
         behind = compose(mount, compose(before.pose, wheel))
-        rolled = (after.rolled[place] - before.rolled[place]) * CAR.wheel_radius
-        assert (ahead.x - behind.x) / 0.002 == pytest.approx(rolled / 0.002, abs=DIFFERENCE)
+        wheel_angles = (after.wheel_angles[place] - before.wheel_angles[place]) * CAR.wheel_radius
+        assert (ahead.x - behind.x) / 0.002 == pytest.approx(wheel_angles / 0.002, abs=DIFFERENCE)
         assert (ahead.y - behind.y) / 0.002 == pytest.approx(0.0, abs=DIFFERENCE)
 
 

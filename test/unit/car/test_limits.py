@@ -12,19 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mushr_ros_intro.car.bicycle import Pose
-from mushr_ros_intro.car.model import (
-    Car,
-    Command,
-    History,
-    Placement,
-    World,
-    advance,
-    apply,
-    at_rest,
-)
+from mushr_ros_intro.car.contact import World
+from mushr_ros_intro.car.history import History
+from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest
+from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.car.profile import car_from, read_profile
 from mushr_ros_intro.parameters import ParameterError
-from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.plan.find import read_plan
 from mushr_ros_intro.preview.prediction import as_float32
 from mushr_ros_intro.world.footprint import Footprint, is_free
 from mushr_ros_intro.world.grid import read_map
@@ -165,7 +159,7 @@ def test_a_straight_start_and_stop_by_hand():
         then = advance(state, round(seconds * SECOND), NANO)
         assert then.speed == pytest.approx(speed, abs=ROUNDING)
         assert then.pose == pytest.approx((way, 0.0, 0.0), abs=ROUNDING)
-        assert then.rolled == pytest.approx([way / 0.0488] * 4)
+        assert then.wheel_angles == pytest.approx([way / 0.0488] * 4)
 
 
 def test_a_steered_start_by_hand():
@@ -187,8 +181,10 @@ def test_the_wheels_roll_as_far_as_the_car_while_it_is_steered():
     """The rear wheels, on average, as far as the middle between them: 0.2 m in reverse."""
     car = Car(steering_rate=1.0, wheel_radius=0.1)
     state = apply(at_rest(0, Pose(0.0, 0.0, 0.0)), Command(0, -1.0, 0.2), car)
-    rolled = advance(state, 200 * MS, car).rolled
-    assert 0.5 * (rolled.back_left + rolled.back_right) == pytest.approx(-2.0, abs=ROUNDING)
+    wheel_angles = advance(state, 200 * MS, car).wheel_angles
+    assert 0.5 * (wheel_angles.back_left + wheel_angles.back_right) == pytest.approx(
+        -2.0, abs=ROUNDING
+    )
 
 
 def test_the_ideal_car_ramps_where_it_is_told_to_and_stops_at_once():
@@ -258,7 +254,7 @@ def test_late_double_and_shuffled_commands_give_the_same_noise(commands, dice):
     start = at_rest(0, Pose(0.0, 0.0, 0.0))
     in_order, anyhow = History(car, start), History(car, start)
     events = [Command(offset * MS, *what) for offset, what in sorted(commands.items())]
-    events.insert(0, Placement(0, Pose(1.0, 2.0, 3.0)))
+    events.insert(0, InitialPose(0, Pose(1.0, 2.0, 3.0)))
     for event in events:
         in_order.add(event, event.stamp)
     shuffled = events * 2
@@ -274,7 +270,7 @@ def driven(seed, noise=True, since=0):
     """Return where a noisy car ends that is placed and driven for a second."""
     car = car_from({**PROFILES["mushr_nano"], "noise": noise, "seed": seed}, "~")
     state = apply(at_rest(0, Pose(5.0, 5.0, 5.0)), Command(0, 1.0, 0.2), car)
-    state = apply(advance(state, since, car), Placement(since, Pose(0.0, 0.0, 0.0)), car)
+    state = apply(advance(state, since, car), InitialPose(since, Pose(0.0, 0.0, 0.0)), car)
     for tick in range(10):
         stamp = since + tick * 100 * MS
         state = apply(advance(state, stamp, car), Command(stamp, 0.8, 0.2), car)
@@ -420,4 +416,4 @@ def check_car(values):
         return
     driven = apply(at_rest(0, Pose(0.0, 0.0, 0.0)), Command(0, 1.0, 0.3), car)
     state = advance(driven, SECOND, car)
-    assert all(map(math.isfinite, (*state.pose, *state.rolled, *state.odom_pose)))
+    assert all(map(math.isfinite, (*state.pose, *state.wheel_angles, *state.odom_pose)))

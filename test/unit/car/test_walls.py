@@ -9,18 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mushr_ros_intro.car.bicycle import Pose, drive_arc
-from mushr_ros_intro.car.model import (
-    Car,
-    Command,
-    Contact,
-    History,
-    Placement,
-    World,
-    advance,
-    apply,
-    at_rest,
-    halted,
-)
+from mushr_ros_intro.car.contact import World
+from mushr_ros_intro.car.history import History
+from mushr_ros_intro.car.model import Car, Command, Contact, InitialPose, at_rest, halted
+from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.world.footprint import Footprint, is_free
 from mushr_ros_intro.world.grid import Grid, read_map
 from support.paths import PACKAGE
@@ -49,7 +41,7 @@ def history(pose, *events, world=SANDBOX, ask=0):
     for offset, *what in events:
         stamp = BEGIN + offset * MS
         is_pose = isinstance(what[0], Pose)
-        made.add(Placement(stamp, *what) if is_pose else Command(stamp, *what), stamp)
+        made.add(InitialPose(stamp, *what) if is_pose else Command(stamp, *what), stamp)
         for asked in range(0, 300 if ask else 0, ask or 1):
             made.state_at(stamp + asked * MS)
     return made
@@ -84,7 +76,7 @@ def test_straight_into_a_wall(heading, speed):
         assert state.pose.theta == heading
         assert state.collision.pose == state.pose
         assert state.collision.stamp == pytest.approx(BEGIN + arrival * MS, abs=NARROWED * SECOND)
-        assert state.rolled.back_left == pytest.approx(
+        assert state.wheel_angles.back_left == pytest.approx(
             math.copysign(way / CAR.wheel_radius, speed), abs=NARROWED / CAR.wheel_radius
         )
 

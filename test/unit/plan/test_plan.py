@@ -8,17 +8,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.plan import parse as module
-from mushr_ros_intro.plan.parse import (
-    PlanError,
-    Row,
-    WriteError,
-    find_plan,
-    parse_plan,
-    plan_text,
-    read_plan,
-    write_plan,
-)
+from mushr_ros_intro.plan import find, parse
+from mushr_ros_intro.plan.find import find_plan, read_plan
+from mushr_ros_intro.plan.model import PlanError, Row
+from mushr_ros_intro.plan.parse import parse_plan
+from mushr_ros_intro.plan.write import WriteError, plan_text, write_plan
 from support.paths import FIXTURES, PLANS
 
 BROKEN_PLANS = os.path.join(FIXTURES, "broken_plans")
@@ -99,7 +93,7 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "file").touch()
     with open(tmp_path / "huge", "wb") as file:
-        file.truncate(module.MAX_FILE_SIZE + 1)
+        file.truncate(find.MAX_FILE_SIZE + 1)
     for name, expected in {
         "missing": "no such file; expected a plan file",
         ".": "this is a directory; expected a plan file",
@@ -121,7 +115,7 @@ def test_many_faults_are_counted_and_far_too_many_end_the_search():
     assert str(caught.value).splitlines()[20:] == ["... and 5 more faults"]
     with pytest.raises(PlanError) as caught:
         rows_of("nan, 0\n" * 100_000)
-    assert len(caught.value.faults) == module.MAX_FAULTS + 1
+    assert len(caught.value.faults) == parse.MAX_FAULTS + 1
     assert "too many faults; the rest of the file" in caught.value.faults[-1].text
 
 

@@ -13,9 +13,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.car.bicycle import Pose
-from mushr_ros_intro.car.model import Car, Command, World, advance, apply, at_rest
+from mushr_ros_intro.car.contact import World
+from mushr_ros_intro.car.model import Car, Command, at_rest
+from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.plan.parse import PlanError, parse_plan, read_plan
+from mushr_ros_intro.plan.find import read_plan
+from mushr_ros_intro.plan.model import PlanError
+from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import ensemble, prediction
 from mushr_ros_intro.preview.check import as_json, as_text, check, growth, scatter, slowed
 from mushr_ros_intro.world.footprint import Footprint

@@ -11,8 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.car.bicycle import Pose, drive_arc
-from mushr_ros_intro.car.model import Car, Command, advance, apply, at_rest
-from mushr_ros_intro.plan.parse import parse_plan, read_plan
+from mushr_ros_intro.car.model import Car, Command, at_rest
+from mushr_ros_intro.car.motion import advance, apply
+from mushr_ros_intro.plan.find import read_plan
+from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import ensemble, prediction
 from mushr_ros_intro.preview.ensemble import Errors
 from support.paths import PLANS

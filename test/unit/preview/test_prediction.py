@@ -9,9 +9,12 @@ import pytest
 import yaml
 
 from mushr_ros_intro.car.bicycle import Pose
-from mushr_ros_intro.car.model import Car, Command, History, Placement, World, at_rest
+from mushr_ros_intro.car.contact import World
+from mushr_ros_intro.car.history import History
+from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.plan.parse import parse_plan, read_plan
+from mushr_ros_intro.plan.find import read_plan
+from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.world.footprint import Footprint
 from mushr_ros_intro.world.grid import Grid
@@ -107,7 +110,7 @@ def states_of(car, plan, world):
     due = 1000 * SECOND
     history = History(car, at_rest(due - SECOND, Pose(9.0, 9.0, 9.0)), world)
     history.add(Command(due - SECOND, 1.0, 0.2), due - SECOND)
-    history.add(Placement(due - SECOND // 10, Pose(*plan.start)), due - SECOND // 10)
+    history.add(InitialPose(due - SECOND // 10, Pose(*plan.start)), due - SECOND // 10)
     states = []
     for row in plan.rows:
         speed, angle = map(prediction.as_float32, (row.speed, row.steering_angle))

@@ -16,7 +16,8 @@ from rospy.numpy_msg import numpy_msg
 from visualization_msgs.msg import Marker
 
 from mushr_ros_intro.car.bicycle import Pose, compose
-from mushr_ros_intro.car.model import Car, Command, Contact, Placement, advance, apply, at_rest
+from mushr_ros_intro.car.model import Car, Command, Contact, InitialPose, at_rest
+from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.preview.prediction import as_float32
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.conversions import MessageError
@@ -78,7 +79,7 @@ def test_a_placement_comes_back(stamp, pose):
     msg.pose.pose = conversions.pose_to_msg(pose)
     msg = travelled(msg)
     assert msg.header.frame_id == "map"
-    back = conversions.placement_from_msg(msg)
+    back = conversions.initial_pose_from_msg(msg)
     assert back.stamp == stamp and back.pose[:2] == pose[:2]
     assert abs(back.pose.theta) <= math.pi
     off = math.remainder(back.pose.theta - pose.theta, math.tau)
@@ -123,7 +124,7 @@ def test_what_is_not_refused_leaves_the_car_somewhere(numbers):
         return
     state = apply(at_rest(0, Pose(0.0, 0.0, 0.0)), command, Car())
     state = advance(state, 10**9, Car())
-    assert all(map(math.isfinite, (*state.pose, *state.rolled, *state.odom_pose)))
+    assert all(map(math.isfinite, (*state.pose, *state.wheel_angles, *state.odom_pose)))
 
 
 def test_denormals_are_numbers():
@@ -192,10 +193,10 @@ def test_a_placement_is_in_the_map(frame, good):
     msg.header.frame_id = frame
     msg.pose.pose = pose_msg(x=1.0)
     if good:
-        assert conversions.placement_from_msg(msg) == Placement(0, Pose(1.0, 0.0, 0.0))
+        assert conversions.initial_pose_from_msg(msg) == InitialPose(0, Pose(1.0, 0.0, 0.0))
         return
     with pytest.raises(MessageError) as caught:
-        conversions.placement_from_msg(msg)
+        conversions.initial_pose_from_msg(msg)
     assert str(caught.value) == f"pose is in the frame '{frame}'; expected 'map'"
 
 
@@ -204,7 +205,7 @@ def moving():
     state = advance(
         apply(at_rest(0, Pose(1.0, 2.0, 0.5)), Command(0, 2.0, 0.3), Car()), 10**8, Car()
     )
-    state = apply(state, Placement(10**8, Pose(-3.0, 4.0, -1.0)), Car())
+    state = apply(state, InitialPose(10**8, Pose(-3.0, 4.0, -1.0)), Car())
     state = apply(state, Command(10**8, 1.5, -0.4), Car())
     return advance(state, 2 * 10**8, Car())._replace(stamp=STAMP)
 

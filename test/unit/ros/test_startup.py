@@ -207,7 +207,7 @@ def test_a_signal_ends_a_node_that_starts(monkeypatch):
 
 
 def test_a_node_that_is_shut_down_waits_for_no_connection(monkeypatch):
-    monkeypatch.setattr("mushr_ros_intro.ros.connections.peers", lambda *_: ["/other"])
+    monkeypatch.setattr("mushr_ros_intro.ros.connections.registered_nodes", lambda *_: ["/other"])
     monkeypatch.setattr("time.sleep", mock.Mock(side_effect=AssertionError("it waits")))
     monkeypatch.setattr("rospy.is_shutdown", lambda: True)
     assert not wait_until_connected(

@@ -3,7 +3,7 @@
 import pytest
 
 from mushr_ros_intro.car.bicycle import ORIGIN
-from mushr_ros_intro.car.model import Command, Placement
+from mushr_ros_intro.car.model import Command, InitialPose
 from mushr_ros_intro.sim.clock import (
     DEFAULT_PERIOD,
     LONGEST_PERIOD,
@@ -107,7 +107,7 @@ def test_a_late_command_does_not_set_the_horizon_back():
 
 def test_after_a_placement_the_clock_waits_for_the_first_command():
     """It runs until the placement has been reported, and not to a command that is due later."""
-    placed = (Placement(5 * SECOND, ORIGIN), 4 * SECOND, 0.0)
+    placed = (InitialPose(5 * SECOND, ORIGIN), 4 * SECOND, 0.0)
     assert limit(listen(placed), PATIENCE, True) == 5 * SECOND
     assert limit(listen(placed), PATIENCE, False) is None
     begin = 5 * SECOND + DEFAULT_PERIOD
@@ -118,7 +118,7 @@ def test_after_a_placement_the_clock_waits_for_the_first_command():
 
 @pytest.mark.parametrize("behind", [0, 10])
 def test_after_a_placement_that_is_not_ahead_there_still_is_a_report(behind):
-    late = (Placement(5 * SECOND, ORIGIN), 5 * SECOND + behind * POSE_PERIOD, 0.0)
+    late = (InitialPose(5 * SECOND, ORIGIN), 5 * SECOND + behind * POSE_PERIOD, 0.0)
     assert limit(listen(late), 0.0, True) == 5 * SECOND + (behind + 1) * POSE_PERIOD
 
 
@@ -126,7 +126,7 @@ def test_after_a_placement_that_is_not_ahead_there_still_is_a_report(behind):
 @pytest.mark.parametrize("clock", [4 * SECOND, 5 * SECOND - 1])
 def test_the_clock_runs_to_the_first_pose_that_shows_a_placement(since, clock):
     """Also where poses are due beside it, before or after."""
-    placed = (Placement(5 * SECOND, ORIGIN), clock, 0.0)
+    placed = (InitialPose(5 * SECOND, ORIGIN), clock, 0.0)
     reported = limit(listen(placed), 0.0, True, next_pose=5 * SECOND + since)
     assert (reported - 5 * SECOND - since) % POSE_PERIOD == 0
     assert 0 <= reported - 5 * SECOND < POSE_PERIOD
@@ -134,14 +134,14 @@ def test_the_clock_runs_to_the_first_pose_that_shows_a_placement(since, clock):
 
 def test_a_placement_teaches_no_period():
     begin = 5 * SECOND + POSE_PERIOD
-    stream = listen((Placement(5 * SECOND, ORIGIN), 4 * SECOND, 0.0), (go(begin), begin, 0.1))
+    stream = listen((InitialPose(5 * SECOND, ORIGIN), 4 * SECOND, 0.0), (go(begin), begin, 0.1))
     assert limit(stream, 0.1, True) == begin + DEFAULT_PERIOD
 
 
 def test_a_placement_does_not_undo_the_command_of_its_stamp():
     """Both of the listing's first messages say now, and the second may arrive first."""
     now = 5 * SECOND
-    for events in ([go(now), Placement(now, ORIGIN)], [Placement(now, ORIGIN), go(now)]):
+    for events in ([go(now), InitialPose(now, ORIGIN)], [InitialPose(now, ORIGIN), go(now)]):
         stream = listen(*((event, now, 0.0) for event in events))
         assert limit(stream, 0.0, True) == now + DEFAULT_PERIOD
 
@@ -151,8 +151,8 @@ def test_a_plan_that_begins_again_is_placed_whichever_of_its_messages_is_first(c
     """It ends in a stop, which takes the way through the mux, and a placement of that stamp."""
     end = 5 * SECOND
     for events in (
-        [Command(end, 0.0, 0.0), Placement(end, ORIGIN)],
-        [Placement(end, ORIGIN), Command(end, 0.0, 0.0)],
+        [Command(end, 0.0, 0.0), InitialPose(end, ORIGIN)],
+        [InitialPose(end, ORIGIN), Command(end, 0.0, 0.0)],
     ):
         stream = listen((go(end - DEFAULT_PERIOD), clock, 0.0), *((e, clock, 0.0) for e in events))
         reported = end + (POSE_PERIOD if clock == end else 0)
@@ -188,7 +188,7 @@ def test_a_stream_that_was_over_stays_over_when_the_clock_is_held():
 
 def test_a_stop_after_a_placement_does_not_let_the_clock_run():
     """The mux stops who drove before, while who placed the car waits for its report."""
-    placed = (Placement(5 * SECOND, ORIGIN), 5 * SECOND, 0.0)
+    placed = (InitialPose(5 * SECOND, ORIGIN), 5 * SECOND, 0.0)
     stop = Command(5 * SECOND + DEFAULT_PERIOD, 0.0, 0.0)
     stream = listen(placed, (stop, 5 * SECOND + POSE_PERIOD, 0.1))
     assert limit(stream, PATIENCE, True) == 5 * SECOND + POSE_PERIOD
@@ -196,7 +196,7 @@ def test_a_stop_after_a_placement_does_not_let_the_clock_run():
 
 
 def test_who_stands_after_a_placement_holds_the_clock_once():
-    events = [(Placement(5 * SECOND, ORIGIN), 5 * SECOND, 0.0)]
+    events = [(InitialPose(5 * SECOND, ORIGIN), 5 * SECOND, 0.0)]
     events.append((Command(6 * SECOND, 0.0, 0.0), 6 * SECOND, PATIENCE + 0.01))
     stream = listen(*events)
     assert limit(stream, PATIENCE + 0.02, True) == 6 * SECOND + DEFAULT_PERIOD

@@ -13,7 +13,7 @@ from mushr_ros_intro.sim.mux import (
     ConfigError,
     Input,
     Mux,
-    Watch,
+    TakeoverMonitor,
     parse_config,
     sent_at,
 )
@@ -286,23 +286,27 @@ def test_in_order_a_command_passes_unless_a_higher_one_is_live(steps):
     ],
 )
 def test_when_the_car_is_lost(names, lost_to):
-    watch = Watch("navigation")
+    watch = TakeoverMonitor("navigation")
     for name in names.split(" "):
         watch = watch.hear(name, is_sending=True)
     assert watch.lost_to == lost_to
 
 
 def test_a_car_that_another_plan_had_is_not_lost():
-    watch = Watch("navigation").hear("navigation", is_sending=False).hear("idle", is_sending=False)
+    watch = (
+        TakeoverMonitor("navigation")
+        .hear("navigation", is_sending=False)
+        .hear("idle", is_sending=False)
+    )
     assert not watch.lost_to
     assert watch.hear("navigation", is_sending=True).hear("idle", is_sending=True).lost_to
 
 
 def test_a_car_that_was_had_can_be_lost_after_a_pause():
-    watch = Watch("navigation").hear("navigation", is_sending=True)
+    watch = TakeoverMonitor("navigation").hear("navigation", is_sending=True)
     watch = watch.hear("navigation", is_sending=False)
     assert watch.hear(" \n", is_sending=False).lost_to == "idle"
 
 
 def test_a_name_is_known_however_it_is_written():
-    assert Watch("Navigation").hear(" navigation\n", is_sending=True).had
+    assert TakeoverMonitor("Navigation").hear(" navigation\n", is_sending=True).had
