@@ -23,7 +23,7 @@ from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Command, Contact, Event, InitialPose, State, at_rest, halted
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.parameters import ParameterError, number
+from mushr_ros_intro.parameters import ParameterError, Parameters, number
 from mushr_ros_intro.plan.model import MAX_COORDINATE
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.connections import PATIENCE, CallError, ask, responds, wait_until_connected
@@ -50,7 +50,7 @@ class CarSim:
             rospy.loginfo("%s: %g %s", name, value, unit)
             return value
 
-        self._car = car_from(rospy.get_param("~", {}), "~")
+        self._car = car_from(Parameters(rospy.get_param("~", {}), "~"))
         rospy.loginfo("%s", self._car)
         self._period = from_seconds(1.0 / parameter("pose_rate", 50.0, "Hz", 0.1, 1000.0))
         self._factor = parameter("real_time_factor", 1.0, "", 0.0, 1e6)

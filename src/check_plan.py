@@ -12,7 +12,7 @@ import rospkg
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
-from mushr_ros_intro.parameters import ParameterError
+from mushr_ros_intro.parameters import ParameterError, Parameters
 from mushr_ros_intro.plan.find import find_plan, read_bytes
 from mushr_ros_intro.plan.model import PlanError
 from mushr_ros_intro.plan.parse import parse_plan
@@ -42,7 +42,7 @@ def main() -> int:
         return _refuse("--plot draws one plan; expected one PLAN")
     try:
         path = os.path.join(profiles, f"{arguments.car}.yaml")
-        car = car_from({**read_profile(path), "noise": True}, f"{path}: ")
+        car = car_from(Parameters({**read_profile(path), "noise": True}, f"{path}: "))
         map_path, grid = "", None
         if arguments.map is not None:
             map_path = _shortened(find_map(arguments.map, maps))

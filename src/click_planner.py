@@ -15,7 +15,7 @@ from mushr_ros_intro.authoring.clicks import ClickError, path, pose_after, row_t
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.parameters import ParameterError, file_name, folder, number, text
+from mushr_ros_intro.parameters import ParameterError, Parameters, file_name, folder, number, text
 from mushr_ros_intro.plan.model import MAX_SPEED, MAX_STEERING_ANGLE, Plan, Row
 from mushr_ros_intro.plan.write import WriteError, write_plan
 from mushr_ros_intro.preview import prediction
@@ -54,7 +54,7 @@ class ClickPlanner:
     def __init__(self) -> None:
         car_name = text("~car_name", rospy.get_param("~car_name", "car")).strip("/")
         car_sim = f"/{car_name}/car_sim"
-        car = car_from(rospy.get_param(car_sim, {}), f"{car_sim}/")
+        car = car_from(Parameters(rospy.get_param(car_sim, {}), f"{car_sim}/"))
 
         def parameter(name: str, default: float, unit: str, least: float, most: float) -> float:
             return number(f"~{name}", rospy.get_param(f"~{name}", default), unit, least, most)

@@ -23,7 +23,7 @@ from mushr_ros_intro.car.bicycle import Pose, compose, inverse
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Command, InitialPose, State, at_rest
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
-from mushr_ros_intro.parameters import ParameterError, flag, number, text
+from mushr_ros_intro.parameters import ParameterError, Parameters, flag, number, text
 from mushr_ros_intro.plan.find import find_plan, read_bytes
 from mushr_ros_intro.plan.model import Fault, Plan, PlanError, Row
 from mushr_ros_intro.plan.parse import parse_plan
@@ -208,8 +208,8 @@ class PathPublisher:
             self._profile, place = simulated, f"{self._car_sim}/"
         else:
             place = "~car: "
-        self._car = car_from(self._profile, place)
-        self._noisy_car = car_from({**self._profile, "noise": True}, place)
+        self._car = car_from(Parameters(self._profile, place))
+        self._noisy_car = car_from(Parameters({**self._profile, "noise": True}, place))
 
     def _look_ahead(self) -> None:
         """Check the plan, and publish where it takes the car, stamped as if driven from now on.

@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from mushr_ros_intro.authoring.recording import Recording
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.parameters import ParameterError, file_name, folder, text
+from mushr_ros_intro.parameters import ParameterError, Parameters, file_name, folder, text
 from mushr_ros_intro.plan.model import Row
 from mushr_ros_intro.plan.write import WriteError, write_plan
 from mushr_ros_intro.ros import conversions
@@ -38,7 +38,7 @@ class PlanRecorder:
     def __init__(self) -> None:
         car_name = text("~car_name", rospy.get_param("~car_name", "car")).strip("/")
         car_sim = f"/{car_name}/car_sim"
-        car = car_from(rospy.get_param(car_sim, {}), f"{car_sim}/")
+        car = car_from(Parameters(rospy.get_param(car_sim, {}), f"{car_sim}/"))
         init_pose_topic = text(
             "~init_pose_topic", rospy.get_param("~init_pose_topic", "/initialpose")
         )

@@ -26,7 +26,7 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.grading import judge as report
 from mushr_ros_intro.grading.checks import as_number
-from mushr_ros_intro.parameters import ParameterError, number, text
+from mushr_ros_intro.parameters import ParameterError, Parameters, number, text
 from mushr_ros_intro.plan.find import find_plan, read_plan
 from mushr_ros_intro.plan.model import Plan, PlanError
 from mushr_ros_intro.ros import conversions
@@ -313,7 +313,7 @@ def replay() -> Tuple[report.Replay, List[report.Check]]:
     publisher = text("~publisher", rospy.get_param("~publisher", None))
     patience = number("~patience", rospy.get_param("~patience", 30.0), "s", 0.1, 1e4)
     folder = str(rospy.get_param("~report", ""))
-    car = car_from(rospy.get_param("/car/car_sim", {}), "/car/car_sim/")
+    car = car_from(Parameters(rospy.get_param("/car/car_sim", {}), "/car/car_sim/"))
     default = report.default_tolerances(plan, car)
     tolerances = report.Tolerances(
         _tolerance("~position_tolerance", "m", default.position),

@@ -1,16 +1,26 @@
-"""The values of parameters that nodes take, and the words for those that they do not."""
+"""Test the values that parameters accept, and the messages for those that they refuse."""
 
 import os
 
 import pytest
 
-from mushr_ros_intro.parameters import ParameterError, file_name, flag, folder, number, text
+from mushr_ros_intro.parameters import ParameterError, Parameters, user_path
 
 
-@pytest.mark.parametrize("value", [0.5, 1, 2.0, 2])
+def read(kind, value, *arguments):
+    return getattr(Parameters({"name": value}), kind)("name", *arguments)
+
+
+def refusal(kind, value, *arguments):
+    with pytest.raises(ParameterError) as caught:
+        read(kind, value, *arguments)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("value", [0.5, 1, 2.0, 2, "1e-0", "0.5"])
 def test_good_number(value):
-    found = number("~rate", value, "Hz", 0.5, 2.0)
-    assert found == value and isinstance(found, float)
+    found = read("number", value, 1.0, "Hz", 0.5, 2.0)
+    assert found == float(value) and isinstance(found, float)
 
 
 @pytest.mark.parametrize(
@@ -24,59 +34,103 @@ def test_good_number(value):
         -float("inf"),
         pytest.param(10**400, id="huge"),
         True,
-        "1",
+        "one",
+        "nan",
+        "",
         None,
         [1.0],
     ],
 )
 def test_bad_number(value):
-    with pytest.raises(ParameterError) as caught:
-        number("~rate", value, "Hz", 0.5, 2.0)
-    expected = f"parameter ~rate is {value!r}; expected a number from 0.5 to 2 Hz"
-    assert str(caught.value) == expected
+    expected = f"parameter ~name is {value!r}; expected a number from 0.5 to 2 Hz"
+    assert refusal("number", value, 1.0, "Hz", 0.5, 2.0) == expected
 
 
-def test_a_number_that_no_float_holds_is_refused_also_where_there_is_no_limit():
-    with pytest.raises(ParameterError, match="expected a number from 0 to inf m/s"):
-        number("~speed_limit", 10**400, "m/s", 0.0, float("inf"))
+def test_a_number_that_no_float_holds_is_refused_if_there_is_no_limit():
+    message = refusal("number", 10**400, 0.0, "m/s", 0.0, float("inf"))
+    assert message.endswith("expected a number from 0 to inf m/s")
+
+
+def test_a_number_without_a_unit():
+    assert (
+        refusal("number", -1, 0, "", 0, 9) == "parameter ~name is -1; expected a number from 0 to 9"
+    )
 
 
 def test_flag():
-    assert flag("~loop", True) is True and flag("~loop", False) is False
+    assert read("flag", True, False) is True and read("flag", False, True) is False
     for value in (0, 1, "true", None):
-        with pytest.raises(ParameterError) as caught:
-            flag("~loop", value)
-        assert str(caught.value) == f"parameter ~loop is {value!r}; expected true or false"
+        assert refusal("flag", value, True) == (
+            f"parameter ~name is {value!r}; expected true or false"
+        )
 
 
 def test_text():
-    assert text("~topic", "/a") == "/a"
+    assert read("text", "/a") == "/a"
     for value in ("", " \t", 3, None, ["a"]):
-        with pytest.raises(ParameterError) as caught:
-            text("~topic", value)
-        assert f"parameter ~topic is {value!r}; expected text" in str(caught.value)
+        message = refusal("text", value, "default")
+        assert message == f"parameter ~name is {value!r}; expected text that is not empty"
+    assert refusal("text", 3, None, "a plan").endswith("; expected a plan")
+
+
+def test_optional_text():
+    assert read("optional_text", "a") == "a"
+    assert read("optional_text", "") is None
+    assert Parameters({}).optional_text("name") is None
+    assert "expected text" in refusal("optional_text", 3)
+
+
+def test_choice():
+    assert read("choice", "b", ["a", "b"]) == "b"
+    assert refusal("choice", "c", ["a", "b"]) == "parameter ~name is 'c'; expected one of a, b"
+
+
+def test_a_missing_parameter_has_its_default():
+    parameters = Parameters({})
+    assert parameters.number("rate", 3.0, "Hz", 0.0, 9.0) == 3.0
+    assert parameters.flag("loop", True) is True
+    assert parameters.text("topic", "/a") == "/a"
+    assert parameters.choice("car", ["a", "b"], "a") == "a"
+    assert parameters.file_name("file", "plan.txt") == "plan.txt"
+    assert parameters.resolved == {
+        "rate": 3.0,
+        "loop": True,
+        "topic": "/a",
+        "car": "a",
+        "file": "plan.txt",
+    }
+
+
+def test_a_required_parameter_that_is_missing():
+    with pytest.raises(ParameterError) as caught:
+        Parameters({}, "/car/car_sim/").text("plan_file", expected="a plan")
+    assert str(caught.value) == "parameter /car/car_sim/plan_file is not set; expected a plan"
 
 
 def test_folder(monkeypatch, tmp_path):
-    here, home = str(tmp_path / "here"), str(tmp_path / "home")
-    for path in (f"{here}/plans", f"{home}/plans"):
-        os.makedirs(path)
-    monkeypatch.setenv("PWD", here)
-    monkeypatch.setenv("HOME", home)
-    assert folder("~folder", "plans") == f"{here}/plans"
-    assert folder("~folder", "/proc") == "/proc"
-    assert folder("~folder", "~/plans") == f"{home}/plans"
-    with pytest.raises(ParameterError, match="expected text"):
-        folder("~folder", "")
-    with pytest.raises(
-        ParameterError, match=f"'plan'; expected a folder; there is none at {here}/plan"
-    ):
-        folder("~folder", "plan")
+    (tmp_path / "plans").mkdir()
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("PWD", str(tmp_path))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for value in (".", "plans", "~/plans", str(tmp_path / "plans")):
+        expected = str(tmp_path) if value == "." else str(tmp_path / "plans")
+        assert read("folder", value, ".") == os.path.realpath(expected)
+    for value in ("nowhere", "file"):
+        message = refusal("folder", value, ".")
+        assert message.startswith(f"parameter ~name is '{value}'; expected a folder; there is none")
 
 
 def test_file_name():
-    assert file_name("~name", "a.txt") == "a.txt"
+    assert read("file_name", "a plan.txt", "x") == "a plan.txt"
     for value in ("", ".", "..", "a/b", "/a", 3, None):
-        with pytest.raises(ParameterError) as caught:
-            file_name("~name", value)
-        assert f"parameter ~name is {value!r}; expected a file's name" in str(caught.value)
+        assert refusal("file_name", value, "x") == (
+            f"parameter ~name is {value!r}; expected a file name without a folder"
+        )
+
+
+def test_a_relative_path_starts_where_the_user_is(monkeypatch, tmp_path):
+    monkeypatch.setenv("PWD", str(tmp_path))
+    monkeypatch.setenv("HOME", "/home/student")
+    assert user_path("plans/a.txt") == str(tmp_path / "plans" / "a.txt")
+    assert user_path("~/a.txt") == "/home/student/a.txt"
+    assert user_path("/a.txt") == "/a.txt"

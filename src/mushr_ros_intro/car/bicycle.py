@@ -19,7 +19,19 @@ class Pose(NamedTuple):
 
     def __str__(self) -> str:
         theta = math.remainder(self.theta, math.tau)
-        return f"({self.x:.6f} m, {self.y:.6f} m, {theta:.6f} rad)"
+        return f"({self.x:.4f} m, {self.y:.4f} m, {theta:.4f} rad)"
+
+    def distance_to(self, other: "Pose") -> float:
+        """Return the distance to another pose [m]."""
+        return math.hypot(self.x - other.x, self.y - other.y)
+
+    def angle_to(self, other: "Pose") -> float:
+        """Return the angle between two headings [rad], 0 to pi."""
+        return abs(math.remainder(self.theta - other.theta, math.tau))
+
+    def is_close_to(self, other: "Pose", tolerance: float) -> bool:
+        """Return whether position and heading differ by at most `tolerance` [m, rad]."""
+        return self.distance_to(other) <= tolerance and self.angle_to(other) <= tolerance
 
 
 ORIGIN = Pose(0.0, 0.0, 0.0)

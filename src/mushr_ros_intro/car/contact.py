@@ -1,6 +1,6 @@
 """Find out when a car touches a wall."""
 
-from typing import Callable, NamedTuple, Optional
+from typing import NamedTuple, Optional
 
 from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
 from mushr_ros_intro.car.model import Car, Piece

@@ -7,9 +7,18 @@ later instant is evaluated from there, so asking for a state between two others 
 import math
 from typing import List, NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.car.bicycle import Pose, compose, curvature, drive_arc, inverse
+from mushr_ros_intro.car.bicycle import compose, inverse
 from mushr_ros_intro.car.contact import World, free_time, is_blocked
-from mushr_ros_intro.car.model import Car, Command, Contact, Event, Piece, InitialPose, State, Wheels, halted, wheel_ratios
+from mushr_ros_intro.car.model import (
+    Car,
+    Command,
+    Contact,
+    Event,
+    InitialPose,
+    Piece,
+    State,
+    halted,
+)
 from mushr_ros_intro.car.noise import normals
 from mushr_ros_intro.car.quadrature import follow
 from mushr_ros_intro.sim.stamps import NANOSECONDS

@@ -1,15 +1,14 @@
 """Read what a car is: from its profile in config/cars/, or from the parameters of car_sim."""
 
+import math
 import os
-from typing import Any, Dict, List, Mapping
+from typing import Any, Dict, List
 
 import yaml
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.parameters import ParameterError, flag, number
+from mushr_ros_intro.parameters import ParameterError, Parameters
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
-
-_INFINITY = float("inf")
 
 
 class _Loader(yaml.SafeLoader):
@@ -46,42 +45,30 @@ def read_profile(path: str) -> Dict[str, Any]:
     return values
 
 
-def car_from(values: Mapping[str, Any], place: str) -> Car:
-    """Return the car that parameters describe; what is missing is as the ideal car has it.
-
-    Args:
-        values: the parameters by name; others than a car's do no harm.
-        place: what stands before their names in messages, such as ``~``.
+def car_from(parameters: Parameters) -> Car:
+    """Return the car that parameters describe; missing ones are those of the ideal car.
 
     Raises:
-        ParameterError: one is of the wrong kind or out of range.
+        ParameterError: a parameter is of the wrong type or out of range.
     """
-    usual = Car()
-
-    def parameter(name: str, default: float, unit: str, least: float, most: float) -> float:
-        return number(place + name, values.get(name, default), unit, least, most)
-
-    has_noise = flag(f"{place}noise", values.get("noise", False))
-    timeout = usual.command_timeout / NANOSECONDS
-    speed_noise = parameter("speed_noise", usual.speed_noise, "m/s", 0.0, 10.0)
-    steering_noise = parameter("steering_noise", usual.steering_noise, "rad", 0.0, 1.0)
-    seed = parameter("seed", usual.seed, "", 0, 1e9)
+    ideal, number = Car(), parameters.number
+    has_noise = parameters.flag("noise", False)
+    timeout = number("command_timeout", ideal.command_timeout / NANOSECONDS, "s", 0.001, 10.0)
+    speed_noise = number("speed_noise", ideal.speed_noise, "m/s", 0.0, 10.0)
+    steering_noise = number("steering_noise", ideal.steering_noise, "rad", 0.0, 1.0)
+    seed = number("seed", ideal.seed, "", 0, 1e9)
     if seed != int(seed):
-        raise ParameterError(f"parameter {place}seed is {seed:g}; expected a whole number")
+        raise parameters.error("seed", "a whole number")
     return Car(
-        wheelbase=parameter("wheelbase", usual.wheelbase, "m", 0.01, 100.0),
-        track=parameter("track", usual.track, "m", 0.01, 100.0),
-        wheel_radius=parameter("wheel_radius", usual.wheel_radius, "m", 0.001, 10.0),
-        command_timeout=from_seconds(parameter("command_timeout", timeout, "s", 0.001, 10.0)),
-        speed_limit=parameter("speed_limit", usual.speed_limit, "m/s", 0.001, _INFINITY),
-        steering_limit_left=parameter(
-            "steering_limit_left", usual.steering_limit_left, "rad", 0.0, _INFINITY
-        ),
-        steering_limit_right=parameter(
-            "steering_limit_right", usual.steering_limit_right, "rad", 0.0, _INFINITY
-        ),
-        acceleration=parameter("acceleration", usual.acceleration, "m/s^2", 0.01, _INFINITY),
-        steering_rate=parameter("steering_rate", usual.steering_rate, "rad/s", 0.01, _INFINITY),
+        wheelbase=number("wheelbase", ideal.wheelbase, "m", 0.01, 100.0),
+        track=number("track", ideal.track, "m", 0.01, 100.0),
+        wheel_radius=number("wheel_radius", ideal.wheel_radius, "m", 0.001, 10.0),
+        command_timeout=from_seconds(timeout),
+        speed_limit=number("speed_limit", ideal.speed_limit, "m/s", 0.001, math.inf),
+        steering_limit_left=number("steering_limit_left", math.inf, "rad", 0.0, math.inf),
+        steering_limit_right=number("steering_limit_right", math.inf, "rad", 0.0, math.inf),
+        acceleration=number("acceleration", ideal.acceleration, "m/s^2", 0.01, math.inf),
+        steering_rate=number("steering_rate", ideal.steering_rate, "rad/s", 0.01, math.inf),
         speed_noise=speed_noise if has_noise else 0.0,
         steering_noise=steering_noise if has_noise else 0.0,
         seed=int(seed) if has_noise else 0,

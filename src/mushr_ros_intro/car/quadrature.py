@@ -41,7 +41,10 @@ def follow(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
     pose = drive_arc(piece.pose, distance, curvature(piece.steering_angle, car.wheelbase))
     ratios = wheel_ratios(piece.steering_angle, car)
     wheel_angles = Wheels(
-        *(angle + distance * ratio / car.wheel_radius for angle, ratio in zip(piece.wheel_angles, ratios))
+        *(
+            angle + distance * ratio / car.wheel_radius
+            for angle, ratio in zip(piece.wheel_angles, ratios)
+        )
     )
     return pose, wheel_angles
 
@@ -74,5 +77,7 @@ def integrate(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
             for wheel, ratio in enumerate(wheel_ratios(angle, car)):
                 ways[wheel] += weight * distance * ratio
         theta += sum(weight * turn for weight, turn in zip(_WEIGHTS, turns))
-    wheel_angles = Wheels(*(angle + way / car.wheel_radius for angle, way in zip(piece.wheel_angles, ways)))
+    wheel_angles = Wheels(
+        *(angle + way / car.wheel_radius for angle, way in zip(piece.wheel_angles, ways))
+    )
     return Pose(x, y, theta), wheel_angles

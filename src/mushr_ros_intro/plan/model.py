@@ -2,6 +2,7 @@
 
 from typing import NamedTuple, Sequence, Tuple
 
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 MAX_DURATION = 1_000_000_000 * NANOSECONDS
@@ -57,7 +58,7 @@ class Fault(NamedTuple):
         return f"{self.path}:{self.line}:{self.column}: {self.text}"
 
 
-class PlanError(ValueError):
+class PlanError(UserError):
     """A plan file that cannot be driven, with all that is wrong with it in ``faults``."""
 
     SHOWN = 20

@@ -5,12 +5,13 @@ import os
 import struct
 from typing import Sequence
 
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.model import PlanError, Row
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 
-class WriteError(RuntimeError):
+class WriteError(UserError):
     """A plan that could not be written; says where and why."""
 
 

@@ -7,6 +7,7 @@ live, that is, has sent one less than its timeout ago. The instants are the comm
 
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.sim.stamps import CLOCK_LAG, effective_stamp, from_seconds
 
 IDLE = "idle"
@@ -36,7 +37,7 @@ class Config(NamedTuple):
     """The topic that the winner's commands go to."""
 
 
-class ConfigError(ValueError):
+class ConfigError(UserError):
     """A mux configuration that cannot be used; the message names every fault."""
 
 

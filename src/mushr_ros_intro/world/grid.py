@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 
 from mushr_ros_intro.car.bicycle import ORIGIN, Pose, compose, inverse
+from mushr_ros_intro.errors import UserError
 
 UNKNOWN = -1
 """The value of a cell that nobody knows anything about."""
@@ -115,7 +116,7 @@ class MapFault(NamedTuple):
         return ": ".join(part for part in self if part)
 
 
-class MapError(ValueError):
+class MapError(UserError):
     """A map that cannot be used, with all that is wrong with it in ``faults``, one a line."""
 
     def __init__(self, faults: Sequence[MapFault]):

@@ -296,7 +296,7 @@ class TestDoctor(unittest.TestCase):
         placements.publish(msg)
         with Driver(NAVIGATION):
             wait_for(lambda: collisions.last and collisions.last.poses, "the wall")
-            self.expect("the car stands against a wall at (49.020000 m, 0.000000 m, 0.000000 rad)")
+            self.expect("the car stands against a wall at (49.0200 m, 0.0000 m, 0.0000 rad)")
         msg.pose.pose.position.x = 0.0
         placements.publish(msg)
         wait_for(lambda: not collisions.last.poses, "no wall")

@@ -271,7 +271,7 @@ class TestPathPublisher(unittest.TestCase):
             # slalom starts at the origin, so the car must be elsewhere
             self.assertEqual(publisher.wait(), 1, publisher.output)
         wrong.unregister()
-        self.assertIn("did not take the start pose (0.000000 m", publisher.output)
+        self.assertIn("did not take the start pose (0.0000 m", publisher.output)
         self.assertEqual(self.commands.messages, [])
 
 

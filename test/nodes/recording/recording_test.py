@@ -187,7 +187,7 @@ class TestRecording(unittest.TestCase):
         self.save("clicked_3.txt")
         starts.publish(pose_msg(1.0, 3.0, 0.5))
         wait_for(lambda: len(paths.last.poses) == 1, "the path to begin anew")
-        wait_for(lambda: "a new plan starts at (1.000000 m, 3.0" in process.output, "that said")
+        wait_for(lambda: "a new plan starts at (1.0000 m, 3.0" in process.output, "that said")
         self.assertEqual(process.output.count("were not saved"), 1)
 
     def hand_drive(self):

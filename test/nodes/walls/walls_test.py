@@ -89,7 +89,7 @@ class TestWalls(unittest.TestCase):
             )
             self.assert_pose(planar(msg.poses[0]), (STOP, 1.0, 0.0))
             (said,) = wait_for(lambda: self.warnings("hit a wall"), "the warning")
-            self.assertIn("(49.020000 m, 1.000000 m, 0.000000 rad)", said)
+            self.assertIn("(49.0200 m, 1.0000 m, 0.0000 rad)", said)
 
             # Who comes late hears of it too.
             late = Recording("/car/car_sim/collision", PoseArray).connected()
@@ -114,7 +114,7 @@ class TestWalls(unittest.TestCase):
 
         said = wait_for(refusals, "the warning")[0]
         self.assertIn("refused", said)
-        self.assertIn("(49.300000 m, 0.500000 m, 0.250000 rad), as /initialpose asks", said)
+        self.assertIn("(49.3000 m, 0.5000 m, 0.2500 rad), as /initialpose asks", said)
         self.assert_pose(self.poses.pose_at_rest(rospy.Time.now()), (1.0, 2.0, 3.0))
 
     def test_off_the_map(self):
@@ -127,7 +127,7 @@ class TestWalls(unittest.TestCase):
     def test_a_car_that_starts_in_a_wall(self):
         arguments = ("__name:=stuck", "__ns:=other", "_x:=49.3", "_y:=3.0")
         with node("car_sim.py", *arguments) as car:
-            wait_for(lambda: "stands in a wall at (49.300000 m, 3.0" in car.output, "the warning")
+            wait_for(lambda: "stands in a wall at (49.3000 m, 3.0" in car.output, "the warning")
 
 
 if __name__ == "__main__":

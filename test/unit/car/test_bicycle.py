@@ -92,8 +92,8 @@ def test_compose_by_hand():
 
 
 def test_a_pose_is_shown_with_a_heading_of_half_a_turn_at_most():
-    assert str(Pose(1.0, -2.5, 3.0)) == "(1.000000 m, -2.500000 m, 3.000000 rad)"
-    assert str(Pose(0.0, 0.0, 4.0)) == "(0.000000 m, 0.000000 m, -2.283185 rad)"
+    assert str(Pose(1.0, -2.5, 3.0)) == "(1.0000 m, -2.5000 m, 3.0000 rad)"
+    assert str(Pose(0.0, 0.0, 4.0)) == "(0.0000 m, 0.0000 m, -2.2832 rad)"
 
 
 @given(st.floats(-50, 50), st.floats(-1e-3, 1e-3))

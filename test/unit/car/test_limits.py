@@ -17,7 +17,7 @@ from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.car.profile import car_from, read_profile
-from mushr_ros_intro.parameters import ParameterError
+from mushr_ros_intro.parameters import ParameterError, Parameters
 from mushr_ros_intro.plan.find import read_plan
 from mushr_ros_intro.preview.prediction import as_float32
 from mushr_ros_intro.world.footprint import Footprint, is_free
@@ -34,7 +34,9 @@ PROFILES = {
     os.path.basename(path)[:-5]: read(path)
     for path in glob.glob(os.path.join(PACKAGE, "config", "cars", "*.yaml"))
 }
-CARS = {name: car_from({**values, "noise": False}, "~") for name, values in PROFILES.items()}
+CARS = {
+    name: car_from(Parameters({**values, "noise": False}, "~")) for name, values in PROFILES.items()
+}
 NANO = CARS["mushr_nano"]
 
 MS = 1_000_000
@@ -250,7 +252,7 @@ commands = st.dictionaries(
 @given(commands, st.randoms(use_true_random=False))
 @settings(max_examples=50)
 def test_late_double_and_shuffled_commands_give_the_same_noise(commands, dice):
-    car = car_from({**PROFILES["mushr_nano"], "noise": True, "seed": 7}, "~")
+    car = car_from(Parameters({**PROFILES["mushr_nano"], "noise": True, "seed": 7}, "~"))
     start = at_rest(0, Pose(0.0, 0.0, 0.0))
     in_order, anyhow = History(car, start), History(car, start)
     events = [Command(offset * MS, *what) for offset, what in sorted(commands.items())]
@@ -268,7 +270,7 @@ def test_late_double_and_shuffled_commands_give_the_same_noise(commands, dice):
 
 def driven(seed, noise=True, since=0):
     """Return where a noisy car ends that is placed and driven for a second."""
-    car = car_from({**PROFILES["mushr_nano"], "noise": noise, "seed": seed}, "~")
+    car = car_from(Parameters({**PROFILES["mushr_nano"], "noise": noise, "seed": seed}, "~"))
     state = apply(at_rest(0, Pose(5.0, 5.0, 5.0)), Command(0, 1.0, 0.2), car)
     state = apply(advance(state, since, car), InitialPose(since, Pose(0.0, 0.0, 0.0)), car)
     for tick in range(10):
@@ -283,7 +285,7 @@ def test_noise_is_the_same_for_a_seed_and_off_unless_asked_for():
     assert driven(1, noise=False) == driven(2, noise=False)
     error = math.dist(driven(1)[:2], driven(1, noise=False)[:2])
     assert 1e-4 < error < 0.1
-    noisy = car_from({**PROFILES["mushr_nano"], "noise": True}, "~")
+    noisy = car_from(Parameters({**PROFILES["mushr_nano"], "noise": True}, "~"))
     state = apply(at_rest(0, Pose(0.0, 0.0, 0.0)), Command(0, 0.0, 0.0), noisy)
     assert advance(state, SECOND, noisy).pose == (0.0, 0.0, 0.0)
 
@@ -304,7 +306,7 @@ def test_noise_has_the_deviation_that_it_should_have():
 
 def test_profiles():
     assert set(CARS) == {"ideal", "mushr_nano", "mushr_tx2", "racecar_mit"}
-    assert CARS["ideal"] == Car() == car_from({}, "~")
+    assert CARS["ideal"] == Car() == car_from(Parameters({}, "~"))
     assert [name for name, car in CARS.items() if car.is_ideal] == ["ideal"]
     for limited in (Car(acceleration=1.0), Car(speed_noise=0.1), Car(steering_noise=0.1)):
         assert not limited.is_ideal
@@ -348,7 +350,7 @@ def test_limits_are_what_the_motor_controller_clips_at(name, erpm_gain, servo_ga
 )
 def test_a_bad_parameter_is_named(name, value, expected):
     with pytest.raises(ParameterError) as error:
-        car_from({name: value}, "/car/car_sim/")
+        car_from(Parameters({name: value}, "/car/car_sim/"))
     assert str(error.value).startswith(f"parameter /car/car_sim/{name} is ")
     assert expected in str(error.value)
 
@@ -377,7 +379,7 @@ def test_a_file_that_is_no_profile(tmp_path, data, expected):
 def test_a_profile_without_a_key_is_the_ideal_car(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("# nothing yet\n")
-    assert car_from(read_profile(str(path)), "~") == Car()
+    assert car_from(Parameters(read_profile(str(path)), "~")) == Car()
 
 
 values = st.sampled_from(
@@ -410,7 +412,7 @@ def test_any_bytes_are_a_profile_or_refused(tmp_path_factory, data):
 def check_car(values):
     """See that parameters either are refused in words, or make a car that stays somewhere."""
     try:
-        car = car_from(values, "~")
+        car = car_from(Parameters(values, "~"))
     except ParameterError as error:
         assert "; expected" in str(error)
         return

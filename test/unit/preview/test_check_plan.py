@@ -17,6 +17,7 @@ from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car, Command, at_rest
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.find import read_plan
 from mushr_ros_intro.plan.model import PlanError
 from mushr_ros_intro.plan.parse import parse_plan
@@ -42,7 +43,7 @@ SAGITTA = 1e-4
 
 def car_named(name):
     with open(os.path.join(PACKAGE, "config", "cars", name + ".yaml"), encoding="utf-8") as file:
-        return car_from(yaml.safe_load(file), "")
+        return car_from(Parameters(yaml.safe_load(file), ""))
 
 
 def checked(text, car="ideal", grid=None):

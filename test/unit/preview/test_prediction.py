@@ -13,6 +13,7 @@ from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest
 from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.find import read_plan
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
@@ -130,7 +131,7 @@ def states_of(car, plan, world):
 def test_every_car_does_what_was_predicted(name, profile, noise, walls):
     with open(os.path.join(PLANS, "..", "config", "cars", f"{profile}.yaml")) as file:
         values = yaml.safe_load(file)
-    car = car_from({**values, "noise": noise, "seed": 3}, "~")
+    car = car_from(Parameters({**values, "noise": noise, "seed": 3}, "~"))
     world = WALLS if walls else None
     plan = plan_named(name)
     states = states_of(car, plan, world)
@@ -167,7 +168,7 @@ def test_a_car_with_noise_in_its_steering_alone_does_what_was_predicted():
 def test_where_the_car_is_at_any_instants(profile, noise):
     """The same as where the simulated car is then; before the first command, at the start."""
     with open(os.path.join(PLANS, "..", "config", "cars", f"{profile}.yaml")) as file:
-        car = car_from({**yaml.safe_load(file), "noise": noise, "seed": 3}, "~")
+        car = car_from(Parameters({**yaml.safe_load(file), "noise": noise, "seed": 3}, "~"))
     plan = plan_named("figure_8")
     states = states_of(car, plan, None)
     instants = [state.stamp for state in states]
