@@ -5,12 +5,15 @@ import contextlib
 import importlib.util
 import math
 import os
+import shutil
 import signal
 import socket
 import struct
 import subprocess
+import tempfile
 import threading
 import time
+import unittest
 from urllib.parse import urlsplit
 
 import rosgraph.xmlrpc
@@ -110,6 +113,35 @@ def wait_for(condition, what, patience=PATIENCE):
         if time.monotonic() > deadline:
             raise AssertionError(f"waited {patience:g} s for {what}")
         time.sleep(0.01)
+
+
+def free_port():
+    """Return a port of the loopback interface that nobody listens on."""
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        return unused.getsockname()[1]
+
+
+class RosTestCase(unittest.TestCase):
+    """A test case with a temporary folder for plans, and with a check of poses."""
+
+    def setUp(self):
+        self.folder = tempfile.mkdtemp()
+        self.addCleanup(shutil.rmtree, self.folder)
+
+    def plan(self, text, name="plan.txt"):
+        """Write a plan file; return its path."""
+        path = os.path.join(self.folder, name)
+        with open(path, "w") as file:
+            file.write(text)
+        return path
+
+    def assert_pose(self, got, expected, tolerance=POSITION_TOLERANCE):
+        """Fail unless two (x, y, theta) differ by at most `tolerance` [m, rad]."""
+        distance = math.hypot(got[0] - expected[0], got[1] - expected[1])
+        self.assertLessEqual(distance, tolerance, f"{got} is not {expected}")
+        turn = angle_between(got[2], expected[2])
+        self.assertLessEqual(turn, tolerance, f"{got} is not {expected}")
 
 
 class Recording:
