@@ -1,18 +1,14 @@
 #!/usr/bin/python3
-"""Simulate the car: a kinematic bicycle that obeys commands and reports where it is."""
+"""Simulate the car: a kinematic bicycle that obeys commands and reports its pose."""
 
 import sys
 import threading
-import time
-from contextlib import suppress
-from typing import Callable, Optional
+from typing import Callable, List, Optional, Sequence
 
-import rosgraph
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Odometry
-from rosgraph_msgs.msg import Clock
 from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
@@ -21,82 +17,88 @@ from tf2_msgs.msg import TFMessage
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.history import History
-from mushr_ros_intro.car.model import Command, Contact, Event, InitialPose, State, at_rest, halted
+from mushr_ros_intro.car.model import Contact, Event, InitialPose, State, at_rest, halted
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.parameters import ParameterError, Parameters, number
 from mushr_ros_intro.plan.model import MAX_COORDINATE
-from mushr_ros_intro.ros import conversions
-from mushr_ros_intro.ros.connections import PATIENCE, CallError, ask, responds, wait_until_connected
-from mushr_ros_intro.ros.node import init_node
-from mushr_ros_intro.sim.clock import Kind, Stream, carry_over, hear, horizon
-from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp, from_seconds
+from mushr_ros_intro.ros import conversions, node, sim_clock
+from mushr_ros_intro.ros.connections import wait_until_connected
+from mushr_ros_intro.sim.stamps import (
+    NANOSECONDS,
+    STAMP_TOLERANCE,
+    effective_stamp,
+    from_seconds,
+)
 from mushr_ros_intro.world.footprint import is_free, on_map
 
 
 class CarSim:
     """The simulated car as a node.
 
-    Topics, relative to the car's namespace: subscribes to ``initialpose`` and
-    ``mux/ackermann_cmd_mux/output``, and to /map, where somebody publishes one; publishes
-    ``car_pose``, ``odom``, ``joint_states`` and /tf, and ``~collision``, latched: the pose at which
-    the car stands against a wall, and no pose once it stands there no longer.
+    Subscribes, relative to the car's namespace, to ``initialpose`` and
+    ``mux/ackermann_cmd_mux/output``, and to /map. Publishes ``car_pose``, ``odom``,
+    ``joint_states``, /tf, and ``~collision``, latched: the pose at which the car stands against a
+    wall, or no pose.
     """
 
     def __init__(self, keeps_clock: bool) -> None:
-        """Set up the node, which publishes the simulated time as well if it `keeps_clock`."""
-
-        def parameter(name: str, default: float, unit: str, least: float, most: float) -> float:
-            value = number(f"~{name}", rospy.get_param(f"~{name}", default), unit, least, most)
-            rospy.loginfo("%s: %g %s", name, value, unit)
-            return value
-
-        self._car = car_from(Parameters(rospy.get_param("~", {}), "~"))
-        rospy.loginfo("%s", self._car)
-        self._period = from_seconds(1.0 / parameter("pose_rate", 50.0, "Hz", 0.1, 1000.0))
-        self._factor = parameter("real_time_factor", 1.0, "", 0.0, 1e6)
+        """Set up the node; it publishes the simulated time if it `keeps_clock`."""
+        parameters = node.parameters()
+        self._car = car_from(parameters)
+        pose_period = from_seconds(1.0 / parameters.number("pose_rate", 50.0, "Hz", 0.1, 1000.0))
+        factor = parameters.number("real_time_factor", 1.0, "", 0.0, 1e6)
         self._start = Pose(
-            parameter("x", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE),
-            parameter("y", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE),
-            parameter("theta", 0.0, "rad", -1e3, 1e3),
+            parameters.number("x", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE),
+            parameters.number("y", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE),
+            parameters.number("theta", 0.0, "rad", -1e3, 1e3),
         )
         prefix = rospy.get_namespace().strip("/")
         self._odom_frame = f"{prefix}/odom".lstrip("/")
         self._base_frame = f"{prefix}/base_footprint".lstrip("/")
 
-        self._keeps_clock = keeps_clock
-        rospy.loginfo("time: %s", self._describe_time())
-
-        # Held while the state or the clock changes; notified of events and of the services.
+        # Held while the state or the clock changes; notified of events and services.
         self._changed = threading.Condition()
-        self._now = rospy.get_rostime().to_nsec()
-        if self._keeps_clock:
-            self._now = int(time.time()) * NANOSECONDS
-        self._stream: Optional[Stream] = None
-        self._paused = False
-        self._steps = 0
+        self._clock = (
+            sim_clock.KeptClock(pose_period, self._changed, factor)
+            if keeps_clock
+            else sim_clock.FollowedClock(pose_period, self._changed)
+        )
+        rospy.loginfo("%s; time: %s", parameters, self._clock.description)
+        self._now = self._clock.read()
         self._history = History(self._car, at_rest(self._now, self._start))
         self._world: Optional[World] = None
         self._announced: Optional[Contact] = None
         self._is_on_map = True
+        self._advertise(queue_size=10_000 if keeps_clock else 1)
+        self._subscribe()
 
-        # In wall-clock time a slow subscriber is better off without old states; in simulated time,
-        # which may run fast, every one of them is to arrive.
-        queue_size = 10_000 if self._keeps_clock else 1
-        options = {"queue_size": queue_size, "tcp_nodelay": True}
-        self._pose_pub = rospy.Publisher("car_pose", PoseStamped, **options)
-        self._odom_pub = rospy.Publisher("odom", Odometry, **options)
-        self._joint_pub = rospy.Publisher("joint_states", JointState, **options)
+    def _advertise(self, queue_size: int) -> None:
+        """Create the publishers.
+
+        In wall-clock time a slow subscriber had better lose old states. In simulated time, which
+        may run fast, every state has to arrive.
+        """
+        self._reports = [
+            (
+                rospy.Publisher(topic, kind, queue_size=queue_size, tcp_nodelay=True),
+                convert,
+            )
+            for topic, kind, convert in (
+                ("car_pose", PoseStamped, conversions.car_pose_to_msg),
+                ("odom", Odometry, self._odometry),
+                ("joint_states", JointState, self._joint_states),
+                # tf2_ros's broadcaster does no more than this, and takes 7 MB.
+                ("/tf", TFMessage, self._transforms),
+            )
+        ]
         self._collision_pub = rospy.Publisher("~collision", PoseArray, queue_size=10, latch=True)
         self._collision_pub.publish(conversions.collision_to_msg(None, self._now))
-        # As tf2_ros's broadcaster does, which is the one thing that would bring tf2_ros in (7 MB).
-        self._tf_pub = rospy.Publisher("/tf", TFMessage, queue_size=100, tcp_nodelay=True)
-        if self._keeps_clock:
-            self._clock_pub = rospy.Publisher("/clock", Clock, **options)
 
+    def _subscribe(self) -> None:
+        """Create the subscribers and services."""
         self._map_sub = rospy.Subscriber(
             "/map", numpy_msg(OccupancyGrid), self._on_map, queue_size=1, buff_size=1 << 20
         )
-        # No queue size: every message counts, and the history forgets none that is young enough.
+        # No queue size: every message counts.
         rospy.Subscriber(
             "initialpose",
             PoseWithCovarianceStamped,
@@ -112,186 +114,44 @@ class CarSim:
             tcp_nodelay=True,
         )
         rospy.Service("~reset", Trigger, self._on_reset)
-        if self._keeps_clock:
-            rospy.Service("~pause", Trigger, self._on_pause)
-            rospy.Service("~resume", Trigger, self._on_resume)
-            rospy.Service("~step", Trigger, self._on_step)
 
     def run(self) -> None:
-        """Report the car's state at the pose rate until the node is shut down."""
-        # Who hears the car may count on its hearing the commands.
+        """Report the car's state until the node is shut down."""
+        # A node that receives the car's pose can rely on the car receiving commands.
         wait_until_connected(self._command_sub, "publishers")
-        if self._keeps_clock:
-            self._run_clock()
-            return
-        rate = rospy.Rate(NANOSECONDS / self._period, reset=True)
-        while not rospy.is_shutdown():
-            with self._changed:
-                now = self._read_clock()  # first, for it may begin another history
-                state = self._history.state_at(now)
-            self._publish(state)
-            rate.sleep()
+        self._clock.run(self._evaluate, self._publish)
 
-    def _run_clock(self) -> None:
-        """Keep the clock, and report the car's state each time that a pose is due.
+    def _evaluate(self, instants: Sequence[int]) -> List[State]:
+        """Return the car's state at instants [ns]; needs the lock."""
+        self._read_clock()
+        return [self._history.state_at(instant) for instant in instants]
 
-        In lock-step the clock moves as far as the known commands reach in one step, and the poses
-        on the way are reported just before it does.
-        """
-        next_pose = self._now + self._period
-        begin = (time.monotonic(), self._now)  # the real-time factor is kept from here
-        while not rospy.is_shutdown():
-            self._give_up()
-            with self._changed:
-                wall = time.monotonic()
-                limit = horizon(self._stream, wall, self._factor == 0.0, next_pose, self._period)
-                target = next_pose
-                if self._steps:
-                    begin = (wall, target)
-                elif self._paused or (limit is not None and limit <= self._now):
-                    self._changed.wait(0.05)
-                    if self._paused or self._factor == 0.0:
-                        begin = (time.monotonic(), self._now)
-                    continue
-                elif limit is not None and self._factor == 0.0:
-                    target = limit
-                    begin = (wall, target)
-                else:
-                    target = next_pose if limit is None else min(next_pose, limit)
-                    due = begin[0] + (target - begin[1]) / NANOSECONDS / (self._factor or 1.0)
-                    if wall < due:
-                        self._changed.wait(due - wall)
-                        continue
-                    if wall > due + 0.1:
-                        begin = (wall, target)  # a clock that fell behind does not catch up
-                states = [
-                    self._history.state_at(stamp)
-                    for stamp in range(next_pose, target + 1, self._period)
-                ]
-                next_pose += len(states) * self._period
-                self._now = target
-                if self._steps:
-                    self._steps -= 1
-                    self._changed.notify_all()
-            for state in states:
-                self._publish(state)
-            self._clock_pub.publish(Clock(clock=conversions.time_from(target)))
+    def _publish(self, states: List[State]) -> None:
+        """Publish states on every topic that has a subscriber."""
+        for state in states:
+            for publisher, convert in self._reports:
+                if publisher.get_num_connections():
+                    publisher.publish(convert(state))
+            self._announce(state)
 
-    def _give_up(self) -> None:
-        """Forget a stream that is over, and say so if the car still drove."""
-        with self._changed:
-            stream = self._stream
-            if self._paused or not stream or not stream.over(time.monotonic()):
-                return
-            self._stream = None
-        if self._factor == 0.0 and stream.kind == Kind.DRIVE:
-            rospy.logwarn(
-                "no command came for %g s of wall-clock time after one to drive; the clock goes on",
-                stream.patience,
-            )
+    def _odometry(self, state: State) -> Odometry:
+        return conversions.odometry_to_msg(state, self._car, self._odom_frame, self._base_frame)
 
-    def _on_map(self, msg: OccupancyGrid) -> None:
-        """Put up the walls of a map."""
-        try:
-            world = World(conversions.grid_from_msg(msg))
-        except conversions.MessageError as error:
-            rospy.logwarn(f"ignored a map on {self._map_sub.resolved_name}: {error}")
-            return
-        is_free(*world, self._start)  # what is worked out once is worked out here, without the lock
-        with self._changed:
-            now = self._read_clock()
-            self._world = world
-            self._history.build(world)
-            state = self._history.state_at(now)
-        rospy.loginfo("driving in a map of %d x %d cells", world.grid.width, world.grid.height)
-        if not is_free(*world, state.pose):
-            rospy.logwarn(
-                f"the car stands in a wall at {state.pose}; it can only drive out of it, or be "
-                "placed elsewhere"
-            )
+    def _joint_states(self, state: State) -> JointState:
+        return conversions.joint_states_to_msg(state, self._car)
 
-    def _on_message(self, msg: rospy.Message, read: Callable[[rospy.Message], Event]) -> None:
-        """Take a command or a placement, to be applied at its stamp."""
-        try:
-            event = read(msg)
-        except conversions.MessageError as error:
-            rospy.logwarn_throttle(1.0, f"ignored a message on {_topic(msg)}: {error}")
-            return
-        world = self._world
-        if world and isinstance(event, InitialPose) and not is_free(*world, event.pose):
-            rospy.logwarn_throttle(
-                1.0,
-                f"refused to place the car at {event.pose}, as {_topic(msg)} asks: it would stand "
-                "in a wall there. It stays where it was; expected a pose with room for its body",
-            )
-            return
-        if isinstance(event, Command):
-            asked = (event.speed, event.steering_angle)
-            possible = self._car.within_limits(*asked)
-            if possible != asked:
-                rospy.logwarn_throttle(
-                    10.0,
-                    "asked for {:g} m/s and {:g} rad; this car does {:g} m/s and {:g} rad".format(
-                        *asked, *possible
-                    ),
-                )
-        with self._changed:
-            now = self._read_clock()
-            stamp = effective_stamp(event.stamp, now)
-            event_then = event._replace(stamp=stamp)
-            self._history.add(event_then, now)
-            self._stream = hear(self._stream, event_then, now, time.monotonic())
-            self._changed.notify_all()
-        if event.stamp and stamp != event.stamp:
-            ahead = (event.stamp - now) / NANOSECONDS
-            rospy.logwarn_throttle(
-                1.0,
-                f"a message on {_topic(msg)} is stamped {ahead:+.1f} s from this machine's "
-                f"clock; expected at most {STAMP_TOLERANCE / NANOSECONDS:g} s. It is applied on "
-                "arrival; synchronise the clocks of the machines",
-            )
-
-    def _read_clock(self) -> int:
-        """Return the present [ns], never before an earlier present; needs the lock.
-
-        Where the clock jumped back, the car is put at rest where it is and time starts afresh.
-        """
-        if self._keeps_clock:
-            return self._now
-        now = rospy.get_rostime().to_nsec()
-        if now < self._now - STAMP_TOLERANCE:
-            rospy.logwarn("the clock jumped back; the car stands and starts afresh")
-            state = self._history.state_at(self._now)
-            self._history = History(self._car, halted(state, now), self._world)
-            self._now = now
-        self._now = max(self._now, now)
-        return self._now
-
-    def _publish(self, state: State) -> None:
-        """Publish everything that says where the car is, with one stamp."""
-        if self._pose_pub.get_num_connections():
-            self._pose_pub.publish(conversions.car_pose_to_msg(state))
-        if self._odom_pub.get_num_connections():
-            self._odom_pub.publish(
-                conversions.odometry_to_msg(state, self._car, self._odom_frame, self._base_frame)
-            )
-        if self._joint_pub.get_num_connections():
-            self._joint_pub.publish(conversions.joint_states_to_msg(state, self._car))
-        if self._tf_pub.get_num_connections():
-            self._tf_pub.publish(
-                conversions.transforms_to_msgs(state, self._odom_frame, self._base_frame)
-            )
-        self._announce(state)
+    def _transforms(self, state: State) -> TFMessage:
+        return TFMessage(conversions.transforms_to_msgs(state, self._odom_frame, self._base_frame))
 
     def _announce(self, state: State) -> None:
-        """Say once where the car hit a wall, that it is off it again, and that it left the map."""
+        """Publish and log it once if the car hit a wall, is free again, or left the map."""
         if state.collision != self._announced:
             self._announced = state.collision
             self._collision_pub.publish(conversions.collision_to_msg(state.collision, state.stamp))
             if state.collision:
                 rospy.logwarn(
-                    f"the car hit a wall and stands at {state.collision.pose}; "
-                    "it can drive away from it"
+                    f"the car hit a wall and stands at {state.collision.pose}; drive it away from "
+                    "the wall, or place it elsewhere"
                 )
         if self._world is None:
             return
@@ -300,77 +160,93 @@ class CarSim:
             rospy.logwarn(f"the car left the map at {state.pose}; there are no walls out there")
         self._is_on_map = is_on_map
 
-    def _describe_time(self) -> str:
-        """Say whose time this is, and how fast it runs."""
-        if not self._keeps_clock:
-            return "from /clock" if rospy.get_param("/use_sim_time", False) else "wall-clock"
-        if self._factor == 0.0:
-            return "simulated, in lock-step with the commands"
-        return f"simulated, {self._factor:g} times real time"
-
-    def _on_pause(self, _: TriggerRequest) -> TriggerResponse:
-        """Hold the clock."""
-        return self._answer_at_clock(paused=True, steps=0)
-
-    def _on_resume(self, _: TriggerRequest) -> TriggerResponse:
-        """Let the clock run on."""
-        return self._answer_at_clock(paused=False, steps=0)
-
-    def _on_step(self, _: TriggerRequest) -> TriggerResponse:
-        """Let the held clock run to the next pose."""
-        return self._answer_at_clock(paused=True, steps=1)
-
-    def _answer_at_clock(self, paused: bool, steps: int) -> TriggerResponse:
-        """Hold the clock or let it go, and say when that is."""
+    def _on_map(self, msg: OccupancyGrid) -> None:
+        """Take a map."""
+        try:
+            world = World(conversions.grid_from_msg(msg))
+        except conversions.MessageError as error:
+            rospy.logwarn(f"ignored a map on {self._map_sub.resolved_name}: {error}")
+            return
+        is_free(*world, self._start)  # fills the map's caches before the lock is taken
         with self._changed:
-            self._stream = carry_over(self._stream, time.monotonic(), self._paused)
-            self._paused, self._steps = paused, steps
-            self._changed.notify_all()
-            while self._steps and not rospy.is_shutdown():
-                self._changed.wait(0.1)
-            return TriggerResponse(True, f"{self._now / NANOSECONDS:.9f} s")
+            now = self._read_clock()
+            self._world = world
+            self._history.build(world)
+            state = self._history.state_at(now)
+        rospy.loginfo("the map has %d x %d cells", world.grid.width, world.grid.height)
+        if not is_free(*world, state.pose):
+            rospy.logwarn(
+                f"the car stands in a wall at {state.pose}; drive it out, or place it elsewhere"
+            )
+
+    def _on_message(self, msg: rospy.Message, read: Callable[[rospy.Message], Event]) -> None:
+        """Add a command or an initial pose to the history; it applies at its stamp."""
+        topic = msg._connection_header["topic"]
+        try:
+            event = read(msg)
+        except conversions.MessageError as error:
+            rospy.logwarn_throttle(1.0, f"ignored a message on {topic}: {error}")
+            return
+        if not self._accepts(event, topic):
+            return
+        with self._changed:
+            now = self._read_clock()
+            stamp = effective_stamp(event.stamp, now)
+            self._history.add(event._replace(stamp=stamp), now)
+            self._clock.hear(event._replace(stamp=stamp))
+        if event.stamp and stamp != event.stamp:
+            rospy.logwarn_throttle(
+                1.0,
+                f"a message on {topic} is stamped {(event.stamp - now) / NANOSECONDS:+.1f} s from "
+                f"this machine's clock; expected at most {STAMP_TOLERANCE / NANOSECONDS:g} s. It "
+                "is applied on arrival; synchronise the clocks of the machines",
+            )
+
+    def _accepts(self, event: Event, topic: str) -> bool:
+        """Return whether the car can obey an event; log if it cannot, or not fully."""
+        if isinstance(event, InitialPose):
+            if self._world is None or is_free(*self._world, event.pose):
+                return True
+            rospy.logwarn_throttle(
+                1.0,
+                f"refused the initial pose {event.pose} on {topic}: the car would stand in a wall. "
+                "It stays where it is; expected a pose with room for its body",
+            )
+            return False
+        asked = (event.speed, event.steering_angle)
+        possible = self._car.within_limits(*asked)
+        if possible != asked:
+            rospy.logwarn_throttle(
+                10.0,
+                "a command asks for {:g} m/s and {:g} rad; this car is limited to {:g} m/s and "
+                "{:g} rad".format(*asked, *possible),
+            )
+        return True
+
+    def _read_clock(self) -> int:
+        """Return the present [ns]; needs the lock. If the clock was set back, the car stops."""
+        now = self._clock.read()
+        if now < self._now:
+            rospy.logwarn("the clock was set back; the car stops and forgets its commands")
+            state = self._history.state_at(self._now)
+            self._history = History(self._car, halted(state, now), self._world)
+        self._now = now
+        return now
 
     def _on_reset(self, _: TriggerRequest) -> TriggerResponse:
         """Put the car at its start pose, at rest, with its odometry at zero; time goes on."""
         with self._changed:
             now = self._read_clock()
             self._history = History(self._car, at_rest(now, self._start), self._world)
-            self._stream = None
-            self._changed.notify_all()
+            self._clock.reset()
         return TriggerResponse(True, f"at the start pose since {now / NANOSECONDS:.9f} s")
-
-
-def _has_to_keep_the_clock() -> bool:
-    """Say whether time is to be simulated, and nobody that is alive does so yet."""
-    master = rosgraph.get_master_uri()
-    try:
-        if not ask(master, PATIENCE, "car_sim", "getParam", "/use_sim_time"):
-            return False
-        publishers, _, _ = ask(master, PATIENCE, "car_sim", "getSystemState")
-    except CallError:
-        return False  # it is not set, or there is no master, which init_node says
-    names = {name for topic, nodes in publishers if topic == "/clock" for name in nodes}
-    return not any(map(responds, names))
-
-
-def _topic(msg: rospy.Message) -> str:
-    """Return the name of the topic that a received message came on."""
-    return msg._connection_header["topic"]
 
 
 def main() -> int:
     """Run the node; return its exit status."""
-    keeps_clock = _has_to_keep_the_clock()
-    # Who keeps the clock does not listen to it too.
-    init_node("car_sim", disable_rostime=keeps_clock)
-    try:
-        node = CarSim(keeps_clock)
-    except ParameterError as error:
-        rospy.logfatal("%s: %s", rospy.get_name(), error)
-        return 1
-    with suppress(rospy.ROSInterruptException):
-        node.run()
-    return 0
+    keeps_clock = sim_clock.has_to_keep_clock()
+    # A node that publishes /clock must not take its own time from it.
+    return node.main("car_sim", lambda: CarSim(keeps_clock), disable_rostime=keeps_clock)
 
 
 if __name__ == "__main__":

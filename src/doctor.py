@@ -42,7 +42,7 @@ try:
     from mushr_ros_intro.doctor.rules import Facts, Finding, Input, Master, Source, Takeover, Topic
     from mushr_ros_intro.ros import conversions
     from mushr_ros_intro.ros.connections import CallError, ask, receivers
-    from mushr_ros_intro.sim.mux import IDLE, ConfigError, parse_config
+    from mushr_ros_intro.sim.mux_config import IDLE, ConfigError, parse_config
 
     missing = ""
 except ImportError as error:  # the workspace is not sourced; main() says so

@@ -32,7 +32,7 @@ from mushr_ros_intro.grading.checks import Series, as_number, wait_for
 from mushr_ros_intro.parameters import ParameterError, number, text
 from mushr_ros_intro.ros.conversions import command_to_msg
 from mushr_ros_intro.ros.node import init_node
-from mushr_ros_intro.sim.mux import IDLE
+from mushr_ros_intro.sim.mux_config import IDLE
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 
 _ON_ITS_WAY = 2.0

@@ -20,7 +20,12 @@ from mushr_ros_intro.plan.model import Row
 from mushr_ros_intro.plan.write import WriteError, write_plan
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.node import init_node
-from mushr_ros_intro.sim.stamps import CLOCK_LAG, NANOSECONDS, STAMP_TOLERANCE, effective_stamp
+from mushr_ros_intro.sim.stamps import (
+    NANOSECONDS,
+    SIMULATED_STAMP_TOLERANCE,
+    STAMP_TOLERANCE,
+    effective_stamp,
+)
 
 AT_REST = 1e-3
 """A car that moves less than this [m] from one reported pose to the next stands."""
@@ -47,7 +52,9 @@ class PlanRecorder:
 
         self._lock = threading.Lock()
         # Simulated time is one clock for all, and may be far on when a message of it is looked at.
-        self._tolerance = STAMP_TOLERANCE if rospy.rostime.is_wallclock() else CLOCK_LAG
+        self._tolerance = (
+            STAMP_TOLERANCE if rospy.rostime.is_wallclock() else SIMULATED_STAMP_TOLERANCE
+        )
         self._command_timeout = car.command_timeout
         self._recording = Recording(self._command_timeout)
         self._now = 0

@@ -25,6 +25,13 @@ class Parameters:
         self.resolved: Dict[str, Any] = {}
         """The value of every parameter that has been read, with defaults filled in."""
 
+    def __str__(self) -> str:
+        return ", ".join(f"{name}: {value}" for name, value in self.resolved.items())
+
+    def with_values(self, **values: Any) -> "Parameters":
+        """Return the same parameters with other values for some."""
+        return Parameters({**self._values, **values}, self._prefix)
+
     def number(self, name: str, default: float, unit: str, low: float, high: float) -> float:
         """Return a number from `low` to `high`; text such as 1e-6, which YAML takes for a string.
 

@@ -4,7 +4,7 @@ import shlex
 from dataclasses import dataclass
 from typing import Callable, Dict, Iterable, List, NamedTuple, Optional, Set, Tuple
 
-from mushr_ros_intro.sim.mux import IDLE
+from mushr_ros_intro.sim.mux_config import IDLE
 from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE
 
 USUAL_MASTER = "http://localhost:11311"

@@ -1,12 +1,11 @@
-"""Wait until a topic's two ends have found each other.
+"""Connections between nodes, as the master and the nodes report them.
 
-ROS connects nodes some time after they have told the master of a topic, and what is published
-before that is lost. Now and then it does not connect them at all: where a subscriber registers at
-the very moment at which a publisher does, rospy may take the master's answer, which does not name
-the publisher yet, after the master's news, which does.
+ROS connects two nodes some time after they have registered a topic, and messages that are published
+before are lost. If a subscriber and a publisher register at the same moment, rospy may not connect
+them at all: it processes the master's notification, which names the publisher, before the master's
+answer, which does not name it yet. Announcing the publisher again mends that.
 """
 
-import errno
 import http.client
 import socket
 import time
@@ -19,18 +18,23 @@ import rosgraph
 import rospy
 
 from mushr_ros_intro.doctor.rules import NO_ROS, REFUSED, STOPPED, UNKNOWN_HOST
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.ros.ros_time import POLL_PERIOD
+from mushr_ros_intro.sim.stamps import CONNECTION_TIMEOUT, REANNOUNCE_PERIOD
 
-PATIENCE = 5.0
-"""How long a node waits at its start for the other ends of its topics [s of wall-clock time]."""
+_PING_AFTER = 0.5
+"""After this time, nodes that do not respond are ignored [s]."""
 
-_PING_AFTER = 0.5  # [s] from when on those are left out that do not answer ...
-_PING_PATIENCE = 3.0  # ... for so long [s]; one that is only busy does
-REANNOUNCE_EVERY = 1.0
-"""How long to wait for a connection before the subscribers are reminded, again and again [s]."""
+_PING_TIMEOUT = 3.0
+"""How long a node may take to respond [s]; a node that is only busy does."""
 
 
 class CallError(RuntimeError):
-    """The master or a node gave no answer, or none that is one; says in which way."""
+    """The master or a node gave no answer, or no valid one; the message says which."""
+
+
+class NoSubscriberError(UserError):
+    """No node subscribes to a topic."""
 
 
 def registered_nodes(topic: str, role: str) -> List[str]:
@@ -48,31 +52,82 @@ def registered_nodes(topic: str, role: str) -> List[str]:
     return [name for entry, names in entries if entry == topic for name in names]
 
 
-def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> bool:
-    """Wait until `end` is connected with every live node at the other end of its topic.
+def is_published(topic: str) -> bool:
+    """Return whether a node publishes a topic, as far as the master can tell."""
+    try:
+        return bool(registered_nodes(topic, "publishers"))
+    except (rosgraph.MasterException, OSError):
+        return False
 
-    Where that takes long, whoever subscribes is told again who publishes.
+
+def wait_for_subscriber(publisher: rospy.Publisher, seconds: float) -> None:
+    """Wait until a node subscribes to a topic, and then until all its subscribers are connected.
+
+    Args:
+        publisher: of the topic.
+        seconds: how long to wait for the first subscriber [s of wall-clock time].
+
+    Raises:
+        NoSubscriberError: no node subscribes; the message names the topic and the remedy.
+        rospy.ROSInterruptException: the node is shut down.
+    """
+    began = announced = time.monotonic()
+    topic = publisher.resolved_name
+    while not publisher.get_num_connections():
+        if rospy.is_shutdown():
+            raise rospy.ROSInterruptException("shut down while waiting for a subscriber")
+        now = time.monotonic()
+        if now > began + seconds:
+            raise NoSubscriberError(_no_subscriber(topic, seconds))
+        if now > announced + REANNOUNCE_PERIOD:
+            if announced == began:
+                rospy.loginfo("waiting for a subscriber to %s", topic)
+            announced = now
+            reannounce(publisher, "subscribers")
+        time.sleep(POLL_PERIOD)
+    if not wait_until_connected(publisher, "subscribers", seconds) and not rospy.is_shutdown():
+        rospy.logwarn("not every subscriber to %s is connected", topic)
+
+
+def _no_subscriber(topic: str, seconds: float) -> str:
+    """Return the message for a topic that has no subscriber."""
+    try:
+        names = registered_nodes(topic, "subscribers")
+    except (rosgraph.MasterException, OSError):
+        names = []
+    if names:
+        return (
+            f"no node is connected to {topic} after {seconds:g} s, but these nodes are registered: "
+            f"{', '.join(names)}. Do they respond (rosnode ping)? A node that is stopped, for "
+            "example by Ctrl-Z, can block the master"
+        )
+    return (
+        f"no node subscribes to {topic} after {seconds:g} s. Is the car running "
+        "(roslaunch mushr_ros_intro sim.launch), and is this its topic (rostopic list)?"
+    )
+
+
+def wait_until_connected(end: Any, role: str, seconds: float = CONNECTION_TIMEOUT) -> bool:
+    """Wait until a publisher or subscriber is connected to every live node at its topic.
 
     Args:
         end: a rospy.Publisher or rospy.Subscriber.
-        role: what the nodes at the other end are, "publishers" or "subscribers".
-        patience: how long to wait [s of wall-clock time].
+        role: of the nodes at the other end, "publishers" or "subscribers".
+        seconds: how long to wait [s of wall-clock time].
 
     Returns:
-        Whether it is connected with all of them, False if the node is shut down meanwhile. Nobody
-        at the other end counts as connected.
+        Whether it is connected to all of them, which is true if there are none. False if the node
+        is shut down or the master does not answer.
     """
-    began = time.monotonic()
-    reminders = 0
+    began = announced = time.monotonic()
     while True:
-        waited = time.monotonic() - began
         try:
             names = registered_nodes(end.resolved_name, role)
         except (rosgraph.MasterException, OSError):
             return False
         is_connected = _is_connected(end, role, names)
-        if not is_connected and waited > _PING_AFTER:
-            # At the same time: nobody waits for each node that is stopped.
+        now = time.monotonic()
+        if not is_connected and now > began + _PING_AFTER:
             with ThreadPoolExecutor(len(names)) as pool:
                 alive = [
                     name for name, is_alive in zip(names, pool.map(responds, names)) if is_alive
@@ -80,19 +135,18 @@ def wait_until_connected(end: Any, role: str, patience: float = PATIENCE) -> boo
             is_connected = _is_connected(end, role, alive)
         if is_connected:
             return True
-        if waited > patience or rospy.is_shutdown():
+        if now > began + seconds or rospy.is_shutdown():
             return False
-        if waited > (reminders + 1) * REANNOUNCE_EVERY:
-            reminders += 1
+        if now > announced + REANNOUNCE_PERIOD:
+            announced = now
             reannounce(end, role)
-        time.sleep(0.01)
+        time.sleep(POLL_PERIOD)
 
 
 def _is_connected(end: Any, role: str, names: Sequence[str]) -> bool:
-    """Say whether `end` is connected with as many nodes as there are names.
+    """Return whether `end` has as many connections as there are names.
 
-    A subscriber counts a connection that it has only begun to make. It is for the publishers to
-    say whether what they publish reaches it.
+    A subscriber counts connections that it has only begun to open, so the publishers are asked.
     """
     if end.get_num_connections() < len(names):
         return False
@@ -100,17 +154,17 @@ def _is_connected(end: Any, role: str, names: Sequence[str]) -> bool:
 
 
 def responds(name: str) -> bool:
-    """Say whether a node answers at all, to which it has some seconds: it may be busy."""
+    """Return whether a node responds within a few seconds."""
     caller = rospy.get_name()
     try:
-        ask(rosgraph.Master(caller).lookupNode(name), _PING_PATIENCE, caller, "getPid")
+        ask(rosgraph.Master(caller).lookupNode(name), _PING_TIMEOUT, caller, "getPid")
     except (rosgraph.MasterException, OSError, CallError):
         return False
     return True
 
 
 def _serves(name: str, topic: str) -> bool:
-    """Say whether a node says that it publishes a topic to this one."""
+    """Return whether a node reports that it publishes a topic to this node."""
     caller = rospy.get_name()
     try:
         uri = rosgraph.Master(caller).lookupNode(name)
@@ -120,13 +174,27 @@ def _serves(name: str, topic: str) -> bool:
 
 
 def receivers(uri: str, patience: float, caller: str, topic: str) -> Set[str]:
-    """Return the names of the nodes to which a node says that it publishes a topic.
+    """Return the names of the nodes to which a node reports that it publishes a topic.
 
     Args and raises: as `ask`.
     """
     links = ask(uri, patience, caller, "getBusInfo")
     # Each is a number, the node at the other end, the direction, the transport, the topic, ...
     return {each[1] for each in links if each[2:5:2] == ["o", topic]}
+
+
+def reannounce(end: Any, role: str) -> None:
+    """Announce the publishers of a topic to its subscribers again; arguments as above."""
+    master, uri = rosgraph.Master(rospy.get_name()), rospy.get_node_uri()
+    try:
+        if role == "subscribers":
+            master.registerPublisher(end.resolved_name, end.type, uri)  # the master notifies them
+        else:
+            uris = master.registerSubscriber(end.resolved_name, end.type, uri)
+            with xmlrpc.client.ServerProxy(uri) as node:
+                node.publisherUpdate("/master", end.resolved_name, uris)
+    except (rosgraph.MasterException, OSError):
+        return  # the next call to the master reports it
 
 
 def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) -> Any:
@@ -176,44 +244,3 @@ class _Transport(xmlrpc.client.Transport):
         connection = super().make_connection(host)
         connection.timeout = self._patience
         return connection
-
-
-def limit_calls(patience: float = PATIENCE) -> None:
-    """Let no call of this process to the master or to a node take longer than `patience` [s].
-
-    Where the way to the master is cut, a call takes up to minutes: that of each line of the log,
-    before which rospy asks the master for a parameter, and those by which a node signs off.
-    """
-    make_connection = xmlrpc.client.Transport.make_connection
-
-    def make_limited_connection(transport: Any, host: Any) -> Any:
-        connection = make_connection(transport, host)
-        connection.timeout = patience
-        if connection.sock is not None:  # it is kept from the last call
-            connection.sock.settimeout(patience)
-        return connection
-
-    single_request = xmlrpc.client.Transport.single_request
-
-    def make_limited_request(*arguments: Any, **options: Any) -> Any:
-        try:
-            return single_request(*arguments, **options)
-        except socket.timeout:  # has no number, for which rospy looks when a node signs off
-            raise OSError(errno.ETIMEDOUT, f"no answer within {patience:g} s") from None
-
-    xmlrpc.client.Transport.make_connection = make_limited_connection  # type: ignore
-    xmlrpc.client.Transport.single_request = make_limited_request  # type: ignore
-
-
-def reannounce(end: Any, role: str) -> None:
-    """Have the topic's subscribers told again who publishes it; `end` and `role` as above."""
-    master, uri = rosgraph.Master(rospy.get_name()), rospy.get_node_uri()
-    try:
-        if role == "subscribers":
-            master.registerPublisher(end.resolved_name, end.type, uri)  # which the master passes on
-        else:
-            uris = master.registerSubscriber(end.resolved_name, end.type, uri)
-            with xmlrpc.client.ServerProxy(uri) as node:
-                node.publisherUpdate("/master", end.resolved_name, uris)
-    except (rosgraph.MasterException, OSError):
-        return  # the next look at the master says so

@@ -1,149 +1,134 @@
-"""Decide how far a simulated clock may run: in lock-step, no further than the commands reach.
+"""Decide how far the simulated clock may run, so that no command arrives too late.
 
-A stream of commands is a promise. A command that is stamped ahead of the clock promises that
-nothing older will come, so the clock may run up to its stamp. One that is stamped with the present
-promises nothing, but streams are regular: the clock may run one period further, as learned from the
-stamps, where two in a row are as far apart as the two before. After a placement it runs on until
-the car has reported where it is now, and no further: whoever placed it may well be waiting for that
-before sending a command. Where nothing comes for a while of wall-clock time, the stream is over.
+1. The clock never passes the newest stamp that was ahead of it. Such a stamp is a promise: the
+   sender
+   sends nothing older afterwards.
+2. In lock-step (real-time factor 0), a command without such a stamp lets the clock run one period
+   further. The period is learned from the stamps.
+3. After an initial pose, the clock runs until the car has reported that pose, because the sender
+   may
+   wait for the report.
+4. If nothing arrives for a while of wall-clock time, the clock runs freely until the next event.
 
-Stamps are integer nanoseconds of simulated time; `wall` is in seconds of the computer's own time.
+Stamps are integer nanoseconds of simulated time; `wall` is monotonic wall-clock time in seconds.
 """
 
-from enum import IntEnum
+import math
 from typing import NamedTuple, Optional
 
 from mushr_ros_intro.car.model import Event, InitialPose
-from mushr_ros_intro.sim.stamps import NANOSECONDS
-
-DEFAULT_PERIOD = NANOSECONDS // 10
-"""Between the commands of a stream of which only one is known [ns]."""
+from mushr_ros_intro.sim.stamps import (
+    CLOCK_PATIENCE,
+    CLOCK_PATIENCE_AT_REST,
+    COMMAND_PERIOD,
+    MIN_CLOCK_PATIENCE,
+    NANOSECONDS,
+)
 
 STEP_TOLERANCE = 0.1
-"""How much two steps between commands may differ to count as the same, relative."""
+"""Relative difference up to which two steps between commands count as equal."""
 
-LONGEST_PERIOD = 2 * NANOSECONDS
-"""Commands further apart than this [ns] are two streams."""
-
-PATIENCE = 5.0
-"""How long the clock waits for the next command of a stream that drives the car [s].
-
-On a machine with ten processes to a core, a publisher may well be kept from it for a second.
-"""
-
-PATIENCE_AT_REST = 1.0
-"""How long it waits after a command to stand [s], with which most streams end.
-
-But a plan may have a row to stand, and a publisher may be kept from its commands there, too.
-"""
-
-
-class Kind(IntEnum):
-    """What an event is; of several with one stamp the greatest says what is to come.
-
-    A plan that begins again ends in a stop and a placement of the same stamp, and either may be
-    the first to arrive.
-    """
-
-    STOP = 0
-    PLACEMENT = 1
-    DRIVE = 2
-
-    @classmethod
-    def of(cls, event: Event) -> "Kind":
-        """Return what an event is."""
-        if isinstance(event, InitialPose):
-            return cls.PLACEMENT
-        return cls.DRIVE if event.speed or event.steering_angle else cls.STOP
+MAX_PERIOD = 2 * NANOSECONDS
+"""Commands further apart than this belong to two streams [ns]."""
 
 
 class Stream(NamedTuple):
-    """What is known of the events (commands and placements) that reach the car."""
+    """The events (commands and initial poses) that have reached the car, as far as they matter."""
 
-    newest: int
-    """The youngest stamp [ns]."""
-    period: int
-    """Between the stamps of commands, as far as is known [ns]."""
-    step: int
-    """Between the newest two stamps that differ [ns]."""
-    kind: Kind
-    """What the newest is."""
-    ahead: bool
-    """Whether the newest was stamped ahead of the clock when it came."""
-    patience: float
-    """How long to wait for the next one [s]."""
-    heard: float
-    """When the last one came [s]."""
+    limit: int = 0
+    """How far the clock may run [ns]; never decreases."""
+    newest: Optional[int] = None
+    """Stamp of the newest command since the initial pose [ns]."""
+    step: int = 0
+    """Between the stamps of the newest two commands [ns]; 0 if unknown."""
+    period: int = COMMAND_PERIOD
+    """Between the stamps of commands, as far as it is known [ns]."""
+    drives: bool = False
+    """Whether the newest command drives the car."""
+    patience: float = CLOCK_PATIENCE
+    """How long to wait for the next event [s]."""
+    deadline: float = -math.inf
+    """Until when the clock waits [s of wall-clock time]."""
 
-    def over(self, wall: float) -> bool:
-        """Say whether at `wall` [s] the stream counts as ended."""
-        return wall > self.heard + self.patience
+    @property
+    def wait(self) -> float:
+        """How long the clock waits for the next event [s]; a stop ends most plans."""
+        is_at_rest = self.newest is not None and not self.drives
+        return min(self.patience, CLOCK_PATIENCE_AT_REST) if is_at_rest else self.patience
 
-    def resume(self, wall: float) -> "Stream":
-        """Return the stream whose next event is waited for from `wall` [s] on."""
-        return self._replace(heard=wall)
+    def holds(self, wall: float) -> bool:
+        """Return whether the clock must not pass the limit at `wall` [s]."""
+        return wall <= self.deadline
+
+    @property
+    def is_expired(self) -> bool:
+        """Whether the clock waits for nothing until the next event."""
+        return self.deadline == -math.inf
+
+    def expire(self) -> "Stream":
+        """Return the stream after a wait in vain: the next wait is half as long."""
+        patience = max(MIN_CLOCK_PATIENCE, self.patience / 2.0)
+        return self._replace(patience=patience, deadline=-math.inf)
+
+    def renew(self, wall: float) -> "Stream":
+        """Return the stream with its wait counted from `wall` [s], unless it has expired."""
+        return self if self.is_expired else self._replace(deadline=wall + self.wait)
+
+    def hear(
+        self, event: Event, clock: int, wall: float, next_report: int, lock_step: bool
+    ) -> "Stream":
+        """Return the stream that includes `event`.
+
+        Args:
+            event: a command or an initial pose; its stamp is the instant at which it applies.
+            clock: the simulated time of its arrival [ns].
+            wall: the wall-clock time of its arrival [s].
+            next_report: for an initial pose, when the car first reports it [ns].
+            lock_step: whether the clock also waits for events that are not ahead of it.
+        """
+        is_ahead = event.stamp > clock
+        if isinstance(event, InitialPose):
+            stream = Stream(limit=max(self.limit, next_report), deadline=wall + CLOCK_PATIENCE)
+            return stream if is_ahead or lock_step else Stream(self.limit)
+        if self.newest is not None and event.stamp < self.newest:
+            return self.renew(wall)  # late or out of order; the newest command still counts
+        if not (is_ahead or lock_step):
+            return self._replace(newest=event.stamp, deadline=-math.inf)
+
+        step = 0 if self.newest is None else event.stamp - self.newest
+        known = self if step <= MAX_PERIOD else Stream(self.limit)
+        drives = event.speed != 0.0 or event.steering_angle != 0.0
+        continues = known.newest is not None and step <= (1.0 + STEP_TOLERANCE) * known.period
+        if not (is_ahead or drives or continues):
+            return self  # a stop by the mux: nothing follows from it
+
+        period = known.period
+        # A busy machine delivers the first messages at odd times, so only a repeated step counts.
+        if (
+            known.newest is not None
+            and step > 0
+            and abs(step - known.step) <= STEP_TOLERANCE * step
+        ):
+            period = step
+        stream = Stream(
+            limit=max(self.limit, event.stamp if is_ahead else event.stamp + period),
+            newest=event.stamp,
+            step=(step or known.step) if known.newest is not None else 0,
+            period=period,
+            drives=drives,
+            patience=CLOCK_PATIENCE if is_ahead else known.patience,
+        )
+        return stream._replace(deadline=wall + stream.wait)
 
 
-def hear(stream: Optional[Stream], event: Event, clock: int, wall: float) -> Stream:
-    """Return the stream that an event adds to or begins.
+def first_report(stamp: int, clock: int, next_pose: int, pose_period: int) -> int:
+    """Return when the car first reports an initial pose [ns].
 
     Args:
-        stream: what was known before, None at the beginning.
-        event: a command, or a placement, after which commands are to be expected.
-        clock: the simulated time when it came [ns].
-        wall: the computer's own time when it came [s].
+        stamp: of the initial pose [ns]; it may be late.
+        clock: the simulated time [ns]; the pose that is due now has been reported already.
+        next_pose: when the car reports its pose next [ns], later than `clock`.
+        pose_period: between two reports [ns].
     """
-    if stream is not None and stream.over(wall):
-        stream = None
-    kind = Kind.of(event)
-    if stream is not None and (event.stamp, kind) < (stream.newest, stream.kind):
-        return stream.resume(wall)  # late or out of order; the newest still counts
-    if kind == Kind.STOP and stream is not None and stream.kind == Kind.PLACEMENT:
-        return stream  # the mux's, for whoever drove before; a command may be on its heels
-    if kind == Kind.PLACEMENT:
-        newest = max(event.stamp, clock)  # it may be late, and the report is still to come
-        ahead = event.stamp > clock
-        return Stream(newest, DEFAULT_PERIOD, DEFAULT_PERIOD, kind, ahead, PATIENCE, wall)
-    period = step = DEFAULT_PERIOD
-    if stream is not None and event.stamp - stream.newest <= LONGEST_PERIOD:
-        step = event.stamp - stream.newest or stream.step
-        period = stream.period
-        # A busy machine delivers the first messages at odd times; what repeats itself is a period,
-        # but for the mux's stop, and the first of another stream.
-        repeats = event.stamp != stream.newest and abs(step - stream.step) <= STEP_TOLERANCE * step
-        if repeats and stream.kind != Kind.STOP:
-            period = step
-    patience = PATIENCE_AT_REST if kind == Kind.STOP else PATIENCE
-    return Stream(event.stamp, period, step, kind, event.stamp > clock, patience, wall)
-
-
-def carry_over(stream: Optional[Stream], wall: float, was_held: bool) -> Optional[Stream]:
-    """Return the stream as it goes on when the clock is held or let go at `wall` [s].
-
-    While the clock `was_held`, nobody was late; what was over before that stays so.
-    """
-    if stream is None or (not was_held and stream.over(wall)):
-        return None
-    return stream.resume(wall)
-
-
-def horizon(
-    stream: Optional[Stream], wall: float, lock_step: bool, next_pose: int, pose_period: int
-) -> Optional[int]:
-    """Return the instant [ns] up to which the clock may run at `wall` [s]; None: freely.
-
-    In lock-step it waits for every stream, otherwise only for one that promises. The car reports
-    its pose at `next_pose` [ns], which is ahead of the clock, and every `pose_period` [ns] from
-    then on.
-    """
-    if stream is None or stream.over(wall):
-        return None
-    if stream.kind == Kind.PLACEMENT:
-        if not lock_step:
-            return None
-        # The first report that has it in it; the one of the present is out already.
-        least = stream.newest if stream.ahead else stream.newest + 1
-        return next_pose - (next_pose - least) // pose_period * pose_period
-    if stream.ahead:
-        return stream.newest
-    return stream.newest + stream.period if lock_step else None
+    earliest = max(stamp, clock + 1)
+    return next_pose - (next_pose - earliest) // pose_period * pose_period

@@ -7,7 +7,7 @@ import pytest
 import rospy
 from rospy.rostime import _set_rostime, switch_to_wallclock
 
-from mushr_ros_intro.ros.sim_time import sleep_until
+from mushr_ros_intro.ros.ros_time import sleep_until
 from support.helpers import PATIENCE, module, wait_for
 
 SECOND = 1_000_000_000
@@ -87,7 +87,7 @@ def test_one_sleeps_until_the_clock_is_there():
 
 def test_no_move_of_the_clock_is_missed(monkeypatch):
     """The sleeper looks at the clock, and the clock moves before it sleeps."""
-    monkeypatch.setattr("mushr_ros_intro.ros.sim_time._LOOK_EVERY", 60.0)
+    monkeypatch.setattr("mushr_ros_intro.ros.ros_time._LOOK_EVERY", 60.0)
     look = rospy.get_rostime
     looks = []
     movers = []

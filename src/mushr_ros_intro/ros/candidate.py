@@ -1,0 +1,104 @@
+"""Start, watch and end the process of a node that is to be judged."""
+
+import contextlib
+import os
+import shlex
+import signal
+import subprocess
+import threading
+from typing import List
+
+import roslib.packages
+import rospkg
+
+from mushr_ros_intro.errors import UserError
+
+SHOWN_LINES = 15
+"""How many of the last lines of a node's output are quoted."""
+
+KEPT_OUTPUT = 20_000
+"""How much of a node's output is kept, from its end [bytes]."""
+
+
+class CandidateError(UserError):
+    """A node that cannot be started."""
+
+
+class Candidate:
+    """The process of a node that is to be judged, with all processes of its group."""
+
+    def __init__(self, command: str, arguments: List[str]) -> None:
+        """Start the node.
+
+        Args:
+            command: "PACKAGE NODE [ARGUMENT...]".
+            arguments: more arguments, such as remappings.
+
+        Raises:
+            CandidateError: there is no such node, or it cannot be started.
+        """
+        words = shlex.split(command)
+        if len(words) < 2:
+            raise CandidateError(f"publisher is '{command}'; expected 'PACKAGE NODE [ARGUMENT...]'")
+        try:
+            found = roslib.packages.find_node(*words[:2])
+        except rospkg.ResourceNotFound:
+            raise CandidateError(f"there is no package '{words[0]}' (rospack find)") from None
+        if not found:
+            raise CandidateError(
+                f"there is no node '{words[1]}' in the package '{words[0]}'. "
+                f"Is the file executable (chmod +x {words[1]})?"
+            )
+        try:
+            self._process = subprocess.Popen(
+                [found[0], *words[2:], *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, "PYTHONUNBUFFERED": "1"},
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise CandidateError(
+                f"{found[0]} cannot be started ({error.strerror}). "
+                "Does its first line name an interpreter that exists?"
+            ) from None
+        self._output = b""
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        """Keep the end of the node's output."""
+        assert self._process.stdout
+        source = self._process.stdout.fileno()
+        for chunk in iter(lambda: os.read(source, 65536), b""):
+            self._output = (self._output + chunk)[-KEPT_OUTPUT:]
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the node's process has ended."""
+        return self._process.poll() is not None
+
+    def end(self) -> None:
+        """End the node, and all processes of its group."""
+        for number, seconds in ((signal.SIGINT, 3.0), (signal.SIGKILL, 10.0)):
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._process.pid, number)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(seconds)
+        self._reader.join(1.0)
+
+    def describe_failure(self) -> str:
+        """Return how the node failed, with the end of its output; empty if its exit status is 0."""
+        status = self._process.wait()
+        if status == 0:
+            return ""
+        self._reader.join(1.0)
+        how = f"ended with exit status {status}"
+        if status < 0:
+            how = f"was killed by signal {signal.Signals(-status).name}"
+        lines = self._output.decode(errors="replace").splitlines()[-SHOWN_LINES:]
+        # The message goes into XML, which has no place for control characters.
+        shown = ["".join(c for c in line if c.isprintable()) for line in lines]
+        output = "; its last output:\n" + "\n".join(shown) if shown else "; it printed nothing"
+        return f"the node {how}{output}"

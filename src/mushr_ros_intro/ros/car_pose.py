@@ -1,0 +1,137 @@
+"""Follow the pose that a car reports."""
+
+import threading
+import time
+from collections import deque
+from typing import Callable, Deque, NamedTuple, Optional, TypeVar
+
+import rospy
+from geometry_msgs.msg import PoseStamped
+
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.ros import conversions, ros_time
+from mushr_ros_intro.ros.connections import is_published, wait_until_connected
+
+T = TypeVar("T")
+
+POSE_TOLERANCE = 1e-3
+"""How far the reported pose may differ from the start pose [m, rad]."""
+
+_KEPT_REPORTS = 256  # of which the first one at the start pose is looked for
+
+
+class InitialPoseError(UserError):
+    """The car did not take its initial pose."""
+
+
+class Report(NamedTuple):
+    """One report of the car's pose."""
+
+    stamp: int
+    """[ns]"""
+    pose: Pose
+    """base_footprint in the map frame."""
+    distance: float
+    """Driven since the initial pose was reported, by the poses [m]."""
+
+
+class CarPose:
+    """The pose that /CAR_NAME/car_pose (geometry_msgs/PoseStamped) reports."""
+
+    def __init__(self, car_name: str) -> None:
+        self._changed = threading.Condition()
+        self._reports: Deque[Report] = deque(maxlen=_KEPT_REPORTS)
+        self._subscriber = rospy.Subscriber(
+            f"/{car_name}/car_pose", PoseStamped, self._on_pose, tcp_nodelay=True
+        )
+        self.topic = self._subscriber.resolved_name
+
+    @property
+    def last(self) -> Optional[Report]:
+        """The newest report, None if there is none."""
+        with self._changed:
+            return self._reports[-1] if self._reports else None
+
+    def is_reported(self) -> bool:
+        """Return whether a node publishes the car's pose."""
+        return bool(self._subscriber.get_num_connections()) or is_published(self.topic)
+
+    def wait_until_connected(self, seconds: float) -> None:
+        """Wait until every node that publishes the car's pose is connected, at most `seconds`."""
+        wait_until_connected(self._subscriber, "publishers", seconds)
+
+    def wait_until_at(self, pose: Pose, since: int, seconds: float) -> int:
+        """Wait until the car reports that it is at its start pose.
+
+        Args:
+            pose: the start pose in the map frame.
+            since: the stamp of the initial pose that was sent [ns].
+            seconds: how long to wait [s of wall-clock time].
+
+        Returns:
+            The stamp of the first such report [ns]; `since` if no node publishes the car's pose.
+
+        Raises:
+            InitialPoseError: the car does not report it.
+            rospy.ROSInterruptException: the node is shut down.
+        """
+        if not self.is_reported():
+            rospy.loginfo("no node publishes %s, so the start pose is not checked", self.topic)
+            return since
+
+        def find() -> Optional[Report]:
+            matches = (
+                report
+                for report in self._reports
+                if report.stamp >= since and report.pose.is_close_to(pose, POSE_TOLERANCE)
+            )
+            return next(matches, None)
+
+        report = self.wait_for(find, seconds)
+        if report is None:
+            last = self.last
+            raise InitialPoseError(
+                f"the car did not take the start pose {pose} within {seconds:g} s; {self.topic} "
+                f"reports {last.pose if last else 'nothing'}. Is a wall there, is the clock held, "
+                "or does another node place the car?"
+            )
+        with self._changed:
+            driven = report.distance
+            reports = [each._replace(distance=each.distance - driven) for each in self._reports]
+            self._reports.extend(reports)
+        return report.stamp
+
+    def wait_for(self, find: Callable[[], T], seconds: float) -> T:
+        """Return the first true value of `find`, which is called after each report.
+
+        Returns its last value after `seconds` of wall-clock time.
+
+        Raises:
+            rospy.ROSInterruptException: the node is shut down.
+        """
+        deadline = time.monotonic() + seconds
+        with self._changed:
+            while True:
+                value = find()
+                if value or time.monotonic() > deadline:
+                    return value
+                if rospy.is_shutdown():
+                    raise rospy.ROSInterruptException("shut down while waiting for the car's pose")
+                self._changed.wait(0.1)
+
+    def _on_pose(self, msg: PoseStamped) -> None:
+        """Add a report."""
+        try:
+            pose = conversions.pose_from_msg(msg.pose)
+        except conversions.MessageError as error:
+            rospy.logwarn_throttle(1.0, f"ignored a pose on {self.topic}: {error}")
+            return
+        stamp = ros_time.received_stamp(msg.header.stamp.to_nsec())
+        with self._changed:
+            distance = 0.0
+            if self._reports:
+                last = self._reports[-1]
+                distance = last.distance + last.pose.distance_to(pose)
+            self._reports.append(Report(stamp, pose, distance))
+            self._changed.notify_all()

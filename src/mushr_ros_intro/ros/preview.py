@@ -1,0 +1,235 @@
+"""Check a plan against the car and the map, show the predicted path, and compare the end with
+it."""
+
+import math
+import os
+from typing import List, Optional, Sequence
+
+import rosgraph
+import rospy
+from geometry_msgs.msg import PoseArray
+from nav_msgs.msg import OccupancyGrid, Path
+from rospy.numpy_msg import numpy_msg
+from visualization_msgs.msg import MarkerArray
+
+from mushr_ros_intro.car.bicycle import Pose, compose, inverse
+from mushr_ros_intro.car.contact import World
+from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.plan.find import find_plan, read_bytes
+from mushr_ros_intro.plan.model import Fault
+from mushr_ros_intro.plan.parse import parse_plan
+from mushr_ros_intro.preview import prediction
+from mushr_ros_intro.preview.check import SHOWN_FAULTS, Report, check, scatter, slowed
+from mushr_ros_intro.preview.ensemble import count_ticks, ellipse
+from mushr_ros_intro.ros import conversions, ros_time
+from mushr_ros_intro.ros.car_pose import POSE_TOLERANCE, CarPose
+from mushr_ros_intro.ros.connections import is_published
+from mushr_ros_intro.ros.node import package_folder
+from mushr_ros_intro.sim.stamps import (
+    CONNECTION_TIMEOUT,
+    NANOSECONDS,
+    SETTLING,
+    STAMP_TOLERANCE,
+)
+from mushr_ros_intro.world.grid import Grid
+
+MAX_PATH_POSES = 10_000
+"""The predicted path of a long plan has about this many poses."""
+
+SPREAD_RUNS = 1000
+SPREAD_SEED = 1
+MAX_SPREAD_COMMANDS = 20_000
+"""The spread of a plan with more commands is not shown: it would take more than seconds."""
+
+
+class StrictError(UserError):
+    """A plan with faults that is not driven, because ~strict is set."""
+
+
+class Preview:
+    """What is known of a plan before it is driven.
+
+    Publishes, latched, ``~predicted_path`` (nav_msgs/Path); with ``~spread``, ``~spread_poses``
+    (geometry_msgs/PoseArray) and ``~spread_ellipses`` (visualization_msgs/MarkerArray).
+    """
+
+    def __init__(self, parameters: Parameters, car_name: str, is_placed: bool) -> None:
+        """Read the plan.
+
+        Args:
+            parameters: of the node: plan_file, car, max_speed, strict, spread.
+            car_name: of the car.
+            is_placed: whether the car is placed at the start pose.
+
+        Raises:
+            ParameterError, PlanError: a parameter or the plan cannot be used.
+        """
+        self._car_sim = f"/{car_name}/car_sim"
+        self._is_placed = is_placed
+        self._is_strict = parameters.flag("strict", False)
+        self._shows_spread = parameters.flag("spread", False)
+        max_speed = parameters.number("max_speed", math.inf, "m/s", 0.001, math.inf)
+        profiles = package_folder("config/cars")
+        self._profile: Optional[Parameters] = None
+        self._profile_name = parameters.optional_text("car") or "car"
+        if parameters.optional_text("car"):
+            name = parameters.choice("car", names_in(profiles))
+            self._profile = Parameters(
+                read_profile(os.path.join(profiles, f"{name}.yaml")), "~car: "
+            )
+        expected = "the name or the path of a plan, such as _plan_file:=figure_8"
+        name = parameters.text("plan_file", expected=expected)
+        path = find_plan(name, package_folder("plans"), [os.environ.get("PWD", "."), "."])
+        self._data = read_bytes(path)
+        self.plan, changes = slowed(parse_plan(self._data, path), self._data, max_speed)
+        """The plan as it is driven, no row faster than ~max_speed."""
+        _warn(changes)
+        self._pub_path = rospy.Publisher("~predicted_path", Path, queue_size=1, latch=True)
+        if self._shows_spread:
+            self._pub_spread = rospy.Publisher("~spread_poses", PoseArray, queue_size=1, latch=True)
+            self._pub_ellipses = rospy.Publisher(
+                "~spread_ellipses", MarkerArray, queue_size=1, latch=True
+            )
+        rospy.loginfo(
+            "plan %s: %d rows, %g s, %.2f m",
+            path,
+            len(self.plan.rows),
+            self.plan.duration / NANOSECONDS,
+            prediction.length(self.plan),
+        )
+
+    def show(self) -> None:
+        """Check the plan, log its faults, and publish the predicted path.
+
+        Raises:
+            StrictError: the plan has faults, and ~strict is set.
+            ParameterError: the simulated car's parameters cannot be used.
+        """
+        simulated = Parameters(rospy.get_param(self._car_sim, {}), f"{self._car_sim}/")
+        profile = self._profile or simulated
+        self._car = car_from(profile)
+        grid = _read_map() if self._is_placed else None
+        report = check(self.plan, self._data, self._profile_name, self._car, "", grid)
+        if report.faults and self._is_strict:
+            faults = "\n".join(_lines(report.faults))
+            raise StrictError(f"~strict is set and the plan has faults; it is not driven\n{faults}")
+        _warn(report.faults)
+        self._world = World(grid) if grid and report.hit else None
+        self._rest, self._expected = prediction.rest(self.plan, self._car, self._world)
+        period = max(prediction.COMMAND_PERIOD, self._rest // MAX_PATH_POSES)
+        states = prediction.trajectory(self.plan, self._car, period, self._world)
+        self._pub_path.publish(conversions.path_to_msg(states, ros_time.now()))
+        if self._shows_spread:
+            self._publish_spread(report, profile)
+
+    def _publish_spread(self, report: Report, profile: Parameters) -> None:
+        """Publish where cars with random errors end, and pass on the way."""
+        car = car_from(profile.with_values(noise=True))
+        commands = count_ticks(self.plan)
+        if not (car.speed_noise or car.steering_noise):
+            rospy.loginfo("this car has no noise, so there is no spread to show")
+            return
+        if commands > MAX_SPREAD_COMMANDS:
+            rospy.logwarn(
+                "the spread is not shown: the plan has %d commands; expected at most %d",
+                commands,
+                MAX_SPREAD_COMMANDS,
+            )
+            return
+        result = scatter(report, car, SPREAD_RUNS, SPREAD_SEED)
+        ellipses = []
+        for mean, covariance in zip(result.sampled.mean.tolist(), result.sampled.covariance):
+            major, minor, direction = ellipse(covariance)
+            ellipses.append((Pose(mean[0], mean[1], direction), major, minor))
+        poses = (Pose(*pose) for pose in result.sampled.cloud.tolist())
+        self._pub_spread.publish(conversions.poses_to_msg(poses, ros_time.now()))
+        self._pub_ellipses.publish(conversions.ellipses_to_msg(ellipses, ros_time.now()))
+        rospy.loginfo(
+            "%d cars with random errors end %.2f m (root mean square) from the plan's end; their "
+            "95 %% ellipse is %.2f m long and %.2f m wide",
+            SPREAD_RUNS,
+            result.rms_errors[-1],
+            2.0 * ellipses[-1][1],
+            2.0 * ellipses[-1][2],
+        )
+
+    def compare_end(self, car_pose: CarPose, end: int) -> None:
+        """Log where the car stopped and where it should have stopped.
+
+        Args:
+            car_pose: the car's reported pose.
+            end: when the plan ended [ns].
+        """
+        expected = self._expected
+        if not self._is_placed:
+            move = compose(inverse(Pose(*self.plan.start)), expected)
+            x, y = round(move.x, 2), round(move.y, 2)
+            rospy.loginfo(
+                "the plan has been driven; the car should stand %.2f m %s its start, %.2f m to the "
+                "%s, and turned by %.2f rad",
+                abs(x),
+                "ahead of" if x >= 0.0 else "behind",
+                abs(y),
+                "left" if y >= 0.0 else "right",
+                move.theta,
+            )
+            return
+        is_closed_form = self._car.is_ideal and self._world is None
+        name = "closed form" if is_closed_form else "prediction"
+        rospy.loginfo("the plan has been driven; its %s ends at %s", name, expected)
+        if not car_pose.is_reported():
+            return
+        rest = end + self._rest - self.plan.duration + SETTLING
+
+        def has_settled() -> bool:
+            # A command that arrives late is inserted into the car's history, and changes the pose.
+            last = car_pose.last
+            if last is None:
+                return False
+            is_there = last.pose.is_close_to(expected, POSE_TOLERANCE)
+            return last.stamp >= (rest if is_there else rest + STAMP_TOLERANCE)
+
+        seconds = 10.0 + (rest - end + STAMP_TOLERANCE) / NANOSECONDS
+        last = car_pose.last
+        if not car_pose.wait_for(has_settled, seconds) or last is None:
+            rospy.logwarn("the car no longer reports its pose")
+            return
+        last = car_pose.last or last
+        rospy.loginfo(
+            "the car drove %.2f m and stopped at %s; difference %.1e m, %.1e rad",
+            last.distance,
+            last.pose,
+            last.pose.distance_to(expected),
+            last.pose.angle_to(expected),
+        )
+
+
+def _read_map() -> Optional[Grid]:
+    """Return the map on /map, or None if no node publishes one."""
+    topic = rospy.resolve_name("/map")
+    if not is_published(topic):
+        return None
+    try:
+        msg = rospy.wait_for_message(topic, numpy_msg(OccupancyGrid), CONNECTION_TIMEOUT)
+        return conversions.grid_from_msg(msg)
+    except rospy.ROSInterruptException:
+        raise
+    except (rospy.ROSException, rosgraph.MasterException, conversions.MessageError) as error:
+        rospy.logwarn("the plan is not checked against the map on %s: %s", topic, error)
+    return None
+
+
+def _warn(faults: Sequence[Fault]) -> None:
+    """Log faults, a bounded number of them."""
+    for line in _lines(faults):
+        rospy.logwarn("%s", line)
+
+
+def _lines(faults: Sequence[Fault]) -> List[str]:
+    """Return faults as lines, a bounded number of them."""
+    lines = [str(fault) for fault in faults[:SHOWN_FAULTS]]
+    if len(faults) > SHOWN_FAULTS:
+        lines.append(f"... and {len(faults) - SHOWN_FAULTS} more")
+    return lines

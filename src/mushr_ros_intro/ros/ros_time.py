@@ -1,0 +1,102 @@
+"""ROS time, which may be simulated, and waiting."""
+
+import time
+from typing import Callable, TypeVar
+
+import rospy
+
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.sim.stamps import (
+    NANOSECONDS,
+    SIMULATED_STAMP_TOLERANCE,
+    STAMP_TOLERANCE,
+    effective_stamp,
+)
+
+T = TypeVar("T")
+
+
+class ClockError(UserError):
+    """There is no clock, the clock jumped, or a node could not keep up with it."""
+
+
+POLL_PERIOD = 0.01
+"""Between two looks at a condition [s of wall-clock time]."""
+
+_SHUTDOWN_POLL_PERIOD = 0.5  # [s of wall-clock time]
+
+
+def now() -> int:
+    """Return the present [ns]."""
+    return rospy.get_rostime().to_nsec()
+
+
+def is_simulated() -> bool:
+    """Return whether this node takes its time from /clock."""
+    return not rospy.rostime.is_wallclock()
+
+
+def received_stamp(stamp: int) -> int:
+    """Return the instant that the stamp of a received message stands for [ns].
+
+    See `effective_stamp`. In simulated time a message may arrive long before the clock's steps do.
+    """
+    tolerance = SIMULATED_STAMP_TOLERANCE if is_simulated() else STAMP_TOLERANCE
+    return effective_stamp(stamp, now(), tolerance)
+
+
+def sleep_until(due: int, since: int) -> None:
+    """Sleep until `due` [ns], or until simulated time is before `since`.
+
+    rospy.sleep takes a duration and adds it to the present that it reads itself. If the clock has
+    moved since the caller read it, rospy.sleep oversleeps; in lock-step, where the clock waits for
+    this very node, it never returns.
+
+    Args:
+        due: the instant [ns].
+        since: the present that the caller has read [ns].
+
+    Raises:
+        rospy.ROSInterruptException: the node is shut down.
+    """
+    if is_simulated():
+        moved = rospy.rostime.get_rostime_cond()
+        with moved:  # rospy sets the clock before it notifies the condition
+            while since <= now() < due and not rospy.is_shutdown():
+                moved.wait(_SHUTDOWN_POLL_PERIOD)
+    else:
+        time.sleep(max(0, due - since) / NANOSECONDS)
+    if rospy.is_shutdown():
+        raise rospy.ROSInterruptException("the node is shut down")
+
+
+def wait_for(condition: Callable[[], T], seconds: float) -> T:
+    """Return the first true value of `condition`, or its last value after `seconds` of wall time.
+
+    Raises:
+        rospy.ROSInterruptException: the node is shut down.
+    """
+    deadline = time.monotonic() + seconds
+    while True:
+        value = condition()
+        if value or time.monotonic() > deadline:
+            return value
+        if rospy.is_shutdown():
+            raise rospy.ROSInterruptException("the node is shut down")
+        time.sleep(POLL_PERIOD)
+
+
+def wait_for_clock(seconds: float) -> None:
+    """Wait until there is a time, which in simulated time another node has to publish.
+
+    Args:
+        seconds: how long to wait [s of wall-clock time].
+
+    Raises:
+        ClockError: there is none, or this node uses another one than the nodes started since.
+        rospy.ROSInterruptException: the node is shut down.
+    """
+    if not is_simulated() and rospy.get_param("/use_sim_time", False):
+        raise ClockError("use_sim_time was set after this node had started; start the node again")
+    if not wait_for(now, seconds):
+        raise ClockError(f"use_sim_time is set, but /clock was not published within {seconds:g} s")

@@ -1,0 +1,106 @@
+"""When each command of a plan is due, and waiting until then."""
+
+import time
+from typing import Iterator
+
+import rospy
+
+from mushr_ros_intro.plan.model import Plan, Row
+from mushr_ros_intro.ros import ros_time
+from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, MAX_LEAD, NANOSECONDS, STAMP_TOLERANCE
+
+LOG_PERIOD = 0.5
+"""Between two progress lines at least [s of wall-clock time]; simulated time may run fast."""
+
+
+class Timetable:
+    """The due times of one drive of a plan [ns].
+
+    In simulated time each command is sent one period before it is due, and the drive begins up to
+    0.9 s ahead of the clock. The simulated car lets its clock run up to the newest stamp, so a
+    stamp ahead of the clock keeps the clock from passing a command that has not been sent. In
+    wall-clock time nothing is sent early.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        is_simulated = ros_time.is_simulated()
+        self._lead = COMMAND_PERIOD if is_simulated else 0
+        self._begin_lead = MAX_LEAD if is_simulated else 0
+        self._row = 0
+        self._next_line = self._next_log = 0.0
+        self.due = 0
+        """When the next command is due [ns]."""
+        self.end = 0
+        """When the plan ends and the car has to stop [ns]."""
+
+    def begin(self) -> int:
+        """Return the stamp for the initial pose [ns]; later than the end of the last drive."""
+        self._row = 0
+        return max(ros_time.now() + self._begin_lead, self.end + 1)
+
+    def start_after(self, stamp: int) -> None:
+        """Make the first command due one period after `stamp` [ns], or now if that is later.
+
+        Raises:
+            rospy.ROSInterruptException: the node is shut down.
+        """
+        # In simulated time the car's report reaches this node before the clock reaches its stamp.
+        ros_time.sleep_until(stamp, ros_time.now())
+        self.due = max(stamp + COMMAND_PERIOD, ros_time.now())
+        self._next_line = self.due
+        self.end = self.due + self._plan.duration
+
+    def instants(self, row: Row) -> Iterator[int]:
+        """Yield the instants at which the commands of the next row are due [ns], in time.
+
+        Raises:
+            ClockError: see `wait_until`.
+            rospy.ROSInterruptException: the node is shut down.
+        """
+        self._row += 1
+        begin, self.due = self.due, self.due + row.duration
+        for due in range(begin, self.due, COMMAND_PERIOD):
+            self.wait_until(due)
+            yield due
+            self._log_progress(row, due)
+
+    def wait_until(self, due: int) -> None:
+        """Sleep until a command that is due at `due` [ns] has to be sent.
+
+        Raises:
+            ClockError: that is more than 1 s past or ahead. The rest of the plan would not be
+                driven
+                as planned.
+            rospy.ROSInterruptException: the node is shut down.
+        """
+        wake = due - self._lead
+        while True:
+            now = ros_time.now()
+            early = wake - now
+            if abs(early) > STAMP_TOLERANCE:
+                raise ros_time.ClockError(
+                    f"a command was to be sent {early / NANOSECONDS:+.1f} s from now. Either the "
+                    "clock was set, this machine stood still, or the network to the master is cut. "
+                    "The plan is given up"
+                )
+            if early <= 0:
+                return
+            ros_time.sleep_until(wake, now)  # if the clock is set back, the next look finds it
+
+    def _log_progress(self, row: Row, due: int) -> None:
+        """Log the present row once per second of the plan."""
+        if due < self._next_line:
+            return
+        self._next_line += NANOSECONDS
+        if ros_time.is_simulated() and time.monotonic() < self._next_log:
+            return
+        self._next_log = time.monotonic() + LOG_PERIOD
+        rospy.loginfo(
+            "row %d of %d: %g m/s, %g rad; %.1f s left",
+            self._row,
+            len(self._plan.rows),
+            row.speed,
+            row.steering_angle,
+            (self.end - due) / NANOSECONDS,
+        )
