@@ -1,5 +1,6 @@
 """Check a plan against the car and the map, show the predicted path, and compare the end with
-it."""
+it.
+"""
 
 import math
 import os

@@ -54,7 +54,8 @@ class FollowedClock:
 
     def read(self) -> int:
         """Return the present [ns], which never runs back unless the clock is set back; needs the
-        lock."""
+        lock.
+        """
         self._time.update(ros_time.now())
         return self._time.now
 

@@ -99,7 +99,9 @@ def _parse_input(entry: Any, where: str, faults: List[str]) -> Optional[Input]:
     if priority is not None and priority != int(priority):
         faults.append(f"{where} has the priority {priority!r}; expected a whole number")
     if name == IDLE:
-        faults.append(f"{where} has the name '{IDLE}', which means that no input drives; expected another")
+        faults.append(
+            f"{where} has the name '{IDLE}', which means that no input drives; expected another"
+        )
     if len(faults) > before or timeout is None or priority is None:
         return None
     return Input(

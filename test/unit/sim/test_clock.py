@@ -1,203 +1,217 @@
-"""Check how far the simulated clock may run."""
+"""Test how far the simulated clock may run."""
 
 import pytest
 
 from mushr_ros_intro.car.bicycle import ORIGIN
 from mushr_ros_intro.car.model import Command, InitialPose
-from mushr_ros_intro.sim.clock import (
-    DEFAULT_PERIOD,
-    LONGEST_PERIOD,
-    PATIENCE,
-    PATIENCE_AT_REST,
-    carry_over,
-    hear,
-    horizon,
+from mushr_ros_intro.sim.clock import MAX_PERIOD, Stream, first_report
+from mushr_ros_intro.sim.stamps import (
+    CLOCK_PATIENCE,
+    CLOCK_PATIENCE_AT_REST,
+    COMMAND_PERIOD,
+    MIN_CLOCK_PATIENCE,
+    NANOSECONDS,
 )
 
-SECOND = 1_000_000_000
+SECOND = NANOSECONDS
 POSE_PERIOD = SECOND // 50
+REPORT = 7 * SECOND
+"""When the car reports an initial pose in these tests [ns]."""
 
 
-def listen(*events):
+def listen(*events, lock_step=True, stream=None):
     """Return the stream of (event, clock [ns], wall [s])."""
-    stream = None
+    stream = stream or Stream()
     for event, clock, wall in events:
-        stream = hear(stream, event, clock, wall)
+        stream = stream.hear(event, clock, wall, REPORT, lock_step)
     return stream
 
 
-def limit(stream, wall, lock_step, next_pose=3 * SECOND):
-    """Return the horizon for a car that reports its pose at 50 Hz."""
-    return horizon(stream, wall, lock_step, next_pose, POSE_PERIOD)
+def now(*events, stream=None):
+    """Return the stream of events that are stamped with the present."""
+    return listen(*((event, event.stamp, 0.0) for event in events), stream=stream)
 
 
 def go(stamp):
     return Command(stamp, 1.0, 0.1)
 
 
+def stop(stamp):
+    return Command(stamp, 0.0, 0.0)
+
+
 def test_nothing_holds_the_clock_before_the_first_event():
-    assert limit(None, 0.0, lock_step=True) is None
+    assert not Stream().holds(0.0) and Stream().is_expired
 
 
 @pytest.mark.parametrize("lock_step", [True, False])
-def test_a_command_ahead_of_the_clock_is_a_promise(lock_step):
-    stream = listen((go(5 * SECOND), 4 * SECOND, 0.0))
-    assert limit(stream, 0.0, lock_step) == 5 * SECOND
+def test_a_stamp_ahead_of_the_clock_is_a_promise(lock_step):
+    stream = listen((go(5 * SECOND), 4 * SECOND, 0.0), lock_step=lock_step)
+    assert stream.holds(0.0) and stream.limit == 5 * SECOND
+    stream = listen((go(6 * SECOND), 5 * SECOND, 1.0), lock_step=lock_step, stream=stream)
+    assert stream.holds(1.0) and stream.limit == 6 * SECOND
 
 
-def test_a_command_of_the_present_promises_one_period_in_lock_step_only():
-    stream = listen((go(5 * SECOND), 5 * SECOND, 0.0))
-    assert limit(stream, 0.0, lock_step=True) == 5 * SECOND + DEFAULT_PERIOD
-    assert limit(stream, 0.0, lock_step=False) is None
+def test_a_stamp_of_the_present_allows_one_period_in_lock_step():
+    stream = now(go(5 * SECOND))
+    assert stream.holds(0.0) and stream.limit == 5 * SECOND + COMMAND_PERIOD
 
 
-def test_a_command_that_is_sent_again_when_it_is_due_is_one_of_the_present():
-    command = go(5 * SECOND)
-    stream = listen((command, 4 * SECOND, 0.0), (command, 5 * SECOND, 0.0))
-    assert limit(stream, 0.0, lock_step=True) == 5 * SECOND + DEFAULT_PERIOD
+def test_a_stamp_of_the_present_does_not_hold_a_clock_that_is_not_in_lock_step():
+    event = (go(5 * SECOND), 5 * SECOND, 0.0)
+    assert not listen(event, lock_step=False).holds(0.0)
+    promise = listen((go(5 * SECOND), 4 * SECOND, 0.0), lock_step=False)
+    assert not listen((go(6 * SECOND), 6 * SECOND, 0.0), lock_step=False, stream=promise).holds(0.0)
+
+
+@pytest.mark.parametrize("lock_step", [True, False])
+def test_a_late_command_changes_no_limit_but_renews_the_wait(lock_step):
+    stream = listen(
+        (go(5 * SECOND), 4 * SECOND, 0.0), (go(4 * SECOND), 4 * SECOND, 0.5), lock_step=lock_step
+    )
+    assert stream.limit == 5 * SECOND
+    assert stream.holds(0.5 + CLOCK_PATIENCE) and not stream.holds(0.51 + CLOCK_PATIENCE)
+
+
+def test_a_promise_that_is_repeated_when_it_is_due_is_a_stamp_of_the_present():
+    stream = listen((go(5 * SECOND), 4 * SECOND, 0.0), (go(5 * SECOND), 5 * SECOND, 0.0))
+    assert stream.limit == 5 * SECOND + COMMAND_PERIOD
 
 
 @pytest.mark.parametrize("times", [1, 2])
-def test_the_period_is_learned_from_the_stamps(times):
-    """Also where each command is sent twice."""
-    period = SECOND // 4
+@pytest.mark.parametrize("period", [SECOND // 5, SECOND])
+def test_the_period_is_learned_from_two_equal_steps(period, times):
+    """Also if each command is sent twice."""
     stamps = [5 * SECOND + k * period for k in range(3) for _ in range(times)]
-    stream = listen(*((go(stamp), stamp, 0.0) for stamp in stamps))
-    assert limit(stream, 0.0, True) == 5 * SECOND + 3 * period
+    stream = now(*map(go, stamps[: -times or None]))
+    assert stream.limit == stamps[-times - 1] + COMMAND_PERIOD
+    assert now(go(stamps[-1]), stream=stream).limit == 5 * SECOND + 3 * period
 
 
-def test_a_period_may_vary_a_little():
-    stamps = [stamp * SECOND // 1000 for stamp in (5000, 5250, 5512)]
-    stream = listen(*((go(stamp), stamp, 0.0) for stamp in stamps))
-    assert limit(stream, 0.0, True) == stamps[-1] + 262 * SECOND // 1000
+def test_a_period_shorter_than_that_of_a_plan_is_learned_too():
+    stamps = [5 * SECOND + k * SECOND // 50 for k in range(8)]
+    assert now(*map(go, stamps)).limit == stamps[-1] + SECOND // 50
 
 
-@pytest.mark.parametrize("again", [0, 1])
-def test_a_step_that_does_not_repeat_itself_is_no_period(again):
-    """The first commands of a loop at 10 Hz, delivered late, and one of them twice."""
-    stamps = [110, 250] + again * [250] + [350]
-    stream = None
-    for stamp in stamps:
-        stream = hear(stream, go(stamp * SECOND // 1000), stamp * SECOND // 1000, 0.0)
-        assert limit(stream, 0.0, True) == stamp * SECOND // 1000 + DEFAULT_PERIOD
+@pytest.mark.parametrize("late, is_equal", [(10, True), (40, False)])
+def test_steps_are_equal_within_a_tenth(late, is_equal):
+    stamps = [stamp * SECOND // 1000 for stamp in (5000, 5250, 5500 + late)]
+    step = (250 + late) * SECOND // 1000
+    assert now(*map(go, stamps)).limit == stamps[-1] + (step if is_equal else COMMAND_PERIOD)
 
 
-def test_commands_far_apart_are_two_streams():
-    period = SECOND // 4
-    stamps = [5 * SECOND + k * period for k in range(3)]
-    far = stamps[-1] + LONGEST_PERIOD + 1
-    stream = listen(*((go(stamp), stamp, 0.0) for stamp in [*stamps, far]))
-    assert limit(stream, 0.0, True) == far + DEFAULT_PERIOD
+def test_a_dropped_command_changes_no_period():
+    stamps = [5 * SECOND + k * SECOND // 5 for k in (0, 1, 2, 4)]
+    assert now(*map(go, stamps)).limit == stamps[-1] + SECOND // 5
 
 
-def test_a_pause_after_a_stop_is_no_period():
-    """Neither is the time after which the mux sends one."""
-    end, stop = 5 * SECOND, 5 * SECOND + SECOND // 5
-    for begin in (6 * SECOND, stop + SECOND // 5):
-        events = [go(end), Command(stop, 0.0, 0.0), go(begin)]
-        stream = listen(*((event, event.stamp, 0.0) for event in events))
-        assert limit(stream, 0.1, True) == begin + DEFAULT_PERIOD
-
-
-def test_a_late_command_does_not_set_the_horizon_back():
-    stream = listen((go(5 * SECOND), 4 * SECOND, 0.0), (go(4 * SECOND), 4 * SECOND, 0.5))
-    assert limit(stream, 0.5, True) == 5 * SECOND
-    assert limit(stream, 0.5 + PATIENCE, True) == 5 * SECOND
-
-
-def test_after_a_placement_the_clock_waits_for_the_first_command():
-    """It runs until the placement has been reported, and not to a command that is due later."""
-    placed = (InitialPose(5 * SECOND, ORIGIN), 4 * SECOND, 0.0)
-    assert limit(listen(placed), PATIENCE, True) == 5 * SECOND
-    assert limit(listen(placed), PATIENCE, False) is None
-    begin = 5 * SECOND + DEFAULT_PERIOD
-    driven = listen(placed, (go(begin), 5 * SECOND, 0.0))
-    assert driven.ahead
-    assert limit(driven, 0.0, False) == begin
-
-
-@pytest.mark.parametrize("behind", [0, 10])
-def test_after_a_placement_that_is_not_ahead_there_still_is_a_report(behind):
-    late = (InitialPose(5 * SECOND, ORIGIN), 5 * SECOND + behind * POSE_PERIOD, 0.0)
-    assert limit(listen(late), 0.0, True) == 5 * SECOND + (behind + 1) * POSE_PERIOD
-
-
-@pytest.mark.parametrize("since", [-1, 0, 1, POSE_PERIOD - 1, POSE_PERIOD])
-@pytest.mark.parametrize("clock", [4 * SECOND, 5 * SECOND - 1])
-def test_the_clock_runs_to_the_first_pose_that_shows_a_placement(since, clock):
-    """Also where poses are due beside it, before or after."""
-    placed = (InitialPose(5 * SECOND, ORIGIN), clock, 0.0)
-    reported = limit(listen(placed), 0.0, True, next_pose=5 * SECOND + since)
-    assert (reported - 5 * SECOND - since) % POSE_PERIOD == 0
-    assert 0 <= reported - 5 * SECOND < POSE_PERIOD
-
-
-def test_a_placement_teaches_no_period():
-    begin = 5 * SECOND + POSE_PERIOD
-    stream = listen((InitialPose(5 * SECOND, ORIGIN), 4 * SECOND, 0.0), (go(begin), begin, 0.1))
-    assert limit(stream, 0.1, True) == begin + DEFAULT_PERIOD
-
-
-def test_a_placement_does_not_undo_the_command_of_its_stamp():
-    """Both of the listing's first messages say now, and the second may arrive first."""
-    now = 5 * SECOND
-    for events in ([go(now), InitialPose(now, ORIGIN)], [InitialPose(now, ORIGIN), go(now)]):
-        stream = listen(*((event, now, 0.0) for event in events))
-        assert limit(stream, 0.0, True) == now + DEFAULT_PERIOD
-
-
-@pytest.mark.parametrize("clock", [4 * SECOND, 5 * SECOND])
-def test_a_plan_that_begins_again_is_placed_whichever_of_its_messages_is_first(clock):
-    """It ends in a stop, which takes the way through the mux, and a placement of that stamp."""
-    end = 5 * SECOND
-    for events in (
-        [Command(end, 0.0, 0.0), InitialPose(end, ORIGIN)],
-        [InitialPose(end, ORIGIN), Command(end, 0.0, 0.0)],
+def test_a_long_gap_begins_another_stream():
+    stamps = [5 * SECOND + k * SECOND // 5 for k in range(3)]
+    impatient = now(*map(go, stamps)).expire()
+    for gap, period, patience in (
+        (MAX_PERIOD, SECOND // 5, CLOCK_PATIENCE / 2),
+        (MAX_PERIOD + 1, COMMAND_PERIOD, CLOCK_PATIENCE),
     ):
-        stream = listen((go(end - DEFAULT_PERIOD), clock, 0.0), *((e, clock, 0.0) for e in events))
-        reported = end + (POSE_PERIOD if clock == end else 0)
-        assert limit(stream, 0.0, True) == reported
-        assert limit(stream, PATIENCE, True) == reported
+        stream = now(go(stamps[-1] + gap), stream=impatient)
+        assert stream.limit == stamps[-1] + gap + period
+        assert stream.wait == patience
+
+
+def test_a_stop_by_the_mux_has_no_effect():
+    """It comes twice as late as the next command would."""
+    stream = now(go(5 * SECOND))
+    assert now(stop(5 * SECOND + 2 * COMMAND_PERIOD), stream=stream) == stream
+    placed = listen((InitialPose(5 * SECOND, ORIGIN), 5 * SECOND, 0.0))
+    assert listen((stop(5 * SECOND), 5 * SECOND, 1.0), stream=placed) == placed
+
+
+def test_a_stop_in_time_belongs_to_the_stream():
+    stamp = 5 * SECOND + COMMAND_PERIOD
+    stream = now(go(5 * SECOND), stop(stamp))
+    assert stream.limit == stamp + COMMAND_PERIOD
+    assert stream.wait == CLOCK_PATIENCE_AT_REST
+    again = now(go(stamp + COMMAND_PERIOD), stream=stream)
+    assert again.wait == CLOCK_PATIENCE
+
+
+def test_steering_at_rest_counts_as_driving():
+    steer = Command(5 * SECOND, 0.0, 0.3)
+    assert now(steer).wait == CLOCK_PATIENCE and now(steer).drives
+
+
+@pytest.mark.parametrize("clock", [4 * SECOND, 5 * SECOND, 6 * SECOND])
+def test_after_an_initial_pose_the_clock_waits_at_its_report(clock):
+    stream = listen((InitialPose(5 * SECOND, ORIGIN), clock, 3.0))
+    assert stream.limit == REPORT
+    assert stream.holds(3.0 + CLOCK_PATIENCE) and not stream.holds(3.01 + CLOCK_PATIENCE)
+
+
+def test_only_an_initial_pose_ahead_holds_a_clock_that_is_not_in_lock_step():
+    pose = InitialPose(5 * SECOND, ORIGIN)
+    assert listen((pose, 4 * SECOND, 0.0), lock_step=False).limit == REPORT
+    assert listen((pose, 4 * SECOND, 0.0), lock_step=False).holds(0.0)
+    assert not listen((pose, 5 * SECOND, 0.0), lock_step=False).holds(0.0)
+
+
+def test_the_limit_never_decreases():
+    stream = listen((go(9 * SECOND), 8 * SECOND, 0.0))
+    placed = listen((InitialPose(9 * SECOND + 1, ORIGIN), 8 * SECOND, 0.0), stream=stream)
+    assert placed.limit == 9 * SECOND
+    assert listen((go(8 * SECOND), 8 * SECOND, 0.0), stream=placed).limit == 9 * SECOND
+
+
+def test_an_initial_pose_begins_another_stream():
+    stamps = [5 * SECOND + k * SECOND // 5 for k in range(3)]
+    stream = now(*map(go, stamps)).expire()
+    stream = listen((InitialPose(6 * SECOND, ORIGIN), 6 * SECOND, 0.0), stream=stream)
+    assert stream.wait == CLOCK_PATIENCE
+    assert now(go(8 * SECOND), stream=stream).limit == 8 * SECOND + COMMAND_PERIOD
+
+
+def test_each_wait_in_vain_halves_the_patience_of_a_stream_without_promises():
+    stream, waits = now(go(5 * SECOND)), []
+    for number in range(1, 8):
+        waits.append(stream.wait)
+        stream = now(go(5 * SECOND + number * SECOND // 2), stream=stream.expire())
+    assert waits == [5.0, 2.5, 1.25, 0.625, 0.3125, MIN_CLOCK_PATIENCE, MIN_CLOCK_PATIENCE]
+
+
+def test_a_promise_resets_the_patience():
+    stream = now(go(5 * SECOND)).expire()
+    assert listen((go(6 * SECOND), 5 * SECOND, 0.0), stream=stream).wait == CLOCK_PATIENCE
 
 
 def test_patience_ends():
     driving = listen((go(5 * SECOND), 4 * SECOND, 7.0))
-    assert limit(driving, 7.0 + PATIENCE, True) == 5 * SECOND
-    assert limit(driving, 7.01 + PATIENCE, True) is None
-    standing = listen((Command(5 * SECOND, 0.0, 0.0), 4 * SECOND, 7.0))
-    assert limit(standing, 7.0 + PATIENCE_AT_REST, True) == 5 * SECOND
-    assert limit(standing, 7.01 + PATIENCE_AT_REST, True) is None
-    steering = listen((Command(5 * SECOND, 0.0, 0.3), 4 * SECOND, 7.0))
-    assert limit(steering, 7.0 + PATIENCE, True) == 5 * SECOND
+    assert driving.holds(7.0 + CLOCK_PATIENCE) and not driving.holds(7.01 + CLOCK_PATIENCE)
+    standing = listen((stop(5 * SECOND), 4 * SECOND, 7.0))
+    assert standing.holds(7.0 + CLOCK_PATIENCE_AT_REST)
+    assert not standing.holds(7.01 + CLOCK_PATIENCE_AT_REST)
+    assert driving.expire().is_expired and not driving.expire().holds(-1e300)
 
 
-@pytest.mark.parametrize("event", [go(5 * SECOND), Command(5 * SECOND, 0.0, 0.0)])
-def test_nobody_is_late_while_the_clock_is_held(event):
+@pytest.mark.parametrize("event", [go(5 * SECOND), stop(5 * SECOND)])
+def test_no_event_is_late_while_the_clock_is_held(event):
     held = listen((event, 4 * SECOND, 7.0))
-    patience = held.patience
-    resumed = carry_over(held, 100.0, was_held=True)
-    assert limit(resumed, 100.0 + patience, True) == 5 * SECOND
-    assert limit(resumed, 100.01 + patience, True) is None
+    resumed = held.renew(100.0)
+    assert resumed.holds(100.0 + held.wait) and not resumed.holds(100.01 + held.wait)
+    assert held.expire().renew(100.0).is_expired
 
 
-def test_a_stream_that_was_over_stays_over_when_the_clock_is_held():
-    over = listen((go(5 * SECOND), 4 * SECOND, 7.0))
-    assert carry_over(over, 7.01 + PATIENCE, was_held=False) is None
-    assert carry_over(None, 0.0, was_held=True) is None
-
-
-def test_a_stop_after_a_placement_does_not_let_the_clock_run():
-    """The mux stops who drove before, while who placed the car waits for its report."""
-    placed = (InitialPose(5 * SECOND, ORIGIN), 5 * SECOND, 0.0)
-    stop = Command(5 * SECOND + DEFAULT_PERIOD, 0.0, 0.0)
-    stream = listen(placed, (stop, 5 * SECOND + POSE_PERIOD, 0.1))
-    assert limit(stream, PATIENCE, True) == 5 * SECOND + POSE_PERIOD
-    assert limit(stream, PATIENCE + 0.01, True) is None
-
-
-def test_who_stands_after_a_placement_holds_the_clock_once():
-    events = [(InitialPose(5 * SECOND, ORIGIN), 5 * SECOND, 0.0)]
-    events.append((Command(6 * SECOND, 0.0, 0.0), 6 * SECOND, PATIENCE + 0.01))
-    stream = listen(*events)
-    assert limit(stream, PATIENCE + 0.02, True) == 6 * SECOND + DEFAULT_PERIOD
-    assert limit(stream, PATIENCE + 0.02 + PATIENCE_AT_REST, True) is None
+@pytest.mark.parametrize(
+    "stamp, clock, expected",
+    [
+        (1000, 985, 1000),  # next pose at 1000, one every 20
+        (990, 985, 1000),
+        (985, 985, 1000),  # the pose of the present has been reported
+        (900, 985, 1000),
+        (1001, 985, 1020),
+        (1020, 985, 1020),
+        (1021, 985, 1040),
+        (1000, 980, 1000),
+        (981, 960, 1000),
+        (980, 960, 980),
+    ],
+)
+def test_the_first_report_of_an_initial_pose(stamp, clock, expected):
+    assert first_report(stamp, clock, next_pose=1000, pose_period=20) == expected

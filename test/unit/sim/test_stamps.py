@@ -1,28 +1,54 @@
-"""Instants and durations."""
+"""Test what stamps mean."""
 
 import pytest
 
-from mushr_ros_intro.sim.stamps import STAMP_TOLERANCE, effective_stamp, from_seconds
+from mushr_ros_intro.sim.stamps import (
+    MAX_LEAD,
+    STAMP_TOLERANCE,
+    PresentTime,
+    effective_stamp,
+    from_seconds,
+)
 
-NOW = 1_700_000_000_000_000_000
-
-
-def test_seconds_become_the_nearest_nanosecond():
-    for seconds, expected in {
-        0.58: 580_000_000,
-        1.001: 1_001_000_000,
-        1e-9: 1,
-        3: 3 * 10**9,
-    }.items():
-        assert from_seconds(seconds) == expected and isinstance(from_seconds(seconds), int)
+NOW = 10**18
 
 
-@pytest.mark.parametrize("off", [0, 1, -1, STAMP_TOLERANCE, -STAMP_TOLERANCE])
-def test_a_stamp_near_now_is_taken_as_it_is(off):
-    assert effective_stamp(NOW + off, NOW) == NOW + off
+@pytest.mark.parametrize("offset", [0, 1, -1, STAMP_TOLERANCE, -STAMP_TOLERANCE])
+def test_a_stamp_within_the_tolerance_is_kept(offset):
+    assert effective_stamp(NOW + offset, NOW) == NOW + offset
 
 
-@pytest.mark.parametrize("stamp", [0, 1, NOW + STAMP_TOLERANCE + 1, NOW - STAMP_TOLERANCE - 1])
+@pytest.mark.parametrize("stamp", [0, NOW + STAMP_TOLERANCE + 1, NOW - STAMP_TOLERANCE - 1])
 def test_any_other_stamp_means_now(stamp):
     assert effective_stamp(stamp, NOW) == NOW
-    assert effective_stamp(0, 5) == 5
+
+
+def test_the_tolerance_may_be_another():
+    assert effective_stamp(NOW + 5, NOW, 5) == NOW + 5
+    assert effective_stamp(NOW + 6, NOW, 5) == NOW
+
+
+def test_a_plan_begins_within_the_tolerance():
+    """The initial pose is that far ahead, and commands are sent one period early."""
+    assert effective_stamp(NOW + MAX_LEAD, NOW) == NOW + MAX_LEAD
+
+
+@pytest.mark.parametrize(
+    "seconds, nanoseconds",
+    [(0.58, 580_000_000), (1e-9, 1), (0.0, 0), (1.5e-9, 2), (3.0, 3 * 10**9)],
+)
+def test_seconds_become_nanoseconds(seconds, nanoseconds):
+    assert from_seconds(seconds) == nanoseconds
+
+
+def test_the_present_never_runs_back_unless_the_clock_was_set_back():
+    present = PresentTime(NOW)
+    for now, expected, was_set_back in (
+        (NOW + 5, NOW + 5, False),
+        (NOW + 4, NOW + 5, False),
+        (NOW + 5 - STAMP_TOLERANCE, NOW + 5, False),
+        (NOW + 4 - STAMP_TOLERANCE, NOW + 4 - STAMP_TOLERANCE, True),
+        (NOW, NOW, False),
+    ):
+        assert present.update(now) == was_set_back
+        assert present.now == expected
