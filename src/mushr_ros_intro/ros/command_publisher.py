@@ -48,6 +48,7 @@ class CommandPublisher:
         rospy.on_shutdown(self.stop)
         self._monitor = TakeoverMonitor(topic.rsplit("/", 1)[-1])
         self._active: Optional[str] = None
+        self._active_topic = active_topic
         self._active_sub = None
         if active_topic:
             self._active_sub = rospy.Subscriber(active_topic, String, self._on_active)
@@ -67,13 +68,15 @@ class CommandPublisher:
             TakeoverError: the mux publishes nothing.
             rospy.ROSInterruptException: the node is shut down.
         """
-        if self._active_sub:
-            if not ros_time.wait_for(lambda: self._active is not None, seconds):
-                raise TakeoverError(
-                    f"nothing was published on {self._active_sub.resolved_name} within {seconds:g} s, "
-                    "so a takeover of the car would not be noticed. Is the mux running, and is this "
-                    "its topic (rostopic list)?"
-                )
+        is_known = self._active_sub is None or ros_time.wait_for(
+            lambda: self._active is not None, seconds
+        )
+        if not is_known:
+            raise TakeoverError(
+                f"nothing was published on {self._active_topic} within {seconds:g} s, so a takeover "
+                "of the car would not be noticed. Is the mux running, and is this its topic "
+                "(rostopic list)?"
+            )
         end = time.monotonic() + countdown
         for left in range(math.ceil(countdown), 0, -1):
             rospy.loginfo("the car drives in %d s; Ctrl-C cancels", left)
@@ -124,15 +127,14 @@ class CommandPublisher:
 
     def _takeover(self) -> str:
         """Return the message for a car that has been lost."""
-        assert self._active_sub
         active = self._monitor.lost_to
         why = "another node drives the car"
         if active.lower() in NOBODY:
             why = "the commands did not reach the car in time"
-        text = f"{self._active_sub.resolved_name} is '{active}': {why}. The plan is given up"
+        text = f"{self._active_topic} is '{active}': {why}. The plan is given up"
         if not self._last:
             text = (
-                f"{text}. No command has been sent. MuSHR's joystick holds the car unless its button "
-                "for autonomous driving (RB) is pressed all the time"
+                f"{text}. No command has been sent. MuSHR's joystick holds the car unless its "
+                "button for autonomous driving (RB) is pressed all the time"
             )
         return text

@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 import traceback
+from contextlib import suppress
 from queue import Empty, SimpleQueue
 from typing import Any, Callable, Optional, Tuple
 
@@ -54,15 +55,18 @@ def main(name: str, node_class: Callable[[], Any], **options: Any) -> int:
     rospy.on_shutdown(lambda: _ends.put(("shut down", None)))
     threading.Thread(target=_run, args=[node_class], daemon=True).start()
     reason, status = _ends.get()
-    rospy.signal_shutdown(reason)
-    try:
+    # In a thread, because rospy's shutdown waits for locks that a node may hold for ever.
+    threading.Thread(target=rospy.signal_shutdown, args=[reason], daemon=True).start()
+    deadline = time.monotonic() + SHUTDOWN_TIMEOUT
+    with suppress(Empty):
         while status is None:
-            _, status = _ends.get(timeout=SHUTDOWN_TIMEOUT)
-    except Empty:
-        status = _fail(f"the node did not end within {SHUTDOWN_TIMEOUT:g} s")
-    # If the master requested the shutdown, another thread carries it out.
-    while not rospy.is_shutdown():
+            _, status = _ends.get(timeout=max(0.0, deadline - time.monotonic()))
+    while not rospy.is_shutdown() and time.monotonic() < deadline:
         time.sleep(POLL_PERIOD)
+    if status is None or not rospy.is_shutdown():
+        print(f"{name}: the node did not end within {SHUTDOWN_TIMEOUT:g} s", file=sys.stderr)
+        sys.stderr.flush()
+        os._exit(1)
     return status
 
 

@@ -41,11 +41,12 @@ class Observer:
 
     The node is started with its command topic and its initial pose topic remapped to topics of this
     process, which passes the messages on. So every message that is judged reaches the car: also if
-    the node's queue is short and the machine is busy, or the node sends before the car is connected.
+    the node's queue is short and the machine is busy, or the node sends before the car is
+    connected.
 
-    This process holds the car's clock, and steps it in real time, until the node has sent something,
-    and again from `take_clock` on. So a delay of this process also delays the node's clock, and a car
-    that comes to rest without further commands costs no patience of the clock.
+    This process holds the car's clock, and steps it in real time, until the node has sent
+    something, and again from `take_clock` on. So a delay of this process also delays the node's
+    clock, and a car that comes to rest without further commands costs no patience of the clock.
     """
 
     def __init__(self, patience: float) -> None:

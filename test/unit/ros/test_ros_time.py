@@ -1,4 +1,4 @@
-"""Check the sleep until an instant, by a clock that the test sets."""
+"""Test the sleep until an instant, with a clock that the test sets."""
 
 import threading
 import time
@@ -7,8 +7,12 @@ import pytest
 import rospy
 from rospy.rostime import _set_rostime, switch_to_wallclock
 
+from mushr_ros_intro.plan.model import Plan, Row
+from mushr_ros_intro.ros import ros_time
 from mushr_ros_intro.ros.ros_time import sleep_until
-from support.helpers import PATIENCE, module, wait_for
+from mushr_ros_intro.ros.timetable import Timetable
+from mushr_ros_intro.sim.stamps import COMMAND_PERIOD
+from support.helpers import PATIENCE, wait_for
 
 SECOND = 1_000_000_000
 
@@ -28,7 +32,7 @@ def clock(monkeypatch):
 
 
 class Sleeper:
-    """Somebody who sleeps until an instant."""
+    """A thread that sleeps until an instant."""
 
     def __init__(self, due, now=5 * SECOND, sleep=sleep_until):
         self._is_interrupted = False
@@ -51,32 +55,34 @@ class Sleeper:
 
 
 @pytest.mark.parametrize("due", [4 * SECOND, 5 * SECOND - 1, 5 * SECOND])
-def test_who_is_late_does_not_sleep(due):
+def test_no_sleep_if_the_instant_is_past(due):
     """The clock, which waits for this node, has moved since the node looked."""
     assert not Sleeper(due, now=due - SECOND // 10).is_interrupted()
 
 
-def test_path_publisher_sends_a_command_where_the_clock_moves_after_its_look(monkeypatch):
+def test_a_timetable_does_not_oversleep_if_the_clock_moves_after_its_look(monkeypatch):
     """In lock-step that clock waits for the command."""
-    made = module("path_publisher.py")
-    look = made.PathPublisher._now
+    plan = Plan("plan.txt", (0.0, 0.0, 0.0), (Row(1.0, 0.0, COMMAND_PERIOD, 2),))
+    timetable = Timetable(plan)
+    timetable.start_after(5 * SECOND)
+    timetable.due = 6 * SECOND + COMMAND_PERIOD
+    look = ros_time.now
 
     def look_and_move():
-        now = look()
+        present = look()
         set_clock(6 * SECOND)
-        return now
+        return present
 
-    monkeypatch.setattr(made.PathPublisher, "_now", staticmethod(look_and_move))
-    publisher = object.__new__(made.PathPublisher)
-    waits = Sleeper(6 * SECOND, sleep=lambda due, _: publisher._wait_until(due))
+    monkeypatch.setattr(ros_time, "now", look_and_move)
+    waits = Sleeper(0, sleep=lambda *_: timetable.wait_until(timetable.due))
     assert not waits.is_interrupted()
 
 
-def test_who_has_seen_a_later_present_does_not_sleep():
+def test_no_sleep_if_the_caller_has_seen_a_later_present():
     assert not Sleeper(7 * SECOND, now=6 * SECOND).is_interrupted()
 
 
-def test_one_sleeps_until_the_clock_is_there():
+def test_sleep_ends_when_the_clock_is_there():
     sleeper = Sleeper(6 * SECOND)
     for stamp in (5 * SECOND, 6 * SECOND - 1):
         set_clock(stamp)
@@ -87,7 +93,6 @@ def test_one_sleeps_until_the_clock_is_there():
 
 def test_no_move_of_the_clock_is_missed(monkeypatch):
     """The sleeper looks at the clock, and the clock moves before it sleeps."""
-    monkeypatch.setattr("mushr_ros_intro.ros.ros_time._LOOK_EVERY", 60.0)
     look = rospy.get_rostime
     looks = []
     movers = []
@@ -106,14 +111,14 @@ def test_no_move_of_the_clock_is_missed(monkeypatch):
     movers[0].join()
 
 
-def test_one_wakes_where_the_clock_moves_back():
+def test_sleep_ends_if_the_clock_is_set_back():
     sleeper = Sleeper(6 * SECOND)
     assert sleeper.sleeps()
     set_clock(5 * SECOND - 1)
     assert not sleeper.is_interrupted()
 
 
-def test_one_wakes_where_the_node_is_shut_down(monkeypatch):
+def test_sleep_ends_if_the_node_is_shut_down(monkeypatch):
     sleeper = Sleeper(6 * SECOND)
     assert sleeper.sleeps()
     monkeypatch.setattr("rospy.is_shutdown", lambda: True)
@@ -121,7 +126,7 @@ def test_one_wakes_where_the_node_is_shut_down(monkeypatch):
 
 
 @pytest.mark.parametrize("is_shut_down", [False, True])
-def test_by_the_wall_clock(monkeypatch, is_shut_down):
+def test_sleep_by_the_wall_clock(monkeypatch, is_shut_down):
     switch_to_wallclock()
     monkeypatch.setattr("rospy.is_shutdown", lambda: is_shut_down)
     begin = time.time_ns()

@@ -1,0 +1,143 @@
+#!/usr/bin/python3
+"""Send messages with odd numbers to every node."""
+
+import copy
+import itertools
+import math
+
+import genpy
+import rospy
+import rostest
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid, Odometry, Path
+from sensor_msgs.msg import JointState, LaserScan
+from std_msgs.msg import String
+
+from support.helpers import Recording, RosTestCase, command, node, placement, publisher, wait_for
+
+FLOATS = [math.nan, math.inf, -math.inf, 3e38, 1e30, -1e30, 1e6, -0.0, 1e-45, 5e-324, 1e308]
+INTEGERS = {"uint": [0, 1, 2**31, 2**32 - 1], "int": [0, 1, -1, 127, -128]}
+
+NAVIGATION = "/car/mux/ackermann_cmd_mux/input/navigation"
+OUTPUTS = {
+    "/car/car_pose": PoseStamped,
+    "/car/odom": Odometry,
+    "/car/joint_states": JointState,
+    "/car/scan": LaserScan,
+    "/car/mux/ackermann_cmd_mux/output": AckermannDriveStamped,
+    "/click_planner/path": Path,
+}
+
+
+def numbers_in(msg):
+    """Yield the numbers of a message as (owner, field or index, type).
+
+    Of an array, yield the first and the last one.
+    """
+    for name, kind in zip(msg.__slots__, msg._slot_types):
+        value = getattr(msg, name)
+        if isinstance(value, genpy.TVal):
+            yield from ((value, part, "uint32") for part in ("secs", "nsecs"))
+        elif isinstance(value, genpy.Message):
+            yield from numbers_in(value)
+        elif isinstance(value, (int, float)):
+            yield msg, name, kind
+        elif isinstance(value, (list, tuple)) and value:
+            if isinstance(value[0], genpy.Message):
+                yield from (found for each in (value[0], value[-1]) for found in numbers_in(each))
+            elif isinstance(value[0], (int, float)):
+                setattr(msg, name, list(value))
+                yield from ((getattr(msg, name), index, kind) for index in (0, len(value) - 1))
+
+
+def value_of(owner, field):
+    return owner[field] if isinstance(owner, list) else getattr(owner, field)
+
+
+def odd_messages(good):
+    """Yield copies of a good message, each with one odd number."""
+    for index, number in itertools.product(range(len(list(numbers_in(good)))), range(len(FLOATS))):
+        msg = copy.deepcopy(good)
+        owner, field, kind = list(numbers_in(msg))[index]
+        values = FLOATS if kind.startswith("float") else INTEGERS[kind.rstrip("0123456789[]")]
+        value = values[number % len(values)]
+        if kind.startswith("float32") and abs(value) > 3.4e38 and math.isfinite(value):
+            continue  # no such float32 exists
+        if isinstance(owner, list):
+            owner[field] = value
+        else:
+            setattr(owner, field, value)
+        yield msg
+
+
+def good_messages():
+    """Return a message that is obeyed for each topic that a node subscribes to."""
+    now = rospy.Time.now()
+    point = PointStamped()
+    point.header.stamp, point.header.frame_id = now, "map"
+    point.point.x = point.point.y = 1.0
+    grid = OccupancyGrid()
+    grid.header.stamp, grid.header.frame_id = now, "map"
+    grid.info.width, grid.info.height, grid.info.resolution = 3, 2, 1.0
+    grid.info.origin.position.x = 100.0
+    grid.info.origin.orientation.w = 1.0
+    grid.data = [0, 100, -1, 0, 0, 0]
+    return {
+        NAVIGATION: command(now, 1.0, 0.2),
+        "/car/mux/ackermann_cmd_mux/output": command(now, 1.0, 0.2),
+        "/initialpose": placement(now, 1.0, 2.0, 0.5),
+        "/clicked_point": point,
+        "/map": grid,
+    }
+
+
+class TestOddMessages(RosTestCase):
+    def test_any_number_in_any_message(self):
+        car = ("__ns:=/car", "initialpose:=/initialpose")
+        nodes = [
+            node("car_sim.py", *car),
+            node("laser_sim.py", "__ns:=/car"),
+            node("ackermann_cmd_mux.py", "__ns:=/car/mux"),
+            node("click_planner.py", f"_folder:={self.folder}"),
+            node("plan_recorder.py", f"_folder:={self.folder}"),
+        ]
+        for each in nodes:
+            self.addCleanup(each.end)
+        outputs = [Recording(topic, kind) for topic, kind in OUTPUTS.items()]
+        goods = good_messages()
+        publishers = {topic: publisher(topic, type(msg)) for topic, msg in goods.items()}
+        active = Recording("/car/mux/ackermann_cmd_mux/active", String)
+        for topic, good in goods.items():
+            for msg in odd_messages(good):
+                publishers[topic].publish(msg)
+                rospy.sleep(0.001)  # a queue holds a hundred messages
+            publishers[topic].publish(goods[topic])
+
+        publishers["/map"].publish(goods["/map"])
+        since = rospy.Time.now()
+        publishers["/initialpose"].publish(placement(since, 7.0, 8.0, 0.5))
+        poses = outputs[0]
+        poses.shows((7.0, 8.0, 0.5), since)
+        publishers[NAVIGATION].publish(command(rospy.Time.now(), 1.0, 0.2))
+        wait_for(lambda: active.last and active.last.data == "navigation", "the input to drive")
+        wait_for(lambda: abs(poses.last.pose.position.x - 7.0) > 0.01, "the car to drive")
+        for each in nodes:
+            self.assertTrue(each.running, each.output)
+            self.assertNotIn("Traceback", each.output)
+        for output in outputs:
+            for msg in output.messages:
+                if msg._connection_header["callerid"] == rospy.get_name():
+                    continue
+                for owner, field, _ in numbers_in(msg):
+                    value = value_of(owner, field)
+                    # A range is infinite if there is nothing to measure (REP 117).
+                    is_range = isinstance(msg, LaserScan) and math.isinf(value)
+                    self.assertTrue(math.isfinite(value) or is_range, f"{output.topic}: {msg}")
+        for recording in outputs[:-1]:
+            self.assertTrue(recording.messages, recording.topic)
+
+
+if __name__ == "__main__":
+    rospy.init_node("odd_messages_test")
+    rostest.rosrun("mushr_ros_intro", "odd_messages", TestOddMessages)

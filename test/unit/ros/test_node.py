@@ -1,0 +1,175 @@
+"""Test how a node starts, fails, is interrupted, and ends."""
+
+import os
+import signal
+import sys
+
+import pytest
+import rosgraph
+
+from support.helpers import Process, free_port, node, wait_for
+
+PREAMBLE = """
+import linecache, os, signal, sys, time, xmlrpc.client
+import rospy
+from std_msgs.msg import String
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.ros import node
+
+class Made:
+    def __init__(self):
+        rospy.on_shutdown(lambda: print("stops", flush=True))
+
+"""
+
+PROGRAMS = {
+    # A node that calls the master again and again.
+    "calls": """
+    def run(self):
+        print("calls", flush=True)
+        while not rospy.is_shutdown():
+            rospy.get_param("/nothing", None)
+""",
+    # A node that publishes all the time, also on a topic that is closed as it is shut down.
+    "publishes": """
+    def run(self):
+        publisher = rospy.Publisher("/text", String, queue_size=1, latch=True)
+        print("publishes", flush=True)
+        while not rospy.is_shutdown():
+            publisher.publish("text")
+""",
+    "waits": """
+    def run(self):
+        print("waits", flush=True)
+        rospy.spin()
+""",
+    "logs": """
+    def run(self):
+        rospy.loginfo("logs")
+        rospy.spin()
+        rospy.loginfo("the last line")
+""",
+}
+
+ENDS = {
+    "returns": ("        pass", 0, ""),
+    "raises a UserError": ("        raise UserError('plan.txt:1:1: wrong')", 1, "wrong"),
+    "raises another error": ("        {}['key']", 1, "KeyError: 'key'"),
+    "loses the master": ("        raise TimeoutError('no answer')", 1, "master does not answer"),
+    "gives up": (
+        "        node.give_up(UserError('taken over'))\n        rospy.spin()",
+        1,
+        "taken over",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def master():
+    """Start a master; return its address."""
+    port = free_port()
+    uri = f"http://localhost:{port}"
+    with Process("rosmaster", "--core", "-p", str(port), ROS_MASTER_URI=uri):
+        wait_for(rosgraph.Master("/test_node", uri).is_online, "the master")
+        yield uri
+
+
+def start(run, master, **environment):
+    """Start a node with a method run."""
+    program = f"{PREAMBLE}{run}\nsys.exit(node.main('made', Made))"
+    return Process(sys.executable, "-c", program, ROS_MASTER_URI=master, **environment)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_signal_ends_a_node_whatever_it_does(master, number, name):
+    seen = rosgraph.Master("/test_node", master)
+    with start(PROGRAMS[name], master) as process:
+        wait_for(lambda: name in process.output, name)
+        assert "/made" in str(seen.getSystemState())
+        process.send_signal(number)
+        assert process.wait() == 0, process.output
+    assert "stops" in process.output and "Traceback" not in process.output
+    assert "/made" not in str(seen.getSystemState())
+
+
+def test_a_node_that_has_logged_is_forgotten_by_the_master(master):
+    """Otherwise the master shuts down whatever listens at its address when a namesake starts."""
+    seen = rosgraph.Master("/test_node", master)
+    with start(PROGRAMS["logs"], master) as process:
+        wait_for(lambda: "logs" in process.output, "a line")
+        assert seen.lookupNode("/made")
+        process.send_signal(signal.SIGTERM)
+        assert process.wait() == 0, process.output
+    with pytest.raises(rosgraph.MasterError, match="unknown node"):
+        seen.lookupNode("/made")
+
+
+def test_the_master_ends_a_node(master):
+    with start(PROGRAMS["waits"], master) as process:
+        wait_for(lambda: "waits" in process.output, "the node")
+        with start(PROGRAMS["waits"], master) as namesake:
+            assert process.wait() == 0, process.output
+            namesake.end()
+    assert "stops" in process.output and "Traceback" not in process.output
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_the_exit_status_tells_how_a_node_ended(master, name):
+    run, status, message = ENDS[name]
+    with start(f"    def run(self):\n{run}", master) as process:
+        assert process.wait() == status, process.output
+    assert message in process.output and "stops" in process.output
+    assert ("Traceback" in process.output) == (name == "raises another error")
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        "time.sleep(60.0)",
+        # What rospy does if the master ends while a node registers a topic.
+        "rospy.topics.get_topic_manager().lock.acquire()\n        rospy.spin()",
+    ],
+)
+def test_a_node_that_does_not_end_is_ended(master, run):
+    with start(f"    def run(self):\n        print('runs', flush=True)\n        {run}", master) as process:
+        wait_for(lambda: "runs" in process.output, "the node")
+        process.send_signal(signal.SIGINT)
+        assert process.wait() == 1, process.output
+    assert "made: the node did not end within 5 s" in process.output
+
+
+@pytest.mark.parametrize("address", ["http://localhost:1", "localhost"])
+@pytest.mark.parametrize("name", ["path_publisher.py", "car_sim.py", "keyboard_teleop.py"])
+def test_without_a_master_a_node_fails(name, address):
+    with node(name, "_plan_file:=circle", ROS_MASTER_URI=address) as process:
+        assert process.wait() == 1, process.output
+    assert "Traceback" not in process.output
+    expected = f"{name[:-3]}: no master answers at ROS_MASTER_URI={address}; expected one there"
+    assert process.output.startswith(expected)
+
+
+def test_a_node_logs_if_its_home_cannot_be_written(master, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    folders = {"ROS_HOME": str(tmp_path / "file" / "ros"), "TMPDIR": str(tmp_path)}
+    with start(PROGRAMS["logs"], master, **folders, ROS_LOG_DIR="") as process:
+        wait_for(lambda: "logs" in process.output, "a line on the terminal")
+        process.send_signal(signal.SIGINT)
+        assert process.wait() == 0, process.output
+    assert os.listdir(tmp_path / f"ros_log_{os.getuid()}")
+
+
+def test_a_silent_master_ends_a_node(master):
+    run = "    def run(self):\n        print('runs', flush=True)\n"
+    run += "        time.sleep(1.0)\n        rospy.get_param('/nothing', None)"
+    port = free_port()
+    uri = f"http://localhost:{port}"
+    with Process("rosmaster", "--core", "-p", str(port), ROS_MASTER_URI=uri) as silent:
+        wait_for(rosgraph.Master("/test_node", uri).is_online, "the master")
+        with start(run, uri) as process:
+            wait_for(lambda: "runs" in process.output, "the node")
+            silent.send_signal(signal.SIGSTOP)
+            assert process.wait() == 1, process.output
+            silent.send_signal(signal.SIGCONT)
+    assert "the master does not answer" in process.output
+    assert "Traceback" not in process.output
