@@ -1,272 +1,164 @@
 #!/usr/bin/python3
-"""Record what the car is told to do, whoever drives it, as a plan."""
+"""Record the commands that the car receives, from any source, as a plan."""
 
-import math
+import contextlib
 import sys
 import threading
-from collections import deque
-from typing import Deque, Optional, Tuple
+from typing import Iterator
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
+from mushr_ros_intro.authoring.plan_file import PlanFile
 from mushr_ros_intro.authoring.recording import Recording
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.parameters import ParameterError, Parameters, file_name, folder, text
-from mushr_ros_intro.plan.model import Row
-from mushr_ros_intro.plan.write import WriteError, write_plan
-from mushr_ros_intro.ros import conversions
-from mushr_ros_intro.ros.node import init_node
-from mushr_ros_intro.sim.stamps import (
-    NANOSECONDS,
-    SIMULATED_STAMP_TOLERANCE,
-    STAMP_TOLERANCE,
-    effective_stamp,
-)
-
-AT_REST = 1e-3
-"""A car that moves less than this [m] from one reported pose to the next stands."""
+from mushr_ros_intro.plan.write import WriteError
+from mushr_ros_intro.ros import conversions, node, ros_time
+from mushr_ros_intro.sim.stamps import PresentTime
 
 
 class PlanRecorder:
     """The recorder as a node.
 
-    Subscribes to the car's commands, which are the mux's output, to its pose, of which the last
-    one before the first command is where the plan starts, and to ``initialpose``: where the car is
-    placed, the recording begins anew. Services: ``~save`` writes a plan file of the drive so far,
-    ``~clear`` begins anew. What has not been saved is written when the node is shut down.
+    Subscribes to the mux's output, to the car's pose and to ``~init_pose_topic``: a new initial
+    pose begins a new recording. Services: ``~save`` writes the drive so far into a plan file,
+    ``~clear`` begins a new recording. At shutdown the node saves what is not saved yet.
     """
 
     def __init__(self) -> None:
-        car_name = text("~car_name", rospy.get_param("~car_name", "car")).strip("/")
-        car_sim = f"/{car_name}/car_sim"
-        car = car_from(Parameters(rospy.get_param(car_sim, {}), f"{car_sim}/"))
-        init_pose_topic = text(
-            "~init_pose_topic", rospy.get_param("~init_pose_topic", "/initialpose")
-        )
-        self._folder = folder("~folder", rospy.get_param("~folder", "."))
-        self._name = file_name("~name", rospy.get_param("~name", "recorded.txt"))
+        parameters = node.parameters()
+        car_name = parameters.text("car_name", "car").strip("/")
+        init_pose_topic = parameters.text("init_pose_topic", "/initialpose")
+        self._file = PlanFile(parameters, "recorded.txt")
+        car = car_from(node.simulated_car_parameters(car_name))
+        self._command_timeout = car.command_timeout
 
         self._lock = threading.Lock()
-        # Simulated time is one clock for all, and may be far on when a message of it is looked at.
-        self._tolerance = (
-            STAMP_TOLERANCE if rospy.rostime.is_wallclock() else SIMULATED_STAMP_TOLERANCE
-        )
-        self._command_timeout = car.command_timeout
-        self._recording = Recording(self._command_timeout)
-        self._now = 0
-        self._start: Optional[Pose] = None
-        self._placed: Optional[Pose] = None  # where the car has last been placed
-        self._saved: Tuple[Row, ...] = ()
-        self._poses: Deque[Tuple[int, Pose]] = deque()  # of the last while, with their stamps
+        self._time = PresentTime()
+        self._begin_anew()
 
         rospy.Service("~save", Trigger, self._on_save)
         rospy.Service("~clear", Trigger, self._on_clear)
         self._pose_sub = rospy.Subscriber(
             f"/{car_name}/car_pose", PoseStamped, self._on_pose, tcp_nodelay=True
         )
-        self._placement_sub = rospy.Subscriber(
-            init_pose_topic, PoseWithCovarianceStamped, self._on_placement, tcp_nodelay=True
+        rospy.Subscriber(
+            init_pose_topic, PoseWithCovarianceStamped, self._on_initial_pose, tcp_nodelay=True
         )
-        self._command_sub = rospy.Subscriber(
-            f"/{car_name}/mux/ackermann_cmd_mux/output",
-            AckermannDriveStamped,
-            self._on_command,
-            tcp_nodelay=True,
-        )
+        output = f"/{car_name}/mux/ackermann_cmd_mux/output"
+        rospy.Subscriber(output, AckermannDriveStamped, self._on_command, tcp_nodelay=True)
         rospy.loginfo(
             "recording begins with the first command on %s; plans go to %s",
-            self._command_sub.resolved_name,
-            self._folder,
+            output,
+            self._file.folder,
         )
 
+    def run(self) -> None:
+        """Record until the node is shut down; then save the drive, unless it is saved.
+
+        Raises:
+            WriteError: it cannot be saved.
+        """
+        rospy.spin()
+        # Not in rospy.on_shutdown: the process would not wait for a hook in another thread.
+        with self._lock:
+            if self._file.is_saved(self._recording.plan()):
+                return
+            try:
+                rospy.loginfo("%s", self._save())
+            except WriteError as error:
+                raise WriteError(f"the drive is not saved: {error}") from None
+
     def _on_pose(self, msg: PoseStamped) -> None:
-        """Note where the car is."""
+        """Add a reported pose."""
         try:
             pose = conversions.pose_from_msg(msg.pose)
         except conversions.MessageError as error:
-            rospy.logwarn_throttle(
-                1.0, f"ignored a pose on {self._pose_sub.resolved_name}: {error}"
-            )
+            topic = self._pose_sub.resolved_name
+            rospy.logwarn_throttle(1.0, f"ignored a pose on {topic}: {error}")
             return
-        with self._lock:
-            stamp = effective_stamp(msg.header.stamp.to_nsec(), self._read_clock(), self._tolerance)
-            self._poses.append((stamp, pose))
-            while len(self._poses) > 2 and self._poses[1][0] < stamp - 2 * self._tolerance:
-                self._poses.popleft()
-            begin = self._recording.begin
-            if begin is None:
-                return
-            if stamp <= begin:
-                if self._start is None:
-                    rospy.loginfo("recording")
-                self._start = pose
-            elif self._start is None:
-                self._give_up()
+        with self._event() as now:
+            self._recording.add_pose(msg.header.stamp.to_nsec(), pose, now)
 
-    def _on_placement(self, msg: PoseWithCovarianceStamped) -> None:
-        """Begin anew where the car is placed."""
+    def _on_initial_pose(self, msg: PoseWithCovarianceStamped) -> None:
+        """Begin a new recording at an initial pose."""
         try:
-            placement = conversions.initial_pose_from_msg(msg)
+            initial_pose = conversions.initial_pose_from_msg(msg)
         except conversions.MessageError:
-            return  # of which the car says that it ignores it
-        with self._lock:
-            stamp = effective_stamp(placement.stamp, self._read_clock(), self._tolerance)
-            self._placed = placement.pose
-            begin = self._recording.begin
-            if begin is not None and begin < stamp:
-                self._warn_of_loss("the car has been placed anew")
-            self._recording.forget_until(stamp)
-            while self._poses and self._poses[0][0] < stamp:
-                self._poses.popleft()
-            self._find_start()
+            return  # the car ignores it too, and warns
+        with self._event() as now:
+            if not self._file.is_saved(self._recording.place(initial_pose, now)):
+                rospy.logwarn("new initial pose: recording begins anew; the drive was not saved")
 
     def _on_command(self, msg: AckermannDriveStamped) -> None:
-        """Take a command."""
+        """Add a command."""
         try:
             command = conversions.command_from_msg(msg)
         except conversions.MessageError:
-            return  # of which the mux and the car say that they ignore it
+            return  # the mux and the car ignore it too, and warn
         if command.acceleration or command.steering_angle_velocity:
             rospy.logwarn_throttle(
-                10.0, "the commands limit the acceleration or the steering rate, a plan does not"
+                10.0, "the commands limit the acceleration or the steering rate; a plan cannot"
             )
-        with self._lock:
-            now = self._read_clock()
-            before = self._recording.begin
-            stamp = effective_stamp(command.stamp, now, self._tolerance)
-            self._recording.add(command._replace(stamp=stamp), now)
-            begin = self._recording.begin
-            if begin != before:
-                self._find_start()
-                if before is None and self._start is not None:
-                    rospy.loginfo("recording")
-            # The pose before the first command may come after it, but as late as that it does not.
-            if begin is not None and self._start is None and begin < now - self._tolerance:
-                self._give_up()
+        with self._event() as now:
+            if not self._recording.add_command(command, now):
+                topic = self._pose_sub.resolved_name
+                rospy.logwarn_throttle(1.0, f"not recording: there is no pose on {topic}")
 
-    def _give_up(self) -> None:
-        """Forget a drive that began nobody knows where, and say so; needs the lock."""
-        self._recording = Recording(self._command_timeout)
-        rospy.logwarn_throttle(
-            1.0, f"not recording: {self._pose_sub.resolved_name} has not said where the car is"
-        )
+    @contextlib.contextmanager
+    def _event(self) -> Iterator[int]:
+        """Hold the lock while an event is handled; yield the current time [ns].
 
-    def _find_start(self) -> None:
-        """Find where the car was before the first command; needs the lock."""
-        self._start = None
-        begin = self._recording.begin
-        if begin is None:
-            return
-        before = [pose for stamp, pose in self._poses if stamp <= begin][-2:]
-        if not before:
-            return
-        self._start = before[-1]
-        if _apart(before[0], self._start) and _apart(self._placed or before[0], self._start):
-            rospy.logwarn(
-                "the car was driving when the recording began, so the start pose is only about "
-                "right; expected it to stand"
-            )
-
-    def _read_clock(self) -> int:
-        """Return the present [ns]; needs the lock.
-
-        Where the clock jumped back, the recording begins anew.
+        If the clock was set back, begin a new recording first.
         """
-        now = rospy.get_rostime().to_nsec()
-        if now < self._now - STAMP_TOLERANCE:
-            self._warn_of_loss("the clock jumped back")
-            self._begin_anew()
-            self._poses.clear()
-            self._now = now
-        self._now = max(self._now, now)
-        return self._now
+        with self._lock:
+            if self._time.update(ros_time.now()):
+                if not self._file.is_saved(self._recording.plan()):
+                    rospy.logwarn(
+                        "the clock was set back: recording begins anew; the drive was not saved"
+                    )
+                self._begin_anew()
+            was_recording = self._recording.begin is not None
+            yield self._time.now
+            if not was_recording and self._recording.begin is not None:
+                rospy.loginfo("recording")
+                if not self._recording.is_start_exact:
+                    rospy.logwarn("the car was moving: the start pose of the plan is approximate")
 
     def _begin_anew(self) -> None:
-        """Forget the drive so far; needs the lock."""
-        self._recording = Recording(self._command_timeout)
-        self._start, self._saved = None, ()
-
-    def _warn_of_loss(self, why: str) -> None:
-        """Say that the recording begins anew, and whether it has been saved; needs the lock."""
-        rows = self._recording.rows()
-        if rows and rows != self._saved:
-            rospy.logwarn("%s: recording begins anew; the drive before was not saved", why)
-        elif rows:
-            rospy.loginfo("%s: recording begins anew", why)
+        """Begin a new recording; needs the lock."""
+        self._recording = Recording(self._command_timeout, ros_time.stamp_tolerance())
 
     def _save(self) -> str:
-        """Write the drive so far into a new file; return what to say about it.
+        """Write the drive so far into a new file; return a message; needs the lock.
 
         Raises:
-            WriteError: it cannot be written, or there is nothing to write.
+            WriteError: there is no drive, or it cannot be written.
         """
-        with self._lock:
-            rows, start = self._recording.rows(), self._start
-            if not rows:
-                raise WriteError("the car has not been driven")
-            if start is None:
-                topic = self._pose_sub.resolved_name
-                raise WriteError(f"{topic} has not said where the car was when the drive began")
-            path = write_plan(self._folder, self._name, start, rows)
-            self._saved = rows
-        seconds = sum(row.duration for row in rows) / NANOSECONDS
-        return "saved {}; the plan has {} row{}, {:.3f} s".format(
-            path, len(rows), "" if len(rows) == 1 else "s", seconds
+        empty = (
+            f"the car has not been driven since its first pose on {self._pose_sub.resolved_name}"
         )
+        return self._file.save(self._recording.plan(), empty)
 
     def _on_save(self, _: TriggerRequest) -> TriggerResponse:
-        """Write the drive so far."""
+        """Save the drive so far."""
         try:
-            said = self._save()
+            with self._lock:
+                message = self._save()
         except WriteError as error:
             return TriggerResponse(False, f"nothing saved: {error}")
-        rospy.loginfo("%s", said)
-        return TriggerResponse(True, said)
+        rospy.loginfo("%s", message)
+        return TriggerResponse(True, message)
 
     def _on_clear(self, _: TriggerRequest) -> TriggerResponse:
-        """Begin anew."""
+        """Begin a new recording; the drive so far is lost unless it is saved."""
         with self._lock:
             self._begin_anew()
-        said = "recording begins with the next command"
-        rospy.loginfo("cleared; %s", said)
-        return TriggerResponse(True, said)
-
-    def finish(self) -> bool:
-        """Write the drive if that has not been done; say whether nothing is lost."""
-        with self._lock:
-            rows = self._recording.rows()
-            is_saved = not rows or rows == self._saved
-        if is_saved:
-            return True
-        try:
-            rospy.loginfo("%s", self._save())
-        except WriteError as error:
-            rospy.logfatal("%s: the drive is not saved: %s", rospy.get_name(), error)
-            return False
-        return True
-
-
-def _apart(one: Pose, other: Pose) -> bool:
-    """Say whether the car has moved between two poses."""
-    return math.hypot(one.x - other.x, one.y - other.y) > AT_REST
-
-
-def main() -> int:
-    """Run the node; return its exit status."""
-    init_node("plan_recorder")
-    try:
-        node = PlanRecorder()
-    except ParameterError as error:
-        rospy.logfatal("%s: %s", rospy.get_name(), error)
-        return 1
-    rospy.spin()
-    # Here and not on_shutdown, which another thread may run that ends with this one.
-    return 0 if node.finish() else 1
+        rospy.loginfo("cleared; recording begins with the next command")
+        return TriggerResponse(True, "recording begins with the next command")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(node.main("plan_recorder", PlanRecorder))

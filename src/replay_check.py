@@ -42,7 +42,7 @@ def replay() -> Tuple[judge.Replay, List[judge.Check]]:
     publisher = parameters.text("publisher")
     patience = parameters.number("patience", 30.0, "s", 0.1, 1e4)
     folder = parameters.optional_text("report")
-    car = car_from(Parameters(rospy.get_param("/car/car_sim", {}), "/car/car_sim/"))
+    car = car_from(node.simulated_car_parameters("car"))
     tolerances = _tolerances(parameters, judge.default_tolerances(plan, car))
 
     observer = Observer(max(patience, START_TIMEOUT))

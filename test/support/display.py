@@ -1,11 +1,11 @@
-"""A display of a test's own, which nobody sees: Xvfb on a free number."""
+"""A display of a test's own, without a screen: Xvfb on a free number."""
 
 import os
 import select
 import shutil
 import subprocess
 
-from support.helpers import PATIENCE
+from support.helpers import PATIENCE, wait_for
 
 
 def require(test, *programs):
@@ -21,7 +21,7 @@ class Display:
 
     def __init__(self):
         reader, writer = os.pipe()
-        # Without -noreset it refuses whoever comes while it forgets its last client.
+        # Without -noreset it refuses new clients while it resets after its last client.
         options = ["-screen", "0", "1280x900x24", "-noreset", "-nolisten", "tcp"]
         self._server = subprocess.Popen(
             ["Xvfb", "-displayfd", str(writer), *options],
@@ -51,7 +51,12 @@ class Display:
             text=True,
         ).stdout.split()
 
-    def focus(self, window):
-        """Give a window the keys; say whether it has them."""
-        self.xdotool("windowfocus", window)
-        return self.xdotool("getwindowfocus") == [window]
+    def focus_on(self, title):
+        """Wait for a window by its title (a regular expression), and give it the focus."""
+        window = wait_for(lambda: self.xdotool("search", "--name", title), f"window {title}")[-1]
+
+        def has_focus():
+            self.xdotool("windowfocus", window)
+            return self.xdotool("getwindowfocus") == [window]
+
+        wait_for(has_focus, f"window {title} to have the focus")

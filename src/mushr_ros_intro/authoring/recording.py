@@ -1,96 +1,164 @@
-"""Turn the commands that a car got into the rows of a plan.
+"""Turn a drive into a plan: its commands become rows, a reported pose becomes the start pose.
 
-The commands apply at their stamps, as the simulated car has it, in whatever order they come. Each
-is good for a while; after that the car stands, until the next one. All instants are integer
-nanoseconds.
+Every event counts at its stamp, in whatever order the messages arrive, as in the simulated car. A
+command is valid for the car's command timeout; after that the car stands until the next one. All
+instants are integer nanoseconds.
 """
 
 import bisect
-from itertools import chain
-from typing import Iterable, List, NamedTuple, Optional, Tuple
+import math
+from collections import deque
+from itertools import takewhile, zip_longest
+from typing import Deque, List, Optional, Sequence, Tuple
 
-from mushr_ros_intro.car.model import Command
-from mushr_ros_intro.plan.model import Row
-from mushr_ros_intro.sim.stamps import STAMP_TOLERANCE
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.car.model import Command, InitialPose
+from mushr_ros_intro.plan.model import Plan, Row
+from mushr_ros_intro.sim.stamps import effective_stamp
 
+AT_REST = 1e-3
+"""A car that moves less than this between two reported poses stands [m]."""
 
-class _Change(NamedTuple):
-    """From when on the car does what."""
-
-    stamp: int
-    speed: float
-    steering_angle: float
+MAX_POSES = 10_000
+"""Number of reported poses to keep: the first command may arrive later than newer poses."""
 
 
 class Recording:
-    """The commands of a drive, from the first one on that asks for anything but to stand."""
+    """The commands of one drive, and the pose at which it begins.
 
-    def __init__(self, command_timeout: int):
-        """Begin a recording; each command is good for `command_timeout` [ns] after its stamp."""
+    The drive begins with the first command after a reported pose that is not a plain stop (speed
+    and steering angle zero). Its start pose is the last one reported at or before that command.
+
+    Args:
+        command_timeout: how long a command is valid after its stamp [ns].
+        tolerance: the largest plausible difference of a stamp from the clock [ns]; see
+            `effective_stamp`.
+    """
+
+    def __init__(self, command_timeout: int, tolerance: int) -> None:
         self._timeout = command_timeout
-        self._changes: List[_Change] = []  # of the commands before which none will be put any more
-        self._good_until = 0  # the last one of them
-        self._recent: List[Command] = []  # in the order of their stamps
+        self._tolerance = tolerance
+        self._since = 0  # the stamp of the initial pose; older events do not count
+        self._initial_pose: Optional[Pose] = None
+        self._commands: List[Command] = []  # sorted by stamp
+        self._poses: Deque[Tuple[int, Pose]] = deque(maxlen=MAX_POSES)
+        self._first_pose: Optional[int] = None  # its stamp
+        self._before: List[Pose] = []  # the last two poses at or before `begin`
 
     @property
     def begin(self) -> Optional[int]:
-        """The stamp of the first command [ns], None where there is none yet."""
-        if self._changes:
-            return self._changes[0].stamp
-        return next((each.stamp for each in self._recent if _asks_for_something(each)), None)
+        """The stamp of the first command [ns], or None if the drive has not begun."""
+        return next((each.stamp for each in self._commands if self._can_begin(each)), None)
 
-    def add(self, command: Command, now: int) -> None:
-        """Take a command that arrives at `now` [ns].
+    @property
+    def is_start_exact(self) -> bool:
+        """Whether the car stands at the start pose until the drive begins.
 
-        It is put in its place, among those that are stamped less than STAMP_TOLERANCE ago. Of
-        commands with the same stamp the one that arrives last counts.
+        It does not if it moved between the last two reported poses, except to its initial pose,
+        or if there was a command to drive before its pose was reported.
         """
-        place = bisect.bisect_right([each.stamp for each in self._recent], command.stamp)
-        self._recent.insert(place, command)
-        settled = bisect.bisect_left([each.stamp for each in self._recent], now - STAMP_TOLERANCE)
-        self._good_until = self._follow(self._changes, self._recent[:settled])
-        del self._recent[:settled]
-
-    def forget_until(self, stamp: int) -> None:
-        """Drop the commands from before `stamp` [ns]."""
-        self._changes.clear()
-        self._recent = [each for each in self._recent if each.stamp >= stamp]
-
-    def rows(self) -> Tuple[Row, ...]:
-        """Return the rows so far, without the standing after the last of them."""
-        changes = self._changes[-1:]
-        good_until = self._follow(changes, self._recent)
-        changes = self._changes[:-1] + changes
-        if not changes:
-            return ()
-        if changes[-1].stamp < good_until:
-            changes.append(_Change(good_until, 0.0, 0.0))
-        while len(changes) > 1 and changes[-2].speed == 0.0:
-            changes.pop()
-        ends = chain((each.stamp for each in changes[1:]), (changes[-1].stamp,))
-        return tuple(
-            Row(change.speed, change.steering_angle, end - change.stamp, 0)
-            for change, end in zip(changes, ends)
-            if end > change.stamp
+        first = next(filter(_drives, self._commands), None)
+        if first is None or first.stamp != self.begin:
+            return False
+        earlier, start = self._before[0], self._before[-1]
+        return any(
+            start.distance_to(each) <= AT_REST for each in (earlier, self._initial_pose or earlier)
         )
 
-    def _follow(self, changes: List[_Change], commands: Iterable[Command]) -> int:
-        """Add to `changes` what `commands` make the car do; return until when they are good."""
-        good_until = self._good_until
-        for command in commands:
-            if changes:
-                last = changes[-1]
-                if good_until < command.stamp and last.speed != 0.0:
-                    last = _Change(good_until, 0.0, last.steering_angle)
-                    changes.append(last)
-            elif not _asks_for_something(command):
-                continue
-            good_until = command.stamp + self._timeout
-            if not changes or last[1:] != (command.speed, command.steering_angle):
-                changes.append(_Change(command.stamp, command.speed, command.steering_angle))
-        return good_until
+    def add_command(self, command: Command, now: int) -> bool:
+        """Insert a command that arrives at `now` [ns], after those with the same stamp.
+
+        Returns:
+            False if commands to drive were dropped, because no pose was reported before them.
+        """
+        stamp = effective_stamp(command.stamp, now, self._tolerance)
+        if stamp < self._since:
+            return True
+        place = len(self._commands)
+        while place and self._commands[place - 1].stamp > stamp:
+            place -= 1
+        self._commands.insert(place, command._replace(stamp=stamp))
+        horizon = now - self._tolerance
+        unused = list(
+            takewhile(lambda c: c.stamp < horizon and not self._can_begin(c), self._commands)
+        )
+        del self._commands[: len(unused)]
+        self._find_start()
+        return not any(map(_drives, unused))
+
+    def add_pose(self, stamp: int, pose: Pose, now: int) -> None:
+        """Add a reported pose with its stamp [ns], which arrives at `now` [ns]."""
+        stamp = effective_stamp(stamp, now, self._tolerance)
+        if stamp < self._since:
+            return
+        self._poses.append((stamp, pose))
+        if self._first_pose is None:
+            self._first_pose = stamp
+        self._find_start()
+
+    def place(self, initial_pose: InitialPose, now: int) -> Optional[Plan]:
+        """Forget all events before an initial pose, which arrives at `now` [ns].
+
+        Returns:
+            The plan of the drive that it ends, or None.
+        """
+        since = effective_stamp(initial_pose.stamp, now, self._tolerance)
+        ended = self.plan(before=since)
+        self._since, self._initial_pose = since, initial_pose.pose
+        self._commands = [each for each in self._commands if each.stamp >= since]
+        self._poses = deque((each for each in self._poses if each[0] >= since), MAX_POSES)
+        self._first_pose = self._poses[0][0] if self._poses else None
+        self._before = []
+        self._find_start()
+        return ended
+
+    def plan(self, before: float = math.inf) -> Optional[Plan]:
+        """Return the plan of the commands stamped before an instant [ns]; None if it has no rows.
+
+        In its last row the car drives: standing at the end is left out.
+        """
+        begin = self.begin
+        if begin is None:
+            return None
+        commands = [each for each in self._commands if begin <= each.stamp < before]
+        rows = _rows(commands, self._timeout)
+        return Plan("", self._before[-1], rows) if rows else None
+
+    def _can_begin(self, command: Command) -> bool:
+        """Return whether a drive can begin with a command."""
+        is_pose_known = self._first_pose is not None and self._first_pose <= command.stamp
+        return is_pose_known and _drives(command)
+
+    def _find_start(self) -> None:
+        """Find the last two poses at or before `begin`, unless they are no longer kept."""
+        begin = self.begin
+        if begin is None:
+            return
+        end = bisect.bisect_left(self._poses, (begin + 1,))
+        if end:
+            self._before = [self._poses[index][1] for index in range(max(0, end - 2), end)]
 
 
-def _asks_for_something(command: Command) -> bool:
-    """Say whether a command is more than one to stand with straight wheels."""
+def _drives(command: Command) -> bool:
+    """Return whether a command is anything but a plain stop."""
     return command.speed != 0.0 or command.steering_angle != 0.0
+
+
+def _rows(commands: Sequence[Command], timeout: int) -> Tuple[Row, ...]:
+    """Return the rows of commands that are sorted by stamp and valid for `timeout` [ns] each."""
+    rows: List[Row] = []
+
+    def append(speed: float, steering_angle: float, duration: int) -> None:
+        if rows and rows[-1][:2] == (speed, steering_angle):
+            duration += rows.pop().duration
+        if duration:
+            rows.append(Row(speed, steering_angle, duration, 0))
+
+    for command, following in zip_longest(commands, commands[1:]):
+        valid = timeout if following is None else min(timeout, following.stamp - command.stamp)
+        append(command.speed, command.steering_angle, valid)
+        if following is not None:
+            append(0.0, command.steering_angle, following.stamp - command.stamp - valid)
+    while rows and rows[-1].speed == 0.0:
+        rows.pop()
+    return tuple(rows)

@@ -1,9 +1,8 @@
-"""Turn keys that are held into commands: W and S for the speed, A and D for the steering.
+"""Turn held keys into commands: W and S for the speed, A and D for the steering angle.
 
-A window sees keys go down and come up (see Keys.down and Keys.up). A terminal sees characters
-only, so there a key counts as held for a while after each (see Keys.typed).
-
-All instants are integer nanoseconds.
+A window reports when a key goes down and up (`Keys.down`, `Keys.up`). A terminal reports characters
+only, so each one counts as a key held for a short time (`Keys.typed`). All instants are integer
+nanoseconds.
 """
 
 from typing import Dict, NamedTuple, Optional, Tuple
@@ -11,19 +10,19 @@ from typing import Dict, NamedTuple, Optional, Tuple
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 DIRECTIONS: Dict[str, Tuple[int, int]] = {"w": (1, 0), "s": (-1, 0), "a": (0, 1), "d": (0, -1)}
-"""What each key adds: forward, and to the left."""
+"""The effect of each key: forward, left."""
 
 PERIOD = NANOSECONDS // 10
-"""Between commands while a key is held [ns]."""
+"""Time between commands while a key is held [ns]."""
 
 BOUNCE = NANOSECONDS // 50
-"""A key that comes up and goes down again within this [ns] has been held all along."""
+"""A key that goes up and down again within this time was held throughout [ns]."""
 
 FIRST_HOLD = 600_000_000
-"""How long a character holds its key in a terminal [ns]: desktops begin to repeat after 0.5 s."""
+"""Time for which a character holds its key [ns]: desktops start to repeat after 0.5 s."""
 
 NEXT_HOLD = 200_000_000
-"""Likewise for a character that comes while its key is held: repeats are some 0.03 s apart."""
+"""The same for a character whose key is already held [ns]: repeats are about 0.03 s apart."""
 
 STOP = (0.0, 0.0)
 
@@ -34,23 +33,23 @@ class Held(NamedTuple):
     key: str
     """Its letter, in lower case."""
     until: Optional[int] = None
-    """When it no longer is [ns]; None while it is down."""
+    """When it is released [ns]; None while it is down."""
 
 
 class Keys(NamedTuple):
-    """Which keys are held. Begin with Keys(); each method returns the state that follows."""
+    """The keys that are held, initially none. Each method returns the new state."""
 
     held: Tuple[Held, ...] = ()
 
     def down(self, key: str) -> "Keys":
-        """Take a key that went down, or is repeated; any but W, A, S, D lets all keys go."""
+        """Handle a key that goes down or repeats; any other than W, A, S, D releases all keys."""
         key = key.lower()
         if key not in DIRECTIONS:
             return Keys()
         return Keys((*(each for each in self.held if each.key != key), Held(key)))
 
     def up(self, key: str, now: int) -> "Keys":
-        """Take a key that came up, and that may go down again at once.
+        """Handle a key that goes up: release it after BOUNCE, unless it goes down again.
 
         X11 reports each repeat of a held key as up and down.
         """
@@ -60,10 +59,10 @@ class Keys(NamedTuple):
         )
 
     def typed(self, key: str, now: int) -> "Keys":
-        """Take a character from a terminal; any but W, A, S, D lets all keys go.
+        """Handle a character from a terminal; any other than W, A, S, D releases all keys.
 
-        A terminal repeats only the key that went down last, so what else is held stays so with
-        it, and W with A is a left turn. The opposite key is let go.
+        A terminal repeats only the last key that went down. Other held keys therefore stay held as
+        long as that one, so that W with A is a left turn. The opposite key is released.
         """
         key = key.lower()
         if key not in DIRECTIONS:
@@ -77,15 +76,15 @@ class Keys(NamedTuple):
         )
 
     def at(self, now: int) -> "Keys":
-        """Let time pass until `now` [ns]."""
+        """Return the keys that are still held at `now` [ns]."""
         return Keys(tuple(each for each in self.held if each.until is None or now < each.until))
 
     def drive(self, speed: float, steering_angle: float) -> Optional[Tuple[float, float]]:
-        """Return the speed [m/s] and the steering angle [rad] to drive with, or None for no key.
+        """Return the speed [m/s] and the steering angle [rad] to drive with, None without a key.
 
         Args:
-            speed: that W stands for [m/s].
-            steering_angle: that A stands for [rad].
+            speed: of the key W [m/s].
+            steering_angle: of the key A [rad].
         """
         if not self.held:
             return None
@@ -95,25 +94,25 @@ class Keys(NamedTuple):
 
 
 class Schedule(NamedTuple):
-    """When to send what. Begin with Schedule(); each step returns the state that follows."""
+    """When to send which command. `step` returns the new state."""
 
-    wanted: Optional[Tuple[float, float]] = None
-    """What was sent last; None after a stop."""
+    last: Optional[Tuple[float, float]] = None
+    """The last command; None after a stop."""
     due: int = 0
-    """When to send it again [ns]."""
+    """When to repeat it [ns]."""
 
     def step(
         self, wanted: Optional[Tuple[float, float]], now: int
     ) -> Tuple["Schedule", Optional[Tuple[float, float]]]:
-        """Say what to send at `now` [ns], if anything.
+        """Return the new state, and the command to send at `now` [ns] or None.
 
-        What is new goes out at once, what is old every PERIOD; where nothing is wanted any more
-        one stop goes out, and then nothing, so that the mux lets others drive.
+        Send a new command at once, and repeat it every PERIOD. After the last one send one stop,
+        then nothing, so that the mux passes on the commands of others.
         """
         if wanted is None:
-            return Schedule(), STOP if self.wanted is not None else None
+            return Schedule(), STOP if self.last is not None else None
         early = self.due - now
-        if wanted == self.wanted and 0 < early <= PERIOD:
+        if wanted == self.last and 0 < early <= PERIOD:
             return self, None
-        on_time = wanted == self.wanted and -PERIOD < early <= 0
+        on_time = wanted == self.last and -PERIOD < early <= 0
         return Schedule(wanted, (self.due if on_time else now) + PERIOD), wanted

@@ -35,7 +35,7 @@ class CommandPublisher:
                 given,
                 the node gives up when another input drives the car.
         """
-        self._frame = f"{car_name}/base_footprint"
+        self._frame = f"{car_name}/base_footprint".lstrip("/")
         self._lock = threading.Lock()
         self._last: Optional[Command] = None
         self._written: Dict[int, int] = {}
@@ -73,8 +73,8 @@ class CommandPublisher:
         )
         if not is_known:
             raise TakeoverError(
-                f"nothing was published on {self._active_topic} within {seconds:g} s, so a takeover "
-                "of the car would not be noticed. Is the mux running, and is this its topic "
+                f"nothing was published on {self._active_topic} within {seconds:g} s, so a "
+                "takeover of the car would not be noticed. Is the mux running, and is this its topic "
                 "(rostopic list)?"
             )
         end = time.monotonic() + countdown

@@ -146,6 +146,12 @@ def parameters() -> Parameters:
     return Parameters(rospy.get_param("~", {}))
 
 
+def simulated_car_parameters(car_name: str) -> Parameters:
+    """Return the parameters of a simulated car; there are none if no such car has been started."""
+    name = f"/{car_name}/car_sim"
+    return Parameters(rospy.get_param(name, {}), f"{name}/")
+
+
 def package_folder(name: str) -> str:
     """Return the path of a folder of this package, without symbolic links."""
     return os.path.realpath(os.path.join(rospkg.RosPack().get_path(PACKAGE), name))

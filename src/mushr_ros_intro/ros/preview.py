@@ -27,7 +27,7 @@ from mushr_ros_intro.preview.ensemble import count_ticks, ellipse
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.car_pose import POSE_TOLERANCE, CarPose
 from mushr_ros_intro.ros.connections import is_published
-from mushr_ros_intro.ros.node import package_folder
+from mushr_ros_intro.ros.node import package_folder, simulated_car_parameters
 from mushr_ros_intro.sim.stamps import (
     CONNECTION_TIMEOUT,
     NANOSECONDS,
@@ -67,7 +67,7 @@ class Preview:
         Raises:
             ParameterError, PlanError: a parameter or the plan cannot be used.
         """
-        self._car_sim = f"/{car_name}/car_sim"
+        self._car_name = car_name
         self._is_placed = is_placed
         self._is_strict = parameters.flag("strict", False)
         self._shows_spread = parameters.flag("spread", False)
@@ -108,8 +108,7 @@ class Preview:
             StrictError: the plan has faults, and ~strict is set.
             ParameterError: the simulated car's parameters cannot be used.
         """
-        simulated = Parameters(rospy.get_param(self._car_sim, {}), f"{self._car_sim}/")
-        profile = self._profile or simulated
+        profile = self._profile or simulated_car_parameters(self._car_name)
         self._car = car_from(profile)
         grid = _read_map() if self._is_placed else None
         report = check(self.plan, self._data, self._profile_name, self._car, "", grid)

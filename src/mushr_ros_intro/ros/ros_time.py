@@ -36,13 +36,14 @@ def is_simulated() -> bool:
     return not rospy.rostime.is_wallclock()
 
 
-def received_stamp(stamp: int) -> int:
-    """Return the instant that the stamp of a received message stands for [ns].
+def stamp_tolerance() -> int:
+    """Return how far the stamp of a received message may differ from this node's clock [ns]."""
+    return SIMULATED_STAMP_TOLERANCE if is_simulated() else STAMP_TOLERANCE
 
-    See `effective_stamp`. In simulated time a message may arrive long before the clock's steps do.
-    """
-    tolerance = SIMULATED_STAMP_TOLERANCE if is_simulated() else STAMP_TOLERANCE
-    return effective_stamp(stamp, now(), tolerance)
+
+def received_stamp(stamp: int) -> int:
+    """Return the instant that the stamp of a received message stands for [ns]."""
+    return effective_stamp(stamp, now(), stamp_tolerance())
 
 
 def sleep_until(due: int, since: int) -> None:

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Drive with the keys: in a real window on a display of its own, and in a terminal."""
+"""Drive with the keys: in a window on a display of the test's own, and in a terminal."""
 
 import os
 import pty
@@ -27,10 +27,10 @@ STOP = (0.0, 0.0)
 """[m/s, rad]"""
 
 SILENCE = 0.5
-"""How long nothing may come [s]: five commands' time, and beyond the mux's timeout of 0.2 s."""
+"""Time without messages [s]: five command periods, longer than the mux's timeout of 0.2 s."""
 
 REPEATING = 1.5
-"""How long a key is held [s]: beyond the 0.5 or 0.66 s after which a display repeats it."""
+"""Time to hold a key [s]: longer than the 0.5 or 0.66 s after which a display repeats it."""
 
 
 def drives(messages):
@@ -38,30 +38,25 @@ def drives(messages):
 
 
 class Commands:
-    """What the tests of window and terminal share: one node at a time, on the car's own mux."""
+    """Common parts of the tests of window and terminal: one node at a time drives the car."""
 
     def setUp(self):
         self.commands = Recording(TOPIC, AckermannDriveStamped)
+        self.addCleanup(self.commands.subscriber.unregister)
         self.active = Recording("/car/mux/ackermann_cmd_mux/active", String).connected()
-
-    def tearDown(self):
-        self.commands.subscriber.unregister()
-        self.active.subscriber.unregister()
+        self.addCleanup(self.active.subscriber.unregister)
 
     def wait_for_drive(self, wanted):
-        wait_for(
-            lambda: drives(self.commands.messages)[-1:] == [wanted],
-            f"the command {wanted}",
-        )
+        wait_for(lambda: drives(self.commands.messages)[-1:] == [wanted], f"the command {wanted}")
 
-    def wait_for_silence(self):
+    def check_silence(self):
         """Wait for the stop, and check that it is the only one and the last message."""
         self.wait_for_drive(STOP)
         wait_for(lambda: self.active.last.data == "idle", "the mux to be idle")
         count = len(self.commands.messages)
         until = time.monotonic() + SILENCE
         wait_for(lambda: time.monotonic() > until, "silence")
-        self.assertEqual(len(self.commands.messages), count, "it goes on after the stop")
+        self.assertEqual(len(self.commands.messages), count, "there are commands after the stop")
         self.assertEqual(drives(self.commands.messages).count(STOP), 1)
 
     def check_headers(self):
@@ -69,26 +64,26 @@ class Commands:
         self.assertEqual(stamps, sorted(stamps))
         age = (rospy.Time.now() - stamps[-1]).to_sec()
         self.assertTrue(0.0 <= age < PATIENCE, f"the last stamp is {age:g} s old")
-        for each in self.commands.messages:
-            self.assertEqual(each.header.frame_id, "car/base_footprint")
+        frames = {each.header.frame_id for each in self.commands.messages}
+        self.assertEqual(frames, {"car/base_footprint"})
 
 
-class NoKeyboardTest(unittest.TestCase):
-    """What it says where it cannot drive."""
+class FaultsTest(unittest.TestCase):
+    """Faults that end the node with a message."""
 
     def test_no_keyboard(self):
-        """Without a window and a terminal it ends and says why."""
+        """There is neither a display nor a terminal."""
         with Process(*NODE, DISPLAY="") as node:
             self.assertEqual(node.wait(), 1)
             self.assertIn("no keyboard to drive with", node.output)
             self.assertIn("DISPLAY", node.output)
 
     def test_bad_parameter(self):
-        for parameter in ("_speed:=fast", "_speed:=-1.0", "_steering_angle:=1.6"):
-            with Process(*NODE, parameter, DISPLAY="") as node:
+        for name, value in (("speed", "fast"), ("steering_angle", "1.6")):
+            with Process(*NODE, f"_{name}:={value}", DISPLAY="") as node:
                 self.assertEqual(node.wait(), 1)
-                self.assertIn(f"parameter ~{parameter[1:].split(':')[0]} is", node.output)
-            rospy.delete_param(f"/car/keyboard_teleop/{parameter[1:].split(':')[0]}")
+                self.assertIn(f"parameter ~{name} is", node.output)
+            rospy.delete_param(f"/car/keyboard_teleop/{name}")
 
 
 class WindowTest(Commands, unittest.TestCase):
@@ -103,13 +98,10 @@ class WindowTest(Commands, unittest.TestCase):
         self.addCleanup(self.node.end)
         self.addCleanup(self.display.xdotool, "keyup", "w", "keyup", "a")
         self.commands.connected()
-        found = wait_for(
-            lambda: self.display.xdotool("search", "--name", "^Teleop car$"), "the window"
-        )
-        wait_for(lambda: self.display.focus(found[0]), "the window to have the focus")
+        self.display.focus_on("^Teleop car$")
 
     def test_keys(self):
-        """Commands while keys are held, a stop when they are released, and then silence."""
+        """Commands while keys are held, one stop when they are released, then silence."""
         self.display.xdotool("keydown", "w")
         self.wait_for_drive(FORWARD)
         wait_for(lambda: self.active.last.data == "teleop", "the mux to pass it on")
@@ -117,45 +109,38 @@ class WindowTest(Commands, unittest.TestCase):
         last = self.commands.after(began + rospy.Duration(REPEATING)).header.stamp
         held = [each for each in self.commands.messages if each.header.stamp <= last]
         self.assertEqual(set(drives(held)), {FORWARD})
-        first = held[0].header.stamp
-        self.assertLessEqual(len(held), 10 * (last - first).to_sec() + 1.5, "more than 10 Hz")
-
         self.display.xdotool("keydown", "a")
         self.wait_for_drive(FORWARD_LEFT)
         self.display.xdotool("keyup", "a")
         self.wait_for_drive(FORWARD)
         self.display.xdotool("keyup", "w")
-        self.wait_for_silence()
+        self.check_silence()
         self.check_headers()
 
     def test_focus(self):
-        """Where the window loses the focus the car stops, though the key is still down."""
+        """The car stops when the window loses the focus, although the key is still down."""
         self.display.xdotool("keydown", "w")
         self.wait_for_drive(FORWARD)
-        other = subprocess.Popen(
-            ["/usr/bin/python3", "-c", "import tkinter; tkinter.Tk(className='other').mainloop()"],
-            env={**os.environ, "DISPLAY": self.display.name},
+        other = Process(
+            *("/usr/bin/python3", "-c", "import tkinter; tkinter.Tk(className='other').mainloop()"),
+            DISPLAY=self.display.name,
         )
-        self.addCleanup(other.wait)
-        self.addCleanup(other.kill)
-        window = wait_for(
-            lambda: self.display.xdotool("search", "--name", "^other$"), "another window"
-        )[0]
-        wait_for(lambda: self.display.focus(window), "the other window to have the focus")
-        self.wait_for_silence()
+        self.addCleanup(other.end)
+        self.display.focus_on("^other$")
+        self.check_silence()
 
     def test_end(self):
-        """Ctrl-C with a key down: the stop goes out before the node ends."""
+        """Ctrl-C while a key is down: the stop is sent before the node ends."""
         self.display.xdotool("keydown", "w")
         self.wait_for_drive(FORWARD)
         self.node.send_signal(signal.SIGINT)
         self.assertEqual(self.node.wait(), 0, self.node.output)
-        self.wait_for_silence()
+        self.check_silence()
         self.assertNotIn("Traceback", self.node.output)
 
 
 class TerminalTest(Commands, unittest.TestCase):
-    """In a terminal, where there is no display."""
+    """In a terminal, without a display."""
 
     def setUp(self):
         super().setUp()
@@ -171,31 +156,22 @@ class TerminalTest(Commands, unittest.TestCase):
         self.addCleanup(self.node.kill)
         wait_for(lambda: termios.tcgetattr(terminal) != self.settings, "the terminal to be set")
         self.commands.connected()
+        os.write(self.keyboard, b"w")
+        self.wait_for_drive(FORWARD)
 
     def test_keys(self):
-        """A character drives for a while, repeats drive on, and then comes a stop and silence."""
-        os.write(self.keyboard, b"w")
-        self.wait_for_drive(FORWARD)
+        """A character drives for a while; then there is one stop, and silence."""
         os.write(self.keyboard, b"a")
         self.wait_for_drive(FORWARD_LEFT)
-        self.wait_for_silence()
+        self.check_silence()
         self.check_headers()
 
-    def test_other_key(self):
-        """Any other key stops the car at once."""
-        os.write(self.keyboard, b"w")
-        self.wait_for_drive(FORWARD)
-        os.write(self.keyboard, b" ")
-        self.wait_for_silence()
-
     def test_end(self):
-        """Ctrl-C, which the terminal makes a signal of: a stop, and the settings are put back."""
-        os.write(self.keyboard, b"w")
-        self.wait_for_drive(FORWARD)
+        """Ctrl-C, a signal of the terminal: one stop, and the settings are restored."""
         os.killpg(self.node.pid, signal.SIGINT)
         self.assertEqual(self.node.wait(PATIENCE), 0)
         self.assertEqual(termios.tcgetattr(self.terminal), self.settings)
-        self.wait_for_silence()
+        self.check_silence()
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ import genpy
 import rospy
 import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PointStamped, PoseStamped
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import String

@@ -1,12 +1,10 @@
 #!/usr/bin/python3
-"""Look at the package's view in rviz, on a display of its own, and click in it."""
+"""Check the package's view in rviz by its pixels, and click in it."""
 
 import math
 import re
 import signal
-import tempfile
 import time
-import unittest
 
 import rospy
 import rostest
@@ -15,16 +13,16 @@ from nav_msgs.msg import Odometry
 from PIL import ImageGrab
 
 from support.display import Display, require
-from support.helpers import PATIENCE, Process, Recording, node, planar, wait_for
+from support.helpers import PATIENCE, Process, Recording, RosTestCase, node, planar, wait_for
 
-PLAN = b"44.0, 44.0, 0.0\n1.5, 0.2, 2.0\n0.0, 0.0, 0.1\n"
-"""Near a corner of the default map, so that walls and what the laser sees are in the picture."""
+PLAN = "44.0, 44.0, 0.0\n1.5, 0.2, 2.0\n0.0, 0.0, 0.1\n"
+"""Near a corner of the default map, so that walls and the laser scan are in the picture."""
 
 SCENE = (365, 65, 1260, 805)
-"""Where the window shows the world [pixel: left, top, right, bottom]."""
+"""The part of the window that shows the world [pixel: left, top, right, bottom]."""
 
 NAMES = (40, 125, 185, 258)
-"""Where it shows the names of the displays, without the pictures beside them [likewise]."""
+"""The part that shows the names of the displays, without their icons [likewise]."""
 
 COLOURS = {
     "the free map": (lambda r, g, b: min(r, g, b) > 240, 100000),
@@ -35,91 +33,81 @@ COLOURS = {
     "the predicted path": (lambda r, g, b: r > 230 and 140 < g < 190 and b < 40, 200),
     "the laser scan": (lambda r, g, b: r > 180 and g < 60 and b > 160, 50),
 }
-"""What has to be in the scene, by its colour, and on how many pixels at least."""
+"""The colour of each thing in the scene, and its lowest number of pixels."""
 
 RED = (lambda r, g, b: r > 150 and g < 90 and b < 90, 1)
 ORANGE = (lambda r, g, b: r > 160 and 90 < g < 170 and b < 60, 1)
 BLUE = (lambda r, g, b: r < 90 and b > 150, 200)
-"""How rviz writes the names of displays in error, of those with a warning, and of the others."""
+"""The names of displays with an error, with a warning, and of all others."""
 
 KNOWN = (
-    # Of the Map display's shader, before it gets its textures; then Mesa draws it well.
+    # The Map display's shader, before it gets its textures; then Mesa draws it well.
     r"\[ERROR\] \[[\d.]+\]: rviz/glsl120/indexed_8bit_image\.vert\n"
     r"rviz/glsl120/indexed_8bit_image\.frag\n GLSL link result : *\n"
     r"active samplers with a different type refer to the same texture image unit\n",
-    # Debian has no package media_export, where rviz looks for the meshes of plugins.
+    # Debian has no package media_export, in which rviz looks for the meshes of plugins.
     r"\[rospack\] Error: no such package media_export\n"
     r"\[librospack\]: error while executing command\n",
 )
-"""What rviz says of itself with a map in any view, on Debian."""
+"""Messages of rviz on Debian with a map in any view."""
 
 SCALE = 50.0
 """Of the view that follows the car [pixel/m]."""
 
 PIXEL = 2.0 / SCALE
-"""How far two clicks may be off [m]: a pixel each."""
+"""The largest error of the distance between two clicks [m]: a pixel each."""
 
 ANGLE = 0.02
-"""How far the angle of a drag over 120 pixels may be off [rad]: a pixel and a half."""
+"""The largest error of the angle of a drag over 120 pixels [rad]: a pixel and a half."""
 
-ROUNDING = 1e-6
-"""Of a pose on its way through a message to the car [m, rad]."""
-
-CRASH = -signal.SIGSEGV
 STARTS = 3
-"""How often rviz may start: on a busy machine one start in about fifty ends in Qt, as it paints its
+"""Attempts to start rviz: on a busy machine about one in fifty crashes in Qt when it paints its
 window for the first time (rviz 1.14.19, Qt 5.15.8; QWidgetPrivate::getOpaqueChildren)."""
 
-AGAIN = 3.0
-"""When to try an action again [s], in case rviz was not ready for it."""
+RETRY = 3.0
+"""Time after which an action is repeated [s], in case rviz was not ready for it."""
 
-HAND = ("sleep", "0.1")
-"""What xdotool does between two movements, as a hand does: rviz looks once a frame."""
+PAUSE = ("sleep", "0.1")
+"""Between two movements of the mouse: rviz reads it once per frame."""
 
 
 def shows(picture, colour):
-    """Say whether a picture has enough pixels of a colour."""
-    test, least = colour
+    """Return whether a picture has enough pixels of a colour."""
+    test, low = colour
     counts = ((count, rgb) for count, rgb in picture.getcolors(picture.width * picture.height))
-    return sum(count for count, rgb in counts if test(*rgb)) >= least
+    return sum(count for count, rgb in counts if test(*rgb)) >= low
 
 
-class RvizTest(unittest.TestCase):
-    """One rviz for all that is to be seen: it takes seconds to start."""
+class RvizTest(RosTestCase):
+    """One test with one rviz, which takes seconds to start."""
 
     def setUp(self):
+        super().setUp()
         require(self, "Xvfb", "rviz", "xdotool")
         self.display = Display()
         self.addCleanup(self.display.end)
 
     def start(self, name):
-        """Start rviz, drive, and wait for the picture; say whether it is there.
-
-        It is not where rviz has crashed, which must have been at its start.
-        """
+        """Start rviz, drive, and wait for the picture; return False if rviz crashed."""
         self.rviz = Process(
-            "rosrun",
-            "mushr_ros_intro",
-            "view.py",
-            "car",
-            f"__name:={name}",
+            *("rosrun", "mushr_ros_intro", "view.py", "car", f"__name:={name}"),
             DISPLAY=self.display.name,
             LIBGL_ALWAYS_SOFTWARE="1",
         )
         self.addCleanup(self.rviz.end)
-        # A second publisher of that topic learns whether rviz listens, and says nothing itself.
+        # Another publisher of the topic, which sends nothing, is connected when rviz subscribes.
         odometry = rospy.Publisher("/car/odom", Odometry, queue_size=1)
         self.addCleanup(odometry.unregister)
-
-        def listens():
-            return odometry.get_num_connections() or not self.rviz.running
-
-        wait_for(listens, "rviz to listen to the odometry")
-        self.drive()
+        wait_for(
+            lambda: odometry.get_num_connections() or not self.rviz.running,
+            "rviz to subscribe to the odometry",
+        )
+        with node("path_publisher.py", f"_plan_file:={self.plan(PLAN)}") as driver:
+            self.assertEqual(driver.wait(), 0, driver.output)
 
         def missing():
             scene = self.grab(SCENE)
-            return [what for what, colour in COLOURS.items() if not shows(scene, colour)]
+            return [name for name, colour in COLOURS.items() if not shows(scene, colour)]
 
         try:
             wait_for(lambda: not missing() or not self.rviz.running, "the picture")
@@ -127,29 +115,17 @@ class RvizTest(unittest.TestCase):
             self.assertEqual(missing(), [], self.rviz.output)
         if self.rviz.running:
             return True
-        self.assertEqual(self.rviz.wait(), CRASH, self.rviz.output)
+        self.assertEqual(self.rviz.wait(), -signal.SIGSEGV, self.rviz.output)
         odometry.unregister()
         return False
 
     def grab(self, box):
         return ImageGrab.grab(box, xdisplay=self.display.name).convert("RGB")
 
-    def drive(self):
-        """Drive the plan to its end."""
-        with tempfile.NamedTemporaryFile(suffix=".txt") as plan:
-            plan.write(PLAN)
-            plan.flush()
-            with node("path_publisher.py", f"_plan_file:={plan.name}") as publisher:
-                self.assertEqual(publisher.wait(), 0, publisher.output)
-
     def test_view(self):
-        """Every display has something to show, none complains, and the tools publish."""
-        for number in range(STARTS):
-            if self.start(f"view_{number}"):
-                break
-            print(f"rviz crashed as it started, as it does now and then: {self.rviz.output}")
-        else:
-            self.fail(f"rviz crashed {STARTS} times as it started")
+        """Every display shows something, none has an error, and the tools publish."""
+        if not any(self.start(f"view_{number}") for number in range(STARTS)):
+            self.fail(f"rviz crashed {STARTS} times as it started: {self.rviz.output}")
         names = self.grab(NAMES)
         self.assertTrue(shows(names, BLUE), "the names of the displays are not where expected")
         self.assertFalse(shows(names, RED), "a display is in error")
@@ -157,15 +133,14 @@ class RvizTest(unittest.TestCase):
 
         self.click()
         self.assertTrue(self.rviz.running, self.rviz.output)
-        said = re.sub("\x1b\\[\\d*m", "", self.rviz.output).replace("\r", "")
+        output = re.sub("\x1b\\[\\d*m", "", self.rviz.output).replace("\r", "")
         for known in KNOWN:
-            said = re.sub(known, "", said)
-        self.assertIsNone(re.search("ERROR|WARN|FATAL|[Ee]rror", said), said)
+            output = re.sub(known, "", output)
+        self.assertIsNone(re.search("ERROR|WARN|FATAL|[Ee]rror", output), output)
 
     def click(self):
-        """Publish a point, and place the car, with rviz's tools."""
-        window = wait_for(lambda: self.display.xdotool("search", "--name", "RViz$"), "rviz")[-1]
-        wait_for(lambda: self.display.focus(window), "rviz to have the keys")
+        """Publish points and place the car with rviz's tools."""
+        self.display.focus_on("RViz$")
         car_pose = Recording("/car/car_pose", PoseStamped).connected()
         clicked = Recording("/clicked_point", PointStamped).connected()
         placed = Recording("/initialpose", PoseWithCovarianceStamped).connected()
@@ -174,18 +149,21 @@ class RvizTest(unittest.TestCase):
             (middle[0] + right, middle[1] - up) for right, up in ((120, 90), (-100, -60), (90, -50))
         )
 
-        # Escape first: the key of the tool that is in use would put it away.
+        # Escape first: the key of the active tool deactivates it.
+        def select(pixel, tool):
+            move = ("mousemove", *map(str, pixel), *PAUSE)
+            self.display.xdotool(*move, "key", "Escape", tool, *PAUSE)
+
         def point(pixel):
-            self.display.xdotool(
-                "mousemove", *map(str, pixel), *HAND, "key", "Escape", "c", *HAND, "click", "1"
-            )
+            select(pixel, "c")
+            self.display.xdotool("click", "1")
 
         def drag():
-            up = [("mousemove", str(third[0]), str(third[1] - dy), *HAND) for dy in (60, 120)]
-            self.display.xdotool("mousemove", *map(str, third), *HAND, "key", "Escape", "p", *HAND)
-            self.display.xdotool("mousedown", "1", *HAND, *up[0], *up[1], "mouseup", "1")
+            select(third, "p")
+            up = [("mousemove", str(third[0]), str(third[1] - dy), *PAUSE) for dy in (60, 120)]
+            self.display.xdotool("mousedown", "1", *PAUSE, *up[0], *up[1], "mouseup", "1")
 
-        first = self.answer(clicked, lambda: point(one), lambda _: True, "a clicked point")
+        first = self.publishes(clicked, lambda: point(one), lambda _: True, "a clicked point")
         self.assertEqual(first.header.frame_id, "map")
 
         def is_at(pixel, x, y):
@@ -194,42 +172,34 @@ class RvizTest(unittest.TestCase):
                 and abs(first.point.y - y - (pixel[1] - one[1]) / SCALE) < PIXEL
             )
 
-        self.answer(
+        def is_placed(msg):
+            x, y, theta = planar(msg.pose.pose)
+            return is_at(third, x, y) and abs(theta - math.pi / 2) < ANGLE
+
+        self.publishes(
             clicked,
             lambda: point(other),
             lambda msg: is_at(other, msg.point.x, msg.point.y),
             "another clicked point, as far from the first as the pixels are",
         )
-        self.answer(
-            placed,
-            drag,
-            lambda msg: is_at(third, *planar(msg.pose.pose)[:2])
-            and abs(planar(msg.pose.pose)[2] - math.pi / 2) < ANGLE,
-            "a pose estimate there, looking up",
-        )
+        self.publishes(placed, drag, is_placed, "a pose estimate there, facing up")
+        car_pose.shows(planar(placed.last.pose.pose), placed.last.header.stamp)
 
-        def has_obeyed():
-            wanted, got = planar(placed.last.pose.pose), planar(car_pose.last.pose)
-            return math.dist(wanted, got) < ROUNDING
-
-        wait_for(has_obeyed, "the car to be where it was placed")
-
-    def answer(self, recording, act, is_right, what):
-        """Act in rviz, again where nothing comes of it in a while; return the right message."""
+    def publishes(self, recording, act, is_right, what):
+        """Act in rviz, again if nothing follows; return the right message."""
         deadline = time.monotonic() + PATIENCE
-        while True:
+        while time.monotonic() < deadline:
             act()
-            again = time.monotonic() + AGAIN
+            retry = time.monotonic() + RETRY
 
-            def result(again=again):
+            def result(retry=retry):
                 found = [message for message in recording.messages if is_right(message)]
-                return found or time.monotonic() > again
+                return found or time.monotonic() > retry
 
             found = wait_for(result, what)
             if found is not True:
                 return found[0]
-            if time.monotonic() > deadline:
-                raise AssertionError(f"waited {PATIENCE:g} s for {what}")
+        raise AssertionError(f"waited {PATIENCE:g} s for {what}")
 
 
 if __name__ == "__main__":

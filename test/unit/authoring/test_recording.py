@@ -1,116 +1,91 @@
-"""What is recorded of a drive: rows that the car follows to where the drive ended."""
+"""Recording: the rows and the start pose of a drive."""
 
 import math
 
 import pytest
-from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.authoring.recording import Recording
+from mushr_ros_intro.authoring.recording import MAX_POSES, Recording
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.history import History
-from mushr_ros_intro.car.model import Car, Command, at_rest
-from mushr_ros_intro.plan.model import Plan
+from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.write import plan_text
 from mushr_ros_intro.preview.prediction import as_float32, final_pose
 from mushr_ros_intro.sim.stamps import STAMP_TOLERANCE
-from support.fake_ros import Ros
-from support.helpers import module
 
 MS = 1_000_000
 """[ns]"""
+
+T0 = 1_000_000 * MS
+"""The instant from which the tests count [ns]: a stamp of 0 has a meaning of its own."""
 
 CAR = Car()
 START = Pose(1.0, -2.0, 0.7)
 
 REPLAY_TOLERANCE = 1e-9
-"""[m, rad] Between a drive and its replay: the same arcs, cut elsewhere."""
+"""[m, rad] Between a drive and its replay: the same arcs, divided differently."""
 
 
-def recorded(*commands):
-    """Return the rows (speed, angle, duration [ms]) of commands (at [ms], speed, angle)."""
-    recording = Recording(CAR.command_timeout)
-    for at, speed, angle in commands:
-        recording.add(Command(at * MS, speed, angle), at * MS)
-    return [(row.speed, row.steering_angle, row.duration / MS) for row in recording.rows()]
+def record(events, tolerance=STAMP_TOLERANCE):
+    """Return a recording of events such as "pose 40 7; drive 100 1 0.3 @ 250".
+
+    Each has a stamp [ms]; a pose and an initial pose ("place") have an x [m], and a command may
+    have a speed and a steering angle; an arrival [ms] other than the stamp follows "@".
+    """
+    recording = Recording(CAR.command_timeout, tolerance)
+    for event in events.split(";"):
+        text, _, arrival = event.partition("@")
+        kind, stamp, *values = text.split()
+        now = T0 + int(arrival or stamp) * MS
+        stamp = T0 + int(stamp) * MS
+        numbers = [float(each) for each in values]
+        if kind == "drive":
+            recording.add_command(Command(stamp, *(numbers or (1.0, 0.0))), now)
+        elif kind == "pose":
+            recording.add_pose(stamp, Pose(*numbers, 0.0, 0.0), now)
+        else:
+            recording.place(InitialPose(stamp, Pose(*numbers, 0.0, 0.0)), now)
+    return recording
 
 
-def test_every_change_becomes_a_row():
-    drive = [(1000 + 100 * k, 1.0, 0.0 if k < 3 else 0.3) for k in range(6)]
-    assert recorded(*drive) == [(1.0, 0.0, 300.0), (1.0, 0.3, 400.0)]
-    assert recorded(*drive, (1550, -1.0, 0.3), (1600, 0.0, 0.0)) == [
-        (1.0, 0.0, 300.0),
-        (1.0, 0.3, 250.0),
-        (-1.0, 0.3, 50.0),
-    ]
+def rows(plan):
+    """Return (speed, steering angle, duration [ms]) of each row."""
+    return [(row.speed, row.steering_angle, row.duration / MS) for row in plan.rows] if plan else []
 
 
-def test_nothing_is_recorded_while_the_car_stands():
-    assert recorded() == []
-    assert recorded((0, 0.0, 0.0), (100, 0.0, 0.0)) == []
-    assert recorded((0, 0.0, 0.3)) == []
-    stop = (0.0, 0.0)
-    assert recorded((0, *stop), (500, 1.0, 0.1), (600, *stop), (900, *stop)) == [(1.0, 0.1, 100.0)]
-    assert recorded((0, 0.0, 0.3), (100, 1.0, 0.3)) == [(0.0, 0.3, 100.0), (1.0, 0.3, 200.0)]
-
-
-def test_a_gap_becomes_a_stop():
-    assert recorded((0, 1.0, 0.1), (150, 1.0, 0.1), (1000, 1.0, 0.1)) == [
-        (1.0, 0.1, 350.0),
-        (0.0, 0.1, 650.0),
-        (1.0, 0.1, 200.0),
-    ]
-    # The mux's own stop, 0.2 s after the last command, and a pause of 10 s.
-    assert recorded((0, 1.0, 0.1), (200, 0.0, 0.0), (10200, -1.0, 0.0)) == [
-        (1.0, 0.1, 200.0),
-        (0.0, 0.0, 10000.0),
-        (-1.0, 0.0, 200.0),
-    ]
-    # A command at the very end of the last one leaves none.
-    assert recorded((0, 1.0, 0.1), (200, 1.0, 0.1)) == [(1.0, 0.1, 400.0)]
-
-
-def test_of_commands_with_the_same_stamp_the_last_one_counts():
-    assert recorded((0, 1.0, 0.1), (0, 2.0, 0.2)) == [(2.0, 0.2, 200.0)]
-    assert recorded((0, 1.0, 0.1), (100, 2.0, 0.0), (100, 0.5, 0.0), (2000, 0.0, 0.0)) == [
-        (1.0, 0.1, 100.0),
-        (0.5, 0.0, 200.0),
-    ]
-
-
-def test_begin():
-    recording = Recording(CAR.command_timeout)
-    assert recording.begin is None
-    recording.add(Command(1000 * MS, 0.0, 0.0), 1000 * MS)
-    assert recording.begin is None
-    recording.add(Command(1500 * MS, 1.0, 0.0), 1500 * MS)
-    assert recording.begin == 1500 * MS
-    recording.add(Command(1400 * MS, 1.0, 0.0), 1500 * MS)  # late
-    assert recording.begin == 1400 * MS
-    for at in range(1600, 9000, 100):
-        recording.add(Command(at * MS, 1.0, 0.0), at * MS)
-        assert recording.begin == 1400 * MS
-
-
-def test_forget_until():
-    recording = Recording(CAR.command_timeout)
-    for at in range(0, 5000, 100):
-        recording.add(Command(at * MS, 1.0, 0.0), at * MS)
-    recording.forget_until(4700 * MS)
-    assert recording.begin == 4700 * MS
-    recording.forget_until(4750 * MS)
-    assert recording.begin == 4800 * MS
-    assert [row.duration for row in recording.rows()] == [300 * MS]
-
-
-def test_a_long_drive_takes_no_room():
-    recording = Recording(CAR.command_timeout)
-    for at in range(0, 100_000, 100):
-        recording.add(Command(at * MS, 1.0, 0.0), at * MS)
-    assert len(recording._changes) == 1 and len(recording._recent) <= 12
+@pytest.mark.parametrize(
+    "commands, expected",
+    [
+        ("", []),
+        # A row for every change; the last command is valid for 200 ms.
+        ("drive 0 1 0; drive 100 1 0; drive 200 1 0.3", [(1, 0, 200), (1, 0.3, 200)]),
+        ("drive 0 1 0.3; drive 150 -1 0.3; drive 200 0 0", [(1, 0.3, 150), (-1, 0.3, 50)]),
+        # Nothing while the car stands, except steering before it drives.
+        ("drive 0 0 0; drive 100 0 0", []),
+        ("drive 0 0 0.3", []),
+        ("drive 0 0 0; drive 500 1 0.1; drive 600 0 0; drive 900 0 0", [(1, 0.1, 100)]),
+        ("drive 0 0 0.3; drive 100 1 0.3", [(0, 0.3, 100), (1, 0.3, 200)]),
+        # A gap, and the mux's own stop before a pause of 10 s.
+        (
+            "drive 0 1 0.1; drive 150 1 0.1; drive 900 1 0",
+            [(1, 0.1, 350), (0, 0.1, 550), (1, 0, 200)],
+        ),
+        (
+            "drive 0 1 0; drive 200 0 0; drive 10200 -1 0",
+            [(1, 0, 200), (0, 0, 10000), (-1, 0, 200)],
+        ),
+        ("drive 0 1 0.1; drive 200 1 0.1", [(1, 0.1, 400)]),
+        # Of commands with the same stamp the last one counts.
+        ("drive 0 1 0.1; drive 0 2 0.2", [(2, 0.2, 200)]),
+        ("drive 0 1 0.1; drive 100 2 0; drive 100 0.5 0", [(1, 0.1, 100), (0.5, 0, 200)]),
+        # A late command is inserted at its stamp, also before the first one.
+        ("drive 100 1 0; drive 200 0 0; drive 0 2 0 @ 900", [(2, 0, 100), (1, 0, 100)]),
+    ],
+)
+def test_rows(commands, expected):
+    assert rows(record("pose 0 5;" + (commands or "pose 1 5")).plan()) == expected
 
 
 commands = st.tuples(
@@ -122,77 +97,102 @@ commands = st.tuples(
 
 
 @given(st.lists(commands, min_size=1, max_size=30))
-def test_the_replay_ends_where_the_drive_did(steps):
-    """Commands some [ms] after one another, each delivered early or late, to car and recorder."""
-    now, drive = 10_000 * MS, []
+def test_the_replay_ends_where_the_drive_ended(steps):
+    """Commands some [ms] apart, each delivered early or late, to the car and to the recorder."""
+    stamp, drive = T0, []
     for pause, speed, angle, late in steps:
-        now += pause * MS
-        drive.append((now + late * MS, Command(now, as_float32(speed), as_float32(angle))))
-    recording = Recording(CAR.command_timeout)
+        stamp += pause * MS
+        drive.append((stamp + late * MS, Command(stamp, as_float32(speed), as_float32(angle))))
+    recording = Recording(CAR.command_timeout, STAMP_TOLERANCE)
+    recording.add_pose(T0 - 1, START, T0 - 1)
     history = History(CAR, at_rest(0, START))
     for arrival, command in sorted(drive, key=lambda each: each[0]):
-        recording.add(command, arrival)
+        assert recording.add_command(command, arrival)
         history.add(command, arrival)
-    end = history.state_at(now + 10_000 * MS).pose
-    rows = recording.rows()
-    if not rows:
+    end = history.state_at(stamp + 10_000 * MS).pose
+    plan = recording.plan()
+    if plan is None:
         assert end == START
         return
-    assert rows[-1].speed != 0.0
-    for plan in (
-        Plan("", START, rows),
-        parse_plan(plan_text(START, rows).encode(), "recorded.txt"),
-    ):
-        replayed = final_pose(plan, CAR)
-        assert math.dist(replayed, end) < REPLAY_TOLERANCE
+    assert plan.rows[-1].speed != 0.0
+    for each in (plan, parse_plan(plan_text(START, plan.rows).encode(), "recorded.txt")):
+        assert math.dist(final_pose(each, CAR), end) < REPLAY_TOLERANCE
 
 
-def message(kind, stamp, x=0.0):
-    """Return a command to drive, or where the car is or is placed."""
-    msg = kind()
-    msg.header.stamp.secs, msg.header.stamp.nsecs = divmod(stamp, 1000 * MS)
-    if kind is AckermannDriveStamped:
-        msg.drive.speed = 1.0
-        return msg
-    msg.header.frame_id = "map"
-    pose = msg.pose if kind is PoseStamped else msg.pose.pose
-    pose.position.x, pose.orientation.w = x, 1.0
-    return msg
+STANDING = "pose -40 5; pose -20 5; "
+DRIVE = "drive 100; drive 200"
+"""Lasts 300 ms."""
 
 
 @pytest.mark.parametrize(
-    "pose, later, duration",
+    "events, x, duration, is_exact",
     [
-        (None, 0, None),  # it may still come
-        (90 * MS, 0, 300 * MS),
-        (110 * MS, 0, 200 * MS),  # of the second command; where the first began is not known
-        (None, STAMP_TOLERANCE + 110 * MS, None),
+        (STANDING + DRIVE, 5.0, 300, True),
+        # The last pose at or before the first command, whatever arrives first.
+        ("pose 99 5; pose 100 7; pose 101 9;" + DRIVE, 7.0, 300, False),
+        (DRIVE + "; pose 90 7 @ 220", 7.0, 300, True),
+        (STANDING + DRIVE + "; pose 90 5 @ 220", 5.0, 300, True),
+        (STANDING + DRIVE + "; pose 90 7 @ 220; pose 210 8", 7.0, 300, False),
+        (STANDING + "pose 70 7;" + DRIVE + "; drive 50 @ 300", 5.0, 350, True),
+        # No pose, or none before the first command: the drive begins later.
+        (DRIVE, None, None, False),
+        (DRIVE + "; pose 110 7 @ 220", 7.0, 200, False),
+        ("drive 100; pose 1200 7; drive 1300", 7.0, 200, True),
+        # After an initial pose older events do not count, whatever arrives first.
+        (STANDING + "place 0 7;" + DRIVE, None, None, False),
+        (STANDING + "place 0 7;" + DRIVE + "; pose 90 7 @ 220", 7.0, 300, True),
+        (STANDING + "place 0 7; pose 10 5; pose 90 7;" + DRIVE, 7.0, 300, True),
+        (STANDING + "place 0 7; pose 10 5; pose 90 8;" + DRIVE, 8.0, 300, False),
+        ("pose 100 7;" + DRIVE + "; place 100 7 @ 220", 7.0, 300, True),
+        ("pose 0 5; pose 150 7;" + DRIVE + "; place 150 7 @ 220", 7.0, 200, True),
+        ("place 50 7 @ 10; pose 49 5; drive 60; pose 70 7; drive 100", 7.0, 200, False),
+        ("place 50 7 @ 10; pose 49 5; drive 49; pose 60 7;" + DRIVE, 7.0, 300, True),
     ],
 )
-def test_a_pose_that_comes_after_the_first_command(monkeypatch, tmp_path, pose, later, duration):
-    """The car is placed, and its pose from there is slower than the command after it."""
-    ros = Ros(monkeypatch)
-    begin, warnings = ros.now, []
-    monkeypatch.setattr("rospy.logwarn_throttle", lambda _, text: warnings.append(text))
-    recorder = module("plan_recorder.py").PlanRecorder()
-    recorder._folder = str(tmp_path)
-    recorder._on_pose(message(PoseStamped, begin - 20 * MS, x=5.0))
-    recorder._on_placement(message(PoseWithCovarianceStamped, begin, x=7.0))
-    recorder._on_command(message(AckermannDriveStamped, begin + 100 * MS))
-    assert not warnings
-    if pose:
-        recorder._on_pose(message(PoseStamped, begin + pose, x=7.0))
-    ros.now += later
-    recorder._on_command(message(AckermannDriveStamped, begin + 200 * MS))
-    answer = recorder._on_save(None)
-    is_given_up = bool(later) or duration == 200 * MS
-    unknown = "not recording: /car//car/car_pose has not said where the car is"
-    assert warnings == [unknown] * is_given_up
-    assert answer.success == bool(duration), answer.message
-    if duration:
-        plan = parse_plan((tmp_path / "recorded.txt").read_bytes(), "recorded.txt")
-        assert plan.start == (7.0, 0.0, 0.0)
-        assert [row.duration for row in plan.rows] == [duration]
-    else:
-        why = "the car has not been driven" if later else "has not said where the car was when"
-        assert why in answer.message
+def test_start(events, x, duration, is_exact):
+    recording = record(events)
+    plan = recording.plan()
+    assert (plan and plan.start) == (x and (x, 0.0, 0.0))
+    assert sum(each[2] for each in rows(plan)) == (duration or 0)
+    assert recording.is_start_exact == is_exact
+    assert (recording.begin is None) == (x is None)
+
+
+def test_commands_dropped_without_a_pose():
+    """They are kept as long as a pose from before them may arrive."""
+    recording = record("drive 100")
+    stamp = T0 + 100 * MS + STAMP_TOLERANCE
+    assert recording.add_command(Command(stamp, 0.0, 0.0), stamp)
+    recording.add_pose(stamp, START, stamp)
+    assert not recording.add_command(Command(stamp + 1, 1.0, 0.0), stamp + 1)
+    for now in range(stamp + 2, stamp + 2 * STAMP_TOLERANCE, 100 * MS):
+        assert recording.add_command(Command(now, 0.0, 0.0), now)
+    assert recording.begin == stamp + 1
+
+
+@pytest.mark.parametrize(
+    "stamp, ended, after", [(0, 0, 300), (100, 0, 300), (150, 200, 200), (500, 300, 0)]
+)
+def test_place_returns_the_drive_that_it_ends(stamp, ended, after):
+    recording = record(STANDING + DRIVE)
+    plan = recording.place(InitialPose(T0 + stamp * MS, START), T0 + 600 * MS)
+    assert sum(each[2] for each in rows(plan)) == ended
+    recording.add_pose(T0 + stamp * MS, START, T0 + 600 * MS)
+    assert sum(each[2] for each in rows(recording.plan())) == after
+
+
+def test_the_start_pose_of_a_long_drive_is_kept():
+    recording = record(STANDING + DRIVE)
+    for k in range(MAX_POSES + 10):
+        recording.add_pose(T0 + (k + 150) * MS, Pose(1.0 * k, 0.0, 0.0), T0 + (k + 150) * MS)
+    recording.add_command(Command(T0 + MAX_POSES * MS, 1.0, 0.0), T0 + MAX_POSES * MS)
+    assert recording.plan().start == (5.0, 0.0, 0.0)
+    assert recording.is_start_exact
+
+
+@pytest.mark.parametrize(
+    "tolerance, duration", [(STAMP_TOLERANCE, 300), (60 * STAMP_TOLERANCE, 10200)]
+)
+def test_implausible_stamps_mean_the_arrival(tolerance, duration):
+    late = "place 0 7 @ 40000; pose 50 7 @ 40000; drive 100 @ 40000; drive 10100 @ 40100"
+    assert sum(each[2] for each in rows(record(late, tolerance).plan())) == duration

@@ -1,4 +1,4 @@
-"""Teleoperation: which keys are held, what they ask for, and when it is sent."""
+"""Teleoperation: the keys that are held, the commands for them, and when they are sent."""
 
 import pytest
 from hypothesis import given
@@ -20,10 +20,18 @@ MS = 1_000_000
 
 
 def down(keys):
-    """Return the state with `keys`, in this order, down."""
+    """Return the state after `keys` went down, in this order."""
     state = Keys()
     for key in keys:
         state = state.down(key)
+    return state
+
+
+def typed(*characters):
+    """Return the state after characters (key, instant [ms])."""
+    state = Keys()
+    for key, now in characters:
+        state = state.typed(key, now * MS)
     return state
 
 
@@ -44,18 +52,18 @@ def down(keys):
         ("ww", (2.0, 0.0)),
     ],
 )
-def test_what_keys_ask_for(keys, wanted):
+def test_keys_become_a_command(keys, wanted):
     assert down(keys).drive(2.0, 0.34) == wanted
 
 
 @pytest.mark.parametrize("key", ["space", "Escape", "q", "Shift_L"])
-def test_any_other_key_lets_go(key):
+def test_any_other_key_releases_all(key):
     assert down("wa").down(key) == Keys()
     assert down("wa").typed(key, 0) == Keys()
 
 
 def test_repeats_of_a_held_key_are_one_long_press():
-    """X11 says up and down, at the same instant, some thirty times a second."""
+    """X11 reports up and down at the same instant, about thirty times a second."""
     keys = down("w")
     for now in range(0, 2000 * MS, 33 * MS):
         keys = keys.up("w", now)
@@ -64,65 +72,49 @@ def test_repeats_of_a_held_key_are_one_long_press():
         assert keys.drive(1.0, 0.0) == (1.0, 0.0)
 
 
-def test_a_key_that_comes_up_is_let_go():
+def test_a_key_that_goes_up_is_released():
     keys = down("wa").up("a", 5 * MS)
     assert keys.at(5 * MS + BOUNCE).drive(2.0, 0.34) == (2.0, 0.0)
     assert keys.up("W", 6 * MS).at(6 * MS + BOUNCE) == Keys()
 
 
-@pytest.mark.parametrize("key", ["w", "W"])
-def test_a_character_holds_its_key_for_a_while(key):
-    keys = Keys().typed(key, 0)
-    assert keys.at(FIRST_HOLD - 1).drive(2.0, 0.34) == (2.0, 0.0)
-    assert keys.at(FIRST_HOLD) == Keys()
+FIRST, NEXT = FIRST_HOLD // MS, NEXT_HOLD // MS
 
 
-def test_repeated_characters_hold_on_and_end_soon():
-    """0.5 s until the repeats begin, then one every 33 ms."""
-    keys = Keys().typed("w", 0)
-    for now in range(500 * MS, 3000 * MS, 33 * MS):
-        assert keys.at(now).held
-        keys = keys.typed("w", now)
-    assert keys.at(now + NEXT_HOLD) == Keys()
-
-
-def test_a_character_that_comes_again_after_its_key_was_let_go_holds_as_the_first():
-    keys = Keys().typed("w", 0).typed("w", FIRST_HOLD)
-    assert keys.at(2 * FIRST_HOLD - 1).held
-    assert keys.at(2 * FIRST_HOLD) == Keys()
-
-
-def test_in_a_terminal_a_second_key_keeps_the_first():
-    keys = Keys().typed("w", 0).typed("w", 500 * MS).typed("a", 600 * MS)
-    for now in range(1100 * MS, 2000 * MS, 33 * MS):
-        assert keys.at(now).drive(2.0, 0.34) == (2.0, 0.34)
-        keys = keys.typed("a", now)
-    assert keys.at(now + NEXT_HOLD) == Keys()
-
-
-def test_in_a_terminal_repeats_of_a_key_do_not_cut_short_another_one():
-    keys = Keys().typed("w", 0).typed("a", 100 * MS).typed("a", 133 * MS)
-    assert keys.at(133 * MS + NEXT_HOLD).drive(2.0, 0.34) == (2.0, 0.0)
-
-
-def test_in_a_terminal_the_opposite_key_takes_over():
-    assert Keys().typed("w", 0).typed("s", MS).drive(2.0, 0.34) == (-2.0, 0.0)
-    assert Keys().typed("a", 0).typed("d", MS).drive(2.0, 0.34) == (0.0, -0.34)
+@pytest.mark.parametrize(
+    "characters, end, wanted",
+    [
+        ([("w", 0)], FIRST, (2.0, 0.0)),
+        ([("W", 0)], FIRST, (2.0, 0.0)),
+        ([("w", 0), ("w", FIRST - 1)], FIRST - 1 + NEXT, (2.0, 0.0)),
+        ([("w", 0), ("w", FIRST)], 2 * FIRST, (2.0, 0.0)),  # it was released in between
+        ([("w", 0), ("s", 1)], FIRST + 1, (-2.0, 0.0)),  # the opposite key
+        ([("a", 0), ("d", 1)], FIRST + 1, (0.0, -0.34)),
+        # A second key keeps the first, which the terminal no longer repeats ...
+        ([("w", 0), ("w", 500), ("a", 600), ("a", 1100)], 1100 + NEXT, (2.0, 0.34)),
+        # ... and does not shorten it.
+        ([("w", 0), ("a", 100), ("a", 133)], 100 + FIRST, (2.0, 0.0)),
+    ],
+)
+def test_characters_hold_their_keys(characters, end, wanted):
+    keys = typed(*characters)
+    assert keys.at(end * MS - 1).drive(2.0, 0.34) == wanted
+    assert keys.at(end * MS) == Keys()
 
 
 @given(st.lists(st.tuples(st.sampled_from("wasdWq "), st.integers(0, 10**9)), max_size=30))
-def test_whatever_is_typed_ends(typed):
+def test_all_characters_end(characters):
     keys, now = Keys(), 0
-    for key, later in typed:
+    for key, later in characters:
         now += later
         keys = keys.typed(key, now)
         assert len({each.key for each in keys.held}) == len(keys.held) <= len(DIRECTIONS)
     assert keys.at(now + FIRST_HOLD) == Keys()
 
 
-def sent(schedule, wants):
-    """Return what is sent, given (instant, what is wanted) in turn."""
-    messages = []
+def sent(*wants):
+    """Return what a schedule sends for (instant [ns], wanted command) in turn."""
+    schedule, messages = Schedule(), []
     for now, wanted in wants:
         schedule, message = schedule.step(wanted, now)
         if message is not None:
@@ -131,27 +123,21 @@ def sent(schedule, wants):
 
 
 def test_a_held_key_sends_ten_times_a_second():
-    """Looked at every 7 ms, which is no divisor of the period, it loses nothing over 10 s."""
-    messages = sent(Schedule(), [(now, (2.0, 0.0)) for now in range(0, 100 * PERIOD, 7 * MS)])
+    """A poll every 7 ms, which does not divide the period, loses no command in 10 s."""
+    messages = sent(*((now, (2.0, 0.0)) for now in range(0, 100 * PERIOD, 7 * MS)))
     assert len(messages) == 100
     for number, (now, message) in enumerate(messages):
         assert message == (2.0, 0.0)
         assert number * PERIOD <= now < number * PERIOD + 7 * MS
 
 
-def test_a_change_goes_out_at_once_and_the_stop_once():
-    wants = [(0, (2.0, 0.0)), (5, (2.0, 0.34)), (9, None), (10, None), (10**10, None)]
-    wants.append((10**10, STOP))  # W and S together: wanted, and held
-    assert sent(Schedule(), wants) == [
-        (0, (2.0, 0.0)),
-        (5, (2.0, 0.34)),
-        (9, STOP),
-        (10**10, STOP),
-    ]
+def test_a_change_is_sent_at_once_and_the_stop_once():
+    w, wa, ws = (2.0, 0.0), (2.0, 0.34), STOP
+    wants = [(0, w), (5, wa), (9, None), (10, None), (10**10, None), (10**10, ws)]
+    assert sent(*wants) == [(0, w), (5, wa), (9, STOP), (10**10, ws)]
 
 
-def test_nothing_is_made_up_for_after_a_pause():
-    """A machine that stood still, or a clock that was set, gives one message and a new start."""
-    for now in (50 * PERIOD, -50 * PERIOD):
-        wants = [(0, (1.0, 0.0)), (now, (1.0, 0.0)), (now + 1, (1.0, 0.0))]
-        assert [instant for instant, _ in sent(Schedule(), wants)] == [0, now]
+@pytest.mark.parametrize("now", [50 * PERIOD, -50 * PERIOD])
+def test_after_a_pause_or_a_jump_of_the_clock_there_is_one_command(now):
+    wants = [(0, (1.0, 0.0)), (now, (1.0, 0.0)), (now + 1, (1.0, 0.0))]
+    assert [instant for instant, _ in sent(*wants)] == [0, now]

@@ -132,7 +132,9 @@ def test_the_exit_status_tells_how_a_node_ended(master, name):
     ],
 )
 def test_a_node_that_does_not_end_is_ended(master, run):
-    with start(f"    def run(self):\n        print('runs', flush=True)\n        {run}", master) as process:
+    with start(
+        f"    def run(self):\n        print('runs', flush=True)\n        {run}", master
+    ) as process:
         wait_for(lambda: "runs" in process.output, "the node")
         process.send_signal(signal.SIGINT)
         assert process.wait() == 1, process.output

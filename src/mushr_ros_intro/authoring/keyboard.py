@@ -1,0 +1,156 @@
+"""Read which keys are held: from a small window, or from a terminal if there is no display."""
+
+import os
+import select
+import sys
+import termios
+import time
+import tty
+from contextlib import suppress
+from typing import Any, Union
+
+from mushr_ros_intro.authoring.teleop import Keys
+from mushr_ros_intro.errors import UserError
+
+POLL = 0.01
+"""The longest time that `read` waits [s]."""
+
+
+class NoKeyboardError(UserError):
+    """Keys cannot be read."""
+
+
+class Window:
+    """A window that shows which keys are held.
+
+    Args:
+        title: of the window.
+        help_text: shown below the keys while the window has the focus.
+
+    Raises:
+        NoKeyboardError: there is no display, or no tkinter.
+    """
+
+    HELD, RELEASED = "#d9141a", "#d0d0d4"
+
+    def __init__(self, title: str, help_text: str) -> None:
+        try:
+            import tkinter  # a separate package in Debian
+        except ImportError:
+            raise NoKeyboardError("tkinter is missing (Debian's package python3-tk)") from None
+        try:
+            self._root = tkinter.Tk(className="keyboard_teleop")
+        except tkinter.TclError as error:
+            raise NoKeyboardError(str(error)) from None
+        self.is_open = True
+        self._keys = Keys()
+        self._help_text = help_text
+        self._root.title(title)
+        self._root.resizable(False, False)
+        frame = tkinter.Frame(self._root)
+        frame.pack()
+        self._labels = {}
+        for key, row, column in (("w", 0, 1), ("a", 1, 0), ("s", 1, 1), ("d", 1, 2)):
+            label = tkinter.Label(frame, text=key.upper(), width=4, height=2)
+            label.grid(row=row, column=column, padx=4, pady=4)
+            self._labels[key] = label
+        self._status = tkinter.Label(self._root, width=34)
+        self._status.pack(pady=4)
+
+        self._root.bind("<KeyPress>", self._on_press)
+        self._root.bind("<KeyRelease>", self._on_release)
+        self._root.bind("<FocusOut>", self._on_focus_out)
+        self._root.protocol("WM_DELETE_WINDOW", self._on_close)
+
+    def read(self) -> Keys:
+        """Handle all events of the window; return the keys that are held."""
+        time.sleep(POLL)
+        self._root.update()
+        self._keys = self._keys.at(time.monotonic_ns())
+        held = {each.key for each in self._keys.held}
+        for key, label in self._labels.items():
+            label.configure(background=self.HELD if key in held else self.RELEASED)
+        has_focus = self._root.focus_displayof() is not None
+        self._status.configure(text=self._help_text if has_focus else "click here to drive")
+        return self._keys
+
+    def close(self) -> None:
+        """Close the window."""
+        self._root.destroy()
+
+    def _on_press(self, event: Any) -> None:
+        self._keys = self._keys.down(event.keysym)
+
+    def _on_release(self, event: Any) -> None:
+        self._keys = self._keys.up(event.keysym, time.monotonic_ns())
+
+    def _on_focus_out(self, _: Any) -> None:
+        self._keys = Keys()
+
+    def _on_close(self) -> None:
+        self.is_open = False
+        self._keys = Keys()
+
+
+class Terminal:
+    """The terminal that the node was started in.
+
+    Raises:
+        NoKeyboardError: the standard input is not a terminal.
+    """
+
+    def __init__(self) -> None:
+        try:
+            self._input = sys.stdin.fileno()
+            self._settings = termios.tcgetattr(self._input)
+        except (OSError, ValueError, AttributeError, termios.error):
+            raise NoKeyboardError("the standard input is not a terminal") from None
+        self.is_open = True
+        self._keys = Keys()
+        print("W, S: drive; A, D: steer; any other key: stop; Ctrl-C: end", flush=True)
+        tty.setcbreak(self._input)
+
+    def read(self) -> Keys:
+        """Wait for characters; return the keys that are held."""
+        ready, _, _ = select.select([self._input], [], [], POLL)
+        typed = b""
+        if ready:
+            with suppress(OSError):
+                typed = os.read(self._input, 1024)
+            self.is_open = bool(typed)
+        now = time.monotonic_ns()
+        for key in typed.decode("ascii", errors="replace"):
+            self._keys = self._keys.typed(key, now)
+        self._keys = self._keys.at(now)
+        return self._keys
+
+    def close(self) -> None:
+        """Restore the settings of the terminal."""
+        with suppress(termios.error):  # the terminal may be closed
+            termios.tcsetattr(self._input, termios.TCSADRAIN, self._settings)
+
+
+def open_keyboard(title: str, help_text: str, command: str) -> Union[Window, Terminal]:
+    """Open a window, or the terminal if there is no display.
+
+    Args:
+        title: of the window.
+        help_text: shown in the window.
+        command: starts the node in a terminal, for the error message.
+
+    Raises:
+        NoKeyboardError: neither can be opened.
+    """
+    try:
+        return Window(title, help_text)
+    except NoKeyboardError as error:
+        no_window = error
+    try:
+        terminal = Terminal()
+    except NoKeyboardError as no_terminal:
+        raise NoKeyboardError(
+            f"no keyboard to drive with: no window ({no_window}), and {no_terminal}; "
+            f"set DISPLAY, or start the node in a terminal: {command}"
+        ) from None
+    print(f"no window ({no_window}), so keys are read from the terminal", flush=True)
+    return terminal
