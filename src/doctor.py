@@ -22,7 +22,6 @@ import sys
 import threading
 import time
 from contextlib import redirect_stderr, redirect_stdout, suppress
-from datetime import datetime
 from typing import Any, Callable, Dict, List, NamedTuple, Sequence, Set, Tuple
 from urllib.parse import urlparse
 
@@ -39,7 +38,7 @@ try:
     from std_msgs.msg import String
 
     from mushr_ros_intro.doctor import rules as diagnosis
-    from mushr_ros_intro.doctor.rules import Facts, Finding, Input, Master, Source, Takeover, Topic
+    from mushr_ros_intro.doctor.rules import Facts, Finding, Input, Master, Source, Topic
     from mushr_ros_intro.ros import conversions
     from mushr_ros_intro.ros.connections import CallError, ask, receivers
     from mushr_ros_intro.sim.mux import IDLE, ConfigError, parse_config
@@ -67,7 +66,6 @@ ROSWTF_PATIENCE = 4.0
 _INPUTS = ("safety", "teleop", "navigation", "default")
 _EDGE = re.compile(r"(.+)->(.+) \((.+)\)")  # as roswtf writes it: publisher->subscriber (topic)
 _OWN_TYPE = re.compile(r"our version has \[(.+)/(\w+)\]")  # as publishers say it
-_LOG_TAIL = 1_000_000  # [bytes] of the master's log that are read, from its end
 
 
 class Stream(NamedTuple):
@@ -300,7 +298,6 @@ class Doctor:
             pose=poses[-1] if poses else "",
             moves=any(each != poses[0] for each in poses) if poses else None,
             plan=self._ended_plan(nodes),
-            takeovers=tuple(self._takeovers()),
         )
 
     def _look_at_clock(self, instants: List[int]) -> "diagnosis.Clock":
@@ -445,24 +442,6 @@ class Doctor:
                 if plan and parameters.get("car_name", "car") == self._car:
                     return str(plan)
         return ""
-
-    def _takeovers(self) -> List["Takeover"]:
-        """Read in the master's log, if that is on this machine, who was shut down for a namesake.
-
-        Nothing else keeps that: the master forgets the first of the two, and rospy says it in that
-        one's own terminal only.
-        """
-        run = str(self._parameter("/run_id", ""))
-        path = os.path.join(rospkg.get_log_dir(), run, "master.log")
-        found = []
-        with suppress(OSError), open(path, "rb") as file:
-            file.seek(max(0, file.seek(0, io.SEEK_END) - _LOG_TAIL))
-            lines = file.read().decode(errors="replace").splitlines()
-            for when, node in diagnosis.takeovers(lines):
-                with suppress(ValueError):
-                    instant = datetime.strptime(when, "%Y-%m-%d %H:%M:%S,%f").timestamp()
-                    found.append(Takeover(node, time.time() - instant))
-        return found
 
 
 def _await_links(uri: str, topic: str, wanted: Set[str], deadline: float) -> bool:

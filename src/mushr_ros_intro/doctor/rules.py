@@ -2,16 +2,13 @@
 
 import shlex
 from dataclasses import dataclass
-from typing import Callable, Dict, Iterable, List, NamedTuple, Optional, Set, Tuple
+from typing import Callable, Iterable, List, NamedTuple, Optional, Set, Tuple
 
 from mushr_ros_intro.sim.mux import IDLE
 from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE
 
 USUAL_MASTER = "http://localhost:11311"
 """Where a master runs, and is looked for, if nobody says otherwise."""
-
-RECENTLY = 300.0
-"""For how long it is worth telling that a node was pushed out by another of its name [s]."""
 
 
 class Finding(NamedTuple):
@@ -103,14 +100,6 @@ class Clock(NamedTuple):
     """The service that lets a held clock go, if there is one."""
 
 
-class Takeover(NamedTuple):
-    """A node that the master shut down because another one of its name had come."""
-
-    node: str
-    ago: float
-    """How long that is past [s]."""
-
-
 @dataclass(frozen=True)
 class Facts:
     """What is to be seen of a running system, for one car."""
@@ -146,7 +135,6 @@ class Facts:
     """Whether its pose changed; None if it reports none."""
     plan: str = ""
     """The plan of a path_publisher that runs no more."""
-    takeovers: Tuple[Takeover, ...] = ()
     unconnected: Tuple[Tuple[str, str, str], ...] = ()
     """Publisher, subscriber and topic, of those that should be connected but are not."""
     services: Tuple[str, ...] = ()
@@ -181,7 +169,6 @@ def diagnose(facts: Facts) -> List[Finding]:
                 f"rosservice call /{facts.car}/car_sim/reset",
             )
         )
-    found += _takeovers(facts)
     found += _connections(facts, mistyped)
     if not found and facts.moves is False:
         found.append(
@@ -233,33 +220,6 @@ def program_fault(
     if not is_executable:
         return Finding(f"{path} is not executable", f"Type: chmod +x {quoted}")
     return None
-
-
-def takeovers(log: Iterable[str]) -> List[Tuple[str, str]]:
-    """Return who was shut down for another node of its name, as a master's log tells.
-
-    Args:
-        log: its lines, such as "[...][INFO] 2026-01-02 03:04:05,678: +PUB [/t] /n http://h:1/".
-
-    Returns:
-        The time as the log has it and the node's name, for each.
-    """
-    newest: Dict[str, str] = {}
-    seen = set()
-    found = []
-    for line in log:
-        head, _, entry = line.rstrip().partition(": ")
-        words = entry.split()
-        if len(words) != 4 or words[0] not in ("+PUB", "+SUB", "-PUB", "-SUB"):
-            continue
-        node, uri = words[2:]
-        if words[0].startswith("+"):
-            newest[node] = uri
-        elif newest.get(node, uri) != uri and uri not in seen:
-            # It was there to sign off after the other had signed on, so it had been alive.
-            seen.add(uri)
-            found.append((head.rpartition("]")[2].strip(), node))
-    return found
 
 
 def _no_master(master: Master) -> Finding:
@@ -460,25 +420,6 @@ def _stamps(facts: Facts) -> List[Finding]:
                         "synchronise the clocks, on each with: sudo ntpdate pool.ntp.org",
                     )
                 )
-    return found
-
-
-def _takeovers(facts: Facts) -> List[Finding]:
-    """Find names that two nodes fight for."""
-    found = []
-    recent = [each for each in facts.takeovers if each.ago <= RECENTLY]
-    for node in sorted({each.node for each in recent}):
-        times = [each.ago for each in recent if each.node == node]
-        # A node that was replaced once, with the car on the move, was replaced on purpose.
-        if len(times) > 1 or not facts.moves:
-            found.append(
-                Finding(
-                    f"two nodes have the name {node}: {min(times):.0f} s ago one was shut down "
-                    "because another had started",
-                    "Start one only, or one under another name, by adding to its command: "
-                    f"__name:={node.rpartition('/')[2]}_2",
-                )
-            )
     return found
 
 

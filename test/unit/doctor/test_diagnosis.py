@@ -12,7 +12,6 @@ from mushr_ros_intro.doctor.rules import (
     Input,
     Master,
     Source,
-    Takeover,
     Topic,
     diagnose,
     health,
@@ -239,16 +238,6 @@ def test_nothing_is_wrong():
             "rosservice call /car/car_sim/reset",
         ),
         (
-            {"takeovers": (Takeover("/n", 9.0), Takeover("/n", 5.0))},
-            "two nodes have the name /n: 5 s ago one was shut down because another had started",
-            "__name:=n_2",
-        ),
-        (
-            {"takeovers": (Takeover("/n", 5.0),), "moves": False},
-            "two nodes have the name /n",
-            "",
-        ),
-        (
             {"unconnected": (("/a", "/b", "/t"),)},
             "/a publishes /t and /b subscribes to it, but they are not connected",
             "rostopic info /t",
@@ -273,8 +262,6 @@ def test_each_finding(changes, words, remedy):
     "changes",
     [
         {"active": "idle"},  # between two commands
-        {"takeovers": (Takeover("/n", 5.0),)},  # replaced, and driving
-        {"takeovers": (Takeover("/n", 500.0), Takeover("/n", 600.0))},  # long ago
         {"moves": None},  # a car that reports no pose
         {"clock": Clock((CAR,), True)},
         {"inputs": with_plan(stamps=(NOW - S, NOW + 2 * S))},  # within the tolerance of the window
@@ -358,32 +345,3 @@ def test_programs(is_executable, line, words):
     fault = program_fault("/w s/a.py", is_executable, line, lambda name: name in there)
     assert str(fault).startswith("/w s/a.py ") if words else fault is None
     assert not words or words in str(fault)
-
-
-LOG = """\
-[rosmaster.master][INFO] 2026-11-21 06:07:13,541: +PUB [/t] /n http://h:1/
-[rosmaster.master][INFO] 2026-11-21 06:07:13,543: +SUB [/u] /n http://h:1/
-[rosmaster.master][INFO] 2026-11-21 06:07:14,000: +PUB [/t] /other http://h:9/
-[rosmaster.master][INFO] 2026-11-21 06:07:15,000: +SERVICE [/n/s] /n http://h:2/
-[rosmaster.master][INFO] 2026-11-21 06:07:16,000: publisherUpdate[/t] -> http://h:7/ ['http://h:1/']
-[rosmaster.master][INFO] 2026-11-21 06:07:17,451: +PUB [/t] /n http://h:2/
-"""
-OLD = """\
-[rosmaster.master][INFO] 2026-11-21 06:07:17,476: -SUB [/u] /n http://h:1/
-[rosmaster.master][INFO] 2026-11-21 06:07:17,477: -PUB [/t] /n http://h:1/
-"""
-NEW = "[rosmaster.master][INFO] 2026-11-21 06:07:18,000: -PUB [/t] /n http://h:2/\n"
-
-
-@pytest.mark.parametrize(
-    "log, expected",
-    [
-        (LOG, []),  # the first was dead by then, or has not signed off yet
-        (LOG + NEW, []),
-        (LOG + OLD + NEW, [("2026-11-21 06:07:17,476", "/n")]),
-        (OLD + LOG, []),  # the log begins in the middle
-        ("nothing\n: : :\n", []),
-    ],
-)
-def test_takeovers_in_a_log(log, expected):
-    assert diagnosis.takeovers(log.splitlines(keepends=True)) == expected
