@@ -21,7 +21,7 @@ import struct
 import sys
 import threading
 import time
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from contextlib import suppress
 from typing import Any, Callable, Dict, List, NamedTuple, Sequence, Set, Tuple
 from urllib.parse import urlparse
 
@@ -30,7 +30,6 @@ try:
     import rosgraph.network
     import rospkg
     import roswtf.context
-    import roswtf.graph
     import roswtf.network
     from ackermann_msgs.msg import AckermannDriveStamped
     from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
@@ -60,11 +59,7 @@ LISTENING = 1.5
 CLOCK_PATIENCE = 5.5
 """How long to wait for a clock to move [s]; in lock-step, it waits for commands for 5 s."""
 
-ROSWTF_PATIENCE = 4.0
-"""How long roswtf may take [s]."""
-
 _INPUTS = ("safety", "teleop", "navigation", "default")
-_EDGE = re.compile(r"(.+)->(.+) \((.+)\)")  # as roswtf writes it: publisher->subscriber (topic)
 _OWN_TYPE = re.compile(r"our version has \[(.+)/(\w+)\]")  # as publishers say it
 
 
@@ -549,37 +544,6 @@ def _is_loopback(name: str) -> bool:
     return bool(addresses) and all(ipaddress.ip_address(each).is_loopback for each in addresses)
 
 
-def ask_roswtf(facts: "Facts") -> "Facts":
-    """Add the missing connections and the faulty services that roswtf finds.
-
-    It asks the nodes one by one, and waits 3 s for each that is stopped. So it is asked only where
-    there is none, and may take so long and no longer.
-    """
-    if facts.master.trouble or facts.dead:
-        return facts
-    context = roswtf.context.WtfContext.from_env()
-
-    def ask() -> bool:
-        with suppress(Exception):  # it has no list of what it raises
-            roswtf.graph.wtf_check_graph(context)
-            return True
-        return False
-
-    timeout = socket.getdefaulttimeout()
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        (is_done,) = at_once([ask], ROSWTF_PATIENCE)
-    socket.setdefaulttimeout(timeout)
-    edges: List[Tuple[str, str, str]] = []
-    services: List[str] = []
-    for each in context.errors if is_done else ():
-        if each.format_msg.startswith("The following nodes should be connected"):
-            for match in (_EDGE.fullmatch(text) for text in each.return_val):
-                edges += [(match[1], match[2], match[3])] if match else []
-        elif each.format_msg.startswith("Errors connecting to the following services"):
-            services += each.return_val
-    return dataclasses.replace(facts, unconnected=tuple(edges), services=tuple(services))
-
-
 def _parser() -> argparse.ArgumentParser:
     """Return what reads the command line; it ends the program with status 2 on a bad one."""
     parser = argparse.ArgumentParser(
@@ -614,7 +578,7 @@ def main() -> int:
         print(import_fault(missing, sys.executable, "ROS_PACKAGE_PATH" in os.environ))
         return 1
     faults = look_at_files(arguments.package) + look_at_network()
-    facts = ask_roswtf(Doctor(arguments.car, rosgraph.get_master_uri()).look(faults))
+    facts = Doctor(arguments.car, rosgraph.get_master_uri()).look(faults)
     findings = diagnosis.diagnose(facts)
     for line in [str(each) for each in findings] or [diagnosis.health(facts)]:
         print(line)

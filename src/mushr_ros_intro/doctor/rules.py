@@ -135,10 +135,6 @@ class Facts:
     """Whether its pose changed; None if it reports none."""
     plan: str = ""
     """The plan of a path_publisher that runs no more."""
-    unconnected: Tuple[Tuple[str, str, str], ...] = ()
-    """Publisher, subscriber and topic, of those that should be connected but are not."""
-    services: Tuple[str, ...] = ()
-    """What is wrong with services."""
 
 
 def diagnose(facts: Facts) -> List[Finding]:
@@ -169,7 +165,6 @@ def diagnose(facts: Facts) -> List[Finding]:
                 f"rosservice call /{facts.car}/car_sim/reset",
             )
         )
-    found += _connections(facts, mistyped)
     if not found and facts.moves is False:
         found.append(
             Finding(
@@ -421,24 +416,6 @@ def _stamps(facts: Facts) -> List[Finding]:
                     )
                 )
     return found
-
-
-def _connections(facts: Facts, mistyped: List[Finding]) -> List[Finding]:
-    """Find the connections that are missing, or do not work."""
-    explained = " ".join(each.what for each in mistyped)
-    found = [
-        Finding(
-            f"{publisher} publishes {topic} and {subscriber} subscribes to it, but they are not "
-            "connected",
-            "Either one takes messages of another type, or their machines do not reach each "
-            f"other (set ROS_IP on both). To see who is there, type: rostopic info {topic}",
-        )
-        for publisher, subscriber, topic in facts.unconnected
-        if f"{publisher} " not in explained
-    ]
-    return found + [
-        Finding(each, "End the node that offers it, and start it again") for each in facts.services
-    ]
 
 
 def _has_mux(facts: Facts) -> bool:

@@ -237,12 +237,6 @@ def test_nothing_is_wrong():
             "the car stands against a wall at (9, 8, 7)",
             "rosservice call /car/car_sim/reset",
         ),
-        (
-            {"unconnected": (("/a", "/b", "/t"),)},
-            "/a publishes /t and /b subscribes to it, but they are not connected",
-            "rostopic info /t",
-        ),
-        ({"services": ("service [/s] is broken",)}, "service [/s] is broken", "start it again"),
         ({"faults": (Finding("a file", "Mend it"),)}, "a file. Mend it", "Mend it"),
         (
             {"moves": False},
@@ -293,14 +287,6 @@ def test_what_is_wrong_with_the_files_is_said_without_a_master_too():
     said = diagnose(replace(HEALTHY, master=master, faults=(Finding("a file", "Mend it"),)))
     assert [each.what for each in said][0] == "a file"
     assert len(said) == 2
-
-
-def test_a_type_that_explains_a_missing_connection_is_said_once():
-    said = the_finding(
-        inputs=with_plan(kind="std_msgs/String", md5sum="s"),
-        unconnected=(("/path_publisher", MUX, f"{MUX}/input/navigation"),),
-    )
-    assert "std_msgs/String" in said
 
 
 @pytest.mark.parametrize("node", ["/path_publisher", MUX, CAR])
