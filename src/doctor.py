@@ -292,7 +292,6 @@ class Doctor:
             contact=_pose(contacts[-1][0]) if contacts and contacts[-1] else "",
             pose=poses[-1] if poses else "",
             moves=any(each != poses[0] for each in poses) if poses else None,
-            plan=self._ended_plan(nodes),
         )
 
     def _look_at_clock(self, instants: List[int]) -> "diagnosis.Clock":
@@ -427,16 +426,6 @@ class Doctor:
             elif nodes and not topic.endswith("/mux/ackermann_cmd_mux/output"):
                 strays.append((topic, tuple(nodes)))
         return tuple(strays), tuple(cars)
-
-    def _ended_plan(self, nodes: Sequence[str]) -> str:
-        """Return the plan that a path_publisher was given which is there no more."""
-        for node in ("/path_publisher", f"/{self._car}/path_publisher"):
-            parameters = self._parameter(node, None)
-            if isinstance(parameters, dict) and node not in nodes:
-                plan = parameters.get("plan_file")
-                if plan and parameters.get("car_name", "car") == self._car:
-                    return str(plan)
-        return ""
 
 
 def _await_links(uri: str, topic: str, wanted: Set[str], deadline: float) -> bool:

@@ -133,8 +133,6 @@ class Facts:
     """Where the car is, if it reports that."""
     moves: Optional[bool] = None
     """Whether its pose changed; None if it reports none."""
-    plan: str = ""
-    """The plan of a path_publisher that runs no more."""
 
 
 def diagnose(facts: Facts) -> List[Finding]:
@@ -360,15 +358,6 @@ def _nobody_sends(facts: Facts) -> List[Finding]:
     named = "" if facts.car == "car" else f" car_name:={facts.car}"
     launch = f"roslaunch mushr_ros_intro path_publisher.launch{named} plan_file:="
     at = f" at {facts.pose}" if facts.pose and not facts.moves else ""
-    also = f"; nothing comes from {_list(silent)}" if silent else ""
-    if facts.plan:
-        return [
-            Finding(
-                "the plan is over: path_publisher has driven it, or given up as its terminal says, "
-                f"and the car is at rest{at}{also}",
-                f"To drive it again, type: {launch}{shlex.quote(facts.plan)}",
-            )
-        ]
     if silent:
         return [
             Finding(

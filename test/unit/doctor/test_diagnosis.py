@@ -175,12 +175,6 @@ def test_nothing_is_wrong():
             "catkin_make",
         ),
         (
-            {**STILL, "plan": "figure 8.txt"},
-            "the plan is over: path_publisher has driven it, or given up as its terminal says, and "
-            "the car is at rest at (1, 2, 3)",
-            "roslaunch mushr_ros_intro path_publisher.launch plan_file:='figure 8.txt'",
-        ),
-        (
             STILL,
             f"nobody publishes commands: {MUX}/input/navigation has no publisher",
             "roslaunch mushr_ros_intro path_publisher.launch plan_file:=figure_8",
@@ -263,7 +257,6 @@ def test_each_finding(changes, words, remedy):
         {"inputs": with_plan(speeds=(0.0, -0.1))},
         {"inputs": (PAST, an_input("teleop", Source("/keys")), an_input("navigation", PLAN))},
         {"now": None},  # there is no clock to compare with
-        {"plan": "figure_8", "inputs": with_plan(node="/student")},  # another one drives now
         {"other_cars": ("car2",)},
         {"strays": (("/cmd", ("/student",)),)},  # what drives the car is another node
         {"master": HERE._replace(other="http://localhost:11311")},
