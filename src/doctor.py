@@ -39,7 +39,14 @@ try:
     from mushr_ros_intro.doctor import rules as diagnosis
     from mushr_ros_intro.doctor.rules import Facts, Finding, Input, Master, Source, Topic
     from mushr_ros_intro.ros import conversions
-    from mushr_ros_intro.ros.connections import CallError, ask, receivers
+    from mushr_ros_intro.ros.connections import (
+        CallError,
+        NoResponseError,
+        NotRosError,
+        UnknownHostError,
+        ask,
+        receivers,
+    )
     from mushr_ros_intro.sim.mux import IDLE, ConfigError, parse_config
 
     missing = ""
@@ -130,11 +137,11 @@ def look_at_master(uri: str) -> "Master":
     try:
         call(uri, "getPid")
     except CallError as error:
-        said = {
-            diagnosis.NO_ROS: diagnosis.NO_ROS,
-            diagnosis.STOPPED: diagnosis.SILENT_MASTER if is_here else diagnosis.NO_MASTER,
-        }
-        return Master(uri, said.get(str(error), diagnosis.NO_MASTER), is_here, other)
+        if isinstance(error, NotRosError):
+            return Master(uri, diagnosis.NO_ROS, is_here, other)
+        is_stopped = is_here and isinstance(error, NoResponseError)
+        trouble = diagnosis.SILENT_MASTER if is_stopped else diagnosis.NO_MASTER
+        return Master(uri, trouble, is_here, other)
     return Master(uri, "", is_here, other)
 
 
@@ -314,9 +321,12 @@ class Doctor:
                 return ""  # it has just gone
             try:
                 call(self._addresses[node], "getPid")
-            except CallError as error:
-                silent = (diagnosis.STOPPED, diagnosis.UNKNOWN_HOST)
-                return str(error) if str(error) in silent else diagnosis.REFUSED
+            except NoResponseError:
+                return diagnosis.STOPPED
+            except UnknownHostError:
+                return diagnosis.UNKNOWN_HOST
+            except CallError:
+                return diagnosis.REFUSED
             return ""
 
         jobs = [lambda node=node: ping(node) for node in nodes]
