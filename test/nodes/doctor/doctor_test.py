@@ -25,14 +25,15 @@ from support.helpers import Process, Recording, node, publisher, wait_for
 
 sys.path.append(os.path.join(roslib.packages.get_pkg_dir("mushr_ros_intro"), "src"))
 import doctor  # noqa: E402
-from mushr_ros_intro.doctor import rules as diagnosis  # noqa: E402
+from mushr_ros_intro.doctor import facts, rules
+from mushr_ros_intro.ros import observation
 
 MUX = "/car/mux/ackermann_cmd_mux"
 NAVIGATION = f"{MUX}/input/navigation"
 CAR = "/car/car_sim"
 LISTENING = 0.2
 """[s] Enough for three commands; where a busy machine delays them, the doctor looks again."""
-SHORT_PATIENCE = mock.patch.object(doctor, "CALL_PATIENCE", 0.3)
+SHORT_PATIENCE = mock.patch.object(observation, "CALL_PATIENCE", 0.3)
 """With what does not answer; where a busy machine does not, the doctor looks again."""
 NOWHERE = "http://localhost:1/"
 """Where nothing listens."""
@@ -103,8 +104,8 @@ class TestDoctor(unittest.TestCase):
         said = []
 
         def is_said():
-            facts = doctor.Doctor(car, self.uri, LISTENING).look()
-            said[:] = map(str, diagnosis.diagnose(facts))
+            seen = observation.Doctor(car, self.uri, LISTENING).look()
+            said[:] = map(str, rules.diagnose(seen))
             fits = all(any(each in line for line in said) for each in words)
             return fits and len(said) == len(words)
 
@@ -201,8 +202,8 @@ class TestDoctor(unittest.TestCase):
                 time.sleep(2.0 * LISTENING)
             return call(uri, method, *arguments)
 
-        call = doctor.call
-        with Driver(NAVIGATION), mock.patch.object(doctor, "call", slow_call):
+        call = observation.call
+        with Driver(NAVIGATION), mock.patch.object(observation, "call", slow_call):
             self.expect_healthy()
 
     def test_types(self):
@@ -223,7 +224,7 @@ class TestDoctor(unittest.TestCase):
             self.expect("use_sim_time is true, but nobody publishes /clock")
             clock = rospy.Publisher("/clock", Clock, queue_size=1)
             resume = rospy.Service("/car/car_sim/resume", Trigger, lambda _: TriggerResponse())
-            with mock.patch.object(doctor, "CLOCK_PATIENCE", LISTENING):
+            with mock.patch.object(observation, "CLOCK_PATIENCE", LISTENING):
                 self.expect(
                     f"the clock is held: /clock comes from {self.me} and does not move. "
                     "Type: rosservice call /car/car_sim/resume"
@@ -258,10 +259,10 @@ class TestDoctor(unittest.TestCase):
 
     def test_masters(self):
         self.forget_hosts()
-        with mock.patch.object(diagnosis, "USUAL_MASTER", self.uri):
+        with mock.patch.object(facts, "USUAL_MASTER", self.uri):
             self.uri = "http://nosuch.invalid:11311"
             self.expect("nobody knows a machine called nosuch.invalid, but a master runs on this")
-        with mock.patch.object(diagnosis, "USUAL_MASTER", NOWHERE):
+        with mock.patch.object(facts, "USUAL_MASTER", NOWHERE):
             self.expect("nobody knows a machine called nosuch.invalid. Start the master there")
             self.uri = "localhost:11311"
             self.expect("that is no address")

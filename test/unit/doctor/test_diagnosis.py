@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from mushr_ros_intro.doctor import rules as diagnosis
-from mushr_ros_intro.doctor.rules import (
+from mushr_ros_intro.doctor import facts as diagnosis
+from mushr_ros_intro.doctor.facts import (
     Clock,
     Facts,
     Finding,
@@ -13,10 +13,8 @@ from mushr_ros_intro.doctor.rules import (
     Master,
     Source,
     Topic,
-    diagnose,
-    health,
-    program_fault,
 )
+from mushr_ros_intro.doctor.rules import diagnose, health, program_fault
 
 S = 1_000_000_000
 """[ns]"""
