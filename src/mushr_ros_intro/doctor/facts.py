@@ -1,127 +1,124 @@
-"""Facts about a running system, as the doctor sees them."""
+"""Facts about a running system that the doctor judges, and the findings that it reports."""
 
-from dataclasses import dataclass
-from typing import List, NamedTuple, Optional, Tuple
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Dict, List, NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.sim.mux import IDLE
 
-USUAL_MASTER = "http://localhost:11311"
-"""Where a master runs, and is looked for, if nobody says otherwise."""
+DEFAULT_MASTER = "http://localhost:11311"
+"""The address of the master if ROS_MASTER_URI is not set."""
 
 
 class Finding(NamedTuple):
-    """Something that is wrong."""
+    """A fault, and how to repair it."""
 
-    what: str
-    """What it is, as a sentence without its full stop."""
+    problem: str
+    """A sentence without its full stop."""
     remedy: str
-    """What to do or to type about it, likewise; what is to be typed is at its end."""
+    """A sentence without its full stop, with the command to type at its end."""
 
     def __str__(self) -> str:
-        return f"{self.what}. {self.remedy}"
+        return f"{self.problem}. {self.remedy}"
+
+
+class Fault(Enum):
+    """Why the master or a node cannot be reached."""
+
+    MALFORMED = "its address is malformed"
+    UNKNOWN_HOST = "the host name in its address cannot be resolved"
+    REFUSED = "nothing listens at its address"
+    NO_RESPONSE = "it does not respond in time"
+    NOT_ROS = "another program listens at its address"
 
 
 class Master(NamedTuple):
-    """The master that ROS_MASTER_URI names."""
+    """The master at ROS_MASTER_URI."""
 
     uri: str
-    trouble: str = ""
-    """Why it cannot be used, such as "nothing answers there"; empty if it can."""
-    is_here: bool = True
-    """Whether that is this machine."""
+    fault: Optional[Fault] = None
+    is_local: bool = True
+    """Whether its address is one of this machine."""
     other: str = ""
-    """Another master that runs on this machine, in the usual place."""
+    """The address of another master that runs on this machine, at the default port."""
 
 
-MALFORMED = "that is no address; it should look like http://localhost:11311"
-NO_MASTER = "no master answers there"
-SILENT_MASTER = "the master there does not answer: it is stopped"
-NO_ROS = "what answers there does not speak ROS"
-
-REFUSED = "nothing answers at its address: it has died"
-STOPPED = "it does not answer: it is stopped, or its machine is out of reach"
-UNKNOWN_HOST = "this machine does not know the name of the machine it is on"
-
-
-class Source(NamedTuple):
-    """A node that publishes commands or start poses, and what was heard from it."""
+class Publisher(NamedTuple):
+    """A node that publishes a topic, and what was received from it."""
 
     node: str
-    kind: str = ""
-    """The type of its messages, such as std_msgs/String; empty if it was not listened to."""
+    msg_type: str = ""
+    """Such as std_msgs/String; empty if the doctor did not connect."""
     md5sum: str = ""
-    """The sum of that type's definition."""
+    """Of the definition of the type."""
     stamps: Tuple[int, ...] = ()
     """Of its commands [ns]."""
     speeds: Tuple[float, ...] = ()
-    """In its commands [m/s]."""
+    """Of its commands [m/s]."""
 
 
 class Topic(NamedTuple):
-    """A topic that leads to the car."""
+    """A topic of commands or of initial poses."""
 
     name: str
-    kind: str
-    """The type that the car and the mux expect."""
+    msg_type: str
+    """The type that the subscribers expect."""
     md5sum: str
-    """The sum of that type's definition."""
-    sources: Tuple[Source, ...] = ()
+    publishers: Tuple[Publisher, ...] = ()
     subscribers: Tuple[str, ...] = ()
 
-
-class Input(NamedTuple):
-    """A topic for commands: one of the mux's inputs, or its output for who goes past it."""
-
-    name: str
-    topic: Topic
-
     @property
-    def senders(self) -> List[Source]:
-        """The nodes from which commands were heard."""
-        return [each for each in self.topic.sources if each.stamps]
+    def senders(self) -> List[Publisher]:
+        """The publishers from which commands were received."""
+        return [each for each in self.publishers if each.stamps]
 
 
 class Clock(NamedTuple):
     """The simulated time."""
 
-    sources: Tuple[str, ...] = ()
+    publishers: Tuple[str, ...] = ()
     """The nodes that publish /clock."""
-    moves: bool = False
-    """Whether it advanced while it was listened to."""
-    resume: str = ""
-    """The service that lets a held clock go, if there is one."""
+    advances: bool = False
+    resume_service: str = ""
+    """The service that resumes a paused clock; empty if there is none."""
 
 
 @dataclass(frozen=True)
 class Facts:
-    """What is to be seen of a running system, for one car."""
+    """The observed state of the system around one car."""
 
     car: str
     master: Master
-    faults: Tuple[Finding, ...] = ()
-    """What is wrong on this machine alone: files, paths, network names."""
-    inputs: Tuple[Input, ...] = ()
-    """By falling priority."""
+    inputs: Dict[str, Topic] = field(default_factory=dict)
+    """The inputs of the mux by name, by falling priority.
+
+    The first one, "output", is the mux's output with the publishers that bypass the mux.
+    """
     output: Topic = Topic("", "", "")
-    """Where the mux publishes and the car listens."""
-    placement: Topic = Topic("", "", "")
-    """Where the car is placed."""
-    dead: Tuple[Tuple[str, str], ...] = ()
-    """Each node that is registered but cannot be reached, and REFUSED, STOPPED or UNKNOWN_HOST."""
-    strays: Tuple[Tuple[str, Tuple[str, ...]], ...] = ()
-    """Each other topic of commands without a subscriber, and who publishes there."""
+    """The commands from the mux to the car."""
+    initial_pose: Topic = Topic("", "", "")
+    dead: Dict[str, Fault] = field(default_factory=dict)
+    """The registered nodes that cannot be reached."""
+    strays: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
+    """The publishers of each other topic of commands that has no subscriber."""
     other_cars: Tuple[str, ...] = ()
+    """The names of the other cars that run."""
     active: str = IDLE
-    """The input that the mux listens to."""
+    """The input that the mux forwards."""
     clock: Optional[Clock] = None
     """None in wall-clock time."""
-    now: Optional[Tuple[int, int]] = None
-    """When the listening began and ended, by the clock that the nodes go by [ns]."""
-    listened: float = 0.0
-    """How long that was [s]."""
+    window: Optional[Tuple[int, int]] = None
+    """The time of the nodes when listening began and ended [ns]; None if there was none."""
+    listening_time: float = 0.0
+    """How long the doctor listened at least [s of wall-clock time]."""
     contact: str = ""
-    """Where the car stands against a wall."""
+    """The pose at which the car touches a wall."""
     pose: str = ""
-    """Where the car is, if it reports that."""
+    """The pose of the car; empty if none is published."""
     moves: Optional[bool] = None
-    """Whether its pose changed; None if it reports none."""
+    """Whether the pose changed; None if none is published."""
+
+    @property
+    def senders(self) -> List[Publisher]:
+        """The publishers from which commands were received."""
+        return [each for topic in self.inputs.values() for each in topic.senders]

@@ -1,404 +1,289 @@
-"""Look at a running system, and return the facts about it."""
+"""Observe a running system and return facts about it, for the doctor. Every wait has a timeout."""
 
-import dataclasses
-import io
-import os
 import re
-import socket
-import struct
-import threading
 import time
 from contextlib import suppress
-from typing import Any, Callable, Dict, List, NamedTuple, Sequence, Set, Tuple
-from urllib.parse import urlparse
+from dataclasses import dataclass, replace
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+from urllib.parse import urlsplit
 
-import rosgraph
-import rosgraph.network
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Clock as ClockMsg
 from std_msgs.msg import String
 
-from mushr_ros_intro.doctor import facts as diagnosis
-from mushr_ros_intro.doctor.facts import Facts, Finding, Input, Master, Source, Topic
+from mushr_ros_intro.doctor.facts import (
+    DEFAULT_MASTER,
+    Clock,
+    Facts,
+    Fault,
+    Master,
+    Publisher,
+    Topic,
+)
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.connections import (
     CallError,
     NoResponseError,
     NotRosError,
+    RefusedError,
     UnknownHostError,
     ask,
-    receivers,
 )
+from mushr_ros_intro.ros.listener import Listener
+from mushr_ros_intro.ros.network import is_local, resolve, run_in_parallel
 from mushr_ros_intro.sim.mux import IDLE, ConfigError, parse_config
 
-CALLER = f"/doctor_{os.getpid()}_{time.time_ns()}"
-"""Who we say we are; a publisher drops whom it knows by the same name."""
+_CLOCK_TIMEOUT = 5.5
+"""How long to listen if /clock does not advance [s]; in lock-step it waits 5 s for commands."""
 
-CALL_PATIENCE = 2.0
-"""How long the master or a node may take for an answer [s]."""
+_MUX_INPUTS = ("safety", "teleop", "navigation", "default")
+"""The inputs of MuSHR's mux, for a mux without parameters."""
 
-LISTENING = 1.5
-"""For how long to listen to topics [s]."""
-
-CLOCK_PATIENCE = 5.5
-"""How long to wait for a clock to move [s]; in lock-step, it waits for commands for 5 s."""
-
-_INPUTS = ("safety", "teleop", "navigation", "default")
-_OWN_TYPE = re.compile(r"our version has \[(.+)/(\w+)\]")  # as publishers say it
+_FAULTS: Dict[type, Fault] = {
+    RefusedError: Fault.REFUSED,
+    NoResponseError: Fault.NO_RESPONSE,
+    UnknownHostError: Fault.UNKNOWN_HOST,
+    NotRosError: Fault.NOT_ROS,
+}
 
 
-class Stream(NamedTuple):
-    """What was heard from one publisher of one topic."""
+@dataclass(frozen=True)
+class _Graph:
+    """The registrations at the master."""
 
-    header: Dict[str, str]
-    """Of the connection: the type, its MD5 sum, and so on."""
-    messages: List[bytes]
-    """As they travel."""
+    publishers: Dict[str, List[str]]
+    subscribers: Dict[str, List[str]]
+    services: List[str]
+    dead: Dict[str, Fault]
 
-
-def call(uri: str, method: str, *arguments: Any) -> Any:
-    """Call a method of the master or of a node, and return its value.
-
-    Raises:
-        CallError: there was no answer, or not the value that was asked for.
-    """
-    return ask(uri, CALL_PATIENCE, CALLER, method, *arguments)
+    def live(self, nodes: Dict[str, List[str]], topic: str) -> List[str]:
+        """Return the publishers or subscribers of a topic that can be reached."""
+        return [each for each in nodes.get(topic, []) if each not in self.dead]
 
 
-def at_once(jobs: Sequence[Callable[[], Any]], patience: float) -> List[Any]:
-    """Do jobs side by side, and return what each returned; None where it is not done in time.
+class Observer:
+    """Observes the system around one car.
 
     Args:
-        jobs: functions that raise nothing.
-        patience: how long to wait for all of them [s].
+        car: the name of the car.
+        uri: the address of the master.
+        listening_time: how long to listen to topics [s].
+        call_timeout: for each call to the master or to a node [s].
+        default_master: the address at which to look for another master.
     """
-    results: List[Any] = [None] * len(jobs)
 
-    def run(index: int) -> None:
-        results[index] = jobs[index]()
+    def __init__(
+        self,
+        car: str,
+        uri: str,
+        listening_time: float = 1.5,
+        call_timeout: float = 2.0,
+        default_master: str = DEFAULT_MASTER,
+    ) -> None:
+        self._car, self._uri, self._default_master = car, uri, default_master
+        self._listening_time, self._call_timeout = listening_time, call_timeout
+        mux = f"/{car}/mux/ackermann_cmd_mux"
+        self._mux, self._output, self._active = mux, f"{mux}/output", f"{mux}/active"
+        self._pose, self._collision = f"/{car}/car_pose", f"/{car}/car_sim/collision"
+        self._initial_pose = "/initialpose" if car == "car" else f"/{car}/initialpose"
 
-    threads = [threading.Thread(target=run, args=(each,), daemon=True) for each in range(len(jobs))]
-    deadline = time.monotonic() + patience
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(max(0.0, deadline - time.monotonic()))
-    return list(results)
-
-
-def look_at_master(uri: str) -> Master:
-    """See whether a master answers at `uri`."""
-    host = port = None
-    with suppress(ValueError):
-        parsed = urlparse(uri)
-        host, port = parsed.hostname, parsed.port
-    if not uri.startswith("http://") or not host or not port:
-        return Master(uri, diagnosis.MALFORMED)
-
-    def find_addresses() -> List[str]:
-        try:
-            return [str(each[4][0]) for each in socket.getaddrinfo(host, port)]
-        except OSError:
-            return []
-
-    (addresses,) = at_once([find_addresses], CALL_PATIENCE)
-    here = [*rosgraph.network.get_local_addresses(), "::1"]
-    is_here = all(each in here or each.startswith("127.") for each in addresses or [""])
-    other = ""
-    if not is_here or port != urlparse(diagnosis.USUAL_MASTER).port:
-        with suppress(CallError):
-            call(diagnosis.USUAL_MASTER, "getPid")
-            other = diagnosis.USUAL_MASTER
-    if not addresses:
-        return Master(uri, f"nobody knows a machine called {host}", is_here, other)
-    try:
-        call(uri, "getPid")
-    except CallError as error:
-        if isinstance(error, NotRosError):
-            return Master(uri, diagnosis.NO_ROS, is_here, other)
-        is_stopped = is_here and isinstance(error, NoResponseError)
-        trouble = diagnosis.SILENT_MASTER if is_stopped else diagnosis.NO_MASTER
-        return Master(uri, trouble, is_here, other)
-    return Master(uri, "", is_here, other)
-
-
-class Doctor:
-    """Gathers the facts about one car from the master of `uri`."""
-
-    def __init__(self, car: str, uri: str, listening: float = LISTENING) -> None:
-        """Take the car's name, the master's address, and for how long to listen [s]."""
-        self._car = car
-        self._uri = uri
-        self._listening = listening
-        self._mux = f"/{car}/mux/ackermann_cmd_mux"
-        self._addresses: Dict[str, str] = {}
-        self._publishers: Dict[str, List[str]] = {}
-        self._subscribers: Dict[str, List[str]] = {}
-        self._services: List[str] = []
-        self._dead: List[Tuple[str, str]] = []
-
-    def look(self, faults: Sequence[Finding] = ()) -> Facts:
-        """Return the facts, among them what was found wrong before."""
-        master = look_at_master(self._uri)
-        facts = Facts(car=self._car, master=master, faults=tuple(faults))
-        if master.trouble:
+    def observe(self) -> Facts:
+        """Return the facts. It takes some seconds, whatever is stopped or unreachable."""
+        master = self._find_master()
+        facts = Facts(self._car, master)
+        if master.fault:
             return facts
         try:
-            return self._look_around(facts)
-        except CallError:  # it went while we looked
-            return dataclasses.replace(facts, master=master._replace(trouble=diagnosis.NO_MASTER))
+            return self._observe_system(facts)
+        except CallError as error:  # the master has ended or stopped meanwhile
+            return replace(facts, master=master._replace(fault=_fault(error)))
 
-    def _look_around(self, facts: Facts) -> Facts:
-        """Return what there is to see of a system whose master answers."""
-        state = call(self._uri, "getSystemState")
-        self._publishers, self._subscribers = dict(state[0]), dict(state[1])
-        self._services = [name for name, _ in state[2]]
-        nodes = sorted({name for part in state for _, names in part for name in names})
-        self._find_dead(nodes)
+    def _find_master(self) -> Master:
+        """Return whether a master responds, and whether there is another one."""
+        host = port = None
+        with suppress(ValueError):
+            parts = urlsplit(self._uri)
+            host, port = parts.hostname, parts.port
+        if not self._uri.startswith("http://") or not host or not port:
+            return Master(self._uri, Fault.MALFORMED)
+        addresses = resolve(host)
+        master = Master(self._uri, is_local=is_local(addresses))
+        if not master.is_local or port != urlsplit(self._default_master).port:
+            with suppress(CallError):
+                self._ask(self._default_master, "getPid")
+                master = master._replace(other=self._default_master)
+        if not addresses:
+            return master._replace(fault=Fault.UNKNOWN_HOST)
+        try:
+            self._ask(self._uri, "getPid")
+        except CallError as error:
+            return master._replace(fault=_fault(error))
+        return master
 
-        topics = dict(self._inputs())
-        output = f"{self._mux}/output"
-        placement = "/initialpose" if self._car == "car" else f"/{self._car}/initialpose"
-        past = [*topics.values(), output]
-        use_sim_time = bool(self._parameter("/use_sim_time", False))
-        reports = [f"{self._mux}/active", f"/{self._car}/car_pose", "/clock"]
-        reports.append(f"/{self._car}/car_sim/collision")
-        begin = time.time_ns()
-        heard = self._listen([*reports, *past, placement], self._listening, reports)
-        instants = [begin, time.time_ns()]
-        clock = None
-        if use_sim_time:
-            instants = _clock_stamps(heard)
-            clock = self._look_at_clock(instants)
-
-        muxes = {node for topic in topics.values() for node in self._subscribers.get(topic, [])}
-        inputs = [Input(name, self._topic(topic, heard)) for name, topic in topics.items()]
-        leading = self._topic(output, heard)
-        bypass = [each for each in leading.sources if each.node not in muxes]
-        inputs.insert(0, Input("output", leading._replace(sources=tuple(bypass))))
-
-        poses = [_pose(each.pose) for each in _messages(heard, PoseStamped)]
-        contacts = [each.poses for each in _messages(heard, PoseArray)]
-        actives = [each.data for each in _messages(heard, String)]
-        strays, cars = self._find_strays([*past, placement])
-        return dataclasses.replace(
-            facts,
-            inputs=tuple(inputs),
-            output=leading,
-            placement=self._topic(placement, heard, PoseWithCovarianceStamped),
-            dead=tuple(self._dead),
-            strays=strays,
-            other_cars=cars,
-            active=actives[-1] if actives else IDLE,
-            clock=clock,
-            now=(min(instants), max(instants)) if instants else None,
-            listened=self._listening,
-            contact=_pose(contacts[-1][0]) if contacts and contacts[-1] else "",
-            pose=poses[-1] if poses else "",
-            moves=any(each != poses[0] for each in poses) if poses else None,
-        )
-
-    def _look_at_clock(self, instants: List[int]) -> diagnosis.Clock:
-        """Return what is known of the simulated time, of which `instants` [ns] were heard."""
-        sources = self._publishers.get("/clock", [])
-        moves = len(set(instants)) > 1
-        if sources and not moves:
-            later = _clock_stamps(self._listen(["/clock"], CLOCK_PATIENCE, ["/clock"], enough=2))
-            moves = len({*instants, *later}) > 1
-        resume = [each for each in self._services if each.endswith("/car_sim/resume")]
-        return diagnosis.Clock(tuple(sources), moves, next(iter(resume), ""))
-
-    def _find_dead(self, nodes: Sequence[str]) -> None:
-        """Ask every node whether it is there."""
-
-        def ping(node: str) -> str:
-            try:
-                self._addresses[node] = call(self._uri, "lookupNode", node)
-            except CallError:
-                return ""  # it has just gone
-            try:
-                call(self._addresses[node], "getPid")
-            except NoResponseError:
-                return diagnosis.STOPPED
-            except UnknownHostError:
-                return diagnosis.UNKNOWN_HOST
-            except CallError:
-                return diagnosis.REFUSED
-            return ""
-
-        jobs = [lambda node=node: ping(node) for node in nodes]
-        answers = at_once(jobs, 1.5 * CALL_PATIENCE)
-        self._dead = [
-            (node, diagnosis.STOPPED if answer is None else answer)
-            for node, answer in zip(nodes, answers)
-            if answer != ""
-        ]
+    def _ask(self, uri: str, method: str, *arguments: Any) -> Any:
+        return ask(uri, self._call_timeout, "/doctor", method, *arguments)
 
     def _parameter(self, name: str, default: Any) -> Any:
         """Return a parameter's value, or the default if it is not set."""
         try:
-            return call(self._uri, "getParam", name)
+            return self._ask(self._uri, "getParam", name)
         except CallError:
             return default
 
-    def _inputs(self) -> List[Tuple[str, str]]:
-        """Return the mux's inputs and their topics, by falling priority."""
-        inputs = [(each, f"input/{each}") for each in _INPUTS]
+    def _observe_system(self, facts: Facts) -> Facts:
+        """Return the facts about a system whose master responds."""
+        graph = self._read_graph()
+        inputs = self._read_inputs()
+        uses_clock = bool(self._parameter("/use_sim_time", False))
+        commands = [*inputs.values(), self._output, self._initial_pose]
+        strays, other_cars = self._read_other_topics(graph, commands)
+        begin = time.time_ns()
+        heard = self._listen(graph, commands, uses_clock)
+        window: Optional[Tuple[int, int]] = (begin, time.time_ns())
+        clock = None
+        if uses_clock:
+            instants = _instants(heard)
+            window = (min(instants), max(instants)) if instants else None
+            resume = [each for each in graph.services if each.endswith("/car_sim/resume")]
+            clock = Clock(
+                tuple(graph.publishers.get("/clock", [])),
+                len(set(instants)) > 1,
+                next(iter(resume), ""),
+            )
+        topics = {name: _topic(graph, heard, topic) for name, topic in inputs.items()}
+        output = _topic(graph, heard, self._output)
+        muxes = {node for topic in topics.values() for node in topic.subscribers}
+        bypassing = tuple(each for each in output.publishers if each.node not in muxes)
+        actives = [msg.data for _, msg in heard.messages(self._active, String)]
+        poses = [_pose(msg.pose) for _, msg in heard.messages(self._pose, PoseStamped)]
+        contacts = [msg.poses for _, msg in heard.messages(self._collision, PoseArray)]
+        return replace(
+            facts,
+            inputs={"output": output._replace(publishers=bypassing), **topics},
+            output=output,
+            initial_pose=_topic(graph, heard, self._initial_pose, PoseWithCovarianceStamped),
+            dead=graph.dead,
+            strays=strays,
+            other_cars=other_cars,
+            active=actives[-1] if actives else IDLE,
+            clock=clock,
+            window=window,
+            listening_time=self._listening_time,
+            contact=_pose(contacts[-1][0]) if contacts and contacts[-1] else "",
+            pose=poses[-1] if poses else "",
+            moves=len(set(poses)) > 1 if poses else None,
+        )
+
+    def _read_graph(self) -> _Graph:
+        """Return what is registered at the master, and which nodes cannot be reached."""
+        publishers, subscribers, services = self._ask(self._uri, "getSystemState")
+        entries = [*publishers, *subscribers, *services]
+        nodes = sorted({node for _, names in entries for node in names})
+
+        def ping(node: str) -> None:
+            try:
+                uri = self._ask(self._uri, "lookupNode", node)
+            except CallError:
+                return  # it has just signed off
+            self._ask(uri, "getPid")
+
+        jobs = [lambda node=node: ping(node) for node in nodes]
+        results = run_in_parallel(jobs, 1.5 * self._call_timeout)
+        dead = {
+            node: _fault(result)
+            for node, result in zip(nodes, results)
+            if isinstance(result, Exception)
+        }
+        names = [name for name, _ in services]
+        return _Graph(dict(publishers), dict(subscribers), names, dead)
+
+    def _read_inputs(self) -> Dict[str, str]:
+        """Return the topics of the mux's inputs by name, by falling priority."""
+        inputs = {each: f"input/{each}" for each in _MUX_INPUTS}
         with suppress(ConfigError):
             config = parse_config(self._parameter(self._mux, None))
-            inputs = [(each.name, each.topic) for each in config.inputs]
-        return [
-            (name, topic if topic.startswith("/") else f"{self._mux}/{topic.lstrip('~')}")
-            for name, topic in inputs
-        ]
-
-    def _listen(
-        self, topics: Sequence[str], seconds: float, reports: Sequence[str], enough: int = 0
-    ) -> Dict[Tuple[str, str], Stream]:
-        """Listen to every live publisher of topics.
-
-        Args:
-            topics: their names.
-            seconds: for how long, once connected.
-            reports: the topics on which no publisher minds who listens.
-            enough: how many messages of each end it early; 0: none do.
-
-        Returns:
-            What was heard, by topic and node.
-        """
-        dead = {node for node, _ in self._dead}
-        begin = time.monotonic()
-
-        def hear(topic: str, node: str, stream: Stream) -> None:
-            uri = self._addresses[node]
-            wanted = set(self._subscribers.get(topic, [])) - dead
-            # A publisher that waits for its subscribers would take us for one, and go ahead.
-            may_listen = topic in reports or _await_links(uri, topic, wanted, begin + 0.5 * seconds)
-            _hear(topic, uri, "*" if may_listen else "?", seconds, enough, stream)
-
-        streams = {
-            (topic, node): Stream({}, [])
-            for topic in topics
-            for node in self._publishers.get(topic, [])
-            if node in self._addresses and node not in dead
-        }
-        jobs = [
-            lambda each=each, stream=stream: hear(each[0], each[1], stream)
-            for each, stream in streams.items()
-        ]
-        at_once(jobs, 1.5 * seconds + CALL_PATIENCE)
+            inputs = {each.name: each.topic for each in config.inputs}
         return {
-            each: Stream(dict(stream.header), list(stream.messages))
-            for each, stream in streams.items()
+            name: topic if topic.startswith("/") else f"{self._mux}/{topic.lstrip('~')}"
+            for name, topic in inputs.items()
         }
 
-    def _topic(
-        self,
-        name: str,
-        heard: Dict[Tuple[str, str], Stream],
-        kind: Any = None,
-    ) -> Topic:
-        """Return what is known of a topic of messages of `kind`; of commands, if none is given."""
-        kind = kind or AckermannDriveStamped
-        sources = []
-        for node in self._publishers.get(name, []):
-            stream = heard.get((name, node), Stream({}, []))
-            commands = _decoded(stream, kind) if kind is AckermannDriveStamped else []
-            sources.append(
-                Source(
-                    node,
-                    stream.header.get("type", ""),
-                    stream.header.get("md5sum", ""),
-                    tuple(each.header.stamp.to_nsec() for each in commands),
-                    tuple(each.drive.speed for each in commands),
-                )
-            )
-        subscribers = tuple(self._subscribers.get(name, []))
-        return Topic(name, kind._type, kind._md5sum, tuple(sources), subscribers)
-
-    def _find_strays(
-        self, known: Sequence[str]
-    ) -> Tuple[Tuple[Tuple[str, Tuple[str, ...]], ...], Tuple[str, ...]]:
-        """Find commands that go to nobody, and other cars."""
-        types = dict(call(self._uri, "getTopicTypes"))
-        dead = {node for node, _ in self._dead}
-        strays, cars = [], []
-        for topic, kind in sorted(types.items()):
+    def _read_other_topics(
+        self, graph: _Graph, known: Sequence[str]
+    ) -> Tuple[Dict[str, Tuple[str, ...]], Tuple[str, ...]]:
+        """Return the publishers of commands that no node receives, and the names of other cars."""
+        strays, cars = {}, []
+        for topic, kind in sorted(self._ask(self._uri, "getTopicTypes")):
             if kind != AckermannDriveStamped._type or topic in known:
                 continue
-            nodes = [each for each in self._publishers.get(topic, []) if each not in dead]
-            if self._subscribers.get(topic):
-                match = re.fullmatch(r"/(.+)/mux/ackermann_cmd_mux/output", topic)
-                cars += [match.group(1)] if match else []
-            elif nodes and not topic.endswith("/mux/ackermann_cmd_mux/output"):
-                strays.append((topic, tuple(nodes)))
-        return tuple(strays), tuple(cars)
+            match = re.fullmatch(r"/(.+)/mux/ackermann_cmd_mux/output", topic)
+            publishers = graph.live(graph.publishers, topic)
+            if graph.subscribers.get(topic):
+                cars += [match[1]] if match else []
+            elif publishers and not match:
+                strays[topic] = tuple(publishers)
+        return strays, tuple(cars)
+
+    def _listen(self, graph: _Graph, commands: Sequence[str], uses_clock: bool) -> Listener:
+        """Return what the live publishers send.
+
+        A publisher may wait for its first subscriber before it sends. The doctor must not satisfy
+        it, so it subscribes to a topic of commands only if another live node does. It does satisfy
+        a publisher that this other node rejects because of its type.
+        """
+        topics = [each for each in commands if graph.live(graph.subscribers, each)]
+        topics += [self._active, self._pose, self._collision] + ["/clock"] * uses_clock
+        expected = {
+            (topic, node) for topic in topics for node in graph.live(graph.publishers, topic)
+        }
+        needs_clock = uses_clock and bool(graph.live(graph.publishers, "/clock"))
+        listener = Listener(topics)
+        began = time.monotonic()
+        while time.monotonic() < began + self._call_timeout:
+            if expected <= listener.connected():
+                break
+            time.sleep(0.02)
+        began = time.monotonic()
+        while True:
+            elapsed = time.monotonic() - began
+            advances = not needs_clock or len(set(_instants(listener))) > 1
+            if elapsed > (self._listening_time if advances else _CLOCK_TIMEOUT):
+                break
+            time.sleep(0.02)
+        listener.connected()
+        listener.stop()
+        return listener
 
 
-def _await_links(uri: str, topic: str, wanted: Set[str], deadline: float) -> bool:
-    """Wait until a publisher is connected with all of the nodes `wanted`; in the end, with one.
-
-    Returns:
-        Whether it is.
-    """
-    while wanted:
-        try:
-            links = receivers(uri, CALL_PATIENCE, CALLER, topic)
-        except CallError:
-            return False
-        if wanted <= links or time.monotonic() > deadline:
-            return not wanted.isdisjoint(links)
-        time.sleep(0.05)
-    return False
+def _fault(error: Exception) -> Fault:
+    """Return why a call failed. A node that answers with an error has replaced the one called."""
+    return _FAULTS.get(type(error), Fault.REFUSED)
 
 
-def _hear(topic: str, uri: str, md5sum: str, seconds: float, enough: int, stream: Stream) -> None:
-    """Connect with a publisher as a subscriber does, and from then on take what it sends.
-
-    To any other sum than "*" and its own it sends nothing, but says what its own is.
-    """
-    with suppress(CallError, OSError, ValueError, rosgraph.network.ROSHandshakeException):
-        _, host, port = call(uri, "requestTopic", topic, [["TCPROS"]])
-        with socket.create_connection((host, port), CALL_PATIENCE) as connection:
-            header = {"topic": topic, "md5sum": md5sum, "callerid": CALLER}
-            rosgraph.network.write_ros_handshake_header(connection, header)
-            buffer = io.BytesIO()
-            stream.header.update(
-                rosgraph.network.read_ros_handshake_header(connection, buffer, 65536)
+def _topic(graph: _Graph, heard: Listener, name: str, kind: Any = AckermannDriveStamped) -> Topic:
+    """Return what is known about a topic on which messages of the type `kind` are expected."""
+    received = heard.messages(name, kind) if kind is AckermannDriveStamped else []
+    publishers = []
+    for node in graph.publishers.get(name, []):
+        header = heard.header(name, node)
+        commands = [msg for sender, msg in received if sender == node]
+        publishers.append(
+            Publisher(
+                node,
+                header.get("type", ""),
+                header.get("md5sum", ""),
+                tuple(each.header.stamp.to_nsec() for each in commands),
+                tuple(each.drive.speed for each in commands),
             )
-            match = _OWN_TYPE.search(stream.header.get("error", ""))
-            if match:
-                stream.header.update(type=match[1], md5sum=match[2])
-            data = buffer.getvalue()
-            deadline = time.monotonic() + seconds
-            while True:
-                while len(data) >= 4:
-                    (size,) = struct.unpack_from("<I", data)
-                    if len(data) < 4 + size:
-                        break
-                    stream.messages.append(data[4 : 4 + size])
-                    data = data[4 + size :]
-                left = deadline - time.monotonic()
-                if left <= 0.0 or (enough and len(stream.messages) >= enough):
-                    return
-                connection.settimeout(left)
-                received = connection.recv(65536)
-                if not received:
-                    return
-                data += received
+        )
+    subscribers = tuple(graph.subscribers.get(name, []))
+    return Topic(name, kind._type, kind._md5sum, tuple(publishers), subscribers)
 
 
-def _decoded(stream: Stream, kind: Any) -> List[Any]:
-    """Return the messages of a stream, if they are of a kind."""
-    if stream.header.get("md5sum") != kind._md5sum:
-        return []
-    return [kind().deserialize(each) for each in stream.messages]
-
-
-def _messages(heard: Dict[Tuple[str, str], Stream], kind: Any) -> List[Any]:
-    """Return the messages of a kind, of whatever topic and node."""
-    return [each for stream in heard.values() for each in _decoded(stream, kind)]
+def _instants(heard: Listener) -> List[int]:
+    """Return the instants [ns] that were received on /clock."""
+    return [msg.clock.to_nsec() for _, msg in heard.messages("/clock", ClockMsg)]
 
 
 def _pose(msg: Any) -> str:
@@ -407,8 +292,3 @@ def _pose(msg: Any) -> str:
         return str(conversions.pose_from_msg(msg))
     except conversions.MessageError as error:
         return str(error)
-
-
-def _clock_stamps(heard: Dict[Tuple[str, str], Stream]) -> List[int]:
-    """Return the instants [ns] that were heard on /clock."""
-    return [each.clock.to_nsec() for each in _messages(heard, ClockMsg)]
