@@ -1,220 +1,61 @@
 #!/usr/bin/python3
-"""Say why the car does not move, and what to type. Looks at the running system, changes nothing.
+"""Report why the car does not move, and what to type.
 
-It is no node: it asks the master and the nodes, and listens to each publisher on the way to the
-car by itself, so that it sees who sends what. Nothing that it waits for takes longer than a few
-seconds, whoever is stopped or gone.
+Looks at files, the network settings and the running system, and changes nothing. It joins the
+system as a node for some seconds, however many nodes are stopped or unreachable.
 """
 
 import argparse
-import dataclasses
-import glob
-import io
-import ipaddress
+import logging
 import os
 import re
 import shlex
-import shutil
 import signal
-import socket
-import struct
 import sys
-import threading
-import time
-from contextlib import redirect_stderr, redirect_stdout, suppress
-from datetime import datetime
-from typing import Any, Callable, Dict, List, NamedTuple, Sequence, Set, Tuple
-from urllib.parse import urlparse
+import tempfile
+from typing import List
 
 try:
     import rosgraph
-    import rosgraph.network
     import rospkg
-    import roswtf.context
-    import roswtf.graph
-    import roswtf.network
-    from ackermann_msgs.msg import AckermannDriveStamped
-    from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
-    from rosgraph_msgs.msg import Clock as ClockMsg
-    from std_msgs.msg import String
 
-    from mushr_ros_intro.doctor import rules as diagnosis
-    from mushr_ros_intro.doctor.rules import Facts, Finding, Input, Master, Source, Takeover, Topic
-    from mushr_ros_intro.ros import conversions
-    from mushr_ros_intro.ros.connections import CallError, ask, receivers
-    from mushr_ros_intro.sim.mux_config import IDLE, ConfigError, parse_config
+    from mushr_ros_intro.doctor.facts import Facts, Finding
+    from mushr_ros_intro.doctor.programs import program_findings
+    from mushr_ros_intro.doctor.rules import diagnose, health
+    from mushr_ros_intro.ros.listener import sign_off
+    from mushr_ros_intro.ros.network import network_findings
+    from mushr_ros_intro.ros.observation import Observer
 
     missing = ""
-except ImportError as error:  # the workspace is not sourced; main() says so
+except ImportError as error:  # the workspace is not sourced, or the Python is not Debian's
     missing = error.name or str(error)
 
 PACKAGE = "mushr_ros_intro"
-CALLER = f"/doctor_{os.getpid()}_{time.time_ns()}"
-"""Who we say we are; a publisher drops whom it knows by the same name."""
-
-CALL_PATIENCE = 2.0
-"""How long the master or a node may take for an answer [s]."""
-
-LISTENING = 1.5
-"""For how long to listen to topics [s]."""
-
-CLOCK_PATIENCE = 5.5
-"""How long to wait for a clock to move [s]; in lock-step, it waits for commands for 5 s."""
-
-ROSWTF_PATIENCE = 4.0
-"""How long roswtf may take [s]."""
-
-_INPUTS = ("safety", "teleop", "navigation", "default")
-_EDGE = re.compile(r"(.+)->(.+) \((.+)\)")  # as roswtf writes it: publisher->subscriber (topic)
-_OWN_TYPE = re.compile(r"our version has \[(.+)/(\w+)\]")  # as publishers say it
-_LOG_TAIL = 1_000_000  # [bytes] of the master's log that are read, from its end
 
 
-class Stream(NamedTuple):
-    """What was heard from one publisher of one topic."""
-
-    header: Dict[str, str]
-    """Of the connection: the type, its MD5 sum, and so on."""
-    messages: List[bytes]
-    """As they travel."""
-
-
-def call(uri: str, method: str, *arguments: Any) -> Any:
-    """Call a method of the master or of a node, and return its value.
-
-    Raises:
-        CallError: there was no answer, or not the value that was asked for.
-    """
-    return ask(uri, CALL_PATIENCE, CALLER, method, *arguments)
-
-
-def at_once(jobs: Sequence[Callable[[], Any]], patience: float) -> List[Any]:
-    """Do jobs side by side, and return what each returned; None where it is not done in time.
-
-    Args:
-        jobs: functions that raise nothing.
-        patience: how long to wait for all of them [s].
-    """
-    results: List[Any] = [None] * len(jobs)
-
-    def run(index: int) -> None:
-        results[index] = jobs[index]()
-
-    threads = [threading.Thread(target=run, args=(each,), daemon=True) for each in range(len(jobs))]
-    deadline = time.monotonic() + patience
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(max(0.0, deadline - time.monotonic()))
-    return list(results)
-
-
-def look_at_master(uri: str) -> "Master":
-    """See whether a master answers at `uri`."""
-    host = port = None
-    with suppress(ValueError):
-        parsed = urlparse(uri)
-        host, port = parsed.hostname, parsed.port
-    if not uri.startswith("http://") or not host or not port:
-        return Master(uri, diagnosis.MALFORMED)
-
-    def find_addresses() -> List[str]:
-        try:
-            return [str(each[4][0]) for each in socket.getaddrinfo(host, port)]
-        except OSError:
-            return []
-
-    (addresses,) = at_once([find_addresses], CALL_PATIENCE)
-    here = [*rosgraph.network.get_local_addresses(), "::1"]
-    is_here = all(each in here or each.startswith("127.") for each in addresses or [""])
-    other = ""
-    if not is_here or port != urlparse(diagnosis.USUAL_MASTER).port:
-        with suppress(CallError):
-            call(diagnosis.USUAL_MASTER, "getPid")
-            other = diagnosis.USUAL_MASTER
-    if not addresses:
-        return Master(uri, f"nobody knows a machine called {host}", is_here, other)
-    try:
-        call(uri, "getPid")
-    except CallError as error:
-        said = {
-            diagnosis.NO_ROS: diagnosis.NO_ROS,
-            diagnosis.STOPPED: diagnosis.SILENT_MASTER if is_here else diagnosis.NO_MASTER,
-        }
-        return Master(uri, said.get(str(error), diagnosis.NO_MASTER), is_here, other)
-    return Master(uri, "", is_here, other)
-
-
-def look_at_files(package: str) -> List["Finding"]:
-    """See whether this package and `package` are known to ROS and their programs can be started."""
-    rospack = rospkg.RosPack()
-    found = []
-    for name in dict.fromkeys((PACKAGE, package)):
-        try:
-            folder = rospack.get_path(name)
-        except rospkg.ResourceNotFound:
-            found.append(
-                Finding(
-                    f"ROS does not know the package {name}: it is not in ROS_PACKAGE_PATH",
-                    f"Type: source {_setup_file()}"
-                    if name == PACKAGE
-                    else "In the workspace that it is in, type: catkin_make && "
-                    "source devel/setup.bash",
-                )
-            )
-            continue
-        installed = os.path.join(folder, "..", "..", "lib", name)
-        inside = ("src",) if name == PACKAGE else ("", "bin", "nodes", "scripts", "src")
-        for each in (*(os.path.join(folder, part) for part in inside), installed):
-            found += _look_at_programs(os.path.normpath(each))
-    return found
-
-
-def _look_at_programs(folder: str) -> List["Finding"]:
-    """See whether the programs in a folder can be started."""
-    found = []
-    for path in sorted(glob.glob(os.path.join(glob.escape(folder), "*"))):
-        if not os.path.isfile(path) or os.path.basename(path) == "setup.py":
-            continue
-        try:
-            with open(path, "rb") as file:
-                text = file.read(100_000)
-        except OSError:
-            continue
-        is_python = path.endswith(".py") and re.search(rb"__main__|\binit_node\(", text)
-        if text.startswith(b"#!") or is_python:
-            line = text.split(b"\n")[0] + b"\n"
-            fault = diagnosis.program_fault(path, os.access(path, os.X_OK), line, _is_program)
-            found += [fault] if fault else []
-    return found
-
-
-def _is_program(name: str) -> bool:
-    """Say whether a program is there: a path, or a name to be looked for."""
-    return shutil.which(name) is not None
-
-
-def import_fault(name: str, python: str, is_sourced: bool) -> str:
+def import_fault(module: str, python: str, is_sourced: bool) -> str:
     """Return why Python does not find a module of ROS, and what to type.
 
     Args:
-        name: of the module.
-        python: the path of the Python that runs this.
-        is_sourced: whether some workspace is sourced.
+        module: its full name.
+        python: the path of the running Python.
+        is_sourced: whether a workspace is sourced.
     """
-    what = f"{python} does not find {name}:"
+    problem = f"{python} does not find the module {module}:"
     if os.path.realpath(python) != os.path.realpath("/usr/bin/python3"):
         return (
-            f"{what} it is not the Python that ROS is made for. "
+            f"{problem} ROS is installed for another Python. "
             f"Type: /usr/bin/python3 {shlex.quote(os.path.realpath(__file__))}"
         )
-    if is_sourced and name.split(".")[0] not in (PACKAGE, "ackermann_msgs"):
-        return f"{what} it is not installed. Type: sudo apt-get install python3-{name}"
-    return f"{what} the workspace is not sourced in this terminal. Type: source {_setup_file()}"
+    name = module.split(".")[0]
+    if is_sourced and name not in (PACKAGE, "ackermann_msgs"):
+        package = f"python3-{name.replace('_', '-')}"
+        return f"{problem} it is not installed. Type: sudo apt-get install {package}"
+    return f"{problem} the workspace is not sourced in this terminal. Type: source {_setup_file()}"
 
 
 def _setup_file() -> str:
-    """Return the file to be sourced so that ROS knows this package, as a shell takes it."""
+    """Return the quoted path of the setup file of the workspace with this package."""
     folder = os.path.dirname(os.path.realpath(__file__))
     while folder != os.path.dirname(folder):
         folder = os.path.dirname(folder)
@@ -225,401 +66,45 @@ def _setup_file() -> str:
     return "devel/setup.bash"
 
 
-class Doctor:
-    """Gathers the facts about one car from the master of `uri`."""
-
-    def __init__(self, car: str, uri: str, listening: float = LISTENING) -> None:
-        """Take the car's name, the master's address, and for how long to listen [s]."""
-        self._car = car
-        self._uri = uri
-        self._listening = listening
-        self._mux = f"/{car}/mux/ackermann_cmd_mux"
-        self._addresses: Dict[str, str] = {}
-        self._publishers: Dict[str, List[str]] = {}
-        self._subscribers: Dict[str, List[str]] = {}
-        self._services: List[str] = []
-        self._dead: List[Tuple[str, str]] = []
-
-    def look(self, faults: Sequence["Finding"] = ()) -> "Facts":
-        """Return the facts, among them what was found wrong before."""
-        master = look_at_master(self._uri)
-        facts = Facts(car=self._car, master=master, faults=tuple(faults))
-        if master.trouble:
-            return facts
+def package_findings(package: str) -> List["Finding"]:
+    """Return what is wrong with this package and `package`, and with their programs."""
+    rospack = rospkg.RosPack()
+    found = []
+    for name in dict.fromkeys((PACKAGE, package)):
         try:
-            return self._look_around(facts)
-        except CallError:  # it went while we looked
-            return dataclasses.replace(facts, master=master._replace(trouble=diagnosis.NO_MASTER))
+            folder = rospack.get_path(name)
+        except rospkg.ResourceNotFound:
+            remedy = "In its workspace, type: catkin_make && source devel/setup.bash"
+            if name == PACKAGE:
+                remedy = f"Type: source {_setup_file()}"
+            problem = f"ROS does not find the package {name}: it is not in ROS_PACKAGE_PATH"
+            found.append(Finding(problem, remedy))
+            continue
+        parts = ("src",) if name == PACKAGE else ("", "bin", "nodes", "scripts", "src")
+        for part in (*parts, f"../../lib/{name}"):  # the last one if it is installed
+            found += program_findings(os.path.normpath(os.path.join(folder, part)))
+    return found
 
-    def _look_around(self, facts: "Facts") -> "Facts":
-        """Return what there is to see of a system whose master answers."""
-        state = call(self._uri, "getSystemState")
-        self._publishers, self._subscribers = dict(state[0]), dict(state[1])
-        self._services = [name for name, _ in state[2]]
-        nodes = sorted({name for part in state for _, names in part for name in names})
-        self._find_dead(nodes)
 
-        topics = dict(self._inputs())
-        output = f"{self._mux}/output"
-        placement = "/initialpose" if self._car == "car" else f"/{self._car}/initialpose"
-        past = [*topics.values(), output]
-        use_sim_time = bool(self._parameter("/use_sim_time", False))
-        reports = [f"{self._mux}/active", f"/{self._car}/car_pose", "/clock"]
-        reports.append(f"/{self._car}/car_sim/collision")
-        begin = time.time_ns()
-        heard = self._listen([*reports, *past, placement], self._listening, reports)
-        instants = [begin, time.time_ns()]
-        clock = None
-        if use_sim_time:
-            instants = _clock_stamps(heard)
-            clock = self._look_at_clock(instants)
-
-        muxes = {node for topic in topics.values() for node in self._subscribers.get(topic, [])}
-        inputs = [Input(name, self._topic(topic, heard)) for name, topic in topics.items()]
-        leading = self._topic(output, heard)
-        bypass = [each for each in leading.sources if each.node not in muxes]
-        inputs.insert(0, Input("output", leading._replace(sources=tuple(bypass))))
-
-        poses = [_pose(each.pose) for each in _messages(heard, PoseStamped)]
-        contacts = [each.poses for each in _messages(heard, PoseArray)]
-        actives = [each.data for each in _messages(heard, String)]
-        strays, cars = self._find_strays([*past, placement])
-        return dataclasses.replace(
-            facts,
-            inputs=tuple(inputs),
-            output=leading,
-            placement=self._topic(placement, heard, PoseWithCovarianceStamped),
-            dead=tuple(self._dead),
-            strays=strays,
-            other_cars=cars,
-            active=actives[-1] if actives else IDLE,
-            clock=clock,
-            now=(min(instants), max(instants)) if instants else None,
-            listened=self._listening,
-            contact=_pose(contacts[-1][0]) if contacts and contacts[-1] else "",
-            pose=poses[-1] if poses else "",
-            moves=any(each != poses[0] for each in poses) if poses else None,
-            plan=self._ended_plan(nodes),
-            takeovers=tuple(self._takeovers()),
-        )
-
-    def _look_at_clock(self, instants: List[int]) -> "diagnosis.Clock":
-        """Return what is known of the simulated time, of which `instants` [ns] were heard."""
-        sources = self._publishers.get("/clock", [])
-        moves = len(set(instants)) > 1
-        if sources and not moves:
-            later = _clock_stamps(self._listen(["/clock"], CLOCK_PATIENCE, ["/clock"], enough=2))
-            moves = len({*instants, *later}) > 1
-        resume = [each for each in self._services if each.endswith("/car_sim/resume")]
-        return diagnosis.Clock(tuple(sources), moves, next(iter(resume), ""))
-
-    def _find_dead(self, nodes: Sequence[str]) -> None:
-        """Ask every node whether it is there."""
-
-        def ping(node: str) -> str:
-            try:
-                self._addresses[node] = call(self._uri, "lookupNode", node)
-            except CallError:
-                return ""  # it has just gone
-            try:
-                call(self._addresses[node], "getPid")
-            except CallError as error:
-                silent = (diagnosis.STOPPED, diagnosis.UNKNOWN_HOST)
-                return str(error) if str(error) in silent else diagnosis.REFUSED
-            return ""
-
-        jobs = [lambda node=node: ping(node) for node in nodes]
-        answers = at_once(jobs, 1.5 * CALL_PATIENCE)
-        self._dead = [
-            (node, diagnosis.STOPPED if answer is None else answer)
-            for node, answer in zip(nodes, answers)
-            if answer != ""
-        ]
-
-    def _parameter(self, name: str, default: Any) -> Any:
-        """Return a parameter's value, or the default if it is not set."""
+def observe(car: str) -> "Facts":
+    """Return the facts about the running system, without log output or a log file."""
+    logging.disable()
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["ROS_LOG_DIR"] = folder
         try:
-            return call(self._uri, "getParam", name)
-        except CallError:
-            return default
-
-    def _inputs(self) -> List[Tuple[str, str]]:
-        """Return the mux's inputs and their topics, by falling priority."""
-        inputs = [(each, f"input/{each}") for each in _INPUTS]
-        with suppress(ConfigError):
-            config = parse_config(self._parameter(self._mux, None))
-            inputs = [(each.name, each.topic) for each in config.inputs]
-        return [
-            (name, topic if topic.startswith("/") else f"{self._mux}/{topic.lstrip('~')}")
-            for name, topic in inputs
-        ]
-
-    def _listen(
-        self, topics: Sequence[str], seconds: float, reports: Sequence[str], enough: int = 0
-    ) -> Dict[Tuple[str, str], Stream]:
-        """Listen to every live publisher of topics.
-
-        Args:
-            topics: their names.
-            seconds: for how long, once connected.
-            reports: the topics on which no publisher minds who listens.
-            enough: how many messages of each end it early; 0: none do.
-
-        Returns:
-            What was heard, by topic and node.
-        """
-        dead = {node for node, _ in self._dead}
-        begin = time.monotonic()
-
-        def hear(topic: str, node: str, stream: Stream) -> None:
-            uri = self._addresses[node]
-            wanted = set(self._subscribers.get(topic, [])) - dead
-            # A publisher that waits for its subscribers would take us for one, and go ahead.
-            may_listen = topic in reports or _await_links(uri, topic, wanted, begin + 0.5 * seconds)
-            _hear(topic, uri, "*" if may_listen else "?", seconds, enough, stream)
-
-        streams = {
-            (topic, node): Stream({}, [])
-            for topic in topics
-            for node in self._publishers.get(topic, [])
-            if node in self._addresses and node not in dead
-        }
-        jobs = [
-            lambda each=each, stream=stream: hear(each[0], each[1], stream)
-            for each, stream in streams.items()
-        ]
-        at_once(jobs, 1.5 * seconds + CALL_PATIENCE)
-        return {
-            each: Stream(dict(stream.header), list(stream.messages))
-            for each, stream in streams.items()
-        }
-
-    def _topic(
-        self,
-        name: str,
-        heard: Dict[Tuple[str, str], Stream],
-        kind: Any = None,
-    ) -> "Topic":
-        """Return what is known of a topic of messages of `kind`; of commands, if none is given."""
-        kind = kind or AckermannDriveStamped
-        sources = []
-        for node in self._publishers.get(name, []):
-            stream = heard.get((name, node), Stream({}, []))
-            commands = _decoded(stream, kind) if kind is AckermannDriveStamped else []
-            sources.append(
-                Source(
-                    node,
-                    stream.header.get("type", ""),
-                    stream.header.get("md5sum", ""),
-                    tuple(each.header.stamp.to_nsec() for each in commands),
-                    tuple(each.drive.speed for each in commands),
-                )
-            )
-        subscribers = tuple(self._subscribers.get(name, []))
-        return Topic(name, kind._type, kind._md5sum, tuple(sources), subscribers)
-
-    def _find_strays(
-        self, known: Sequence[str]
-    ) -> Tuple[Tuple[Tuple[str, Tuple[str, ...]], ...], Tuple[str, ...]]:
-        """Find commands that go to nobody, and other cars."""
-        types = dict(call(self._uri, "getTopicTypes"))
-        dead = {node for node, _ in self._dead}
-        strays, cars = [], []
-        for topic, kind in sorted(types.items()):
-            if kind != AckermannDriveStamped._type or topic in known:
-                continue
-            nodes = [each for each in self._publishers.get(topic, []) if each not in dead]
-            if self._subscribers.get(topic):
-                match = re.fullmatch(r"/(.+)/mux/ackermann_cmd_mux/output", topic)
-                cars += [match.group(1)] if match else []
-            elif nodes and not topic.endswith("/mux/ackermann_cmd_mux/output"):
-                strays.append((topic, tuple(nodes)))
-        return tuple(strays), tuple(cars)
-
-    def _ended_plan(self, nodes: Sequence[str]) -> str:
-        """Return the plan that a path_publisher was given which is there no more."""
-        for node in ("/path_publisher", f"/{self._car}/path_publisher"):
-            parameters = self._parameter(node, None)
-            if isinstance(parameters, dict) and node not in nodes:
-                plan = parameters.get("plan_file")
-                if plan and parameters.get("car_name", "car") == self._car:
-                    return str(plan)
-        return ""
-
-    def _takeovers(self) -> List["Takeover"]:
-        """Read in the master's log, if that is on this machine, who was shut down for a namesake.
-
-        Nothing else keeps that: the master forgets the first of the two, and rospy says it in that
-        one's own terminal only.
-        """
-        run = str(self._parameter("/run_id", ""))
-        path = os.path.join(rospkg.get_log_dir(), run, "master.log")
-        found = []
-        with suppress(OSError), open(path, "rb") as file:
-            file.seek(max(0, file.seek(0, io.SEEK_END) - _LOG_TAIL))
-            lines = file.read().decode(errors="replace").splitlines()
-            for when, node in diagnosis.takeovers(lines):
-                with suppress(ValueError):
-                    instant = datetime.strptime(when, "%Y-%m-%d %H:%M:%S,%f").timestamp()
-                    found.append(Takeover(node, time.time() - instant))
-        return found
+            return Observer(car, rosgraph.get_master_uri()).observe()
+        finally:
+            sign_off()
 
 
-def _await_links(uri: str, topic: str, wanted: Set[str], deadline: float) -> bool:
-    """Wait until a publisher is connected with all of the nodes `wanted`; in the end, with one.
-
-    Returns:
-        Whether it is.
-    """
-    while wanted:
-        try:
-            links = receivers(uri, CALL_PATIENCE, CALLER, topic)
-        except CallError:
-            return False
-        if wanted <= links or time.monotonic() > deadline:
-            return not wanted.isdisjoint(links)
-        time.sleep(0.05)
-    return False
+def _interrupt(*_: object) -> None:
+    """End the observation at the first Ctrl-C; a second one must not interrupt signing off."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
-def _hear(topic: str, uri: str, md5sum: str, seconds: float, enough: int, stream: Stream) -> None:
-    """Connect with a publisher as a subscriber does, and from then on take what it sends.
-
-    To any other sum than "*" and its own it sends nothing, but says what its own is.
-    """
-    with suppress(CallError, OSError, ValueError, rosgraph.network.ROSHandshakeException):
-        _, host, port = call(uri, "requestTopic", topic, [["TCPROS"]])
-        with socket.create_connection((host, port), CALL_PATIENCE) as connection:
-            header = {"topic": topic, "md5sum": md5sum, "callerid": CALLER}
-            rosgraph.network.write_ros_handshake_header(connection, header)
-            buffer = io.BytesIO()
-            stream.header.update(
-                rosgraph.network.read_ros_handshake_header(connection, buffer, 65536)
-            )
-            match = _OWN_TYPE.search(stream.header.get("error", ""))
-            if match:
-                stream.header.update(type=match[1], md5sum=match[2])
-            data = buffer.getvalue()
-            deadline = time.monotonic() + seconds
-            while True:
-                while len(data) >= 4:
-                    (size,) = struct.unpack_from("<I", data)
-                    if len(data) < 4 + size:
-                        break
-                    stream.messages.append(data[4 : 4 + size])
-                    data = data[4 + size :]
-                left = deadline - time.monotonic()
-                if left <= 0.0 or (enough and len(stream.messages) >= enough):
-                    return
-                connection.settimeout(left)
-                received = connection.recv(65536)
-                if not received:
-                    return
-                data += received
-
-
-def _decoded(stream: Stream, kind: Any) -> List[Any]:
-    """Return the messages of a stream, if they are of a kind."""
-    if stream.header.get("md5sum") != kind._md5sum:
-        return []
-    return [kind().deserialize(each) for each in stream.messages]
-
-
-def _messages(heard: Dict[Tuple[str, str], Stream], kind: Any) -> List[Any]:
-    """Return the messages of a kind, of whatever topic and node."""
-    return [each for stream in heard.values() for each in _decoded(stream, kind)]
-
-
-def _pose(msg: Any) -> str:
-    """Return a pose as text."""
-    try:
-        return str(conversions.pose_from_msg(msg))
-    except conversions.MessageError as error:
-        return str(error)
-
-
-def _clock_stamps(heard: Dict[Tuple[str, str], Stream]) -> List[int]:
-    """Return the instants [ns] that were heard on /clock."""
-    return [each.clock.to_nsec() for each in _messages(heard, ClockMsg)]
-
-
-def look_at_network() -> List["Finding"]:
-    """Return what roswtf finds wrong with ROS_HOSTNAME and ROS_IP."""
-    context = roswtf.context.WtfContext.from_env()
-    with suppress(OSError):  # a machine that does not know its own name
-        roswtf.network.wtf_check(context)
-    # On a machine whose localhost is ::1 first, roswtf does not know it for a local address.
-    knows_better = _is_loopback(os.environ.get("ROS_HOSTNAME", ""))
-    return [
-        Finding(
-            " ".join(each.msg.split()).rstrip("."),
-            "Set it right, in every terminal; if everything runs on this machine, type: "
-            "export ROS_HOSTNAME=localhost",
-        )
-        for each in context.warnings
-        if not (knows_better and "ROS_HOSTNAME may be incorrect" in each.msg)
-    ]
-
-
-def _is_loopback(name: str) -> bool:
-    """Say whether a host's name stands for this machine's loopback interface."""
-    try:
-        addresses = [each[4][0] for each in socket.getaddrinfo(name, 0)] if name else []
-    except OSError:
-        return False
-    return bool(addresses) and all(ipaddress.ip_address(each).is_loopback for each in addresses)
-
-
-def ask_roswtf(facts: "Facts") -> "Facts":
-    """Add the missing connections and the faulty services that roswtf finds.
-
-    It asks the nodes one by one, and waits 3 s for each that is stopped. So it is asked only where
-    there is none, and may take so long and no longer.
-    """
-    if facts.master.trouble or facts.dead:
-        return facts
-    context = roswtf.context.WtfContext.from_env()
-
-    def ask() -> bool:
-        with suppress(Exception):  # it has no list of what it raises
-            roswtf.graph.wtf_check_graph(context)
-            return True
-        return False
-
-    timeout = socket.getdefaulttimeout()
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        (is_done,) = at_once([ask], ROSWTF_PATIENCE)
-    socket.setdefaulttimeout(timeout)
-    edges: List[Tuple[str, str, str]] = []
-    services: List[str] = []
-    for each in context.errors if is_done else ():
-        if each.format_msg.startswith("The following nodes should be connected"):
-            for match in (_EDGE.fullmatch(text) for text in each.return_val):
-                edges += [(match[1], match[2], match[3])] if match else []
-        elif each.format_msg.startswith("Errors connecting to the following services"):
-            services += each.return_val
-    return dataclasses.replace(facts, unconnected=tuple(edges), services=tuple(services))
-
-
-def _parser() -> argparse.ArgumentParser:
-    """Return what reads the command line; it ends the program with status 2 on a bad one."""
-    parser = argparse.ArgumentParser(
-        prog="doctor.py",
-        description="Say why the car does not move, and what to type. Ends with status 0 if "
-        "nothing is wrong, 1 if something is, 2 if it has been called wrongly.",
-    )
-    parser.add_argument("--car", metavar="NAME", type=_name, default="car", help="default car")
-    parser.add_argument(
-        "--package",
-        metavar="PKG",
-        default=PACKAGE,
-        help="see as well whether the programs of this package, such as yours, can be started",
-    )
-    return parser
-
-
-def _name(text: str) -> str:
-    """Return the name of a car, such as car or team/car."""
+def car_name(text: str) -> str:
+    """Return the name of a car, such as car or team/car; argparse reports the exception."""
     name = text.strip("/")
     if not re.fullmatch(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", name, re.ASCII):
         raise argparse.ArgumentTypeError(f"'{text}'; expected the name of a car, such as car2")
@@ -627,19 +112,37 @@ def _name(text: str) -> str:
 
 
 def main() -> int:
-    """Look, and say what is wrong; return the exit status."""
-    arguments = _parser().parse_args()
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    """Print the findings; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="doctor.py",
+        description="Report why the car does not move, and what to type. The exit status is 0 "
+        "without findings, 1 with findings, 2 for wrong arguments.",
+    )
+    parser.add_argument("--car", metavar="NAME", type=car_name, default="car", help="default: car")
+    parser.add_argument(
+        "--package",
+        metavar="PKG",
+        default=PACKAGE,
+        help="also check whether the programs of this package can be started",
+    )
+    arguments = parser.parse_args()
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, _interrupt)
     if missing:
         print(import_fault(missing, sys.executable, "ROS_PACKAGE_PATH" in os.environ))
         return 1
-    faults = look_at_files(arguments.package) + look_at_network()
-    facts = ask_roswtf(Doctor(arguments.car, rosgraph.get_master_uri()).look(faults))
-    findings = diagnosis.diagnose(facts)
-    for line in [str(each) for each in findings] or [diagnosis.health(facts)]:
+    network = network_findings()
+    if network:  # the doctor's own node must not use these settings
+        for name in ("ROS_HOSTNAME", "ROS_IP"):
+            os.environ.pop(name, None)
+    try:
+        facts = observe(arguments.car)
+    except KeyboardInterrupt:
+        return 128 + signal.SIGINT
+    found = [*package_findings(arguments.package), *network, *diagnose(facts)]
+    for line in [str(each) for each in found] or [health(facts)]:
         print(line)
-    return 1 if findings else 0
+    return 1 if found else 0
 
 
 if __name__ == "__main__":

@@ -16,7 +16,13 @@ from mushr_ros_intro.plan.find import find_plan, read_plan
 from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.candidate import Candidate
-from mushr_ros_intro.ros.observer import CONTROL, POSES, ObservationError, Observer, wait_for
+from mushr_ros_intro.ros.replay_observer import (
+    CONTROL,
+    POSES,
+    ObservationError,
+    ReplayObserver,
+    wait_for,
+)
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
@@ -45,7 +51,7 @@ def replay() -> Tuple[judge.Replay, List[judge.Check]]:
     car = car_from(node.simulated_car_parameters("car"))
     tolerances = _tolerances(parameters, judge.default_tolerances(plan, car))
 
-    observer = Observer(max(patience, START_TIMEOUT))
+    observer = ReplayObserver(max(patience, START_TIMEOUT))
     ours = set(_publishers())
     candidate = Candidate(publisher, [f"_plan_file:={plan.path}", *observer.remappings])
     began = (time.monotonic(), rospy.get_time())
@@ -90,7 +96,7 @@ def _tolerances(parameters: Parameters, default: judge.Tolerances) -> judge.Tole
 
 
 def _watch(
-    candidate: Candidate, observer: Observer, plan: Plan, patience: float, ours: Set[str]
+    candidate: Candidate, observer: ReplayObserver, plan: Plan, patience: float, ours: Set[str]
 ) -> str:
     """Wait until the node has driven the plan, or has failed to.
 

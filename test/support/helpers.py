@@ -231,6 +231,28 @@ def publisher(topic, kind, **options):
     return made
 
 
+class Relay:
+    """Passes the messages of a topic on to another; `before` is called with each message first."""
+
+    def __init__(self, topic, to, kind, before):
+        self._before = before
+        self._publisher = publisher(to, kind)
+        self._subscriber = rospy.Subscriber(topic, kind, self._pass_on, tcp_nodelay=True)
+
+    def _pass_on(self, message):
+        self._before(message)
+        self._publisher.publish(message)
+
+    def end(self):
+        self._subscriber.unregister()
+        self._publisher.unregister()
+
+
+def is_stop(message):
+    """Return whether a command tells the car to stand with straight wheels."""
+    return not message.drive.speed and not message.drive.steering_angle
+
+
 def wait_for_recorder(name):
     """Wait until what a plan_recorder needs to hear reaches it."""
     master = rosgraph.Master(rospy.get_name())

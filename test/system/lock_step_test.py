@@ -5,6 +5,7 @@ import glob
 import io
 import os
 import re
+import signal
 import time
 import unittest
 
@@ -19,7 +20,8 @@ from rosgraph_msgs.msg import Log
 from std_srvs.srv import Trigger
 
 from mushr_ros_intro.ros.connections import wait_until_connected
-from support.helpers import PATIENCE, Recording, node, publisher, wait_for
+from mushr_ros_intro.sim.stamps import CLOCK_PATIENCE_AT_REST
+from support.helpers import PATIENCE, Recording, Relay, is_stop, node, wait_for
 
 PROMISED = 1e-9
 """[m, rad] Between the predicted and the driven final pose."""
@@ -33,6 +35,8 @@ TAIL = rospy.Duration(0.5)
 HELD_UP = 0.5
 """[s] How late a message is that is held up: less than the publisher's lead of 0.9 s, and than the
 clock waits after a stop."""
+
+LAPS = 3
 
 DIFFERENCE = re.compile(r"difference (\S+) m, (\S+) rad")
 
@@ -61,23 +65,22 @@ def apart(messages):
     return (max(stamps) - min(stamps)).to_sec()
 
 
-def hold_up(topic, to, kind):
-    """Pass the messages of a topic on to another: late the first, and the one after a stop."""
-    out = publisher(to, kind)
-    before = "nothing"
-    late = {"nothing", "a stop"}
+def is_pause(one, other):
+    """Return whether a lap ends between two commands: plans have no gaps, and laps are a second apart."""
+    return other.header.stamp - one.header.stamp > rospy.Duration(0.5)
 
-    def pass_on(message):
-        nonlocal before
-        if before in late:
-            late.remove(before)
-            time.sleep(HELD_UP)
-        out.publish(message)
-        drive = getattr(message, "drive", None)
-        is_stop = drive and not drive.speed and not drive.steering_angle
-        before = "a stop" if is_stop else "another"
 
-    rospy.Subscriber(topic, kind, pass_on, tcp_nodelay=True)
+class Delay:
+    """Delays the first command of each drive, and each initial pose."""
+
+    def __init__(self, seconds=HELD_UP):
+        self._seconds = seconds
+        self._is_next = True
+
+    def __call__(self, message):
+        if self._is_next:
+            time.sleep(self._seconds)
+        self._is_next = not hasattr(message, "drive") or is_stop(message)
 
 
 class TestLockStep(unittest.TestCase):
@@ -102,7 +105,7 @@ class TestLockStep(unittest.TestCase):
         begin = commands.messages[0].header.stamp
         wait_for(lambda: apart(commands.messages[-2:]) == MUX_TIMEOUT, "the mux to stop the car")
         said = [m.msg for m in self.log.messages if m.name == "/car/car_sim"]
-        self.assertFalse([text for text in said if "no command came" in text])
+        self.assertFalse([text for text in said if "no command arrived" in text])
         # The plan's stop, and the one that the mux adds when nothing comes any more.
         end = next(m.header.stamp for m in commands.messages[::-1] if m.drive.speed) + TAIL
         poses.after(end)
@@ -125,13 +128,62 @@ class TestLockStep(unittest.TestCase):
         for plan in plans:
             self.assert_same_to_the_bit(plan, first_round[plan], self.drive(plan))
 
-    def test_to_the_bit_where_messages_are_held_up(self):
-        """The car stands at the start pose from the beginning, so what it reports tells nothing."""
-        hold_up("/held_up/initialpose", "/initialpose", PoseWithCovarianceStamped)
-        hold_up("/held_up/navigation", NAVIGATION, AckermannDriveStamped)
-        held_up = ("_init_pose_topic:=/held_up/initialpose", "_control_topic:=/held_up/navigation")
+    def delay(self, seconds):
+        """Delay the messages of a node; return the arguments with which it has to be started."""
+        for topic, to, kind in (
+            ("/delayed/initialpose", "/initialpose", PoseWithCovarianceStamped),
+            ("/delayed/navigation", NAVIGATION, AckermannDriveStamped),
+        ):
+            self.addCleanup(Relay(topic, to, kind, Delay(seconds)).end)
+        return ("_init_pose_topic:=/delayed/initialpose", "_control_topic:=/delayed/navigation")
+
+    def test_to_the_bit_if_messages_are_delayed(self):
+        """The car stands at the start pose from the beginning, so its reports tell nothing."""
         plan = "parallel_parking"
-        self.assert_same_to_the_bit(plan, self.drive(plan), self.drive(plan, *held_up))
+        self.assert_same_to_the_bit(plan, self.drive(plan), self.drive(plan, *self.delay(HELD_UP)))
+
+    def test_laps_to_the_bit(self):
+        """Also if the clock loses its patience between two laps."""
+        plan = "parallel_parking"
+        expected = self.drive(plan)
+        poses, _, commands = self.recordings
+        for arguments in ((), self.delay(CLOCK_PATIENCE_AT_REST + 0.3)):
+            for recording in self.recordings:
+                recording.clear()
+            options = (f"_plan_file:={plan}", "_loop:=true", "__name:=laps")
+            driver = node("path_publisher.py", *options, *arguments)
+            with driver:
+                wait_for(lambda: len(self.begins()) > LAPS, "laps", 60.0)
+                driver.send_signal(signal.SIGINT)
+                self.assertEqual(driver.wait(), 0, driver.output)
+            end = expected[2][-1][0]
+            for begin in self.begins()[:LAPS]:
+                for one, recording in ((expected[0], poses), (expected[2], commands)):
+                    lap = [in_bits(m, begin) for m in recording.messages if m.header.stamp >= begin]
+                    lap = [each for each in lap if each[0] <= end]
+                    if lap != [each for each in one if each[0] <= end]:
+                        import struct
+
+                        for a, b in zip(lap, one):
+                            if a != b:
+                                print(
+                                    "DIFF",
+                                    self.begins().index(begin),
+                                    a[0],
+                                    b[0],
+                                    [
+                                        struct.unpack("<d", x[1][i : i + 8])[0]
+                                        for x in (a, b)
+                                        for i in range(len(x[1]) - 56, len(x[1]), 8)
+                                    ],
+                                )
+                    self.assertEqual(lap, [each for each in one if each[0] <= end])
+
+    def begins(self):
+        """Return the stamps of the first command of each lap."""
+        messages = self.recordings[2].messages
+        pairs = zip([None, *messages], messages)
+        return [m.header.stamp for last, m in pairs if last is None or is_pause(last, m)]
 
     def assert_same_to_the_bit(self, plan, drive, again):
         for topic, one, other in zip(TOPICS, drive, again):

@@ -1,539 +1,305 @@
-"""Say in plain words why the car does not move, and what to type: from facts to findings."""
+"""Derive findings from facts: what keeps the car from moving, and what to type."""
 
-import shlex
-from dataclasses import dataclass
-from typing import Callable, Dict, Iterable, List, NamedTuple, Optional, Set, Tuple
+from typing import Iterable, List, Set
 
-from mushr_ros_intro.sim.mux_config import IDLE
+from mushr_ros_intro.doctor.facts import (
+    DEFAULT_MASTER,
+    Clock,
+    Facts,
+    Fault,
+    Finding,
+    Master,
+    Publisher,
+    Topic,
+)
 from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE
 
-USUAL_MASTER = "http://localhost:11311"
-"""Where a master runs, and is looked for, if nobody says otherwise."""
-
-RECENTLY = 300.0
-"""For how long it is worth telling that a node was pushed out by another of its name [s]."""
-
-
-class Finding(NamedTuple):
-    """Something that is wrong."""
-
-    what: str
-    """What it is, as a sentence without its full stop."""
-    remedy: str
-    """What to do or to type about it, likewise; what is to be typed is at its end."""
-
-    def __str__(self) -> str:
-        return f"{self.what}. {self.remedy}"
-
-
-class Master(NamedTuple):
-    """The master that ROS_MASTER_URI names."""
-
-    uri: str
-    trouble: str = ""
-    """Why it cannot be used, such as "nothing answers there"; empty if it can."""
-    is_here: bool = True
-    """Whether that is this machine."""
-    other: str = ""
-    """Another master that runs on this machine, in the usual place."""
-
-
-MALFORMED = "that is no address; it should look like http://localhost:11311"
-NO_MASTER = "no master answers there"
-SILENT_MASTER = "the master there does not answer: it is stopped"
-NO_ROS = "what answers there does not speak ROS"
-
-REFUSED = "nothing answers at its address: it has died"
-STOPPED = "it does not answer: it is stopped, or its machine is out of reach"
-UNKNOWN_HOST = "this machine does not know the name of the machine it is on"
-
-_DEAD_REMEDIES = {
-    REFUSED: "Start it again; so that the old one is forgotten, type: rosnode cleanup",
-    STOPPED: "If Ctrl-Z stopped it, in its terminal type: fg",
-    UNKNOWN_HOST: "Set ROS_IP there to that machine's address, and start it again",
+_MASTER_PROBLEMS = {
+    Fault.MALFORMED: f"expected is an address such as {DEFAULT_MASTER}",
+    Fault.UNKNOWN_HOST: "its host name cannot be resolved",
+    Fault.REFUSED: "no master runs there",
+    Fault.NO_RESPONSE: "the master there does not respond",
+    Fault.NOT_ROS: "the program there is not a ROS master",
 }
 
-
-class Source(NamedTuple):
-    """A node that publishes commands or start poses, and what was heard from it."""
-
-    node: str
-    kind: str = ""
-    """The type of its messages, such as std_msgs/String; empty if it was not listened to."""
-    md5sum: str = ""
-    """The sum of that type's definition."""
-    stamps: Tuple[int, ...] = ()
-    """Of its commands [ns]."""
-    speeds: Tuple[float, ...] = ()
-    """In its commands [m/s]."""
-
-
-class Topic(NamedTuple):
-    """A topic that leads to the car."""
-
-    name: str
-    kind: str
-    """The type that the car and the mux expect."""
-    md5sum: str
-    """The sum of that type's definition."""
-    sources: Tuple[Source, ...] = ()
-    subscribers: Tuple[str, ...] = ()
-
-
-class Input(NamedTuple):
-    """A topic for commands: one of the mux's inputs, or its output for who goes past it."""
-
-    name: str
-    topic: Topic
-
-    @property
-    def senders(self) -> List[Source]:
-        """The nodes from which commands were heard."""
-        return [each for each in self.topic.sources if each.stamps]
-
-
-class Clock(NamedTuple):
-    """The simulated time."""
-
-    sources: Tuple[str, ...] = ()
-    """The nodes that publish /clock."""
-    moves: bool = False
-    """Whether it advanced while it was listened to."""
-    resume: str = ""
-    """The service that lets a held clock go, if there is one."""
-
-
-class Takeover(NamedTuple):
-    """A node that the master shut down because another one of its name had come."""
-
-    node: str
-    ago: float
-    """How long that is past [s]."""
-
-
-@dataclass(frozen=True)
-class Facts:
-    """What is to be seen of a running system, for one car."""
-
-    car: str
-    master: Master
-    faults: Tuple[Finding, ...] = ()
-    """What is wrong on this machine alone: files, paths, network names."""
-    inputs: Tuple[Input, ...] = ()
-    """By falling priority."""
-    output: Topic = Topic("", "", "")
-    """Where the mux publishes and the car listens."""
-    placement: Topic = Topic("", "", "")
-    """Where the car is placed."""
-    dead: Tuple[Tuple[str, str], ...] = ()
-    """Each node that is registered but cannot be reached, and REFUSED, STOPPED or UNKNOWN_HOST."""
-    strays: Tuple[Tuple[str, Tuple[str, ...]], ...] = ()
-    """Each other topic of commands without a subscriber, and who publishes there."""
-    other_cars: Tuple[str, ...] = ()
-    active: str = IDLE
-    """The input that the mux listens to."""
-    clock: Optional[Clock] = None
-    """None in wall-clock time."""
-    now: Optional[Tuple[int, int]] = None
-    """When the listening began and ended, by the clock that the nodes go by [ns]."""
-    listened: float = 0.0
-    """How long that was [s]."""
-    contact: str = ""
-    """Where the car stands against a wall."""
-    pose: str = ""
-    """Where the car is, if it reports that."""
-    moves: Optional[bool] = None
-    """Whether its pose changed; None if it reports none."""
-    plan: str = ""
-    """The plan of a path_publisher that runs no more."""
-    takeovers: Tuple[Takeover, ...] = ()
-    unconnected: Tuple[Tuple[str, str, str], ...] = ()
-    """Publisher, subscriber and topic, of those that should be connected but are not."""
-    services: Tuple[str, ...] = ()
-    """What is wrong with services."""
+_CONTINUE = "If it was stopped with Ctrl-Z, type in its terminal: fg"
 
 
 def diagnose(facts: Facts) -> List[Finding]:
-    """Return what keeps the car from moving, the cause before what follows from it."""
-    found = list(facts.faults)
-    if facts.master.trouble:
-        return found + [_no_master(facts.master)]
-    dead = {node for node, _ in facts.dead}
-    found += _dead_nodes(facts)
-    stands_still = [] if facts.clock is None else _clock(facts.clock, dead)
-    found += stands_still
-    is_there = bool(facts.output.subscribers) and (_has_mux(facts) or bool(_senders(facts)))
-    found += [] if is_there else [_nobody_listens(facts)]
-    strays = [] if _senders(facts) else _strays(facts)
-    found += strays
-    mistyped = _wrong_types(facts)
-    found += mistyped
-    # Where time stands still or a node on the way is dead, there are no commands for that reason.
-    explained = bool(stands_still) or not dead.isdisjoint(_on_the_way(facts))
-    if is_there and not mistyped and not strays and (_senders(facts) or not explained):
+    """Return what keeps the car from moving, causes before effects.
+
+    Effects of a fault that is already reported are left out.
+    """
+    if facts.master.fault:
+        return [_no_master(facts.master, facts.master.fault)]
+    found = [_dead_node(node, fault) for node, fault in facts.dead.items()]
+    time_faults = _time(facts.clock, set(facts.dead)) if facts.clock else []
+    found += time_faults
+    is_complete = bool(facts.output.subscribers) and (_has_mux(facts) or bool(facts.senders))
+    if not is_complete:
+        found.append(_not_running(facts))
+    strays = [] if facts.senders else _strays(facts)
+    wrong_types = _wrong_types(facts)
+    found += strays + wrong_types
+    # If time stands still or a node between sender and car is dead, no command arrives.
+    is_explained = bool(time_faults) or not _command_nodes(facts).isdisjoint(facts.dead)
+    if is_complete and not wrong_types and not strays and (facts.senders or not is_explained):
         found += _commands(facts)
     found += _stamps(facts)
     if facts.contact:
-        found.append(
-            Finding(
-                f"the car stands against a wall at {facts.contact}",
-                "Drive it backwards, place it elsewhere with rviz's 2D Pose Estimate, or type: "
-                f"rosservice call /{facts.car}/car_sim/reset",
-            )
-        )
-    found += _takeovers(facts)
-    found += _connections(facts, mistyped)
+        found.append(_contact(facts))
     if not found and facts.moves is False:
         found.append(
             Finding(
-                f"commands come from {_names(_senders(facts))} and the car stands all the same",
-                "See what the terminals of the car and the mux say, and what arrives: "
-                f"rostopic echo {facts.output.name}",
+                f"{_names(facts.senders)} sends commands, but the car does not move",
+                "Read the terminals of the car and of the mux. To see the commands that the car "
+                f"receives, type: rostopic echo {facts.output.name}",
             )
         )
     return found
 
 
 def health(facts: Facts) -> str:
-    """Return the one line about a system in which nothing is wrong."""
-    line = f"nothing is wrong: the car is driven by {_names(_senders(facts))}"
-    return f"{line}, and it moves" if facts.moves else line
+    """Return the line about a system without findings."""
+    drives = f"no fault found: {_names(facts.senders)} sends commands"
+    if facts.moves:
+        return f"{drives}, and the car moves"
+    return f"{drives}; whether the car moves is unknown, because its pose is not published"
 
 
-def program_fault(
-    path: str, is_executable: bool, first_line: bytes, exists: Callable[[str], bool]
-) -> Optional[Finding]:
-    """Return why a program cannot be started, None if it can.
-
-    Args:
-        path: of the file.
-        is_executable: whether it may be executed.
-        first_line: of the file, with its end.
-        exists: says of an interpreter, a path or a name to be looked for, whether it is there.
-    """
-    quoted = shlex.quote(path)
-    if not first_line.startswith(b"#!"):
-        return Finding(
-            f"{path} does not say what runs it", "Make its first line: #!/usr/bin/python3"
-        )
-    if first_line.endswith(b"\r\n"):
-        return Finding(
-            f"{path} has the line ends of Windows, with which its first line names no program",
-            rf"Type: sed -i 's/\r$//' {quoted}",
-        )
-    words = first_line[2:].decode(errors="replace").split()
-    if words and words[0].endswith("/env") and exists(words[0]):
-        words = [each for each in words[1:] if not each.startswith("-")]
-    if not words or not exists(words[0]):
-        name = words[0] if words else "nothing"
-        return Finding(
-            f"{path} is to be run by {name}, which is not there",
-            "Make its first line: #!/usr/bin/python3",
-        )
-    if not is_executable:
-        return Finding(f"{path} is not executable", f"Type: chmod +x {quoted}")
-    return None
-
-
-def takeovers(log: Iterable[str]) -> List[Tuple[str, str]]:
-    """Return who was shut down for another node of its name, as a master's log tells.
-
-    Args:
-        log: its lines, such as "[...][INFO] 2026-01-02 03:04:05,678: +PUB [/t] /n http://h:1/".
-
-    Returns:
-        The time as the log has it and the node's name, for each.
-    """
-    newest: Dict[str, str] = {}
-    seen = set()
-    found = []
-    for line in log:
-        head, _, entry = line.rstrip().partition(": ")
-        words = entry.split()
-        if len(words) != 4 or words[0] not in ("+PUB", "+SUB", "-PUB", "-SUB"):
-            continue
-        node, uri = words[2:]
-        if words[0].startswith("+"):
-            newest[node] = uri
-        elif newest.get(node, uri) != uri and uri not in seen:
-            # It was there to sign off after the other had signed on, so it had been alive.
-            seen.add(uri)
-            found.append((head.rpartition("]")[2].strip(), node))
-    return found
-
-
-def _no_master(master: Master) -> Finding:
-    """Say that there is no master."""
-    what = f"ROS_MASTER_URI is {master.uri}, and {master.trouble}"
+def _no_master(master: Master, fault: Fault) -> Finding:
+    """Return why ROS_MASTER_URI cannot be used."""
+    problem = f"ROS_MASTER_URI is {master.uri}, but {_MASTER_PROBLEMS[fault]}"
     if master.other:
         return Finding(
-            f"{what}, but a master runs on this machine",
+            f"{problem}; a master runs on this machine at {master.other}",
             f"Type: export ROS_MASTER_URI={master.other}",
         )
-    if master.trouble == MALFORMED:
-        return Finding(what, f"Type: export ROS_MASTER_URI={USUAL_MASTER}")
-    if master.trouble == SILENT_MASTER:
-        return Finding(what, _DEAD_REMEDIES[STOPPED])
-    if master.is_here:
-        return Finding(what, "Type: roslaunch mushr_ros_intro sim.launch")
+    if fault is Fault.MALFORMED:
+        return Finding(problem, f"Type: export ROS_MASTER_URI={DEFAULT_MASTER}")
+    if master.is_local and fault is Fault.NO_RESPONSE:
+        return Finding(problem, _CONTINUE)
+    if master.is_local:
+        return Finding(problem, "Type: roslaunch mushr_ros_intro sim.launch")
     return Finding(
-        what,
-        "Start the master there; or, to have it on this machine, type: "
-        f"export ROS_MASTER_URI={USUAL_MASTER}",
+        problem,
+        "Check the network connection to that machine, and start the master there. To use a master "
+        "on this machine instead, type: "
+        f"export ROS_MASTER_URI={DEFAULT_MASTER}",
     )
 
 
-def _dead_nodes(facts: Facts) -> List[Finding]:
-    """Find the nodes that the master knows and nobody reaches."""
-    return [
-        Finding(f"the master knows {node}, but {trouble}", _DEAD_REMEDIES[trouble])
-        for node, trouble in facts.dead
-    ]
+def _dead_node(node: str, fault: Fault) -> Finding:
+    """Return the finding about a registered node that cannot be reached."""
+    if fault is Fault.NO_RESPONSE:
+        return Finding(
+            f"{node} does not respond: it is stopped, or its machine cannot be reached", _CONTINUE
+        )
+    if fault is Fault.UNKNOWN_HOST:
+        return Finding(
+            f"{node} cannot be reached: this machine cannot resolve the host name of its machine",
+            "On that machine, set ROS_IP to its IP address and start the node again",
+        )
+    return Finding(
+        f"{node} has died: it is registered, but it no longer listens at its address",
+        "Start it again. To remove the old registration, type: rosnode cleanup",
+    )
 
 
-def _clock(clock: Clock, dead: Set[str]) -> List[Finding]:
-    """Find what is wrong with simulated time, unless it is that who keeps it is dead."""
-    if not clock.sources:
+def _time(clock: Clock, dead: Set[str]) -> List[Finding]:
+    """Find why simulated time stands still, unless a dead publisher of /clock explains it."""
+    if not clock.publishers:
         return [
             Finding(
-                "use_sim_time is true, but nobody publishes /clock, so time stands still",
-                "End every node; then, for wall-clock time, type: rosparam set use_sim_time false; "
+                "use_sim_time is true, but no node publishes /clock, so time stands still",
+                "Stop all nodes. Then, for wall-clock time, type: rosparam set use_sim_time false; "
                 "or, for simulated time: roslaunch mushr_ros_intro sim.launch use_sim_time:=true",
             )
         ]
-    if not clock.moves and dead.isdisjoint(clock.sources):
-        return [
-            Finding(
-                f"the clock is held: /clock comes from {_list(clock.sources)} and does not move",
-                f"Type: rosservice call {clock.resume}"
-                if clock.resume
-                else "Let it go where that runs, such as with the space bar in rosbag's terminal",
-            )
-        ]
-    return []
+    if clock.advances or not dead.isdisjoint(clock.publishers):
+        return []
+    problem = f"time stands still: /clock comes from {_list(clock.publishers)} and does not advance"
+    if clock.resume_service:
+        return [Finding(problem, f"Type: rosservice call {clock.resume_service}")]
+    return [Finding(problem, "Resume that node; in the terminal of rosbag, press the space bar")]
 
 
-def _nobody_listens(facts: Facts) -> Finding:
-    """Say that the car or the mux is not there."""
-    named = "" if facts.car == "car" else f" car_name:={facts.car}"
-    what = f"nobody subscribes to {facts.output.name}: the car '{facts.car}' is not running"
-    if not _has_mux(facts):
+def _not_running(facts: Facts) -> Finding:
+    """Return that the car, its mux or both do not run."""
+    if _has_mux(facts):
+        missing, topic = f"the car '{facts.car}' is not running", facts.output.name
+    elif facts.output.subscribers:
+        missing, topic = f"the mux of the car '{facts.car}' is not running", _control_topic(facts)
+    else:
+        missing = f"neither the car '{facts.car}' nor its mux is running"
         topic = _control_topic(facts)
-        missing = "the mux is not" if facts.output.subscribers else "neither mux nor car is"
-        what = f"nobody subscribes to {topic}: {missing} running for the car '{facts.car}'"
-    remedies = [f"Type: roslaunch mushr_ros_intro sim.launch{named}"]
+    problem = f"{missing}: no node subscribes to {topic}"
+    remedies = [f"Type: roslaunch mushr_ros_intro sim.launch{_car_argument(facts)}"]
     if facts.other_cars:
-        what += f"; what runs is {_list(facts.other_cars)}"
+        problem += f"; running: {_list(facts.other_cars)}"
         remedies.append(f"doctor.py --car {facts.other_cars[0]}")
     if facts.master.other:
-        what += f"; another master runs at {facts.master.other}"
+        problem += f"; another master runs at {facts.master.other}"
         remedies.append(f"export ROS_MASTER_URI={facts.master.other}")
-    return Finding(what, ", or ".join(remedies))
+    return Finding(problem, ", or ".join(remedies))
 
 
 def _strays(facts: Facts) -> List[Finding]:
-    """Find who sends commands where nobody listens."""
+    """Find commands on topics without a subscriber."""
     return [
         Finding(
-            f"the commands of {_list(nodes)} go nowhere: nobody subscribes to {topic}",
-            f"Send them where the car '{facts.car}' gets them, by starting the node again with: "
+            f"the commands of {_list(nodes)} have no effect: no node subscribes to {topic}",
+            f"Send them to the car '{facts.car}': start the node again with the argument "
             f"{topic}:={_control_topic(facts)}",
         )
-        for topic, nodes in facts.strays
+        for topic, nodes in facts.strays.items()
     ]
 
 
 def _wrong_types(facts: Facts) -> List[Finding]:
-    """Find who publishes other messages than the subscribers of the topic take."""
-    found = []
-    for topic in [*(each.topic for each in facts.inputs), facts.output, facts.placement]:
-        for source in topic.sources:
-            if not source.kind or source.md5sum == topic.md5sum:
-                continue
-            if source.kind != topic.kind:
-                found.append(
-                    Finding(
-                        f"{source.node} publishes {source.kind} on {topic.name}, where "
-                        f"{_list(topic.subscribers) or 'the car'} expects {topic.kind}",
-                        f"Publish {topic.kind}, or on another topic",
-                    )
-                )
-            else:
-                found.append(
-                    Finding(
-                        f"{source.node} was built with another definition of {topic.kind} (MD5 sum "
-                        f"{source.md5sum}; here it is {topic.md5sum}), so nobody hears it",
-                        "Build it with this one, and start it again; in its workspace, type: "
-                        "catkin_make clean && catkin_make",
-                    )
-                )
-    return found
+    """Find publishers whose messages the subscribers of their topic reject."""
+    return [
+        _wrong_type(topic, publisher)
+        for topic in [*facts.inputs.values(), facts.output, facts.initial_pose]
+        for publisher in topic.publishers
+        if publisher.msg_type and publisher.md5sum != topic.md5sum
+    ]
+
+
+def _wrong_type(topic: Topic, publisher: Publisher) -> Finding:
+    if publisher.msg_type != topic.msg_type:
+        return Finding(
+            f"{publisher.node} publishes {publisher.msg_type} on {topic.name}, but "
+            f"{_list(topic.subscribers) or 'the car'} expects {topic.msg_type}",
+            f"Publish {topic.msg_type}, or use another topic",
+        )
+    return Finding(
+        f"{publisher.node} was built with another definition of {topic.msg_type} (MD5 sum "
+        f"{publisher.md5sum}, expected {topic.md5sum}), so its messages are rejected",
+        "Build it with the definition of this machine and start it again; in its workspace, type: "
+        "catkin_make clean && catkin_make",
+    )
 
 
 def _commands(facts: Facts) -> List[Finding]:
-    """Find why no command to drive reaches the car, when it is there."""
-    senders = [each for each in facts.inputs if each.senders]
-    if not senders:
-        return _nobody_sends(facts)
-    names = [each.name for each in facts.inputs]
-    held = [each for each in senders if facts.active in names[: names.index(each.name)]]
-    if held:
-        holder = facts.inputs[names.index(facts.active)]
-        nodes = holder.senders or list(holder.topic.sources)
-        ignored = [source.node for each in held for source in each.senders]
+    """Find why no command to drive reaches a car that is running."""
+    if not facts.senders:
+        return [_no_commands(facts)]
+    names = list(facts.inputs)
+    if facts.active in names:
+        higher = names.index(facts.active)
+        blocked = [each for name in names[higher + 1 :] for each in facts.inputs[name].senders]
+        if blocked:
+            topic = facts.inputs[facts.active]
+            holders = topic.senders or topic.publishers
+            return [
+                Finding(
+                    f"the input '{facts.active}' of the mux has a higher priority and is in use by "
+                    f"{_names(holders)}, so the commands of {_names(blocked)} do not reach the car",
+                    f"Stop driving there, or type: rosnode kill {_names(holders, ' ')}",
+                )
+            ]
+    if not any(speed for each in facts.senders for speed in each.speeds):
         return [
             Finding(
-                f"the mux's input {holder.name} is held by {_names(nodes)}, so the commands of "
-                f"{_list(ignored)} do not reach the car",
-                f"Let go of it there, or type: rosnode kill {_spaced(nodes)}",
-            )
-        ]
-    driving = [source for each in senders for source in each.senders]
-    if not any(speed for source in driving for speed in source.speeds):
-        return [
-            Finding(
-                f"every command of {_names(driving)} has the speed 0",
-                "Set msg.drive.speed in what you publish [m/s]",
+                f"all commands of {_names(facts.senders)} have speed 0",
+                "Set msg.drive.speed [m/s] before you publish",
             )
         ]
     return []
 
 
-def _nobody_sends(facts: Facts) -> List[Finding]:
-    """Say that no commands come."""
-    silent = [source.node for each in facts.inputs for source in each.topic.sources]
-    named = "" if facts.car == "car" else f" car_name:={facts.car}"
-    launch = f"roslaunch mushr_ros_intro path_publisher.launch{named} plan_file:="
-    at = f" at {facts.pose}" if facts.pose and not facts.moves else ""
-    also = f"; nothing comes from {_list(silent)}" if silent else ""
-    if facts.plan:
-        return [
-            Finding(
-                "the plan is over: path_publisher has driven it, or given up as its terminal says, "
-                f"and the car is at rest{at}{also}",
-                f"To drive it again, type: {launch}{shlex.quote(facts.plan)}",
-            )
-        ]
+def _no_commands(facts: Facts) -> Finding:
+    """Return that no node sends commands to a car that is running."""
+    silent = [each for topic in facts.inputs.values() for each in topic.publishers]
     if silent:
-        return [
-            Finding(
-                f"no command came in {facts.listened:.1f} s, though there is {_list(silent)} to "
-                "send some",
-                "To drive with keys, hold one down in the window; otherwise see what its terminal "
-                "says, and whether its loop gets to publish",
-            )
-        ]
-    return [
-        Finding(
-            f"nobody publishes commands: {_control_topic(facts)} has no publisher, and the car is "
-            f"at rest{at}",
-            f"Type: {launch}figure_8",
+        return Finding(
+            f"no commands arrived in {facts.listening_time:.1f} s from {_names(silent)}",
+            "To drive with keys, hold a key down in the window of keyboard_teleop. Otherwise read "
+            "the node's terminal, and check that its loop calls publish",
         )
-    ]
+    at_rest = f"; the car is at rest at {facts.pose}" if facts.moves is False else ""
+    return Finding(
+        f"no node publishes commands: {_control_topic(facts)} has no publisher{at_rest}",
+        f"Type: roslaunch mushr_ros_intro path_publisher.launch{_car_argument(facts)} "
+        "plan_file:=figure_8",
+    )
 
 
 def _stamps(facts: Facts) -> List[Finding]:
-    """Find commands without a stamp, or with one from another clock."""
+    """Find commands without a stamp, or with a stamp from another clock."""
     found = []
-    for source in _senders(facts):
-        if 0 in source.stamps:
+    for sender in facts.senders:
+        if 0 in sender.stamps:
             found.append(
                 Finding(
-                    f"{source.node} sends commands with stamp 0, so each counts from when it "
-                    "arrives, which is never twice the same",
+                    f"{sender.node} sends commands with stamp 0, so each one takes effect when it "
+                    "arrives, and the final pose differs from run to run",
                     "Set msg.header.stamp = rospy.Time.now() before you publish",
                 )
             )
-        elif facts.now is not None:
-            begin, end = facts.now
-            early, late = min(source.stamps) - end, max(source.stamps) - begin
-            if early > STAMP_TOLERANCE or late < -STAMP_TOLERANCE:
-                off = (early if early > 0 else late) / NANOSECONDS
-                found.append(
-                    Finding(
-                        f"{source.node} stamps its commands {off:+.1f} s from "
-                        f"{'/clock' if facts.clock else 'the clock of this machine'}",
-                        "Stamp with rospy.Time.now(), in a node that is started after use_sim_time "
-                        "is set"
-                        if facts.clock
-                        else "Stamp with rospy.Time.now(); if it does and runs on another machine, "
-                        "synchronise the clocks, on each with: sudo ntpdate pool.ntp.org",
-                    )
-                )
+        elif facts.window:
+            begin, end = facts.window
+            ahead, behind = min(sender.stamps) - end, begin - max(sender.stamps)
+            if max(ahead, behind) > STAMP_TOLERANCE:
+                found.append(_wrong_clock(sender, ahead, behind, facts.clock is not None))
     return found
 
 
-def _takeovers(facts: Facts) -> List[Finding]:
-    """Find names that two nodes fight for."""
-    found = []
-    recent = [each for each in facts.takeovers if each.ago <= RECENTLY]
-    for node in sorted({each.node for each in recent}):
-        times = [each.ago for each in recent if each.node == node]
-        # A node that was replaced once, with the car on the move, was replaced on purpose.
-        if len(times) > 1 or not facts.moves:
-            found.append(
-                Finding(
-                    f"two nodes have the name {node}: {min(times):.0f} s ago one was shut down "
-                    "because another had started",
-                    "Start one only, or one under another name, by adding to its command: "
-                    f"__name:={node.rpartition('/')[2]}_2",
-                )
-            )
-    return found
-
-
-def _connections(facts: Facts, mistyped: List[Finding]) -> List[Finding]:
-    """Find the connections that are missing, or do not work."""
-    explained = " ".join(each.what for each in mistyped)
-    found = [
-        Finding(
-            f"{publisher} publishes {topic} and {subscriber} subscribes to it, but they are not "
-            "connected",
-            "Either one takes messages of another type, or their machines do not reach each "
-            f"other (set ROS_IP on both). To see who is there, type: rostopic info {topic}",
+def _wrong_clock(sender: Publisher, ahead: int, behind: int, is_simulated: bool) -> Finding:
+    offset = f"{ahead / NANOSECONDS:.1f} s ahead of"
+    if behind > ahead:
+        offset = f"{behind / NANOSECONDS:.1f} s behind"
+    problem = f"the stamps of the commands of {sender.node} are {offset}"
+    if is_simulated:
+        return Finding(
+            f"{problem} /clock",
+            "Stamp with rospy.Time.now(), and start the node after use_sim_time is set",
         )
-        for publisher, subscriber, topic in facts.unconnected
-        if f"{publisher} " not in explained
-    ]
-    return found + [
-        Finding(each, "End the node that offers it, and start it again") for each in facts.services
-    ]
+    return Finding(
+        f"{problem} the clock of this machine",
+        "Stamp with rospy.Time.now(). If the node does so and runs on another machine, synchronise "
+        "the clocks of both; on each, type: sudo ntpdate pool.ntp.org",
+    )
+
+
+def _contact(facts: Facts) -> Finding:
+    return Finding(
+        f"the car touches a wall at {facts.contact}",
+        "Drive away from the wall, place the car elsewhere with 2D Pose Estimate in rviz, or type: "
+        f"rosservice call /{facts.car}/car_sim/reset",
+    )
 
 
 def _has_mux(facts: Facts) -> bool:
-    """Say whether anybody subscribes to an input of the mux."""
-    topics = [each.topic for each in facts.inputs if each.topic.name != facts.output.name]
-    return any(each.subscribers for each in topics)
+    """Return whether an input of the mux has a subscriber."""
+    inputs = [each for each in facts.inputs.values() if each.name != facts.output.name]
+    return any(each.subscribers for each in inputs)
 
 
-def _on_the_way(facts: Facts) -> Set[str]:
-    """Return the nodes that commands come from and pass through, and the car."""
-    topics = [*(each.topic for each in facts.inputs), facts.output]
-    sources = {source.node for topic in topics for source in topic.sources}
-    return sources.union(*(topic.subscribers for topic in topics))
-
-
-def _senders(facts: Facts) -> List[Source]:
-    """Return every node from which commands were heard."""
-    return [source for each in facts.inputs for source in each.senders]
+def _command_nodes(facts: Facts) -> Set[str]:
+    """Return the nodes that send, forward or receive commands."""
+    topics = [*facts.inputs.values(), facts.output]
+    publishers = {each.node for topic in topics for each in topic.publishers}
+    return publishers.union(*(topic.subscribers for topic in topics))
 
 
 def _control_topic(facts: Facts) -> str:
-    """Return the topic that a plan's commands go to: the input navigation, if there is one."""
-    topics = {each.name: each.topic.name for each in facts.inputs}
+    """Return the topic for a plan's commands: the input navigation, or else the first input."""
+    topics = {name: each.name for name, each in facts.inputs.items()}
     return topics.get("navigation", next(iter(topics.values()), facts.output.name))
 
 
-def _names(sources: Iterable[Source]) -> str:
-    """Return the names of nodes as text."""
-    return _list(each.node for each in sources)
+def _car_argument(facts: Facts) -> str:
+    """Return the argument of the launch files that names the car."""
+    return "" if facts.car == "car" else f" car_name:={facts.car}"
 
 
-def _list(names: Iterable[str]) -> str:
+def _names(publishers: Iterable[Publisher], separator: str = " and ") -> str:
+    """Return the names of nodes as text, each once."""
+    return _list((each.node for each in publishers), separator)
+
+
+def _list(names: Iterable[str], separator: str = " and ") -> str:
     """Return names as text, each once."""
-    return " and ".join(dict.fromkeys(names))
-
-
-def _spaced(sources: Iterable[Source]) -> str:
-    """Return the names of nodes as a command takes them."""
-    return " ".join(dict.fromkeys(each.node for each in sources))
+    return separator.join(dict.fromkeys(names))

@@ -73,8 +73,8 @@ class CommandPublisher:
         )
         if not is_known:
             raise TakeoverError(
-                f"nothing was published on {self._active_topic} within {seconds:g} s, so a "
-                "takeover of the car would not be noticed. Is the mux running, and is this its topic "
+                f"nothing was published on {self._active_topic} within {seconds:g} s, so "
+                "a takeover would not be noticed. Is the mux running, and is this its topic "
                 "(rostopic list)?"
             )
         end = time.monotonic() + countdown

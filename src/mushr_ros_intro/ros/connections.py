@@ -17,7 +17,6 @@ from typing import Any, List, Sequence, Set
 import rosgraph
 import rospy
 
-from mushr_ros_intro.doctor.rules import NO_ROS, REFUSED, STOPPED, UNKNOWN_HOST
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.sim.stamps import CONNECTION_TIMEOUT, REANNOUNCE_PERIOD
@@ -30,7 +29,23 @@ _PING_TIMEOUT = 3.0
 
 
 class CallError(RuntimeError):
-    """The master or a node gave no answer, or no valid one; the message says which."""
+    """A call to the master or to a node failed: it returned an error, or one of the subclasses."""
+
+
+class UnknownHostError(CallError):
+    """The host name in the address cannot be resolved."""
+
+
+class RefusedError(CallError):
+    """Nothing listens at the address."""
+
+
+class NoResponseError(CallError):
+    """No response came in time."""
+
+
+class NotRosError(CallError):
+    """The response is not one of a ROS master or node."""
 
 
 class NoSubscriberError(UserError):
@@ -201,24 +216,24 @@ def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) ->
     """Call a method of the master or of a node, and return its value.
 
     Args:
-        uri: where it listens.
-        patience: how long it may take to answer [s].
-        caller: the name of who asks.
-        method: of the master's or the nodes' XML-RPC interface.
-        arguments: of the method, after the caller.
+        uri: the address of the master or the node.
+        patience: timeout for connecting and for each read [s].
+        caller: the name of the calling node.
+        method: a method of the Master API or the Slave API of ROS.
+        arguments: the method's arguments after the caller's name.
 
     Raises:
-        CallError: there was no answer, or not the value that was asked for.
+        CallError: the call failed; its subclass tells how.
     """
     try:
         server = xmlrpc.client.ServerProxy(uri, transport=_Transport(patience))
         code, message, value = getattr(server, method)(caller, *arguments)
     except (socket.timeout, TimeoutError):
-        raise CallError(STOPPED) from None
+        raise NoResponseError(f"{uri}: no response within {patience:g} s") from None
     except socket.gaierror:
-        raise CallError(UNKNOWN_HOST) from None
-    except OSError:
-        raise CallError(REFUSED) from None
+        raise UnknownHostError(f"{uri}: unknown host") from None
+    except OSError as error:
+        raise RefusedError(f"{uri}: {error}") from None
     except (
         xmlrpc.client.Error,
         xml.parsers.expat.ExpatError,
@@ -226,21 +241,21 @@ def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) ->
         TypeError,
         ValueError,
     ):
-        raise CallError(NO_ROS) from None
+        raise NotRosError(f"{uri}: not a ROS master or node") from None
     if code != 1:
         raise CallError(str(message))
     return value
 
 
 class _Transport(xmlrpc.client.Transport):
-    """A connection that does not wait for ever."""
+    """An XML-RPC connection with a timeout."""
 
     def __init__(self, patience: float) -> None:
         super().__init__()
         self._patience = patience
 
     def make_connection(self, host: Any) -> http.client.HTTPConnection:
-        """Return the connection to a host."""
+        """Return a connection to a host, with the timeout set."""
         connection = super().make_connection(host)
         connection.timeout = self._patience
         return connection

@@ -36,7 +36,7 @@ class ObservationError(UserError):
     """A replay that shows nothing about the node, because something else is wrong."""
 
 
-class Observer:
+class ReplayObserver:
     """Receives everything that a verdict needs.
 
     The node is started with its command topic and its initial pose topic remapped to topics of this

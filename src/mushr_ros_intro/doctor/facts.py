@@ -1,0 +1,124 @@
+"""Facts about a running system that the doctor judges, and the findings that it reports."""
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Dict, List, NamedTuple, Optional, Tuple
+
+from mushr_ros_intro.sim.mux_config import IDLE
+
+DEFAULT_MASTER = "http://localhost:11311"
+"""The address of the master if ROS_MASTER_URI is not set."""
+
+
+class Finding(NamedTuple):
+    """A fault, and how to repair it."""
+
+    problem: str
+    """A sentence without its full stop."""
+    remedy: str
+    """A sentence without its full stop, with the command to type at its end."""
+
+    def __str__(self) -> str:
+        return f"{self.problem}. {self.remedy}"
+
+
+class Fault(Enum):
+    """Why the master or a node cannot be reached."""
+
+    MALFORMED = "its address is malformed"
+    UNKNOWN_HOST = "the host name in its address cannot be resolved"
+    REFUSED = "nothing listens at its address"
+    NO_RESPONSE = "it does not respond in time"
+    NOT_ROS = "another program listens at its address"
+
+
+class Master(NamedTuple):
+    """The master at ROS_MASTER_URI."""
+
+    uri: str
+    fault: Optional[Fault] = None
+    is_local: bool = True
+    """Whether its address is one of this machine."""
+    other: str = ""
+    """The address of another master that runs on this machine, at the default port."""
+
+
+class Publisher(NamedTuple):
+    """A node that publishes a topic, and what was received from it."""
+
+    node: str
+    msg_type: str = ""
+    """Such as std_msgs/String; empty if the doctor did not connect."""
+    md5sum: str = ""
+    """Of the definition of the type."""
+    stamps: Tuple[int, ...] = ()
+    """Of its commands [ns]."""
+    speeds: Tuple[float, ...] = ()
+    """Of its commands [m/s]."""
+
+
+class Topic(NamedTuple):
+    """A topic of commands or of initial poses."""
+
+    name: str
+    msg_type: str
+    """The type that the subscribers expect."""
+    md5sum: str
+    publishers: Tuple[Publisher, ...] = ()
+    subscribers: Tuple[str, ...] = ()
+
+    @property
+    def senders(self) -> List[Publisher]:
+        """The publishers from which commands were received."""
+        return [each for each in self.publishers if each.stamps]
+
+
+class Clock(NamedTuple):
+    """The simulated time."""
+
+    publishers: Tuple[str, ...] = ()
+    """The nodes that publish /clock."""
+    advances: bool = False
+    resume_service: str = ""
+    """The service that resumes a paused clock; empty if there is none."""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The observed state of the system around one car."""
+
+    car: str
+    master: Master
+    inputs: Dict[str, Topic] = field(default_factory=dict)
+    """The inputs of the mux by name, by falling priority.
+
+    The first one, "output", is the mux's output with the publishers that bypass the mux.
+    """
+    output: Topic = Topic("", "", "")
+    """The commands from the mux to the car."""
+    initial_pose: Topic = Topic("", "", "")
+    dead: Dict[str, Fault] = field(default_factory=dict)
+    """The registered nodes that cannot be reached."""
+    strays: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
+    """The publishers of each other topic of commands that has no subscriber."""
+    other_cars: Tuple[str, ...] = ()
+    """The names of the other cars that run."""
+    active: str = IDLE
+    """The input that the mux forwards."""
+    clock: Optional[Clock] = None
+    """None in wall-clock time."""
+    window: Optional[Tuple[int, int]] = None
+    """The time of the nodes when listening began and ended [ns]; None if there was none."""
+    listening_time: float = 0.0
+    """How long the doctor listened at least [s of wall-clock time]."""
+    contact: str = ""
+    """The pose at which the car touches a wall."""
+    pose: str = ""
+    """The pose of the car; empty if none is published."""
+    moves: Optional[bool] = None
+    """Whether the pose changed; None if none is published."""
+
+    @property
+    def senders(self) -> List[Publisher]:
+        """The publishers from which commands were received."""
+        return [each for topic in self.inputs.values() for each in topic.senders]

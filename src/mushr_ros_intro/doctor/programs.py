@@ -1,0 +1,64 @@
+"""Find programs of a package that cannot be started."""
+
+import os
+import re
+import shlex
+import shutil
+from typing import List, Optional
+
+from mushr_ros_intro.doctor.facts import Finding
+
+_SHEBANG_REMEDY = "Make its first line: #!/usr/bin/python3"
+_LIMIT = 100_000
+"""How much of each file is read [bytes]."""
+
+
+def program_findings(folder: str) -> List[Finding]:
+    """Return what keeps the programs in a folder from being started.
+
+    A program is a file with a shebang line, or a Python file that starts a node or has a main
+    part. setup.py and files that cannot be read are left out.
+    """
+    if not os.path.isdir(folder):
+        return []
+    paths = (os.path.join(folder, name) for name in sorted(os.listdir(folder)))
+    found = (_program_finding(path) for path in paths if os.path.isfile(path))
+    return [each for each in found if each]
+
+
+def _program_finding(path: str) -> Optional[Finding]:
+    """Return why a program cannot be started, None if it can or if the file is no program."""
+    if os.path.basename(path) == "setup.py":
+        return None
+    try:
+        with open(path, "rb") as file:
+            text = file.read(_LIMIT)
+    except OSError:
+        return None
+    if not text.startswith(b"#!"):
+        if path.endswith(".py") and re.search(rb"__main__|\binit_node\(", text):
+            return Finding(f"{path} does not start with a shebang line", _SHEBANG_REMEDY)
+        return None
+    line = text.split(b"\n")[0]
+    if line.endswith(b"\r"):
+        return Finding(
+            f"{path} has Windows line endings, so the interpreter in its first line is not found",
+            rf"Type: sed -i 's/\r$//' {shlex.quote(path)}",
+        )
+    interpreter = _interpreter(line)
+    if not shutil.which(interpreter):
+        return Finding(
+            f"{path} names the interpreter '{interpreter}', which is not installed",
+            _SHEBANG_REMEDY,
+        )
+    if not os.access(path, os.X_OK):
+        return Finding(f"{path} is not executable", f"Type: chmod +x {shlex.quote(path)}")
+    return None
+
+
+def _interpreter(line: bytes) -> str:
+    """Return the interpreter that a shebang line names: a path, or a name that env looks for."""
+    words = line[2:].decode(errors="replace").split()
+    if words and words[0].endswith("/env") and shutil.which(words[0]):
+        words = [each for each in words[1:] if not each.startswith("-")]
+    return words[0] if words else ""

@@ -1,0 +1,89 @@
+"""Listen to topics of any type.
+
+rospy calls the master without a timeout, so its calls run in daemon threads here.
+"""
+
+from collections import defaultdict
+from contextlib import suppress
+from typing import Any, DefaultDict, Dict, List, Sequence, Set, Tuple
+
+import rospy
+
+from mushr_ros_intro.ros.connections import NoResponseError
+from mushr_ros_intro.ros.network import run_with_timeout
+
+_START_TIMEOUT = 5.0
+"""For becoming a node and for subscribing [s]."""
+
+_END_TIMEOUT = 2.0
+"""For unsubscribing and for signing off [s]."""
+
+
+class Listener:
+    """Subscribes to topics of any type, and keeps what each publisher sends.
+
+    It makes this process an anonymous node, unless it is a node already. It also receives what the
+    regular subscribers reject because of its type or MD5 sum.
+
+    Raises:
+        NoResponseError: the master does not respond; stop() raises it, too.
+    """
+
+    def __init__(self, topics: Sequence[str]) -> None:
+        self._headers: Dict[Tuple[str, str], Dict[str, str]] = {}
+        self._messages: DefaultDict[Tuple[str, str], List[bytes]] = defaultdict(list)
+        self._subscribers: List[rospy.Subscriber] = []
+        run_with_timeout(lambda: self._start(topics), _START_TIMEOUT)
+
+    def _start(self, topics: Sequence[str]) -> None:
+        if not rospy.core.is_initialized():
+            rospy.init_node(
+                "doctor",
+                anonymous=True,
+                disable_signals=True,
+                disable_rosout=True,
+                disable_rostime=True,
+            )
+        self._subscribers = [
+            rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, topic) for topic in topics
+        ]
+
+    def _on_message(self, msg: rospy.AnyMsg, topic: str) -> None:
+        self._messages[topic, msg._connection_header["callerid"]].append(msg._buff)
+
+    def connected(self) -> Set[Tuple[str, str]]:
+        """Return the topic and the node of each publisher that has ever been connected."""
+        for subscriber in self._subscribers:
+            # The header is there before the first message, and for silent publishers too.
+            for connection in subscriber.impl.connections:
+                header = connection.header or {}
+                self._headers[subscriber.resolved_name, header.get("callerid", "")] = header
+        return set(self._headers)
+
+    def header(self, topic: str, node: str) -> Dict[str, str]:
+        """Return the connection header of a publisher, with the keys type and md5sum."""
+        return self._headers.get((topic, node), {})
+
+    def messages(self, topic: str, kind: Any) -> List[Tuple[str, Any]]:
+        """Return the node and the message, for each message of a type that came on a topic."""
+        return [
+            (node, kind().deserialize(data))
+            for (each, node), messages in list(self._messages.items())
+            if each == topic and self.header(topic, node).get("md5sum") == kind._md5sum
+            for data in list(messages)
+        ]
+
+    def stop(self) -> None:
+        """Unsubscribe."""
+
+        def unsubscribe() -> None:
+            for each in self._subscribers:
+                each.unregister()
+
+        run_with_timeout(unsubscribe, _END_TIMEOUT)
+
+
+def sign_off() -> None:
+    """Remove this node's registrations from the master, if the master responds."""
+    with suppress(NoResponseError):
+        run_with_timeout(lambda: rospy.signal_shutdown("done"), _END_TIMEOUT)

@@ -1,0 +1,83 @@
+"""Host names and addresses of this machine, and calls that end in time."""
+
+import os
+import socket
+import threading
+import time
+from contextlib import suppress
+from typing import Any, Callable, List, Sequence
+
+import rosgraph.network
+
+from mushr_ros_intro.doctor.facts import Finding
+from mushr_ros_intro.ros.connections import NoResponseError
+
+_RESOLVE_TIMEOUT = 2.0
+"""For looking up a host name [s]."""
+
+
+def run_in_parallel(jobs: Sequence[Callable[[], Any]], timeout: float) -> List[Any]:
+    """Run functions in daemon threads.
+
+    Returns:
+        What each returned or raised; a NoResponseError for each that is not done in time [s].
+    """
+    results: List[Any] = [NoResponseError(f"no response within {timeout:g} s") for _ in jobs]
+
+    def run(index: int) -> None:
+        try:
+            results[index] = jobs[index]()
+        except Exception as error:
+            results[index] = error
+
+    threads = [threading.Thread(target=run, args=(each,), daemon=True) for each in range(len(jobs))]
+    deadline = time.monotonic() + timeout
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(max(0.0, deadline - time.monotonic()))
+    return list(results)
+
+
+def run_with_timeout(job: Callable[[], Any], timeout: float) -> Any:
+    """Run a function in a daemon thread, and return or raise what it does.
+
+    Raises:
+        NoResponseError: it is not done within `timeout` [s].
+    """
+    (result,) = run_in_parallel([job], timeout)
+    if isinstance(result, Exception):
+        raise result
+    return result
+
+
+def resolve(host: str) -> List[str]:
+    """Return the IP addresses of a host; none if it cannot be resolved in time."""
+    with suppress(OSError, UnicodeError, NoResponseError):
+        found = run_with_timeout(lambda: socket.getaddrinfo(host, 0), _RESOLVE_TIMEOUT)
+        return [str(each[4][0]) for each in found]
+    return []
+
+
+def is_local(addresses: Sequence[str]) -> bool:
+    """Return whether all IP addresses, at least one, are addresses of this machine."""
+    here = [*rosgraph.network.get_local_addresses(), "::1"]
+    return bool(addresses) and all(each in here or each.startswith("127.") for each in addresses)
+
+
+def network_findings() -> List[Finding]:
+    """Return what is wrong with ROS_HOSTNAME, or else with ROS_IP, on this machine."""
+    variable = "ROS_HOSTNAME" if "ROS_HOSTNAME" in os.environ else "ROS_IP"
+    host = os.environ.get(variable)
+    if host is None or is_local(addresses := resolve(host)):
+        return []
+    problem = f"{variable} is '{host}', which cannot be resolved"
+    if addresses:
+        problem = f"{variable} is '{host}', which is not an address of this machine"
+    return [
+        Finding(
+            problem,
+            "Set it to this machine's address in every terminal. If all nodes run on this "
+            "machine, type: unset ROS_IP; export ROS_HOSTNAME=localhost",
+        )
+    ]

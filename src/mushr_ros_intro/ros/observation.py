@@ -1,0 +1,294 @@
+"""Observe a running system and return facts about it, for the doctor. Every wait has a timeout."""
+
+import re
+import time
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+from urllib.parse import urlsplit
+
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from rosgraph_msgs.msg import Clock as ClockMsg
+from std_msgs.msg import String
+
+from mushr_ros_intro.doctor.facts import (
+    DEFAULT_MASTER,
+    Clock,
+    Facts,
+    Fault,
+    Master,
+    Publisher,
+    Topic,
+)
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.connections import (
+    CallError,
+    NoResponseError,
+    NotRosError,
+    RefusedError,
+    UnknownHostError,
+    ask,
+)
+from mushr_ros_intro.ros.listener import Listener
+from mushr_ros_intro.ros.network import is_local, resolve, run_in_parallel
+from mushr_ros_intro.sim.mux_config import IDLE, ConfigError, parse_config
+
+_CLOCK_TIMEOUT = 5.5
+"""How long to listen if /clock does not advance [s]; in lock-step it waits 5 s for commands."""
+
+_MUX_INPUTS = ("safety", "teleop", "navigation", "default")
+"""The inputs of MuSHR's mux, for a mux without parameters."""
+
+_FAULTS: Dict[type, Fault] = {
+    RefusedError: Fault.REFUSED,
+    NoResponseError: Fault.NO_RESPONSE,
+    UnknownHostError: Fault.UNKNOWN_HOST,
+    NotRosError: Fault.NOT_ROS,
+}
+
+
+@dataclass(frozen=True)
+class _Graph:
+    """The registrations at the master."""
+
+    publishers: Dict[str, List[str]]
+    subscribers: Dict[str, List[str]]
+    services: List[str]
+    dead: Dict[str, Fault]
+
+    def live(self, nodes: Dict[str, List[str]], topic: str) -> List[str]:
+        """Return the publishers or subscribers of a topic that can be reached."""
+        return [each for each in nodes.get(topic, []) if each not in self.dead]
+
+
+class Observer:
+    """Observes the system around one car.
+
+    Args:
+        car: the name of the car.
+        uri: the address of the master.
+        listening_time: how long to listen to topics [s].
+        call_timeout: for each call to the master or to a node [s].
+        default_master: the address at which to look for another master.
+    """
+
+    def __init__(
+        self,
+        car: str,
+        uri: str,
+        listening_time: float = 1.5,
+        call_timeout: float = 2.0,
+        default_master: str = DEFAULT_MASTER,
+    ) -> None:
+        self._car, self._uri, self._default_master = car, uri, default_master
+        self._listening_time, self._call_timeout = listening_time, call_timeout
+        mux = f"/{car}/mux/ackermann_cmd_mux"
+        self._mux, self._output, self._active = mux, f"{mux}/output", f"{mux}/active"
+        self._pose, self._collision = f"/{car}/car_pose", f"/{car}/car_sim/collision"
+        self._initial_pose = "/initialpose" if car == "car" else f"/{car}/initialpose"
+
+    def observe(self) -> Facts:
+        """Return the facts. It takes some seconds, whatever is stopped or unreachable."""
+        master = self._find_master()
+        facts = Facts(self._car, master)
+        if master.fault:
+            return facts
+        try:
+            return self._observe_system(facts)
+        except CallError as error:  # the master has ended or stopped meanwhile
+            return replace(facts, master=master._replace(fault=_fault(error)))
+
+    def _find_master(self) -> Master:
+        """Return whether a master responds, and whether there is another one."""
+        host = port = None
+        with suppress(ValueError):
+            parts = urlsplit(self._uri)
+            host, port = parts.hostname, parts.port
+        if not self._uri.startswith("http://") or not host or not port:
+            return Master(self._uri, Fault.MALFORMED)
+        addresses = resolve(host)
+        master = Master(self._uri, is_local=is_local(addresses))
+        if not master.is_local or port != urlsplit(self._default_master).port:
+            with suppress(CallError):
+                self._ask(self._default_master, "getPid")
+                master = master._replace(other=self._default_master)
+        if not addresses:
+            return master._replace(fault=Fault.UNKNOWN_HOST)
+        try:
+            self._ask(self._uri, "getPid")
+        except CallError as error:
+            return master._replace(fault=_fault(error))
+        return master
+
+    def _ask(self, uri: str, method: str, *arguments: Any) -> Any:
+        return ask(uri, self._call_timeout, "/doctor", method, *arguments)
+
+    def _parameter(self, name: str, default: Any) -> Any:
+        """Return a parameter's value, or the default if it is not set."""
+        try:
+            return self._ask(self._uri, "getParam", name)
+        except CallError:
+            return default
+
+    def _observe_system(self, facts: Facts) -> Facts:
+        """Return the facts about a system whose master responds."""
+        graph = self._read_graph()
+        inputs = self._read_inputs()
+        uses_clock = bool(self._parameter("/use_sim_time", False))
+        commands = [*inputs.values(), self._output, self._initial_pose]
+        strays, other_cars = self._read_other_topics(graph, commands)
+        begin = time.time_ns()
+        heard = self._listen(graph, commands, uses_clock)
+        window: Optional[Tuple[int, int]] = (begin, time.time_ns())
+        clock = None
+        if uses_clock:
+            instants = _instants(heard)
+            window = (min(instants), max(instants)) if instants else None
+            resume = [each for each in graph.services if each.endswith("/car_sim/resume")]
+            clock = Clock(
+                tuple(graph.publishers.get("/clock", [])),
+                len(set(instants)) > 1,
+                next(iter(resume), ""),
+            )
+        topics = {name: _topic(graph, heard, topic) for name, topic in inputs.items()}
+        output = _topic(graph, heard, self._output)
+        muxes = {node for topic in topics.values() for node in topic.subscribers}
+        bypassing = tuple(each for each in output.publishers if each.node not in muxes)
+        actives = [msg.data for _, msg in heard.messages(self._active, String)]
+        poses = [_pose(msg.pose) for _, msg in heard.messages(self._pose, PoseStamped)]
+        contacts = [msg.poses for _, msg in heard.messages(self._collision, PoseArray)]
+        return replace(
+            facts,
+            inputs={"output": output._replace(publishers=bypassing), **topics},
+            output=output,
+            initial_pose=_topic(graph, heard, self._initial_pose, PoseWithCovarianceStamped),
+            dead=graph.dead,
+            strays=strays,
+            other_cars=other_cars,
+            active=actives[-1] if actives else IDLE,
+            clock=clock,
+            window=window,
+            listening_time=self._listening_time,
+            contact=_pose(contacts[-1][0]) if contacts and contacts[-1] else "",
+            pose=poses[-1] if poses else "",
+            moves=len(set(poses)) > 1 if poses else None,
+        )
+
+    def _read_graph(self) -> _Graph:
+        """Return what is registered at the master, and which nodes cannot be reached."""
+        publishers, subscribers, services = self._ask(self._uri, "getSystemState")
+        entries = [*publishers, *subscribers, *services]
+        nodes = sorted({node for _, names in entries for node in names})
+
+        def ping(node: str) -> None:
+            try:
+                uri = self._ask(self._uri, "lookupNode", node)
+            except CallError:
+                return  # it has just signed off
+            self._ask(uri, "getPid")
+
+        jobs = [lambda node=node: ping(node) for node in nodes]
+        results = run_in_parallel(jobs, 1.5 * self._call_timeout)
+        dead = {
+            node: _fault(result)
+            for node, result in zip(nodes, results)
+            if isinstance(result, Exception)
+        }
+        names = [name for name, _ in services]
+        return _Graph(dict(publishers), dict(subscribers), names, dead)
+
+    def _read_inputs(self) -> Dict[str, str]:
+        """Return the topics of the mux's inputs by name, by falling priority."""
+        inputs = {each: f"input/{each}" for each in _MUX_INPUTS}
+        with suppress(ConfigError):
+            config = parse_config(self._parameter(self._mux, None))
+            inputs = {each.name: each.topic for each in config.inputs}
+        return {
+            name: topic if topic.startswith("/") else f"{self._mux}/{topic.lstrip('~')}"
+            for name, topic in inputs.items()
+        }
+
+    def _read_other_topics(
+        self, graph: _Graph, known: Sequence[str]
+    ) -> Tuple[Dict[str, Tuple[str, ...]], Tuple[str, ...]]:
+        """Return the publishers of commands that no node receives, and the names of other cars."""
+        strays, cars = {}, []
+        for topic, kind in sorted(self._ask(self._uri, "getTopicTypes")):
+            if kind != AckermannDriveStamped._type or topic in known:
+                continue
+            match = re.fullmatch(r"/(.+)/mux/ackermann_cmd_mux/output", topic)
+            publishers = graph.live(graph.publishers, topic)
+            if graph.subscribers.get(topic):
+                cars += [match[1]] if match else []
+            elif publishers and not match:
+                strays[topic] = tuple(publishers)
+        return strays, tuple(cars)
+
+    def _listen(self, graph: _Graph, commands: Sequence[str], uses_clock: bool) -> Listener:
+        """Return what the live publishers send.
+
+        A publisher may wait for its first subscriber before it sends. The doctor must not satisfy
+        it, so it subscribes to a topic of commands only if another live node does. It does satisfy
+        a publisher that this other node rejects because of its type.
+        """
+        topics = [each for each in commands if graph.live(graph.subscribers, each)]
+        topics += [self._active, self._pose, self._collision] + ["/clock"] * uses_clock
+        expected = {
+            (topic, node) for topic in topics for node in graph.live(graph.publishers, topic)
+        }
+        needs_clock = uses_clock and bool(graph.live(graph.publishers, "/clock"))
+        listener = Listener(topics)
+        began = time.monotonic()
+        while time.monotonic() < began + self._call_timeout:
+            if expected <= listener.connected():
+                break
+            time.sleep(0.02)
+        began = time.monotonic()
+        while True:
+            elapsed = time.monotonic() - began
+            advances = not needs_clock or len(set(_instants(listener))) > 1
+            if elapsed > (self._listening_time if advances else _CLOCK_TIMEOUT):
+                break
+            time.sleep(0.02)
+        listener.connected()
+        listener.stop()
+        return listener
+
+
+def _fault(error: Exception) -> Fault:
+    """Return why a call failed. A node that answers with an error has replaced the one called."""
+    return _FAULTS.get(type(error), Fault.REFUSED)
+
+
+def _topic(graph: _Graph, heard: Listener, name: str, kind: Any = AckermannDriveStamped) -> Topic:
+    """Return what is known about a topic on which messages of the type `kind` are expected."""
+    received = heard.messages(name, kind) if kind is AckermannDriveStamped else []
+    publishers = []
+    for node in graph.publishers.get(name, []):
+        header = heard.header(name, node)
+        commands = [msg for sender, msg in received if sender == node]
+        publishers.append(
+            Publisher(
+                node,
+                header.get("type", ""),
+                header.get("md5sum", ""),
+                tuple(each.header.stamp.to_nsec() for each in commands),
+                tuple(each.drive.speed for each in commands),
+            )
+        )
+    subscribers = tuple(graph.subscribers.get(name, []))
+    return Topic(name, kind._type, kind._md5sum, tuple(publishers), subscribers)
+
+
+def _instants(heard: Listener) -> List[int]:
+    """Return the instants [ns] that were received on /clock."""
+    return [msg.clock.to_nsec() for _, msg in heard.messages("/clock", ClockMsg)]
+
+
+def _pose(msg: Any) -> str:
+    """Return a pose as text."""
+    try:
+        return str(conversions.pose_from_msg(msg))
+    except conversions.MessageError as error:
+        return str(error)

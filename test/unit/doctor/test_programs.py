@@ -1,0 +1,48 @@
+"""Programs that cannot be started, each as a file."""
+
+import pytest
+
+from mushr_ros_intro.doctor.programs import program_findings
+
+
+@pytest.mark.parametrize(
+    "text, mode, words",
+    [
+        ("import rospy\nrospy.init_node('a')\n", 0o755, "does not start with a shebang line. Make"),
+        ("if __name__ == '__main__':\n    pass\n", 0o755, "does not start with a shebang line"),
+        ("#!/usr/bin/env no_such_python\n", 0o755, "interpreter 'no_such_python', which is not"),
+        ("#!/no/such/python\n", 0o755, "interpreter '/no/such/python'"),
+        ("#!/no/such/env python3\n", 0o755, "interpreter '/no/such/env'"),
+        ("#!\n", 0o755, "interpreter ''"),
+        ("#!/usr/bin/python3\r\n", 0o755, r"Windows line endings, so the interpreter in its fi"),
+        ("#!/usr/bin/python3\n", 0o644, "is not executable. Type: chmod +x '"),
+    ],
+)
+def test_a_program_that_cannot_be_started(tmp_path, text, mode, words):
+    path = tmp_path / "my drive.py"
+    path.write_bytes(text.encode())
+    path.chmod(mode)
+    (finding,) = map(str, program_findings(str(tmp_path)))
+    assert finding.startswith(f"{path} ")
+    assert words in finding
+
+
+@pytest.mark.parametrize(
+    "name, text",
+    [
+        ("drive.py", "#!/usr/bin/python3 -u\n"),
+        ("drive", "#! /usr/bin/env -S python3 -u\n"),
+        ("module.py", "import math\n"),
+        ("notes.txt", "#1 init_node()\n"),
+        ("setup.py", "if __name__ == '__main__':\n    pass\n"),
+    ],
+)
+def test_no_finding(tmp_path, name, text):
+    path = tmp_path / name
+    path.write_text(text)
+    path.chmod(0o755 if text.startswith("#!") else 0o644)
+    assert program_findings(str(tmp_path)) == []
+
+
+def test_a_folder_that_does_not_exist(tmp_path):
+    assert program_findings(str(tmp_path / "none")) == []

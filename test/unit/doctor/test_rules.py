@@ -1,0 +1,275 @@
+"""Findings from facts: each case changes the facts about a healthy system."""
+
+from dataclasses import replace
+
+import pytest
+
+from mushr_ros_intro.doctor.facts import Clock, Facts, Fault, Master, Publisher, Topic
+from mushr_ros_intro.doctor.rules import diagnose, health
+
+S = 1_000_000_000
+"""[ns]"""
+NOW = 1_700_000_000 * S
+
+TYPE, MD5 = "ackermann_msgs/AckermannDriveStamped", "1fd5d7f58889cefd44d29f6653240d0c"
+POSE_TYPE = "geometry_msgs/PoseWithCovarianceStamped"
+MUX, CAR = "/car/mux/ackermann_cmd_mux", "/car/car_sim"
+NAVIGATION = f"{MUX}/input/navigation"
+LOCAL = "http://localhost:11311"
+PLAN = Publisher("/path_publisher", TYPE, MD5, (NOW, NOW + S // 10), (2.0, 2.0))
+KEYS = Publisher("/car/teleop", TYPE, MD5)
+SILENT = PLAN._replace(stamps=(), speeds=())
+
+
+def inputs(plan=PLAN, keys=KEYS, bypass=None):
+    """Return the inputs with these publishers, None for no publisher."""
+
+    def topic(name, node, *publishers):
+        return Topic(name, TYPE, MD5, tuple(filter(None, publishers)), (node,))
+
+    return {
+        "output": topic(f"{MUX}/output", CAR, bypass),
+        "teleop": topic(f"{MUX}/input/teleop", MUX, keys),
+        "navigation": topic(NAVIGATION, MUX, plan),
+    }
+
+
+def without_mux(bypass=None):
+    return {"output": inputs(bypass=bypass)["output"], "navigation": Topic("/nav", TYPE, MD5)}
+
+
+OUTPUT = Topic(f"{MUX}/output", TYPE, MD5, (Publisher(MUX, TYPE, MD5),), (CAR,))
+HEALTHY = Facts(
+    "car",
+    Master(LOCAL),
+    inputs=inputs(),
+    output=OUTPUT,
+    initial_pose=Topic("/initialpose", POSE_TYPE, "x", (), (CAR,)),
+    active="navigation",
+    window=(NOW, NOW + S),
+    listening_time=1.5,
+    pose="(1, 2, 3)",
+    moves=True,
+)
+NO_PUBLISHER = {"inputs": inputs(None, None), "moves": False}
+
+
+def findings(**changes):
+    return [str(each) for each in diagnose(replace(HEALTHY, **changes))]
+
+
+def test_health():
+    assert findings() == []
+    assert health(HEALTHY) == "no fault found: /path_publisher sends commands, and the car moves"
+    assert health(replace(HEALTHY, moves=None)).endswith("because its pose is not published")
+
+
+@pytest.mark.parametrize(
+    "master, problem, remedy",
+    [
+        (Master(LOCAL, Fault.REFUSED), "no master runs there", "roslaunch mushr_ros_intro sim"),
+        (Master(LOCAL, Fault.NO_RESPONSE), "the master there does not respond", "Ctrl-Z"),
+        (Master(LOCAL, Fault.NOT_ROS), "the program there is not a ROS master", "roslaunch"),
+        (Master("far", Fault.MALFORMED), "expected is an address such as", f"URI={LOCAL}"),
+        (Master("http://far:1", Fault.REFUSED, False), "no master runs", "Check the network"),
+        (Master("http://far:1", Fault.NO_RESPONSE, False), "the master there does", f"URI={LOCAL}"),
+        (
+            Master("http://far:1", Fault.UNKNOWN_HOST, False, "http://localhost:2"),
+            "its host name cannot be resolved; a master runs on this machine at http://localhost:2",
+            "Type: export ROS_MASTER_URI=http://localhost:2",
+        ),
+    ],
+)
+def test_master(master, problem, remedy):
+    (finding,) = findings(master=master)
+    assert finding.startswith(f"ROS_MASTER_URI is {master.uri}, but {problem}")
+    assert remedy in finding
+
+
+@pytest.mark.parametrize(
+    "changes, problem, remedy",
+    [
+        ({"dead": {"/rviz": Fault.REFUSED}}, "/rviz has died", "rosnode cleanup"),
+        ({"dead": {"/rviz": Fault.NOT_ROS}}, "/rviz has died", "rosnode cleanup"),
+        ({"dead": {"/rviz": Fault.NO_RESPONSE}}, "/rviz does not respond", "terminal: fg"),
+        ({"dead": {"/rviz": Fault.UNKNOWN_HOST}}, "/rviz cannot be reached", "set ROS_IP"),
+        ({"clock": Clock()}, "no node publishes /clock", "rosparam set use_sim_time false"),
+        (
+            {"clock": Clock((CAR,), False, "/car/car_sim/resume")},
+            "time stands still: /clock comes from /car/car_sim and does not advance",
+            "Type: rosservice call /car/car_sim/resume",
+        ),
+        ({"clock": Clock(("/bag",))}, "/clock comes from /bag and does not", "the space bar"),
+        (
+            {"output": OUTPUT._replace(subscribers=())},
+            f"the car 'car' is not running: no node subscribes to {MUX}/output",
+            "Type: roslaunch mushr_ros_intro sim.launch",
+        ),
+        (
+            {"inputs": without_mux()},
+            "the mux of the car 'car' is not running: no node subscribes to /nav",
+            "Type: roslaunch mushr_ros_intro sim.launch",
+        ),
+        (
+            {
+                "car": "car2",
+                "inputs": without_mux(),
+                "output": OUTPUT._replace(subscribers=()),
+                "other_cars": ("car", "car3"),
+                "master": Master("http://localhost:2", other=LOCAL),
+            },
+            "neither the car 'car2' nor its mux is running: no node subscribes to /nav; running: "
+            f"car and car3; another master runs at {LOCAL}",
+            "sim.launch car_name:=car2, or doctor.py --car car, or export ROS_MASTER_URI=" + LOCAL,
+        ),
+        (
+            {**NO_PUBLISHER, "strays": {"/cmd": ("/student",)}},
+            "the commands of /student have no effect: no node subscribes to /cmd",
+            f"with the argument /cmd:={NAVIGATION}",
+        ),
+        (
+            {"inputs": inputs(PLAN._replace(msg_type="std_msgs/String", md5sum="s"))},
+            f"/path_publisher publishes std_msgs/String on {NAVIGATION}, but {MUX} expects {TYPE}",
+            f"Publish {TYPE}",
+        ),
+        (
+            {"inputs": inputs(SILENT._replace(msg_type="std_msgs/String", md5sum="s"))},
+            "/path_publisher publishes std_msgs/String",
+            f"Publish {TYPE}",
+        ),
+        (
+            {"output": OUTPUT._replace(publishers=(Publisher("/direct", "a/B", "y"),))},
+            f"/direct publishes a/B on {MUX}/output, but {CAR} expects {TYPE}",
+            f"Publish {TYPE}",
+        ),
+        (
+            {"initial_pose": Topic("/p", POSE_TYPE, "x", (Publisher("/place", "a/B", "y"),))},
+            f"/place publishes a/B on /p, but the car expects {POSE_TYPE}",
+            f"Publish {POSE_TYPE}",
+        ),
+        (
+            {"inputs": inputs(PLAN._replace(md5sum="other")), "moves": False},
+            f"another definition of {TYPE} (MD5 sum other, expected {MD5})",
+            "catkin_make",
+        ),
+        (
+            NO_PUBLISHER,
+            f"no node publishes commands: {NAVIGATION} has no publisher; the car is at rest at (1,",
+            "roslaunch mushr_ros_intro path_publisher.launch plan_file:=figure_8",
+        ),
+        (
+            {"inputs": inputs(SILENT), "moves": False},
+            "no commands arrived in 1.5 s from /car/teleop and /path_publisher",
+            "hold a key down",
+        ),
+        (
+            {"active": "teleop"},
+            "the input 'teleop' of the mux has a higher priority and is in use by /car/teleop, so "
+            "the commands of /path_publisher do not reach the car",
+            "rosnode kill /car/teleop",
+        ),
+        (
+            {
+                "inputs": {
+                    **inputs(),
+                    "teleop": Topic(
+                        "/t",
+                        TYPE,
+                        MD5,
+                        (Publisher("/quiet", TYPE, MD5), KEYS._replace(stamps=(NOW,))),
+                        (MUX,),
+                    ),
+                },
+                "active": "teleop",
+            },
+            "is in use by /car/teleop, so the commands of /path_publisher do not reach the car",
+            "rosnode kill /car/teleop",
+        ),
+        (
+            {"inputs": inputs(PLAN._replace(speeds=(0.0, 0.0)))},
+            "all commands of /path_publisher have speed 0",
+            "msg.drive.speed",
+        ),
+        (
+            {"inputs": inputs(PLAN._replace(stamps=(NOW, 0)))},
+            "/path_publisher sends commands with stamp 0",
+            "msg.header.stamp = rospy.Time.now()",
+        ),
+        (
+            {"inputs": inputs(PLAN._replace(stamps=(NOW + 5 * S // 2,)))},
+            "the commands of /path_publisher are 1.5 s ahead of the clock of this machine",
+            "ntpdate",
+        ),
+        (
+            {
+                "inputs": inputs(PLAN._replace(stamps=(NOW - 3 * S // 2,))),
+                "clock": Clock((CAR,), True),
+            },
+            "the commands of /path_publisher are 1.5 s behind /clock",
+            "after use_sim_time is set",
+        ),
+        (
+            {"contact": "(9, 8, 7)"},
+            "the car touches a wall at (9, 8, 7)",
+            "rosservice call /car/car_sim/reset",
+        ),
+        (
+            {"moves": False},
+            "/path_publisher sends commands, but the car does not move",
+            f"rostopic echo {MUX}/output",
+        ),
+    ],
+)
+def test_finding(changes, problem, remedy):
+    (finding,) = findings(**changes)
+    before, _, after = finding.partition(problem)
+    assert after and remedy in after
+    assert "\n" not in finding
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"active": "idle"},  # between two commands
+        {"moves": None},  # the pose is not published
+        {"clock": Clock((CAR,), True)},
+        {"inputs": inputs(PLAN._replace(stamps=(NOW - S, NOW + 2 * S)))},  # within the tolerance
+        {"inputs": inputs(PLAN._replace(stamps=(NOW - 5 * S, NOW)))},  # one was late
+        {"inputs": inputs(PLAN._replace(speeds=(0.0, -0.1)))},
+        {"inputs": inputs(keys=Publisher("/keys"))},  # not connected
+        {"window": None, "inputs": inputs(PLAN._replace(stamps=(1,)))},  # no clock to compare with
+        {"other_cars": ("car2",)},
+        {"strays": {"/cmd": ("/student",)}},  # another node drives the car
+        {"master": Master("http://localhost:2", other=LOCAL)},
+        {"inputs": inputs(None, bypass=PLAN), "active": "idle"},
+        {"inputs": without_mux(bypass=PLAN), "active": "idle"},
+    ],
+)
+def test_no_finding(changes):
+    assert findings(**changes) == []
+
+
+@pytest.mark.parametrize("node", ["/path_publisher", MUX, CAR])
+def test_effects_of_a_dead_node_are_left_out(node):
+    (finding,) = findings(
+        inputs=inputs(SILENT), dead={node: Fault.REFUSED}, clock=Clock((node,)), moves=None
+    )
+    assert finding.startswith(f"{node} has died")
+
+
+def test_effects_of_a_paused_clock_are_left_out():
+    (finding,) = findings(inputs=inputs(SILENT), clock=Clock((CAR,)), moves=False)
+    assert finding.startswith("time stands still")
+
+
+def test_commands_are_judged_although_the_clock_is_paused():
+    slow = inputs(PLAN._replace(speeds=(0.0,)))
+    clock, speed = findings(inputs=slow, clock=Clock((CAR,)), moves=False)
+    assert clock.startswith("time stands still")
+    assert "have speed 0" in speed
+
+
+def test_a_car_that_is_not_known_to_stand_is_not_called_at_rest():
+    for moves in (True, None):
+        (finding,) = findings(inputs=inputs(None, None), moves=moves)
+        assert "at rest" not in finding
