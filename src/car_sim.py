@@ -24,6 +24,7 @@ from mushr_ros_intro.ros import conversions, node, sim_clock
 from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.sim.stamps import (
     NANOSECONDS,
+    SIMULATED_STAMP_TOLERANCE,
     STAMP_TOLERANCE,
     effective_stamp,
     from_seconds,
@@ -63,6 +64,7 @@ class CarSim:
             else sim_clock.FollowedClock(pose_period, self._changed)
         )
         rospy.loginfo("%s; time: %s", parameters, self._clock.description)
+        self._stamp_tolerance = SIMULATED_STAMP_TOLERANCE if keeps_clock else STAMP_TOLERANCE
         self._now = self._clock.read()
         self._history = History(self._car, at_rest(self._now, self._start))
         self._world: Optional[World] = None
@@ -194,12 +196,12 @@ class CarSim:
             stamp = effective_stamp(event.stamp, now)
             self._history.add(event._replace(stamp=stamp), now)
             self._clock.hear(event._replace(stamp=stamp))
-        if event.stamp and stamp != event.stamp:
+        if event.stamp and abs(event.stamp - now) > self._stamp_tolerance:
             rospy.logwarn_throttle(
                 1.0,
                 f"a message on {topic} is stamped {(event.stamp - now) / NANOSECONDS:+.1f} s from "
-                f"this machine's clock; expected at most {STAMP_TOLERANCE / NANOSECONDS:g} s. It "
-                "is applied on arrival; synchronise the clocks of the machines",
+                f"the car's clock; expected at most {STAMP_TOLERANCE / NANOSECONDS:g} s. It is "
+                "applied on arrival; synchronise the clocks of the machines",
             )
 
     def _accepts(self, event: Event, topic: str) -> bool:

@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """Check that in lock-step a drive is the same to the bit, and ends where it is predicted to."""
 
+import copy
 import glob
 import io
 import os
@@ -52,6 +53,7 @@ TOPICS = {
 def in_bits(message, begin):
     """Return a message as it travels, with its stamp counted from `begin`."""
     since = message.header.stamp - begin
+    message = copy.deepcopy(message)
     message.header.seq = 0  # counts what the publisher has published since it began
     message.header.stamp = rospy.Time(0)
     buffer = io.BytesIO()
@@ -66,7 +68,7 @@ def apart(messages):
 
 
 def is_pause(one, other):
-    """Return whether a lap ends between two commands: plans have no gaps, and laps are a second apart."""
+    """Return whether a lap ends between two commands: laps are a second apart."""
     return other.header.stamp - one.header.stamp > rospy.Duration(0.5)
 
 
@@ -103,7 +105,7 @@ class TestLockStep(unittest.TestCase):
         self.assertTrue(found, driver.output)
         self.assertLess(max(map(float, found.groups())), PROMISED, driver.output)
         begin = commands.messages[0].header.stamp
-        wait_for(lambda: apart(commands.messages[-2:]) == MUX_TIMEOUT, "the mux to stop the car")
+        self.wait_for_mux()
         said = [m.msg for m in self.log.messages if m.name == "/car/car_sim"]
         self.assertFalse([text for text in said if "no command arrived" in text])
         # The plan's stop, and the one that the mux adds when nothing comes any more.
@@ -143,8 +145,8 @@ class TestLockStep(unittest.TestCase):
         self.assert_same_to_the_bit(plan, self.drive(plan), self.drive(plan, *self.delay(HELD_UP)))
 
     def test_laps_to_the_bit(self):
-        """Also if the clock loses its patience between two laps."""
-        plan = "parallel_parking"
+        """Also if the clock loses its patience between two laps. The plan has no row to stand."""
+        plan = "slalom"
         expected = self.drive(plan)
         poses, _, commands = self.recordings
         for arguments in ((), self.delay(CLOCK_PATIENCE_AT_REST + 0.3)):
@@ -156,28 +158,18 @@ class TestLockStep(unittest.TestCase):
                 wait_for(lambda: len(self.begins()) > LAPS, "laps", 60.0)
                 driver.send_signal(signal.SIGINT)
                 self.assertEqual(driver.wait(), 0, driver.output)
+            self.wait_for_mux()
             end = expected[2][-1][0]
             for begin in self.begins()[:LAPS]:
                 for one, recording in ((expected[0], poses), (expected[2], commands)):
                     lap = [in_bits(m, begin) for m in recording.messages if m.header.stamp >= begin]
                     lap = [each for each in lap if each[0] <= end]
-                    if lap != [each for each in one if each[0] <= end]:
-                        import struct
-
-                        for a, b in zip(lap, one):
-                            if a != b:
-                                print(
-                                    "DIFF",
-                                    self.begins().index(begin),
-                                    a[0],
-                                    b[0],
-                                    [
-                                        struct.unpack("<d", x[1][i : i + 8])[0]
-                                        for x in (a, b)
-                                        for i in range(len(x[1]) - 56, len(x[1]), 8)
-                                    ],
-                                )
                     self.assertEqual(lap, [each for each in one if each[0] <= end])
+
+    def wait_for_mux(self):
+        """Wait until the mux has stopped the car after the last command."""
+        messages = self.recordings[2]
+        wait_for(lambda: apart(messages.messages[-2:]) == MUX_TIMEOUT, "the mux to stop the car")
 
     def begins(self):
         """Return the stamps of the first command of each lap."""

@@ -35,7 +35,13 @@ class Timetable:
         """When the plan ends and the car has to stop [ns]."""
 
     def begin(self) -> int:
-        """Return the stamp for the initial pose [ns]; later than the end of the last drive."""
+        """Return the stamp for the initial pose [ns]; later than the end of the last drive.
+
+        Raises:
+            rospy.ROSInterruptException: the node is shut down.
+        """
+        # The clock is there only after the car has received the stop of the last drive.
+        ros_time.sleep_until(self.end, ros_time.now())
         self._row = 0
         return max(ros_time.now() + self._begin_lead, self.end + 1)
 
