@@ -3,6 +3,9 @@
 NANOSECONDS = 1_000_000_000
 """In a second."""
 
+COMMAND_PERIOD = NANOSECONDS // 10
+"""Between the commands of a plan's row [ns]."""
+
 STAMP_TOLERANCE = 1 * NANOSECONDS
 """How far a stamp may be from this machine's clock [ns] and still be taken as it is."""
 
