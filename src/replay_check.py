@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.grading import files
 from mushr_ros_intro.grading import judge as report
 from mushr_ros_intro.grading.checks import as_number
 from mushr_ros_intro.parameters import ParameterError, Parameters, number, text
@@ -346,7 +347,7 @@ def replay() -> Tuple[report.Replay, List[report.Check]]:
             "simulated_seconds": simulated,
             "wall_clock_seconds": elapsed,
         }
-        report.write(os.path.join(os.environ.get("PWD", "."), folder), seen, checks, facts)
+        files.write(os.path.join(os.environ.get("PWD", "."), folder), seen, checks, facts)
     return seen, checks
 
 
