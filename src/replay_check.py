@@ -26,7 +26,7 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.grading import files
 from mushr_ros_intro.grading import judge as report
-from mushr_ros_intro.grading.checks import as_number
+from mushr_ros_intro.grading.replay import Replay, Sent, runs_of
 from mushr_ros_intro.parameters import ParameterError, Parameters, number, text
 from mushr_ros_intro.plan.find import find_plan, read_plan
 from mushr_ros_intro.plan.model import Plan, PlanError
@@ -154,7 +154,7 @@ class Observer:
             ReplayError: it is not within `patience` [s].
         """
         self._lock = threading.Lock()
-        self._sent: List[report.Sent] = []
+        self._sent: List[Sent] = []
         self._starts: List[Pose] = []
         self._poses: List[Tuple[int, Pose]] = []
         self._is_heard = threading.Event()
@@ -223,7 +223,7 @@ class Observer:
             self._is_placed.wait(_START_PATIENCE)
         now, stamp = rospy.get_rostime().to_nsec(), msg.header.stamp.to_nsec()
         taken = effective_stamp(stamp, now, CLOCK_LAG)
-        sent = report.Sent(taken, taken == stamp, msg.drive.speed, msg.drive.steering_angle)
+        sent = Sent(taken, taken == stamp, msg.drive.speed, msg.drive.steering_angle)
         with self._lock:
             self._sent.append(sent)
             self.heard = time.monotonic()
@@ -281,7 +281,7 @@ class Observer:
             recent = [one for when, one in self._poses[-1000:] if when >= stamp - timeout]
         return stamp > last + 2 * timeout and all(one == pose for one in recent)
 
-    def seen(self, plan: Plan, car: Car, outcome: str) -> report.Replay:
+    def seen(self, plan: Plan, car: Car, outcome: str) -> Replay:
         """Return all that was seen."""
         with self._lock:
             size, origin = (0.0, 0.0), None
@@ -289,7 +289,7 @@ class Observer:
                 info = self._map
                 size = (info.width * info.resolution, info.height * info.resolution)
                 origin = conversions.pose_from_msg(info.origin)
-            return report.Replay(
+            return Replay(
                 plan=plan,
                 car=car,
                 outcome=outcome,
@@ -303,7 +303,7 @@ class Observer:
             )
 
 
-def replay() -> Tuple[report.Replay, List[report.Check]]:
+def replay() -> Tuple[Replay, List[report.Check]]:
     """Do the replay that the node's parameters describe.
 
     Raises:
@@ -358,7 +358,7 @@ def _watch(
 
     All nodes that publish anything are its own, but for `ours`.
     """
-    expected = sum(run.expected for run in report.runs_of(plan))
+    expected = sum(run.expected for run in runs_of(plan))
     limit = plan.duration * 3 // 2 + 5 * NANOSECONDS
     poses, reported = observer.count_poses(), time.monotonic()
     observer.heard = time.monotonic()
@@ -425,7 +425,7 @@ def _tolerance(name: str, unit: str, default: float) -> float:
     value = rospy.get_param(name, AUTO)
     if value == AUTO:
         return default
-    return number(name, as_number(value), unit, 0.0, 1e6)
+    return Parameters({name: value}, "").number(name, default, unit, 0.0, 1e6)
 
 
 def _find_plan(name: str) -> str:

@@ -232,29 +232,3 @@ def _range(values: Sequence[float]) -> str:
 def _counted(number: int) -> str:
     """Return a number of messages as text."""
     return "1 message" if number == 1 else f"{number} messages"
-
-
-# For judge.py and replay_check.py, until they change.
-
-
-def as_number(value: Any) -> Any:
-    """Return the number that text stands for: YAML takes 1e-6 for text. Anything else stays."""
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
-
-
-def apart(one: Pose, other: Pose) -> float:
-    """Return the distance between two poses [m]."""
-    return one.distance_to(other)
-
-
-def turned(one: Pose, other: Pose) -> float:
-    """Return the angle between two headings [rad]."""
-    return one.angle_to(other)
-
-
-def shown(pose: Pose) -> str:
-    """Return a pose as text."""
-    return str(pose)
