@@ -151,7 +151,7 @@ MUX_CASES = [
     (
         (MuxTest, {**MUX, "output": "/late", "steps": [BOTH]}),
         f"{STEP_1}the output is idle; expected teleop\n"
-        rf"{STEP_1}messages were up to 1\.\d s late in each of 3 tries; the machine may be too",
+        rf"{STEP_1}messages were up to \d+\.\d s late in each of 3 tries; the machine may be too",
     ),
 ]
 
