@@ -10,7 +10,8 @@ import rostest
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.grading import judge
+from mushr_ros_intro.grading import files, judge
+from mushr_ros_intro.grading.replay import Replay, runs_of
 from mushr_ros_intro.parameters import Parameters, user_path
 from mushr_ros_intro.plan.find import find_plan, read_plan
 from mushr_ros_intro.plan.model import Plan
@@ -36,7 +37,7 @@ QUIET_AFTER = 0.5
 """After so long without a command the clock is stepped in real time [s of wall-clock time]."""
 
 
-def replay() -> Tuple[judge.Replay, List[judge.Check]]:
+def replay() -> Tuple[Replay, List[judge.Check]]:
     """Carry out the replay that the node's parameters describe.
 
     Raises:
@@ -77,7 +78,7 @@ def replay() -> Tuple[judge.Replay, List[judge.Check]]:
             "simulated_seconds": simulated,
             "wall_clock_seconds": elapsed,
         }
-        judge.write(user_path(folder), seen, checks, facts)
+        files.write(user_path(folder), seen, checks, facts)
     return seen, checks
 
 
@@ -113,7 +114,7 @@ def _watch(
     Raises:
         ObservationError: the car failed.
     """
-    expected = sum(run.expected for run in judge.runs_of(plan))
+    expected = sum(run.expected for run in runs_of(plan))
     limit = plan.duration * 3 // 2 + 5 * NANOSECONDS
     poses, last_pose = observer.count_poses(), time.monotonic()
     observer.last_message = time.monotonic()

@@ -1,4 +1,4 @@
-"""The package of a course that grades with this one: right passes, and wrong fails."""
+"""Check that the example of a course's package passes right solutions and fails wrong ones."""
 
 import concurrent.futures
 import glob
@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from support.helpers import angle_between, closed_form
+from support.helpers import Process, angle_between, closed_form
 from support.paths import PACKAGE
 
 COURSE = os.path.join(PACKAGE, "examples", "example_course")
@@ -18,28 +18,21 @@ PATIENCE = 120.0
 
 
 def rostest(folder, name, *arguments):
-    """Run a test of the course; return its exit status, and what its cases say, by their names."""
-    packages = os.pathsep.join((COURSE, os.environ["ROS_PACKAGE_PATH"]))
+    """Run a test of the course; return its exit status, and the failures of its cases by name."""
     environment = {
-        **os.environ,
-        "ROS_PACKAGE_PATH": packages,
+        "ROS_PACKAGE_PATH": os.pathsep.join((COURSE, os.environ["ROS_PACKAGE_PATH"])),
         "ROS_TEST_RESULTS_DIR": f"{folder}/{name}",
     }
-    done = subprocess.run(
-        ["rostest", "example_course", name, *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        env=environment,
-        timeout=PATIENCE,
-    )
+    with Process("rostest", "example_course", name, *arguments, **environment) as run:
+        status = run.wait(PATIENCE)
     (path,) = glob.glob(f"{folder}/{name}/example_course/rosunit-*.xml")
     cases = ElementTree.parse(path).getroot().iter("testcase")
-    return done.returncode, {case.get("name"): case.findtext("failure") for case in cases}
+    return status, {case.get("name"): case.findtext("failure") for case in cases}
 
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """Grade the student's node, and a plan that parks at the wrong side."""
+    """Grade the student's node, and a plan that parks on the wrong side."""
     folder = tmp_path_factory.mktemp("course")
     with open(PARKING) as file:
         start, straight, left, right, end = file
@@ -50,20 +43,20 @@ def results(tmp_path_factory):
         return node.result(), plan.result()
 
 
-def test_a_node_that_is_right(results):
+def test_right_node(results):
     (status, cases), _ = results
     assert len(cases) > 8
     assert [message for message in cases.values() if message] == []
     assert status == 0
 
 
-def test_a_plan_that_is_wrong(results):
+def test_wrong_plan(results):
     _, (status, cases) = results
     assert "-0.8707 m, 0.0000 rad) is 1.74 m" in str(cases["test_pose"])
     assert status != 0
 
 
-def test_a_plan_that_is_right():
+def test_right_plan():
     with open(PARKING) as file:
         start, *rows = (tuple(map(float, line.split(","))) for line in file)
     x, y, theta = closed_form(start, [(*row, 1.0) for row in rows])
@@ -74,8 +67,8 @@ def test_a_plan_that_is_right():
     assert angle_between(theta, float(space["theta"])) < float(space["angle_tolerance"])
 
 
-def test_catkin_and_ros_do_not_find_it_inside_the_package():
-    """They do not look for packages inside a package, so nothing has to hide this one."""
+def test_ros_does_not_find_the_example_inside_the_package():
+    """They do not search inside a package, so the example needs no CATKIN_IGNORE."""
     path = os.environ["ROS_PACKAGE_PATH"]
     listed = subprocess.run(["rospack", "list-names"], stdout=subprocess.PIPE, check=True)
     assert "mushr_ros_intro" in listed.stdout.decode().split(), path

@@ -86,8 +86,8 @@ REPLAYS = {
         f"{WRONG} order",
         NO_MAP,
         {"test_commands", "test_final_pose", "test_path"},
-        "commands: the rows are in the wrong order: where row 2 of the plan has 2 m/s, -0.1 rad, "
-        "there came 1.5 m/s, 0.2 rad",
+        "commands: row 2 (1 s): received 1.5 m/s, 0.2 rad; expected 2 m/s, -0.1 rad. "
+        "The rows are in the wrong order",
     ),
     "silent": (
         f"{WRONG} silent",
@@ -100,7 +100,7 @@ REPLAYS = {
         f"{WRONG} slow",
         NO_MAP,
         {"test_rate", "test_final_pose", "test_path"},
-        "rate: row 1 (1 s) came with 1 message; expected 10, 10 a second",
+        "rate: row 1 (1 s): 1 command received; expected 10",
     ),
 }
 

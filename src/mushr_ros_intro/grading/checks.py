@@ -1,13 +1,15 @@
-"""Find what is wrong with a series of messages: what the test nodes ask of poses and stamps.
+"""Find faults in series of messages, for the test nodes.
 
-Stamps are integer nanoseconds, and differences between them are said in seconds.
+Stamps and durations are integer nanoseconds; messages for users show them in seconds. A series
+without enough data is a fault.
 """
 
-import bisect
 import math
 import threading
 import time
-from typing import Any, Callable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose, compose, drive_arc, inverse
 from mushr_ros_intro.sim.stamps import NANOSECONDS
@@ -22,224 +24,211 @@ class Motion(NamedTuple):
     """Of the child frame in the odometry frame."""
     speed: float
     """Forward, in the child frame [m/s]."""
-    side_speed: float
+    lateral_speed: float
     """To the left, in the child frame [m/s]."""
     turn_rate: float
     """Counter-clockwise [rad/s]."""
 
 
-def as_number(value: Any) -> Any:
-    """Return the number that text stands for: YAML takes 1e-6 for text. Anything else stays."""
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
-
-
-def apart(one: Pose, other: Pose) -> float:
-    """Return how far two poses are apart [m]."""
-    return math.hypot(one.x - other.x, one.y - other.y)
-
-
-def turned(one: Pose, other: Pose) -> float:
-    """Return the angle between two headings [rad], not negative."""
-    return abs(math.remainder(one.theta - other.theta, math.tau))
-
-
-def shown(pose: Pose) -> str:
-    """Return a pose as text."""
-    theta = math.remainder(pose.theta, math.tau)
-    return f"({pose.x:.4f} m, {pose.y:.4f} m, {theta:.4f} rad)"
-
-
-def wait_for(condition: Callable[[], Any], what: str, patience: float) -> Any:
-    """Return the first true value of `condition`.
-
-    Args:
-        condition: asked again and again.
-        what: is waited for.
-        patience: how long [s of wall-clock time].
-
-    Raises:
-        AssertionError: it was waited for in vain.
-    """
-    deadline = time.monotonic() + patience
-    while True:
-        value = condition()
-        if value:
-            return value
-        if time.monotonic() > deadline:
-            raise AssertionError(f"waited {patience:g} s for {what}")
-        time.sleep(0.01)
-
-
 class Series:
-    """What came on a topic, with its stamps; a thread may add while another looks."""
+    """The items of a topic with their stamps, in order of arrival; thread-safe."""
 
     _QUIET = 1.0
-    """After so long without a message [s of wall-clock time] none is on its way any more."""
+    """After so long without a message [s of wall-clock time] none is in transit any more."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
         self._lock = threading.Lock()
         self._entries: List[Tuple[int, Any]] = []
-        self._heard = 0.0
+        self._last_arrival = 0.0
 
     def add(self, stamp: int, item: Any) -> None:
-        """Add what is stamped `stamp` [ns]."""
+        """Add an item with its stamp [ns]."""
         with self._lock:
             self._entries.append((stamp, item))
-            self._heard = time.monotonic()
+            self._last_arrival = time.monotonic()
 
     @property
     def entries(self) -> List[Tuple[int, Any]]:
-        """All that came, as (stamp [ns], item), in the order in which it came."""
+        """All pairs of stamp [ns] and item, in order of arrival."""
         with self._lock:
             return list(self._entries)
 
     def covers(self, duration: int, now: int) -> bool:
-        """Say whether nothing more will come from the first `duration` [ns].
+        """Return whether the first `duration` [ns] of the series is complete at `now` [ns].
 
-        Judged by the stamps, because the clock, which is at `now` [ns], may run fast and ahead of
-        messages that are on their way; by the clock only where they have ceased to come.
+        This depends on the stamps, because a fast clock can be ahead of messages in transit. Only
+        if no message arrives any more it depends on the clock.
         """
         with self._lock:
             if not self._entries:
                 return False
             end = self._entries[0][0] + duration
-            is_quiet = time.monotonic() > self._heard + self._QUIET
+            is_quiet = time.monotonic() > self._last_arrival + self._QUIET
             return self._entries[-1][0] >= end or (now >= end and is_quiet)
 
 
-def rate_faults(
-    stamps: Sequence[int], durations: Sequence[int], period: int, jitter: int
-) -> List[str]:
-    """Say what is wrong with the stamps of messages that are to come evenly, row by row.
+def step_faults(stamps: Sequence[int], period: int, jitter: int) -> List[str]:
+    """Return the gaps and backward steps in stamps that should be one `period` apart.
 
     Args:
-        stamps: of the messages [ns], in the order in which they came.
-        durations: of the rows of a plan [ns], of which the first begins with the first message;
-            none: only gaps and the order are judged.
-        period: from one message to the next [ns]; a row begins with a message.
-        jitter: how far a stamp may be from where it belongs [ns].
+        stamps: of the messages in order of arrival [ns].
+        period: expected time between two stamps [ns]; a shorter time is no fault.
+        jitter: tolerance [ns].
     """
     faults = []
     for number, (earlier, later) in enumerate(zip(stamps, stamps[1:]), 2):
         step = (later - earlier) / NANOSECONDS
         if step < 0.0:
-            faults.append(f"message {number} is stamped {-step:g} s before the one before it")
+            faults.append(
+                f"message {number} is stamped {-step:.6g} s before message {number - 1}; "
+                "expected rising stamps"
+            )
         elif later - earlier > period + jitter:
             faults.append(
-                f"there are {step:g} s between the stamps of messages {number - 1} and {number}; "
+                f"{step:.6g} s between the stamps of messages {number - 1} and {number}; "
                 f"expected {period / NANOSECONDS:g} s"
             )
-    counts = _count_by_row(stamps, durations, period) if stamps else [0] * len(durations)
-    for row, (count, duration) in enumerate(zip(counts, durations), 1):
+    return faults
+
+
+def rate_faults(stamps: Sequence[int], duration: int, period: int, jitter: int) -> List[str]:
+    """Return what is wrong with the stamps of messages that should arrive at a fixed rate.
+
+    Args:
+        stamps: of the messages in order of arrival [ns].
+        duration: how long the messages were recorded [ns].
+        period: expected time between two stamps [ns].
+        jitter: tolerance of this time [ns].
+    """
+    faults = step_faults(stamps, period, jitter)
+    expected = max(2, duration // period - 2)
+    if len(stamps) < expected:
+        faults.append(
+            f"{_counted(len(stamps))} received in {duration / NANOSECONDS:g} s; "
+            f"expected at least {expected}"
+        )
+    return faults
+
+
+def plan_faults(stamps: Sequence[int], rows: Sequence[int], period: int, jitter: int) -> List[str]:
+    """Return what is wrong with the stamps of commands that should follow the rows of a plan.
+
+    Args:
+        stamps: of the commands in order of arrival [ns]. The first one begins the first row; those
+            after the last row are ignored.
+        rows: durations of the rows [ns]; each row begins with a command.
+        period: expected time between the commands of a row [ns].
+        jitter: tolerance of this time [ns].
+    """
+    if not stamps:
+        return ["no message received"]
+    end = stamps[0] + sum(rows)
+    faults = step_faults([stamp for stamp in stamps if stamp <= end], period, jitter)
+    for row, (count, duration) in enumerate(zip(_count_by_row(stamps, rows, period), rows), 1):
         expected = -(-duration // period)
         if count != expected:
             faults.append(
-                f"row {row} ({duration / NANOSECONDS:g} s) has {count} messages; "
+                f"row {row} ({duration / NANOSECONDS:g} s): {_counted(count)} received; "
                 f"expected {expected}"
             )
     return faults
 
 
-def _count_by_row(stamps: Sequence[int], durations: Sequence[int], period: int) -> List[int]:
-    """Return how many messages each row has: those that are nearest to one of its due instants."""
-    dues: List[int] = []
-    rows: List[int] = []
-    begin = stamps[0]
-    for row, duration in enumerate(durations):
-        row_dues = range(begin, begin + duration, period)
-        dues += row_dues
-        rows += [row] * len(row_dues)
-        begin += duration
-    dues.append(begin)
-    rows.append(len(durations))  # what comes after the plan
-    counts = [0] * (len(durations) + 1)
-    for stamp in stamps:
-        place = min(bisect.bisect_left(dues, stamp), len(dues) - 1)
-        if place > 0 and stamp - dues[place - 1] < dues[place] - stamp:
-            place -= 1
-        counts[rows[place]] += 1
-    return counts[:-1]
+def _count_by_row(stamps: Sequence[int], rows: Sequence[int], period: int) -> List[int]:
+    """Return the number of messages of each row, each assigned to the nearest due time."""
+    begins = np.cumsum([0, *rows])
+    dues = [np.arange(begin, begin + duration, period) for begin, duration in zip(begins, rows)]
+    row_of_due = np.repeat(np.arange(len(rows) + 1), [*map(len, dues), 1])
+    instants = np.concatenate([*dues, begins[-1:]])  # the last one is for messages after the plan
+    middles = instants[:-1] + np.diff(instants) // 2
+    nearest = np.searchsorted(middles, np.array(stamps) - stamps[0], side="right")
+    return np.bincount(row_of_due[nearest], minlength=len(rows) + 1)[:-1].tolist()
 
 
 def odometry_faults(
-    motions: Sequence[Motion], longest: int, position: float, angle: float
+    motions: Sequence[Motion], max_gap: int, position: float, angle: float
 ) -> List[str]:
-    """Say where odometry is not what its own twist makes of it.
-
-    From one message to the next the child frame moves along an arc, whose speed and turn rate are
-    between those of the two messages.
+    """Return where the pose of odometry does not move as its twist says.
 
     Args:
         motions: in the order of their stamps.
-        longest: messages further apart than this [ns] are not compared.
+        max_gap: messages further apart than this [ns] are not compared.
         position: tolerance [m].
         angle: tolerance [rad].
     """
-    faults = []
-    for one, other in zip(motions, motions[1:]):
-        seconds = (other.stamp - one.stamp) / NANOSECONDS
-        if not 0 < other.stamp - one.stamp <= longest:
-            continue
-        moved = compose(inverse(one.pose), other.pose)
-        turn = math.remainder(moved.theta, math.tau)
-        way = math.copysign(math.hypot(moved.x, moved.y), moved.x)
-        way /= math.sin(turn / 2.0) / (turn / 2.0) if turn else 1.0
-        where = f"in the {seconds:g} s before {other.stamp / NANOSECONDS:.3f}"
-        speeds = sorted((one.speed, other.speed))
-        rates = sorted((one.turn_rate, other.turn_rate))
-        if not speeds[0] * seconds - position <= way <= speeds[1] * seconds + position:
-            faults.append(
-                f"{where} the pose moves by {way:.6g} m, that is {way / seconds:.6g} m/s, but the "
-                f"twist says {_range(speeds)} m/s in the child frame"
-            )
-        elif not rates[0] * seconds - angle <= turn <= rates[1] * seconds + angle:
-            faults.append(
-                f"{where} the pose turns by {turn:.6g} rad, that is {turn / seconds:.6g} rad/s, "
-                f"but the twist says {_range(rates)} rad/s"
-            )
-        elif abs(aside := max(one.side_speed, other.side_speed, key=abs)) * seconds > position:
-            faults.append(
-                f"{where} the twist says {abs(aside):.6g} m/s to the "
-                f"{'left' if aside > 0.0 else 'right'}; a car has none"
-            )
-        else:
-            # The direction of the chord is known exactly only while the turn rate is constant.
-            slack = position + abs(way) * (rates[1] - rates[0]) * seconds
-            end = drive_arc(one.pose, way, turn / way if way else 0.0)
-            if apart(end, other.pose) > slack:
-                faults.append(
-                    f"{where} the pose moves sideways: to {shown(other.pose)}; expected "
-                    f"{shown(end)}"
-                )
-    return faults
+    pairs = [
+        (one, other)
+        for one, other in zip(motions, motions[1:])
+        if 0 < other.stamp - one.stamp <= max_gap
+    ]
+    if not pairs:
+        return [
+            f"odometry not judged: {_counted(len(motions))} received; expected at least two with "
+            f"stamps up to {max_gap / NANOSECONDS:g} s apart"
+        ]
+    faults = (_motion_fault(one, other, position, angle) for one, other in pairs)
+    return [fault for fault in faults if fault]
 
 
-def pose_fault(pose: Optional[Pose], wanted: Pose, position: float, angle: Optional[float]) -> str:
-    """Say how a pose is not the wanted one; nothing if it is.
+def _motion_fault(one: Motion, other: Motion, position: float, angle: float) -> str:
+    """Return how two odometry messages contradict each other; empty if they do not.
+
+    Between them the child frame moves along an arc. Its speed and its turn rate are between those
+    of the two messages.
+    """
+    seconds = (other.stamp - one.stamp) / NANOSECONDS
+    moved = compose(inverse(one.pose), other.pose)
+    turn = math.remainder(moved.theta, math.tau)
+    distance = math.copysign(math.hypot(moved.x, moved.y), moved.x)  # of the chord
+    distance /= math.sin(turn / 2.0) / (turn / 2.0) if turn else 1.0  # of the arc
+    where = f"in the {seconds:g} s before {other.stamp / NANOSECONDS:.3f}"
+    speeds = sorted((one.speed, other.speed))
+    rates = sorted((one.turn_rate, other.turn_rate))
+    lateral = max(one.lateral_speed, other.lateral_speed, key=abs)
+    if not speeds[0] * seconds - position <= distance <= speeds[1] * seconds + position:
+        return (
+            f"{where} the pose moves by {distance:.6g} m, which is {distance / seconds:.6g} m/s; "
+            f"the twist says {_range(speeds)} m/s"
+        )
+    if not rates[0] * seconds - angle <= turn <= rates[1] * seconds + angle:
+        return (
+            f"{where} the pose turns by {turn:.6g} rad, which is {turn / seconds:.6g} rad/s; "
+            f"the twist says {_range(rates)} rad/s"
+        )
+    if abs(lateral) * seconds > position:
+        side = "left" if lateral > 0.0 else "right"
+        return f"{where} the twist says {abs(lateral):.6g} m/s to the {side}; expected none"
+    # The direction of the chord is known exactly only if the turn rate is constant.
+    slack = position + abs(distance) * (rates[1] - rates[0]) * seconds
+    end = drive_arc(one.pose, distance, turn / distance if distance else 0.0)
+    if end.distance_to(other.pose) > slack:
+        return f"{where} the pose moves sideways to {other.pose}; expected {end}"
+    return ""
+
+
+def pose_fault(pose: Pose, wanted: Pose, position: float, angle: Optional[float]) -> str:
+    """Return how a pose differs from the wanted one; empty if it is within the tolerances.
 
     Args:
-        pose: what there is, None if there is nothing.
-        wanted: what there is to be.
+        pose: the pose that was found.
+        wanted: the pose that was expected.
         position: tolerance [m].
-        angle: tolerance [rad]; None: any heading will do.
+        angle: tolerance [rad]; None: any heading is right.
     """
-    if pose is None:
-        return f"there is no pose; expected {shown(wanted)}"
-    distance, angle_off = apart(pose, wanted), turned(pose, wanted)
-    if distance <= position and (angle is None or angle_off <= angle):
+    distance, turn = pose.distance_to(wanted), pose.angle_to(wanted)
+    if distance <= position and (angle is None or turn <= angle):
         return ""
-    return (
-        f"the pose {shown(pose)} is {distance:.3g} m and {angle_off:.3g} rad from "
-        f"{shown(wanted)}; allowed are {position:g} m"
-        + ("" if angle is None else f" and {angle:g} rad")
-    )
+    message = f"the pose {pose} is {distance:.3g} m and {turn:.3g} rad from {wanted}"
+    tolerances = f"{position:g} m" if angle is None else f"{position:g} m and {angle:g} rad"
+    return f"{message}; tolerance {tolerances}"
 
 
 def _range(values: Sequence[float]) -> str:
-    """Return two values as text, or one if they are the same."""
+    """Return two values as text, or one if they are equal."""
     low, high = values
     return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
+
+
+def _counted(number: int) -> str:
+    """Return a number of messages as text."""
+    return "1 message" if number == 1 else f"{number} messages"

@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.grading.judge import Replay, Sent
+from mushr_ros_intro.grading.replay import Replay, Sent
 from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.ros import conversions, ros_time
 

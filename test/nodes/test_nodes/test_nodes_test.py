@@ -1,257 +1,163 @@
 #!/usr/bin/python3
-"""Check the test nodes on a drive, on a mux, and on topics that are wrong on purpose.
+"""Check the test nodes on a drive, on a mux, and on wrong topics.
 
-Their cases run side by side in threads of this one process, since a process of its own costs each
-of them a second of computing; that the nodes are processes too is checked in a test file.
+Their cases run in threads of this process, because a process for each would take a second of
+computing time; `test_in_a_test_file` runs them as nodes.
 """
 
 import copy
-import functools
 import math
 import os
 import re
-import shutil
 import sys
-import tempfile
 import threading
 import unittest
-import xmlrpc.client
-from unittest import mock
 from xml.etree import ElementTree
 
-import roslib.packages
 import rospy
 import rostest
 import tf2_ros
+from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from std_srvs.srv import Trigger
 
-from support.helpers import Process, Recording, closed_form, node, wait_for
+from support.helpers import Process, Recording, RosTestCase, at, closed_form, node, wait_for
+from support.paths import FIXTURES, PACKAGE
 
-PACKAGE = roslib.packages.get_pkg_dir("mushr_ros_intro")
 sys.path.append(os.path.join(PACKAGE, "src"))
-import muxtest  # noqa: E402
-import odomtest  # noqa: E402
-import posetest  # noqa: E402
-import ratetest  # noqa: E402
-from mushr_ros_intro.grading import checks  # noqa: E402
-from mushr_ros_intro.ros.connections import registered_nodes  # noqa: E402
+from mushr_ros_intro.ros.connections import receivers, registered_nodes  # noqa: E402
+from muxtest import MuxTest  # noqa: E402
+from odomtest import OdomTest  # noqa: E402
+from posetest import PoseTest  # noqa: E402
+from ratetest import RateTest  # noqa: E402
 
 PATIENCE = 90.0
-"""[s] For all the nodes to start, on a busy machine."""
+"""[s] For all nodes to start on a busy machine."""
 
 ROWS = [(1.0, 0.1, 1.0), (2.0, -0.1, 1.0), (1.5, 0.2, 1.5)]
 START = (1.0, 2.0, 0.5)
 END = closed_form(START, ROWS)
 HALF = closed_form(START, ROWS[:1])
+PLANS = {"plan.txt": [START, *ROWS], "other.txt": [START, *ROWS[:2], (1.5, 0.2, 5.0)]}
 
 NAVIGATION = "/car/mux/ackermann_cmd_mux/input/navigation"
+POSE = {"topic": "/car/car_pose"}
+AT_END = {"x": END[0], "y": END[1], "theta": END[2], "position_tolerance": "1e-5"}
+AT_HALF = {"x": HALF[0], "y": HALF[1]}
+ODOM = {"odom_topic": "/car/odom", "pose_topic": "/car/car_pose"}
+MOON = {"frame": "map", "child_frame": "moon", "wait_time": 1.0}
+WHEELS = "/car/joint_states"
+
+
+def pose(topic, **parameters):
+    return PoseTest, {"topic": topic, "x": 0.0, "y": 0.0, **parameters}
+
+
+def rate(topic, **parameters):
+    return RateTest, {"topic": topic, **parameters}
+
+
+def odom(topic, **parameters):
+    return OdomTest, {"odom_topic": topic, "tf": False, **parameters}
+
+
+# The test and its parameters, and the expression that its failure matches; empty: it passes.
+# rospy takes only one type for each topic in a process. ratetest takes messages of any type, so no
+# other test may use its topics.
+CASES = [
+    ((PoseTest, {**POSE, **AT_END}), ""),
+    ((PoseTest, {"frame": "map", "child_frame": "car/base_footprint", **AT_END}), ""),
+    ((PoseTest, {**POSE, **AT_HALF, "passes": True}), ""),
+    ((PoseTest, {**POSE, **AT_HALF}), r"after 5 s .* m and .* rad from \(1\..*; tolerance 0.05 m"),
+    ((PoseTest, {**POSE, **AT_END, "theta": 3.0}), "tolerance 1e-05 m and 0.05 rad"),
+    (
+        (PoseTest, {**POSE, "x": -5.0, "y": 0.0, "passes": True}),
+        r"the pose was not reached in 5 s; closest: .* is 5 m and 0 rad from \(-5",
+    ),
+    ((PoseTest, {**MOON, "x": 0, "y": 0}), "waited 1 s for a transform from map to moon"),
+    ((PoseTest, POSE), "parameter ~x is not set; expected a number"),
+    ((PoseTest, {"x": 0, "y": 0}), "parameter ~frame is not set; expected a frame, or"),
+    (pose("/broken", position_tolerance=99), r"a pose on /broken: pose \(nan, .* is not finite"),
+    (pose("/clock"), "/clock has the type rosgraph"),
+    (rate(NAVIGATION, plan_file="plan.txt"), ""),
+    (rate(NAVIGATION, plan_file="other.txt"), r"row 3 \(5 s\): 16 messages received; expected 50"),
+    (rate(WHEELS, hz=50), ""),
+    (
+        rate(WHEELS, hz=100),
+        f"{WHEELS}: 0.02 s between the stamps of messages 1 and 2; expected 0.01 s\n"
+        r"(.*\n){4}and \d+ more",
+    ),
+    (rate("/back", hz=20), r"message \d+ is stamped 0.01 s before message \d"),
+    (rate("/unstamped"), "/unstamped has no stamp"),
+    (rate("/clock"), "/clock has the type rosgraph_msgs/Clock; expected"),
+    ((OdomTest, ODOM), ""),
+    (
+        (OdomTest, {**ODOM, "pose_topic": "/shifted"}),
+        "differs from the pose topic: .* 0.1 m and 0 r",
+    ),
+    ((OdomTest, {**ODOM, "tf": False}), "parameter ~tf is False; expected true"),
+    (odom("/right"), ""),
+    (odom("/right", max_gap=0.01), "odometry not judged: .* stamps up to 0.01 s apart"),
+    (odom("/per_period"), "which is 1 m/s; the twist says 0.05 m/s"),
+    (odom("/turn"), "which is 0.5 rad/s; the twist says 0.4 rad/s"),
+    (odom("/jump"), r"the pose moves by 3\..* m, which is 6.* m/s;"),
+    (odom("/sideways"), "the pose moves sideways"),
+    (odom("/broken"), r"odometry on /broken: pose \(nan, .* is not finite"),
+]
+LATE_CASES = [  # their patience begins with the clock
+    (odom("/right", tf=True, wait_time=1.0), "a transform from 'puppet/odom' to 'puppet/base'"),
+]
+
 MUX = {
     "inputs": {"navigation": NAVIGATION, "teleop": "/car/mux/ackermann_cmd_mux/input/teleop"},
     "output": "/car/mux/ackermann_cmd_mux/output",
     "active": "/car/mux/ackermann_cmd_mux/active",
 }
+BOTH = {"send": ["navigation", "teleop"], "wins": "teleop"}
 RIGHT_STEPS = [
     {"send": ["navigation"], "wins": "navigation"},
-    {"send": ["navigation", "teleop"], "wins": "teleop"},
+    BOTH,
     {"send": ["teleop"], "wins": "teleop"},
     {"send": [], "wins": "idle"},
 ]
-WRONG_STEPS = [
-    {"send": ["navigation", "teleop"], "wins": "navigation"},
-    {"send": ["navigation"], "wins": "idle"},
+WRONG_STEPS = [{**BOTH, "wins": "navigation"}, {"send": ["navigation"], "wins": "idle"}]
+STEP_1 = r"step 1 \(send: \[navigation, teleop\]\): "
+
+
+class HeldUp(MuxTest):
+    """Is held up once for longer than a command holds, as on a busy machine."""
+
+    rounds = 0
+
+    def wait_for(self, condition, what, patience=None):
+        value = super().wait_for(condition, what, patience)
+        if "on the clock" in what:
+            self.rounds += 1
+            if self.rounds == 6:
+                rospy.sleep(0.3)
+        return value
+
+
+MUX_CASES = [
+    ((MuxTest, {**MUX, "steps": RIGHT_STEPS}), ""),
+    ((HeldUp, {**MUX, "steps": [BOTH]}), ""),
+    (
+        (MuxTest, {**MUX, "steps": WRONG_STEPS}),
+        f"{STEP_1}the output is teleop; expected navigation\n"
+        f"{STEP_1}the active input is teleop; expected navigation\n"
+        r"step 2 \(send: \[navigation\]\): the output is navigation; expected idle\n",
+    ),
+    (
+        (MuxTest, {**MUX, "output": "/late", "steps": [BOTH]}),
+        f"{STEP_1}the output is idle; expected teleop\n"
+        rf"{STEP_1}messages were up to \d+\.\d s late in each of 3 tries; the machine may be too",
+    ),
 ]
-
-POSE = {"topic": "/car/car_pose", "test_duration": 5.0}
-AT_END = {"x": END[0], "y": END[1], "theta": END[2], "position_tolerance": 0.00001}
-ODOM = {"odom_topic": "/car/odom", "pose_topic": "/car/car_pose", "test_duration": 5.0}
-PUPPET = {"tf": False, "test_duration": 5.0}
-MISSING = {"wait_time": 1.0}
-
-# Name: the test, its parameters, and what it says; nothing: it passes.
-# Within a process rospy takes a topic's messages as one type only, and ratetest takes any: its
-# topics are no other test's.
-CASES = {
-    "ends": (posetest.PoseTest, {**POSE, **AT_END}, ""),
-    "ends_in_tf": (
-        posetest.PoseTest,
-        {"frame": "map", "child_frame": "car/base_footprint", "test_duration": 5.0, **AT_END},
-        "",
-    ),
-    "passes": (
-        posetest.PoseTest,
-        {**POSE, "x": HALF[0], "y": HALF[1], "position_tolerance": 0.05, "passes": True},
-        "",
-    ),
-    "ends_elsewhere": (
-        posetest.PoseTest,
-        {**POSE, "x": HALF[0], "y": HALF[1]},
-        r"after 5 s the pose \(.*\) is .* m and .* rad from \(1\..*; allowed are 0.05 m",
-    ),
-    "ends_askew": (
-        posetest.PoseTest,
-        {**POSE, **AT_END, "theta": 3.0},
-        "allowed are .* and 0.05 rad",
-    ),
-    "never_passes": (
-        posetest.PoseTest,
-        {**POSE, "x": -5.0, "y": 0.0, "passes": True},
-        "in 5 s it did not pass; at its nearest the pose",
-    ),
-    "pose_missing": (
-        posetest.PoseTest,
-        {"topic": "/nowhere", "x": 0.0, "y": 0.0, **MISSING},
-        "waited 1 s for a publisher of /nowhere",
-    ),
-    "pose_broken": (
-        posetest.PoseTest,
-        {"topic": "/broken", "x": 0.0, "y": 0.0, "position_tolerance": 100.0},
-        r"a pose on /broken: pose \(nan, .* is not finite",
-    ),
-    "pose_of_no_kind": (
-        posetest.PoseTest,
-        {"topic": "/clock", "x": 0, "y": 0},
-        "/clock is a rosgraph",
-    ),
-    "pose_nowhere": (posetest.PoseTest, POSE, "parameter ~x is None; expected a number"),
-    "tf_missing": (
-        posetest.PoseTest,
-        {"frame": "map", "child_frame": "moon", "x": 0.0, "y": 0.0, **MISSING},
-        "waited 1 s for a transform from map to moon",
-    ),
-    "rate": (ratetest.RateTest, {"topic": NAVIGATION, "plan_file": "PLAN"}, ""),
-    "rate_of_wheels": (ratetest.RateTest, {"topic": "/car/joint_states", "hz": 50.0}, ""),
-    "rate_of_another_plan": (
-        ratetest.RateTest,
-        {"topic": NAVIGATION, "plan_file": "OTHER_PLAN"},
-        r"row 3 \(5 s\) has 16 messages; expected 50",
-    ),
-    "rate_too_low": (
-        ratetest.RateTest,
-        {"topic": "/car/joint_states", "hz": 100.0},
-        "there are 0.02 s between the stamps of messages 1 and 2; expected 0.01 s",
-    ),
-    "rate_missing": (
-        ratetest.RateTest,
-        {"topic": "/nowhere", **MISSING},
-        "waited 1 s for a message on /nowhere",
-    ),
-    "rate_back": (
-        ratetest.RateTest,
-        {"topic": "/back", "hz": 20.0},
-        r"message \d+ is stamped 0.01 s before the one before it",
-    ),
-    "rate_unstamped": (ratetest.RateTest, {"topic": "/unstamped"}, "/unstamped has no stamp"),
-    "rate_headless": (
-        ratetest.RateTest,
-        {"topic": "/clock"},
-        "/clock is a rosgraph_msgs/Clock, which",
-    ),
-    "odom": (odomtest.OdomTest, ODOM, ""),
-    "odom_of_puppet": (odomtest.OdomTest, {"odom_topic": "/right", **PUPPET}, ""),
-    "odom_per_tick": (
-        odomtest.OdomTest,
-        {"odom_topic": "/per_tick", **PUPPET},
-        "that is 1 m/s, but the twist says 0.05 m/s in the child frame",
-    ),
-    "odom_turn": (
-        odomtest.OdomTest,
-        {"odom_topic": "/turn", **PUPPET},
-        "that is 0.5 rad/s, but the twist says 0.4 rad/s",
-    ),
-    "odom_jump": (
-        odomtest.OdomTest,
-        {"odom_topic": "/jump", **PUPPET},
-        r"the pose moves by 3\..* m, that is 6.* m/s, but",
-    ),
-    "odom_sideways": (
-        odomtest.OdomTest,
-        {"odom_topic": "/sideways", **PUPPET},
-        "the pose moves sideways",
-    ),
-    "odom_broken": (
-        odomtest.OdomTest,
-        {"odom_topic": "/broken", **PUPPET},
-        r"pose \(nan, .* is not finite",
-    ),
-    "odom_missing": (
-        odomtest.OdomTest,
-        {"odom_topic": "/nowhere", **MISSING},
-        "waited 1 s for odometry on /nowhere",
-    ),
-    "odom_and_another_pose": (
-        odomtest.OdomTest,
-        {**ODOM, "pose_topic": "/shifted", "test_duration": 5.0},
-        "TF says something else than the pose: the pose .* is 0.1 m and 0 rad from",
-    ),
-}
-LATE_CASES = {  # their patience begins with the clock
-    "odom_without_tf": (
-        odomtest.OdomTest,
-        {"odom_topic": "/right", **MISSING},
-        "waited 1 s for a transform from 'puppet/odom' to 'puppet/base'",
-    ),
-}
-
-
-class HeldUp(muxtest.MuxTest):
-    """Does not get to send for longer than a command holds, once, as if the machine were busy."""
-
-    def setUp(self):
-        super().setUp()
-        self._rounds = 0
-        teleop = self._publishers["teleop"]
-        teleop.publish = functools.partial(self._publish, teleop.publish)
-
-    def _publish(self, publish, msg):
-        publish(msg)
-        self._rounds += 1
-        if self._rounds == 6:
-            rospy.sleep(0.3)
-
-
-class Late(muxtest.MuxTest):
-    """Finds messages late in every step."""
-
-    def _try(self, *arguments):
-        faults = super()._try(*arguments)
-        self._delays.append(1.0)
-        return faults
-
-
-MUX_CASES = {
-    "mux": (muxtest.MuxTest, {**MUX, "steps": RIGHT_STEPS}, ""),
-    "mux_held_up": (HeldUp, {**MUX, "steps": RIGHT_STEPS[1:2]}, ""),
-    "mux_wrong_and_late": (
-        Late,
-        {**MUX, "steps": WRONG_STEPS[:1]},
-        "step 1, in which navigation and teleop send: teleop came out; expected navigation\n"
-        "step 1, .*: teleop is said to drive; expected navigation\n"
-        r"step 1, .*: messages were up to 1\.0 s late, in each of 3 tries; the machine may be too",
-    ),
-    "mux_wrong": (
-        muxtest.MuxTest,
-        {**MUX, "steps": WRONG_STEPS},
-        "step 1, in which navigation and teleop send: teleop came out; expected navigation\n"
-        "step 1, .*: teleop is said to drive; expected navigation\n"
-        "step 2, in which navigation send: navigation came out; expected nothing\n",
-    ),
-    "mux_missing": (
-        muxtest.MuxTest,
-        {**MUX, "output": "/nowhere", "steps": RIGHT_STEPS, **MISSING},
-        "waited 1 s for a publisher of /nowhere",
-    ),
-    "mux_misspelt": (
-        muxtest.MuxTest,
-        {**MUX, "steps": [{"send": ["teleoperation"], "wins": "idle"}]},
-        "expected {send: .*, with names out of navigation, teleop, idle",
-    ),
-}
 
 
 def odometry(stamp, seconds, speed=1.0, turn_rate=0.5, ahead=0.0, askew=0.0):
-    """Return a message of a circle driven at 1 m/s and 0.5 rad/s, with what is to be wrong."""
+    """Return a message of a circle driven at 1 m/s and 0.5 rad/s, with faults."""
     theta = 0.5 * seconds
     msg = Odometry()
     msg.header.stamp = stamp
@@ -265,70 +171,74 @@ def odometry(stamp, seconds, speed=1.0, turn_rate=0.5, ahead=0.0, askew=0.0):
     return msg
 
 
-class Puppet:
-    """Publishes topics that are wrong, twenty times a second, until it is ended."""
+def messages_at(begin, number):
+    """Return the puppet's messages by topic, twenty for each second after `begin`."""
+    seconds = 0.05 * number
+    stamp = at(begin, seconds)
+    return {
+        "right": odometry(stamp, seconds),
+        "per_period": odometry(stamp, seconds, speed=0.05),
+        "turn": odometry(stamp, seconds, turn_rate=0.4),
+        "jump": odometry(stamp, seconds, ahead=3.0 * (number // 40)),
+        "sideways": odometry(stamp, seconds, askew=0.1),
+        "back": odometry(at(stamp, -0.06 if number % 20 == 0 else 0.0), seconds),
+        "unstamped": odometry(rospy.Time(0), seconds),
+        "broken": odometry(stamp, seconds, ahead=math.nan if number == 40 else 0.0),
+    }
+
+
+class Puppet(threading.Thread):
+    """Publishes topics with faults until it is ended."""
 
     def __init__(self):
-        names = ("right", "per_tick", "turn", "jump", "sideways", "back", "unstamped", "broken")
-        self._odometry = {
-            name: rospy.Publisher(f"/{name}", Odometry, queue_size=1000) for name in names
+        super().__init__()
+        self._publishers = {
+            name: rospy.Publisher(f"/{name}", Odometry, queue_size=1000)
+            for name in messages_at(rospy.Time(0), 2)
         }
-        self._shifted = rospy.Publisher("/shifted", PoseStamped, queue_size=1000)
-        self._poses = rospy.Subscriber("/car/car_pose", PoseStamped, self._shift)
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
+        self.start()
 
-    def _shift(self, msg):
-        shifted = copy.deepcopy(msg)  # it is the other subscribers' too
-        shifted.pose.position.x += 0.1
-        self._shifted.publish(shifted)
-
-    def _run(self):
-        begin = rospy.Time.now()
-        number = 0
+    def run(self):
+        begin, number = rospy.Time.now(), 0
         while not self._ended.is_set():
             number += 1
-            seconds = 0.05 * number
-            stamp = begin + rospy.Duration.from_sec(seconds)
-            wait_for(lambda stamp=stamp: rospy.Time.now() >= stamp, "the clock to run", PATIENCE)
-            back = stamp - rospy.Duration.from_sec(0.06 if number % 20 == 0 else 0.0)
-            messages = {
-                "right": odometry(stamp, seconds),
-                "per_tick": odometry(stamp, seconds, speed=0.05),
-                "turn": odometry(stamp, seconds, turn_rate=0.4),
-                "jump": odometry(stamp, seconds, ahead=3.0 * (number // 40)),
-                "sideways": odometry(stamp, seconds, askew=0.1),
-                "back": odometry(back, seconds),
-                "unstamped": odometry(rospy.Time(0), seconds),
-                "broken": odometry(stamp, seconds, ahead=math.nan if number == 40 else 0.0),
-            }
-            for name, msg in messages.items():
-                self._odometry[name].publish(msg)
+            due = at(begin, 0.05 * number)
+            wait_for(lambda due=due: rospy.Time.now() >= due, "the clock to run", PATIENCE)
+            for name, msg in messages_at(begin, number).items():
+                self._publishers[name].publish(msg)
 
     def end(self):
         self._ended.set()
-        self._thread.join()
-        self._poses.unregister()
+        self.join()
 
 
 class Case(threading.Thread):
-    """A test node's test, run in a thread with its own parameters and its own result."""
+    """Runs a test node's test in a thread, with its own parameters and its own result."""
 
-    _parameters = threading.Lock()  # the private ones are everybody's
+    _parameters = threading.Lock()  # the private parameters of this node belong to all cases
 
-    def __init__(self, name, kind, parameters, expected):
-        super().__init__(name=name, daemon=True)
+    def __init__(self, kind, parameters, expected):
+        super().__init__(name=f"{kind.__name__} {parameters}", daemon=True)
         self._expected = expected
         self._result = unittest.TestResult()
         self.is_waiting = False
+        case = self
 
         class Test(kind):
             def setUp(self):
                 with Case._parameters:
-                    # All at once, which takes away those of the case before.
+                    # This also deletes the parameters of the case before.
                     rospy.set_param(rospy.get_name(), {"wait_time": PATIENCE, **parameters})
                     super().setUp()
+
+            def wait_for(self, condition, what, patience=None):
+                def noted():
+                    value = condition()
+                    case.is_waiting |= not value
+                    return value
+
+                return super().wait_for(noted, what, patience)
 
         self._tests = unittest.defaultTestLoader.loadTestsFromTestCase(Test)
         self.start()
@@ -336,96 +246,81 @@ class Case(threading.Thread):
     def run(self):
         self._tests.run(self._result)
 
-    @staticmethod
-    def wait_for(condition, what, patience):
-        """Wait in a case's thread as its node does, and note that it does."""
-
-        def noted():
-            value = condition()
-            threading.current_thread().is_waiting |= not value
-            return value
-
-        return checks.wait_for(noted, what, patience)
-
     def faults(self):
-        """Return what is wrong with the verdict, if anything is, when there is one."""
+        """Wait for the verdict; return what is wrong with it."""
         self.join(PATIENCE)
         if self.is_alive():
             return [f"{self.name} did not end"]
-        said = [text for _, text in self._result.failures]
-        errors = [text for _, text in self._result.errors]  # exceptions, which are no verdict
-        is_said = len(said) == bool(self._expected)
-        is_right = is_said and all(re.search(self._expected, text) for text in said)
-        if is_right and not errors and self._result.testsRun == 1:
+        failures = [text for _, text in self._result.failures]
+        errors = [text for _, text in self._result.errors]
+        is_right = len(failures) == bool(self._expected) and self._result.testsRun == 1
+        if is_right and not errors and all(re.search(self._expected, text) for text in failures):
             return []
-        return [f"{self.name} said:\n" + "\n".join([*said, *errors])]
+        return ["\n".join([f"{self.name}:", *failures, *errors])]
 
 
 def is_connected():
-    """Say whether all who publish what this node subscribes to know that it does."""
-    name = rospy.get_name()
-    _, _, (publishers, subscribers, _) = rospy.get_master().getSystemState()
-    wanted = {topic for topic, names in subscribers if name in names}
-    missing = {}
-    for topic, names in publishers:
-        for publisher in names if topic in wanted else ():
-            missing.setdefault(publisher, set()).add(topic)
-    for publisher, topics in missing.items():
-        _, _, uri = rospy.get_master().lookupNode(publisher)
-        _, _, connections = xmlrpc.client.ServerProxy(uri).getBusInfo(name)
-        topics -= {topic for _, peer, _, _, topic, *_ in connections if peer == name}
-    return not any(missing.values())
+    """Return whether all publishers of the topics of this node are connected with it."""
+    name, master = rospy.get_name(), rospy.get_master()
+    _, _, (publishers, subscribers, _) = master.getSystemState()
+    topics = {topic for topic, names in subscribers if name in names}
+    return all(
+        name in receivers(master.lookupNode(sender)[2], PATIENCE, name, topic)
+        for topic, senders in publishers
+        if topic in topics
+        for sender in senders
+    )
 
 
-class TestTestNodes(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.mkdtemp()
-        self.addCleanup(shutil.rmtree, folder)
-        self.files = {}
-        for name, rows in (("PLAN", ROWS), ("OTHER_PLAN", [*ROWS[:2], (1.5, 0.2, 5.0)])):
-            self.files[name] = os.path.join(folder, f"{name.lower()}.txt")
-            with open(self.files[name], "w") as file:
-                file.write("\n".join(", ".join(map(str, row)) for row in (START, *rows)))
-
+class TestTestNodes(RosTestCase):
     def start(self, cases):
         """Start cases, side by side."""
         found = []
-        for name, (kind, parameters, expected) in cases.items():
-            if parameters.get("plan_file") in self.files:
-                parameters = {**parameters, "plan_file": self.files[parameters["plan_file"]]}
-            found.append(Case(name, kind, parameters, expected))
+        for (kind, parameters), expected in cases:
+            if "plan_file" in parameters:
+                name = parameters["plan_file"]
+                plan = "\n".join(", ".join(map(str, row)) for row in PLANS[name])
+                parameters = {**parameters, "plan_file": self.plan(plan, name)}
+            found.append(Case(kind, parameters, expected))
         return found
 
     def check(self, cases):
-        """Wait for the verdicts of cases, and fail where one is wrong."""
+        """Wait for the verdicts of cases, and fail if one is wrong."""
         faults = [fault for case in cases for fault in case.faults()]
         self.assertEqual(faults, [], "\n".join(faults))
 
+    def relay(self, source, target, kind, change):
+        """Publish the messages of a topic on another one, changed."""
+        publisher = rospy.Publisher(target, kind, queue_size=1000)
+
+        def publish(msg):
+            msg = copy.deepcopy(msg)  # other subscribers have the same message
+            change(msg)
+            publisher.publish(msg)
+
+        self.addCleanup(rospy.Subscriber(source, kind, publish, tcp_nodelay=True).unregister)
+
     def test_poses_rates_and_odometry(self):
-        """All of them listen to the same few seconds, which begin when the clock is let go."""
+        """All cases listen to the same few seconds, which begin when the clock is released."""
         rospy.wait_for_service("/car/car_sim/pause", PATIENCE)
         wait_for(rospy.get_time, "the clock", PATIENCE)
         rospy.ServiceProxy("/car/car_sim/pause", Trigger)()
         resume = rospy.ServiceProxy("/car/car_sim/resume", Trigger)
-        puppet = Puppet()
-        self.addCleanup(puppet.end)
+        self.addCleanup(Puppet().end)
         self.addCleanup(resume)
-        # The first of a process offers a service, which several would do at once.
-        buffer = tf2_ros.Buffer()
-        self.addCleanup(buffer.frame_server.shutdown)
+        shift = {"change": lambda msg: setattr(msg.pose.position, "x", msg.pose.position.x + 0.1)}
+        self.relay("/car/car_pose", "/shifted", PoseStamped, **shift)
+        # The first buffer of a process advertises a service; several threads must not.
+        self.addCleanup(tf2_ros.Buffer().frame_server.shutdown)
         placements = Recording("/initialpose", PoseWithCovarianceStamped)
+        cases = self.start(CASES)
         driver = node(
             "path_publisher.py",
-            f"_plan_file:={self.files['PLAN']}",
+            f"_plan_file:={os.path.join(self.folder, 'plan.txt')}",
             f"_subscriber_timeout:={PATIENCE}",
             "__name:=case_driver",
         )
         self.addCleanup(driver.end)
-        for module in (posetest, ratetest, odomtest):
-            patch = mock.patch.object(module, "wait_for", Case.wait_for)
-            patch.start()
-            self.addCleanup(patch.stop)
-        cases = self.start(CASES)
         wait_for(
             lambda: all(case.is_waiting or not case.is_alive() for case in cases),
             "the test nodes to listen",
@@ -438,7 +333,7 @@ class TestTestNodes(unittest.TestCase):
             PATIENCE,
         )
         wait_for(is_connected, "the test nodes to be connected", PATIENCE)
-        # The driver has had no time so far. It places the car before anything happens.
+        # The driver's clock has been zero so far. It places the car first of all.
         rospy.ServiceProxy("/car/car_sim/step", Trigger)()
         wait_for(lambda: placements.messages, "the start pose", PATIENCE)
         resume()
@@ -447,15 +342,17 @@ class TestTestNodes(unittest.TestCase):
         self.check(self.start(LATE_CASES))
 
     def test_mux(self):
-        for name, case in MUX_CASES.items():  # one after the other
-            self.check(self.start({name: case}))
+        def delay(msg):
+            msg.header.stamp -= rospy.Duration(1)
+
+        self.relay(MUX["output"], "/late", AckermannDriveStamped, delay)
+        for case in MUX_CASES:  # one after the other
+            self.check(self.start([case]))
 
     def test_in_a_test_file(self):
-        """rostest takes the nodes' verdicts for its own."""
-        folder = tempfile.mkdtemp()
-        self.addCleanup(shutil.rmtree, folder)
-        fixture = os.path.join(PACKAGE, "test", "fixtures", "missing_topics.test")
-        with Process("rostest", fixture, ROS_TEST_RESULTS_DIR=folder) as run:
+        """rostest reports the failures of the nodes."""
+        fixture = os.path.join(FIXTURES, "missing_topics.test")
+        with Process("rostest", fixture, ROS_TEST_RESULTS_DIR=self.folder) as run:
             self.assertNotEqual(run.wait(PATIENCE), 0, run.output)
         for kind, expected in (
             ("pose", "waited 0.5 s for a publisher of /nowhere"),
@@ -463,10 +360,9 @@ class TestTestNodes(unittest.TestCase):
             ("odom", "waited 0.5 s for odometry on /nowhere"),
             ("mux", "waited 0.5 s for a subscriber of /nowhere"),
         ):
-            path = os.path.join(folder, "mushr_ros_intro", f"rosunit-{kind}_nowhere.xml")
-            failures = list(ElementTree.parse(path).iter("failure"))
-            self.assertEqual(len(failures), 1, path)
-            self.assertIn(expected, failures[0].text)
+            path = os.path.join(self.folder, "mushr_ros_intro", f"rosunit-{kind}_nowhere.xml")
+            (failure,) = ElementTree.parse(path).iter("failure")
+            self.assertIn(expected, failure.text)
 
 
 if __name__ == "__main__":

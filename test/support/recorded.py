@@ -1,0 +1,72 @@
+"""Recordings of replays that are computed instead of driven."""
+
+import numpy as np
+
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.grading.judge import default_tolerances, judge, verdict
+from mushr_ros_intro.grading.replay import Replay, Sent
+from mushr_ros_intro.plan.parse import parse_plan
+from mushr_ros_intro.preview.prediction import states_at
+from support.helpers import float32
+
+SECOND = 1_000_000_000
+TENTH = SECOND // 10
+BEGIN = 100 * SECOND
+"""The stamp of the first command [ns]."""
+
+ROWS = [(2.0, 0.1, 1.0), (1.0, -0.1, 0.5), (1.0, -0.1, 0.25)]
+START = (1.0, 2.0, 0.5)
+
+
+def plan_of(start, rows):
+    """Return a plan of rows of (speed, steering angle, seconds)."""
+    lines = [start, *rows]
+    return parse_plan("\n".join(", ".join(map(str, line)) for line in lines).encode(), "plan.txt")
+
+
+PLAN = plan_of(START, ROWS)
+
+
+def commands(rows=ROWS):
+    """Return the commands for rows of (speed, steering angle, seconds) at 10 Hz."""
+    sent, begin = [], BEGIN
+    for speed, angle, seconds in rows:
+        end = begin + round(seconds * SECOND)
+        values = float32(speed), float32(angle)
+        sent += [Sent(stamp, True, *values) for stamp in range(begin, end, TENTH)]
+        begin = end
+    return sent
+
+
+STOP = (0.0, 0.0, 0.1)
+COMMANDS = commands([*ROWS, STOP])
+
+
+def replay(plan=PLAN, sent=COMMANDS, **changes):
+    """Return a replay in which the car drives the plan, except for `changes`."""
+    instants = list(range(-TENTH, plan.duration + SECOND // 2, SECOND // 50))
+    right = Replay(
+        plan=plan,
+        car=Car(),
+        outcome="",
+        starts=(Pose(*plan.start),),
+        sent=tuple(sent),
+        stamps=np.array(instants) + BEGIN,
+        poses=np.array([state.pose for state in states_at(plan, Car(), instants)]),
+        collisions=(),
+        map_origin=Pose(-5.0, -5.0, 0.0),
+        map_size=(20.0, 20.0),
+    )
+    return right._replace(**changes)
+
+
+def every_check(seen):
+    """Return the checks of a replay by name."""
+    return {each.name: each for each in judge(seen, default_tolerances(seen.plan, seen.car))}
+
+
+def judged(seen):
+    """Return the messages of the failed checks of a replay, and the verdict."""
+    checks = every_check(seen).values()
+    return {each.name: each.message for each in checks if not each.passed}, verdict(checks, seen)

@@ -1,0 +1,54 @@
+"""Check the files of a replay's report."""
+
+import csv
+import json
+import math
+
+import pytest
+
+from mushr_ros_intro.grading.files import write
+from mushr_ros_intro.grading.judge import default_tolerances, judge
+from support.helpers import closed_form
+from support.recorded import PLAN, ROWS, START, replay
+
+
+def written(folder, seen):
+    """Write the files of a replay; return its checks and the report."""
+    checks = judge(seen, default_tolerances(PLAN, seen.car))
+    write(str(folder), seen, checks, {"seed": 7})
+    return checks, json.loads((folder / "report.json").read_text())
+
+
+def test_a_failed_replay(tmp_path):
+    checks, report = written(tmp_path / "new", replay(outcome="it crashed", sent=()))
+    assert report == {
+        "seed": 7,
+        "passed": False,
+        "verdict": "node: it crashed",
+        "checks": [each._asdict() for each in checks],
+        "commands": 0,
+    }
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["report.json"]
+
+
+def test_a_drive(tmp_path):
+    seen = replay()
+    _, report = written(tmp_path, seen._replace(outcome="it crashed"))
+    assert not report["passed"]
+    _, report = written(tmp_path, seen)
+    assert report["passed"] and report["verdict"] == "everything is right"
+    assert report["commands"] == len(seen.sent)
+    assert report["frechet_distance"] == pytest.approx(0.0, abs=1e-9)
+    for pose in (report["final_pose"], report["predicted_final_pose"]):
+        assert [*pose.values()] == pytest.approx(closed_form(START, ROWS), abs=1e-9)
+    with open(tmp_path / "trajectory.csv") as file:
+        rows = [{key: float(text) for key, text in row.items()} for row in csv.DictReader(file)]
+    assert [row["time"] for row in rows] == pytest.approx([0.02 * i for i in range(len(rows))])
+    for row in rows:
+        away = math.hypot(row["x"] - START[0], row["y"] - START[1])
+        assert row["distance_from_start"] == pytest.approx(away)
+        for name in ("x", "y", "theta"):
+            assert row[name] == pytest.approx(row[f"predicted_{name}"])
+    assert {name: rows[-1][name] for name in ("x", "y", "theta")} == report["final_pose"]
+    for name in ("distances.png", "locations.png"):
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG"), name

@@ -1,0 +1,181 @@
+"""Check the verdicts on replays."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.grading.judge import default_tolerances
+from support.recorded import (
+    BEGIN,
+    COMMANDS,
+    ROWS,
+    STOP,
+    TENTH,
+    commands,
+    every_check,
+    judged,
+    plan_of,
+    replay,
+)
+
+STANDING = [(1.0, 0.0, 1.0), (0.0, 0.0, 0.5)]
+STEERED = [(1.0, 0.0, 1.0), (0.0, 0.3, 0.5)]
+SPARSE = np.append(replay().stamps[:-1], replay().stamps[-1] + 3 * TENTH)
+
+
+def test_all_is_right():
+    assert judged(replay()) == ({}, "everything is right")
+    failed, verdict = judged(replay(sent=commands()))
+    assert failed == {}
+    assert verdict.startswith("everything is right, but the node sends no stop at the end")
+
+
+@pytest.mark.parametrize("rows", [ROWS, [(-2.0, 0.1, 1.0)]])
+def test_the_tolerances_are_what_a_missing_stop_costs(rows):
+    """0.2 s of driving, and a rounding: 0.1 rad is rounded up as a float32."""
+    tolerances = default_tolerances(plan_of((1, 2, 0.5), rows), Car())
+    assert tolerances.position == tolerances.path == pytest.approx(0.2 * 2.0, abs=2e-6)
+    angle = 0.2 * 2.0 * math.tan(0.1) / 0.33
+    assert angle + 1e-8 < tolerances.angle == pytest.approx(angle, abs=2e-6)
+    standing = plan_of((0, 0, 0), [(0.0, 0.0, 1.0)])
+    assert default_tolerances(standing, Car()) == 3 * (1e-6,)
+
+
+@pytest.mark.parametrize(
+    ("changes", "name", "message"),
+    [
+        ({"outcome": "it crashed"}, "node", "it crashed"),
+        ({"starts": ()}, "start_pose", "the node sent no start pose; expected (1.0000 m, 2.0000"),
+        ({"starts": (Pose(1, 2.002, 0.5),)}, "start_pose", "start pose (1.0000 m, 2.0020 m"),
+        ({"starts": (Pose(1, 2, 0.502),)}, "start_pose", "2.0000 m, 0.5020 rad); expected"),
+        ({"starts": (Pose(9, 9, 0), Pose(1, 2, 0.5))}, "start_pose", "start pose (9.0000 m"),
+        ({"starts": (Pose(math.nan, 2, 0.5),)}, "start_pose", "start pose (nan m"),
+        ({"collisions": None}, "collision", "not judged"),
+        ({"stamps": SPARSE}, "rest", "not judged: the car reported fewer than two poses"),
+        ({"collisions": (Pose(3, 2, 0),)}, "collision", "a wall at (3.0000 m, 2.0000 m"),
+        ({"map_size": (7.0, 20.0)}, "map", "left the map at (2.0"),
+        ({"map_origin": Pose(2, -5, 0)}, "map", "the map is 20 m x 20 m"),
+        ({"map_origin": Pose(-5, 2.2, 0)}, "map", "left"),
+        ({"map_origin": Pose(-5, 8, -math.pi / 2), "map_size": (9.0, 7.0)}, "map", "left"),
+    ],
+)
+def test_one_fault(changes, name, message):
+    failed, verdict = judged(replay(**changes))
+    assert set(failed) == {name}
+    assert message in failed[name]
+    assert verdict == f"{name}: {failed[name]}"
+
+
+def test_no_map():
+    assert judged(replay(map_origin=None))[0] == {}
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"sent": ()}, "the node sent no command"),
+        ({"stamps": np.array([], int), "poses": np.zeros((0, 3))}, "the car reported no pose"),
+    ],
+)
+def test_without_data_nothing_passes(changes, reason):
+    failed, _ = judged(replay(**changes))
+    assert set(failed.values()) == {f"not judged: {reason}"}
+    checks = {"start_pose", "commands", "rate", "path", "final_pose", "rest", "collision", "map"}
+    assert set(failed) == checks
+
+
+def changed(index, **values):
+    """Return the commands with one of them changed."""
+    return [*COMMANDS[:index], COMMANDS[index]._replace(**values), *COMMANDS[index + 1 :]]
+
+
+TIME = COMMANDS[5].time
+HURRIED = [each._replace(time=BEGIN + k * TENTH * 7 // 10) for k, each in enumerate(COMMANDS[:10])]
+MIRRORED = [each._replace(steering_angle=-each.steering_angle) for each in COMMANDS]
+UNSTAMPED = [each._replace(stamped=False) for each in COMMANDS]
+
+
+REORDERED = commands([ROWS[1], ROWS[2], ROWS[0], STOP])
+RATE = "rate: row 1 (1 s): "
+ROW = "commands: row 1 (1 s): received "
+
+
+@pytest.mark.parametrize(
+    ("sent", "said"),
+    [
+        (COMMANDS[:4] + COMMANDS[5:], RATE + "9 commands received, 8.89 per second; expected 10"),
+        (COMMANDS[:1] + COMMANDS[10:], RATE + "1 command received; expected 10"),
+        (HURRIED + COMMANDS[10:], RATE + "the stamps of its 10 commands span 0.63 s; expected 1 s"),
+        (changed(5, time=TIME + TENTH * 6 // 10), RATE + "0.16 s between the stamps of messages 5"),
+        (changed(5, time=TIME + TENTH * 6 // 10, stamped=False), "everything is right"),
+        (changed(5, time=TIME + TENTH * 4 // 10), "everything is right"),
+        (changed(5, time=TIME - TENTH * 3 // 2), RATE + "message 6 is stamped 0.05 s before"),
+        (REORDERED, ROW + "1 m/s, -0.1 rad; expected 2 m/s, 0.1 rad. The rows are in the wrong o"),
+        (MIRRORED, ROW + "2 m/s, -0.1 rad; expected 2 m/s, 0.1 rad. A positive steering angle tu"),
+        ([COMMANDS[-1]._replace(time=BEGIN)], ROW + "0 m/s, 0 rad; expected 2 m/s, 0.1 rad"),
+        (COMMANDS[:10], "commands: no command after row 1; expected rows 2 to 3 (0.75 s)"),
+        (
+            changed(-1, speed=3.0),
+            "commands: after the last row the node sent 3 m/s, 0 rad; expecte",
+        ),
+        (changed(3, speed=math.inf), "commands: command 4 has the speed inf and the steering angl"),
+        (changed(3, steering_angle=math.nan), "commands: command 4 has the speed 2 and the steer"),
+    ],
+)
+def test_commands(sent, said):
+    assert judged(replay(sent=sent))[1].startswith(said)
+
+
+def test_what_was_not_judged_is_said():
+    failed, _ = judged(replay(sent=COMMANDS[:10]))
+    reason = "its command was not received in turn"
+    assert failed["rate"] == f"rows 2 to 3 (0.75 s): not judged, because {reason}"
+    rate = every_check(replay(sent=UNSTAMPED))["rate"]
+    assert rate.passed and "their spacing was not judged" in rate.message
+
+
+@pytest.mark.parametrize(
+    ("rows", "sent", "names"),
+    [
+        (STANDING, STANDING, set()),
+        (STANDING, [*STANDING, STOP], set()),
+        (STEERED, [*STEERED, STOP], set()),
+        (STANDING, [*STANDING, STOP, STOP], {"rate"}),
+        (STANDING[:1], [(1.0, 0.0, 1.1), STOP], {"rate"}),
+        ([*STANDING, (1.0, 0.0, 0.5)], [*STANDING, STOP, (1.0, 0.0, 0.5), STOP], {"rate"}),
+    ],
+)
+def test_one_stop_is_allowed_after_the_plan(rows, sent, names):
+    """If the plan ends with a stop, it is either like the commands before or a group of its own."""
+    seen = replay(plan_of((0, 0, 0), rows), commands(sent))
+    assert set(judged(seen)[0]) == names
+
+
+@pytest.mark.parametrize(
+    ("part", "shift", "messages"),
+    [
+        (
+            slice(None),
+            (0.5, 0.0, 0.0),
+            {
+                "start_pose": "the car started at (1.5000 m, 2.0000 m, 0.5000 rad), 0.5 m and "
+                "0 rad from the expected (1.0000 m, 2.0000 m, 0.5000 rad); tolerances 0.4 m",
+                "path": "by up to 0.5 m from the predicted path; tolerance 0.4 m",
+                "final_pose": "tolerances 0.4 m and 0.122 rad; the node sends no stop",
+            },
+        ),
+        (slice(None), (0.3, 0.0, 0.0), {}),
+        (slice(None), (0.0, 0.0, 0.3), {"start_pose": "0 m and 0.3 rad", "final_pose": "0.3 rad"}),
+        (slice(60, None), (5.0, 0.0, 0.0), {"path": "5 m", "final_pose": "5 m and 0 rad"}),
+        (slice(-5, -4), (1e-6, 0.0, 0.0), {"rest": "still moves at the end; expected it to stand"}),
+    ],
+)
+def test_a_car_that_deviates(part, shift, messages):
+    poses = replay().poses.copy()
+    poses[part] += shift
+    failed, _ = judged(replay(poses=poses, sent=commands()))
+    assert set(failed) == set(messages)
+    assert all(messages[name] in failed[name] for name in failed), failed
