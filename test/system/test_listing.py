@@ -1,0 +1,190 @@
+"""Check examples/my_ros_intro, the tutorial's listing corrected, in lock-step and in real time."""
+
+import filecmp
+import os
+import signal
+import subprocess
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+import rosgraph
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+
+from support.helpers import (
+    ANGLE_TOLERANCE,
+    POSITION_TOLERANCE,
+    Process,
+    Recording,
+    angle_between,
+    closed_form,
+    free_port,
+    wait_for,
+)
+from support.paths import PACKAGE, PLANS
+
+EXAMPLE = os.path.join(PACKAGE, "examples", "my_ros_intro")
+NODE = os.path.join(EXAMPLE, "src", "path_publisher.py")
+CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
+PATIENCE = 120.0
+"""[s] How long a replay, or a node that waits 10 s in vain, may take on a busy machine."""
+COMMAND_TIMEOUT = 0.2
+"""[s] How long the car obeys its last command."""
+PERIOD = 100_000_000
+"""[ns] Between two commands."""
+START = (1.0, 2.0, 2.5)
+
+# Each fault: the plan, or None for no file; more arguments of the node; what its message says.
+FAULTS = {
+    "word": ("0,0,0\n\n2.0,fast\n", (), "plan.txt:3: '2.0,fast'; expected speed, steering angle"),
+    "nan": ("0,0,0\n2.0,nan\n", (), "plan.txt:2: '2.0,nan'"),
+    "four columns": ("0,0,0\n2.0,0.1,1.0,7\n", (), "plan.txt:2: '2.0,0.1,1.0,7'"),
+    "negative duration": ("0,0,0\n2.0,0.1,-1.0\n", (), "plan.txt:2: '2.0,0.1,-1.0'"),
+    "start pose": ("# start\n0,0  # theta\n", (), "plan.txt:2: '0,0'; expected x, y, theta"),
+    "empty": ("# nothing\n", (), "plan.txt: the file is empty"),
+    "no file": (None, (), "No such file or directory: "),
+    "no car": ("0,0,0\n1,0\n", ("_control_topic:=/nobody",), "for a subscriber of /nobody"),
+    "no placement": (
+        "9,8,7\n1,0\n",
+        ("_init_pose_topic:=/elsewhere", f"_control_topic:={CONTROL}2"),
+        "for the car to be at the start pose 9.0, 8.0, 7.0",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory):
+    """Let this process and those that it starts have a master of their own and the example."""
+    packages = os.pathsep.join((EXAMPLE, os.environ["ROS_PACKAGE_PATH"]))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_PACKAGE_PATH", packages)
+        patch.setenv("ROS_MASTER_URI", f"http://localhost:{free_port()}")
+        patch.setenv("ROS_TEST_RESULTS_DIR", str(tmp_path_factory.mktemp("results")))
+        yield
+
+
+class Car:
+    """The simulated car, and what it and its publishers send."""
+
+    def __init__(self):
+        self.commands = Recording(CONTROL, AckermannDriveStamped)
+        self.poses = Recording("/car/car_pose", PoseStamped).connected()
+
+    def assert_is_at(self, expected):
+        """Fail unless the car stops where expected."""
+        last = self.commands.last.header.stamp
+        x, y, theta = self.poses.pose_at_rest(last + rospy.Duration(COMMAND_TIMEOUT))
+        assert abs(complex(x, y) - complex(*expected[:2])) < POSITION_TOLERANCE
+        assert angle_between(theta, expected[2]) < ANGLE_TOLERANCE
+
+    def wait_for_stop(self):
+        """Wait until the last command is a stop."""
+        wait_for(lambda: self.commands.last and not self.commands.last.drive.speed, "a stop")
+
+
+@pytest.fixture(scope="module")
+def sim(environment):
+    """Start the simulated car in real time; connect this process to it."""
+    options = ("map:=none", "laser:=false", "model:=false")
+    port = os.environ["ROS_MASTER_URI"].rsplit(":", 1)[1]
+    with Process("roslaunch", "-p", port, "mushr_ros_intro", "sim.launch", *options):
+        wait_for(rosgraph.is_master_online, "the master")
+        rospy.init_node("test_listing", disable_signals=True)
+        yield Car()
+        rospy.signal_shutdown("the tests have ended")
+
+
+@pytest.fixture
+def car(sim):
+    """Return the car, without the commands of earlier tests."""
+    sim.commands.clear()
+    return sim
+
+
+@pytest.mark.parametrize("plan", ["figure_8", "straight_line"])
+def test_replay(environment, plan):
+    """Every check passes; 1e-9 m and rad cover the rounding of sums of 1e-16."""
+    tolerances = [f"{name}_tolerance:=1e-9" for name in ("position", "angle", "path")]
+    done = subprocess.run(
+        [
+            *("rostest", "mushr_ros_intro", "replay.test", f"result:={plan}", *tolerances),
+            *("publisher:=my_ros_intro path_publisher.py", f"plan_file:={plan}"),
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        timeout=PATIENCE,
+    )
+    assert done.returncode == 0, done.stdout.decode(errors="replace")
+    folder = os.path.join(os.environ["ROS_TEST_RESULTS_DIR"], "mushr_ros_intro")
+    result = ElementTree.parse(f"{folder}/rosunit-replay_{plan}.xml").getroot()
+    assert len(list(result.iter("testcase"))) > 8
+    assert "everything is right\n" in result.findtext("system-out")  # nothing about a missing stop
+
+
+def test_real_time(car, tmp_path):
+    """In real time the commands are stamped every 0.1 s exactly, and the car ends exactly."""
+    rows = [(2.0, 0.09, 1.0), (3.0, -0.15, 0.25), (-1.0, 0.3, 0.3)]
+    plan = tmp_path / "plan.txt"
+    plan.write_text("# comment\n\n1, 2, 2.5\n2.0, 0.09\n3.0, -0.15, 0.25  # short\n-1,0.3,0.3\n\n")
+    with Process(
+        "roslaunch", "my_ros_intro", "path_publisher.launch", f"plan_file:={plan}"
+    ) as publisher:
+        assert publisher.wait() == 0, publisher.output
+    car.wait_for_stop()
+    car.assert_is_at(closed_form(START, rows))
+    commands = car.commands.messages
+    begin = commands[0].header.stamp.to_nsec()
+    due = [number * PERIOD for number in range(13)]  # 1.25 s
+    due += [1_250_000_000 + number * PERIOD for number in range(3)] + [1_550_000_000]
+    assert [m.header.stamp.to_nsec() - begin for m in commands] == due
+    assert {m.header.frame_id for m in commands} == {"car/base_footprint"}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted(car, tmp_path, number):
+    """Ctrl-C: the last message is a stop, and the car stops at its stamp."""
+    plan = tmp_path / "plan.txt"
+    plan.write_text("1,2,2.5\n1.0,0.2,60\n")
+    with Process("rosrun", "my_ros_intro", "path_publisher.py", f"_plan_file:={plan}") as publisher:
+        wait_for(lambda: len(car.commands.messages) >= 5, "five commands")
+        publisher.send_signal(number)
+        assert publisher.wait() == 0, publisher.output
+    car.wait_for_stop()
+    commands = car.commands.messages
+    seconds = (commands[-1].header.stamp - commands[0].header.stamp).to_sec()
+    car.assert_is_at(closed_form(START, [(1.0, 0.2, seconds)]))
+
+
+@pytest.fixture(scope="module")
+def refusals(sim, tmp_path_factory):
+    """Start every faulty run at once; return their exit statuses and outputs."""
+    Recording("/elsewhere", PoseWithCovarianceStamped)
+    Recording(f"{CONTROL}2", AckermannDriveStamped)
+    processes = {}
+    for number, (name, (plan, arguments, _)) in enumerate(FAULTS.items()):
+        path = tmp_path_factory.mktemp("fault") / "plan.txt"
+        if plan is not None:
+            path.write_text(plan)
+        own_name = f"__name:=faulty_{number}"
+        processes[name] = Process(NODE, f"_plan_file:={path}", own_name, *arguments)
+    return {name: (each.wait(PATIENCE), each.output) for name, each in processes.items()}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_refused(refusals, name):
+    """A fault is one line with the reason, and exit status 1."""
+    status, output = refusals[name]
+    assert status == 1, output
+    assert FAULTS[name][2] in output
+    assert "Traceback" not in output
+
+
+def test_is_a_students():
+    """It uses nothing of this package's library, and its plans are the tutorial's."""
+    with open(NODE) as file:
+        assert "mushr_ros_intro" not in file.read()
+    plans = sorted(os.listdir(os.path.join(EXAMPLE, "plans")))
+    assert plans == ["figure_8.txt", "straight_line.txt"]
+    same = filecmp.cmpfiles(os.path.join(EXAMPLE, "plans"), PLANS, plans, shallow=False)
+    assert same == (plans, [], [])
