@@ -25,11 +25,6 @@ class History:
         self._payload: List[Event] = []
         self._states = [start]  # the state after each event; the first is from before them
 
-    @property
-    def last_stamp(self) -> int:
-        """The stamp [ns] of the youngest event, or of the start."""
-        return self._states[-1].stamp
-
     def add(self, event: Event, now: int) -> None:
         """Put `event`, which arrives at `now` [ns], in its place, and redo what came after it.
 
