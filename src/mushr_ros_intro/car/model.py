@@ -122,6 +122,12 @@ class Piece(NamedTuple):
     collision: Optional[Contact]
     """The contact that the car stands in, None where there is none."""
 
+    @property
+    def direction(self) -> float:
+        """The direction of the motion: 1 forward, -1 in reverse, 0 if the car stands."""
+        rate = self.speed or self.acceleration
+        return math.copysign(1.0, rate) if rate else 0.0
+
 
 class State(NamedTuple):
     """All that there is to know about the car at one instant."""
