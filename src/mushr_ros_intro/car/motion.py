@@ -50,16 +50,27 @@ def advance(state: State, stamp: int, car: Car) -> State:
 def apply(state: State, event: Event, car: Car, world: Optional[World] = None) -> State:
     """Return the state right after `event`, which has the same stamp as `state`.
 
-    Without a `world` there are no walls.
+    The noise of a command depends on the car's seed and on the number of commands to drive
+    (speed not 0) since the last initial pose. A command that replaces one of the same stamp does
+    not count, so a message that arrives twice changes nothing. Stops do not count either: the
+    mux's stop after a timeout may arrive at any time, and must not change later noise.
+
+    Args:
+        state: the state before the event.
+        event: a command or an initial pose.
+        car: the parameters of the car.
+        world: the walls and the footprint of the car; None means no walls.
     """
     if isinstance(event, InitialPose):
         if event.pose != state.pose:  # the same pose again must not move the odometry by rounding
             odom = compose(event.pose, inverse(state.odom_pose))
             state = state._replace(pose=event.pose, map_from_odom=odom, collision=None)
-        return halted(state, event.stamp)._replace(steering_angle=0.0, ticks=0)
+        return halted(state, event.stamp)._replace(steering_angle=0.0, drive_commands=0)
     last = state.command
-    is_counted = last is not None and event.stamp == last.stamp
-    state = state._replace(command=event, ticks=state.ticks + (not is_counted))
+    is_counted = last is not None and last.stamp == event.stamp and last.speed != 0.0
+    if event.speed != 0.0 and not is_counted:
+        state = state._replace(drive_commands=state.drive_commands + 1)
+    state = state._replace(command=event)
     if last is None or not _repeats_stop(last, event):
         motion = _motion(state, event, car, world)
         state = state._replace(moved=event.stamp, motion=motion)
@@ -124,7 +135,7 @@ def _target(state: State, command: Command, car: Car) -> _Target:
     """Return the target of a command, within the car's limits and with the car's noise."""
     speed, angle = car.within_limits(command.speed, command.steering_angle)
     if speed != 0.0 and (car.speed_noise or car.steering_noise):
-        of_speed, of_angle = normals(car.seed, state.ticks)
+        of_speed, of_angle = normals(car.seed, state.drive_commands)
         speed += car.speed_noise * of_speed
         angle += car.steering_noise * of_angle
     return _Target(
