@@ -1,0 +1,139 @@
+"""The profiles of cars: the shipped ones, and errors in others."""
+
+import math
+import os
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mushr_ros_intro.car.bicycle import ORIGIN
+from mushr_ros_intro.car.model import Car, Command, at_rest
+from mushr_ros_intro.car.motion import advance, apply
+from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.parameters import ParameterError, Parameters
+from support.paths import PACKAGE
+
+FOLDER = os.path.join(PACKAGE, "config", "cars")
+PROFILES = {name: read_profile(os.path.join(FOLDER, f"{name}.yaml")) for name in names_in(FOLDER)}
+CARS = {name: car_from(Parameters(values)) for name, values in PROFILES.items()}
+
+
+def test_profiles():
+    assert set(CARS) == {"ideal", "mushr_nano", "mushr_tx2", "racecar_mit"}
+    assert CARS["ideal"] == Car() == car_from(Parameters({}))
+    assert [name for name, car in CARS.items() if car.is_ideal] == ["ideal"]
+    for limited in (Car(acceleration=1.0), Car(speed_noise=0.1), Car(steering_noise=0.1)):
+        assert not limited.is_ideal
+    keys = {tuple(values) for values in PROFILES.values()}
+    assert len(keys) == 1  # a second profile on the parameter server replaces every key
+    noisy = car_from(Parameters({**PROFILES["mushr_nano"], "noise": True, "seed": 7}))
+    assert noisy == CARS["mushr_nano"]._replace(speed_noise=0.013, steering_noise=0.01, seed=7)
+    assert CARS["mushr_nano"].speed_noise == CARS["mushr_nano"].steering_noise == 0.0
+
+
+@pytest.mark.parametrize(
+    "name, erpm_gain, servo_gain, servo_offset",
+    [
+        ("mushr_nano", -3500.0, 0.8, 0.5),
+        ("mushr_tx2", -2000.0, 1.2135, 0.55),
+        ("racecar_mit", 4614.0, -1.2135, 0.5304),
+    ],
+)
+def test_limits_are_those_of_the_motor_controller(name, erpm_gain, servo_gain, servo_offset):
+    """In MuSHR's vesc.yaml erpm and servo are gain * command + offset, and then clipped."""
+    car = CARS[name]
+    servo = sorted((servo - servo_offset) / servo_gain for servo in (0.15, 0.85))
+    assert (-car.steering_limit_right, car.steering_limit_left) == pytest.approx(servo, abs=1e-4)
+    assert car.speed_limit == pytest.approx(3250.0 / abs(erpm_gain), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "name, value, expected",
+    [
+        ("wheelbase", 0.0, "from 0.01 to 100 m"),
+        ("track", 0.0, "from 0.01 to 100 m"),
+        ("wheel_radius", 0.0, "from 0.001 to 10 m"),
+        ("command_timeout", 0.0, "from 0.001 to 10 s"),
+        ("speed_limit", -1.0, "from 0.001 to inf m/s"),
+        ("speed_limit", math.nan, "from 0.001 to inf m/s"),
+        ("acceleration", 0, "from 0.01 to inf m/s^2"),
+        ("steering_rate", 0.0, "from 0.01 to inf rad/s"),
+        ("steering_limit_left", "wide", "from 0 to inf rad"),
+        ("noise", 1, "true or false"),
+        ("seed", 1.5, "a whole number"),
+        ("speed_noise", math.inf, "from 0 to 10 m/s"),
+        ("steering_noise", 2.0, "from 0 to 1 rad"),
+    ],
+)
+def test_a_bad_parameter(name, value, expected):
+    with pytest.raises(ParameterError) as error:
+        car_from(Parameters({name: value}, "/car/car_sim/"))
+    assert str(error.value).startswith(f"parameter /car/car_sim/{name} is ")
+    assert expected in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "data, expected",
+    [
+        (b"wheelbase: [", "expected the node content"),
+        (b"- wheelbase", "there are no parameters; expected such as"),
+        (b"wheelbase: !!int ''", "expected parameters in yaml"),
+        (b"wheelbase: caf\xe9", "unacceptable character"),
+        (b"a: &a [x, x]\nwheelbase: *a", "found an alias"),
+        pytest.param(b"[" * 500, "expected parameters in yaml", id="nested"),
+        (None, "No such file or directory"),
+    ],
+)
+def test_a_broken_profile(tmp_path, data, expected):
+    path = tmp_path / "mine.yaml"
+    if data is not None:
+        path.write_bytes(data)
+    with pytest.raises(ParameterError) as error:
+        read_profile(str(path))
+    assert str(error.value).startswith(f"{path}: ") and expected in str(error.value)
+
+
+def test_an_empty_profile_is_the_ideal_car(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("# nothing yet\n")
+    assert car_from(Parameters(read_profile(str(path)))) == Car()
+
+
+values = st.sampled_from(
+    [0, -1, 1, 0.3, 1e-45, 1e30, 10**400, math.nan, math.inf, -math.inf]
+    + [True, None, "", "1", [1.0], {"a": 1}]
+)
+keys = st.sampled_from(sorted(PROFILES["ideal"]))
+bytes_of_a_profile = st.binary(max_size=60) | st.lists(
+    st.builds("{}: {}".format, keys, values), max_size=4
+).map(lambda lines: "\n".join(lines).encode())
+
+
+@given(st.dictionaries(keys, values, max_size=3))
+def test_any_parameters_make_a_car_or_an_error(values):
+    check_car(values)
+
+
+@given(bytes_of_a_profile)
+def test_any_bytes_make_a_profile_or_an_error(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp("any") / "mine.yaml"
+    path.write_bytes(data)
+    try:
+        values = read_profile(str(path))
+    except ParameterError as error:
+        assert "; expected" in str(error)
+        return
+    check_car(values)
+
+
+def check_car(values):
+    """Check that parameters either cause a clear error, or make a car with finite poses."""
+    try:
+        car = car_from(Parameters(values))
+    except ParameterError as error:
+        assert "; expected" in str(error)
+        return
+    driving = apply(at_rest(0, ORIGIN), Command(0, 1.0, 0.3), car)
+    state = advance(driving, 10**9, car)
+    assert all(map(math.isfinite, (*state.pose, *state.wheel_angles, *state.odom_pose)))
