@@ -17,7 +17,7 @@ from nav_msgs.srv import GetMap, GetMapRequest, GetMapResponse
 from mushr_ros_intro.parameters import ParameterError, text
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.node import init_node
-from mushr_ros_intro.world.grid import MapError, find_map, read_map
+from mushr_ros_intro.world.map_file import MapError, find_map, read_map
 
 
 class MapServer:

@@ -18,7 +18,7 @@ from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.find import read_plan
 from mushr_ros_intro.preview.prediction import as_float32
 from mushr_ros_intro.world.footprint import Footprint, is_free
-from mushr_ros_intro.world.grid import read_map
+from mushr_ros_intro.world.map_file import read_map
 from support.cars import BEGIN, MS, ROUNDING, SECOND, at, history_of
 from support.paths import PACKAGE, PLANS
 

@@ -14,7 +14,8 @@ from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Car, Command, Contact, at_rest, halted
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.world.footprint import Footprint, is_free
-from mushr_ros_intro.world.grid import Grid, read_map
+from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.world.map_file import read_map
 from support.cars import BEGIN, MS, SECOND, at, history_of
 from support.paths import PACKAGE
 

@@ -24,7 +24,8 @@ from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import ensemble, prediction
 from mushr_ros_intro.preview.check import as_json, as_text, check, growth, scatter, slowed
 from mushr_ros_intro.world.footprint import Footprint
-from mushr_ros_intro.world.grid import Grid, read_map
+from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.world.map_file import read_map
 from support.paths import PACKAGE
 
 PLANS = os.path.join(PACKAGE, "plans")

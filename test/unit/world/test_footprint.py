@@ -12,7 +12,8 @@ from mushr_ros_intro.plan.find import read_plan
 from mushr_ros_intro.preview.prediction import as_float32, row_poses
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import TOUCH, Footprint, free_distance, is_free, on_map
-from mushr_ros_intro.world.grid import Grid, read_map
+from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.world.map_file import read_map
 from support.paths import PACKAGE
 
 NARROWED = 3e-9

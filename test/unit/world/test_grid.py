@@ -12,13 +12,12 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from mushr_ros_intro.car.bicycle import ORIGIN, Pose, compose
-from mushr_ros_intro.world.grid import (
+from mushr_ros_intro.world.grid import Grid, as_travelled
+from mushr_ros_intro.world.map_file import (
     MAX_CELLS,
     MAX_YAML_SIZE,
     MODES,
-    Grid,
     MapError,
-    as_travelled,
     find_map,
     read_map,
 )
@@ -227,7 +226,7 @@ def test_a_picture_becomes_the_same_cells_block_by_block(tmp_path, monkeypatch):
     path = write_yaml(tmp_path)
     expected = [[0, 0], [0, 100], [0, 100], [100, 0], [100, 0]]
     assert read_map(path).cells.tolist() == expected
-    monkeypatch.setattr("mushr_ros_intro.world.grid._BLOCK", 6)
+    monkeypatch.setattr("mushr_ros_intro.world.map_file._BLOCK", 6)
     assert read_map(path).cells.tolist() == expected
 
 

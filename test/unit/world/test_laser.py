@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.car.bicycle import Pose, compose
-from mushr_ros_intro.world.grid import Grid, read_map
+from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.laser import Beams, Laser, add_noise
+from mushr_ros_intro.world.map_file import read_map
 from support.paths import PACKAGE
 
 EXACT = 1e-9
