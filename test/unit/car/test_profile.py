@@ -73,31 +73,13 @@ def test_a_bad_parameter(name, value, expected):
     assert expected in str(error.value)
 
 
-@pytest.mark.parametrize(
-    "data, expected",
-    [
-        (b"wheelbase: [", "expected the node content"),
-        (b"- wheelbase", "there are no parameters; expected such as"),
-        (b"wheelbase: !!int ''", "expected parameters in yaml"),
-        (b"wheelbase: caf\xe9", "unacceptable character"),
-        (b"a: &a [x, x]\nwheelbase: *a", "found an alias"),
-        pytest.param(b"[" * 500, "expected parameters in yaml", id="nested"),
-        (None, "No such file or directory"),
-    ],
-)
-def test_a_broken_profile(tmp_path, data, expected):
+def test_a_broken_profile(tmp_path):
     path = tmp_path / "mine.yaml"
-    if data is not None:
-        path.write_bytes(data)
+    path.write_text("- wheelbase")
     with pytest.raises(ParameterError) as error:
         read_profile(str(path))
-    assert str(error.value).startswith(f"{path}: ") and expected in str(error.value)
-
-
-def test_an_empty_profile_is_the_ideal_car(tmp_path):
-    path = tmp_path / "mine.yaml"
-    path.write_text("# nothing yet\n")
-    assert car_from(Parameters(read_profile(str(path)))) == Car()
+    assert str(error.value).startswith(f"{path}: ")
+    assert "expected parameters such as 'track: 0.25'" in str(error.value)
 
 
 values = st.sampled_from(
@@ -105,30 +87,11 @@ values = st.sampled_from(
     + [True, None, "", "1", [1.0], {"a": 1}]
 )
 keys = st.sampled_from(sorted(PROFILES["ideal"]))
-bytes_of_a_profile = st.binary(max_size=60) | st.lists(
-    st.builds("{}: {}".format, keys, values), max_size=4
-).map(lambda lines: "\n".join(lines).encode())
 
 
 @given(st.dictionaries(keys, values, max_size=3))
 def test_any_parameters_make_a_car_or_an_error(values):
-    check_car(values)
-
-
-@given(bytes_of_a_profile)
-def test_any_bytes_make_a_profile_or_an_error(tmp_path_factory, data):
-    path = tmp_path_factory.mktemp("any") / "mine.yaml"
-    path.write_bytes(data)
-    try:
-        values = read_profile(str(path))
-    except ParameterError as error:
-        assert "; expected" in str(error)
-        return
-    check_car(values)
-
-
-def check_car(values):
-    """Check that parameters either cause a clear error, or make a car with finite poses."""
+    """The car drives to a finite pose, or there is a clear error."""
     try:
         car = car_from(Parameters(values))
     except ParameterError as error:
