@@ -5,7 +5,7 @@ from typing import NamedTuple, Optional
 from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
 from mushr_ros_intro.car.model import Car, Piece
 from mushr_ros_intro.car.quadrature import follow
-from mushr_ros_intro.world.footprint import Footprint, free_way, is_free
+from mushr_ros_intro.world.footprint import Footprint, free_distance, is_free
 from mushr_ros_intro.world.grid import Grid
 
 _NUDGE = 1e-7
@@ -44,5 +44,5 @@ def free_time(piece: Piece, seconds: float, car: Car, world: Optional[World]) ->
     def at(distance: float) -> Pose:
         return follow(piece, distance / speed, car)[0]
 
-    distance = free_way(*world, at, speed * seconds)
+    distance = free_distance(*world, at, speed * seconds)
     return seconds if distance == speed * seconds else distance / speed
