@@ -33,7 +33,9 @@ def write_yaml(folder, **changes):
     """Write a map's YAML file, which is good except for the changes; None omits a key."""
     keys = {**GOOD, **changes}
     path = folder / "map.yaml"
-    path.write_text("".join(f"{key}: {value}\n" for key, value in keys.items() if value is not None))
+    path.write_text(
+        "".join(f"{key}: {value}\n" for key, value in keys.items() if value is not None)
+    )
     return str(path)
 
 
