@@ -1,4 +1,4 @@
-"""How fast the laser is; for scripts/benchmark."""
+"""Measure the speed of the laser, for scripts/benchmark."""
 
 import math
 import time
@@ -13,7 +13,7 @@ _POSES = 2048
 
 
 def rooms_and_clutter() -> Grid:
-    """Return a map of 400 rooms of 5 m by 5 m, with two doors and four things in each of them."""
+    """Return a map of 400 rooms of 5 m by 5 m, each with two doors and four obstacles."""
     dice = np.random.default_rng(1)
     walls = np.zeros((1000, 1000), bool)
     for each in range(0, 1000, _ROOM):
@@ -30,9 +30,13 @@ def rooms_and_clutter() -> Grid:
 
 
 def scans_per_second(batch: int, seconds: float = 2.0) -> float:
-    """Return how many scans of 720 beams and 10 m a core casts a second, `batch` poses at once.
+    """Return the number of scans of 720 beams and 10 m per second and core.
 
-    The median over rounds of 2048 free poses all over the map, whose tiles were all seen before.
+    It is the median over rounds of 2048 free poses all over the map, with all tiles in the cache.
+
+    Args:
+        batch: the number of poses at a time.
+        seconds: processor time of the measurement [s].
     """
     grid = rooms_and_clutter()
     dice = np.random.default_rng(2)
