@@ -9,7 +9,7 @@ between two faces or diagonally between two cells.
 
 import functools
 import math
-from typing import List, NamedTuple, Sequence, Tuple, Union
+from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -21,7 +21,6 @@ TILE = 2.0
 """Side of a tile [m]. The set of visible faces is computed once per tile."""
 
 _MAX_TILES = 4096  # in the cache; each takes some tens of kilobytes
-_BATCH = 32  # poses at a time
 
 
 class Beams(NamedTuple):
@@ -69,7 +68,7 @@ class _Tile(NamedTuple):
     fronts: np.ndarray
     """+1 if the front of a face is below or to the left of it, otherwise -1, (F,)."""
     vertical: np.ndarray
-    """1 if a face is vertical, otherwise 0, (F,)."""
+    """Whether a face is vertical, (F,)."""
 
 
 class Laser:
@@ -89,105 +88,52 @@ class Laser:
         directions = beams.angle_min + beams.angle_increment * np.arange(self._slots)
         self._directions = np.exp(1j * directions)
 
-    def scan(self, poses: Union[Pose, np.ndarray]) -> np.ndarray:
-        """Return the measured ranges [m].
+    def scan(self, pose: Pose) -> np.ndarray:
+        """Return the measured ranges [m], (beams,).
 
         Args:
-            poses: x [m], y [m], theta [rad] of the scanner in the map frame, (3,) or (N, 3).
+            pose: the pose of the scanner in the map frame.
 
         Returns:
-            Ranges, (beams,) or (N, beams): +inf if nothing is in range, -inf if an obstacle is too
-            near to be measured (REP 117). Inside a wall all ranges are -inf.
+            +inf if nothing is in range, -inf if an obstacle is too near to be measured (REP 117).
+            Inside a wall all ranges are -inf.
         """
-        given = np.asarray(poses, float)
-        many = given.reshape(-1, 3)
-        ranges = np.empty((len(many), self._beams.number))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            for first in range(0, len(many), _BATCH):
-                ranges[first : first + _BATCH] = self._cast(many[first : first + _BATCH])
-        return ranges.reshape(given.shape[:-1] + (self._beams.number,))
+        local = self._grid.to_grid(pose)
+        if self._is_inside(local):
+            return np.full(self._beams.number, -np.inf)
+        tile = self._tile(math.floor(local.x / TILE), math.floor(local.y / TILE))
+        offsets = tile.offsets - np.where(tile.vertical, local.x, local.y)
+        begin, end = self._first_beams(tile.corners, local)[tile.ends]
+        covered = (end - begin) % self._slots
+        covered[offsets * tile.fronts <= 0.0] = 0  # a face is visible only from its front
 
-    def _cast(self, poses: np.ndarray) -> np.ndarray:
-        """Return the ranges (N, beams) of a few poses (N, 3)."""
-        local = [self._grid.to_grid(Pose(*pose)) for pose in poses.tolist()]
-        tiles = [self._tile(math.floor(pose.x / TILE), math.floor(pose.y / TILE)) for pose in local]
-        x, y, theta = np.array(local).T
-        corner_counts = np.array([tile.corners.shape[1] for tile in tiles])
-        corners = np.concatenate([tile.corners for tile in tiles], axis=1)
-        first_beams = self._first_beams(corners, np.repeat((x, y, theta), corner_counts, axis=1))
+        # One entry for each beam of each face: its face, its beam and its range.
+        face = np.repeat(np.arange(len(covered)), covered)
+        beam = (begin - (np.cumsum(covered) - covered))[face] + np.arange(len(face))
+        beam %= self._slots
+        direction = (self._directions * np.exp(1j * local.theta))[beam]
+        with np.errstate(divide="ignore"):
+            ranges = offsets[face] / np.where(tile.vertical[face], direction.real, direction.imag)
+        nearest = np.full(self._slots, np.inf)
+        order = np.argsort(-ranges)  # of several entries for a beam, the last one is kept
+        nearest[beam[order]] = ranges[order]
 
-        pose = np.repeat(np.arange(len(tiles)), [len(tile.offsets) for tile in tiles])
-        kind = 2 * pose  # of each face: one for the horizontal faces of a pose, one for the others
-        kind += np.concatenate([tile.vertical for tile in tiles])
-        offsets = np.concatenate([tile.offsets for tile in tiles])
-        offsets -= np.column_stack((y, x)).take(kind)
-        fronts = np.concatenate([tile.fronts for tile in tiles])
-        ends = np.concatenate([tile.ends for tile in tiles], axis=1)
-        ends += (np.cumsum(corner_counts) - corner_counts).take(pose)
-        begin, end = first_beams.take(ends)
-        covered = end - begin
-        covered += self._slots * (covered < 0)
-        covered *= offsets * fronts > 0.0
-
-        result = self._nearest(theta, kind, offsets, begin, covered)
+        result = nearest[: self._beams.number]
         result[result > self._beams.range_max] = np.inf
-        result[[self._is_inside(pose) for pose in local]] = 0.0
         result[result < self._beams.range_min] = -np.inf
         return result
 
-    def _first_beams(self, corners: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    def _first_beams(self, corners: np.ndarray, local: Pose) -> np.ndarray:
         """Return the first beam counter-clockwise of each corner, from 0 to a full turn, (C,).
 
         Args:
             corners: x and y [m], (2, C).
-            poses: x [m], y [m] and theta [rad] of the scanner that sees each corner, (3, C).
+            local: the pose of the scanner in the grid frame.
         """
         turn = math.tau / self._beams.angle_increment
-        x, y = corners - poses[:2]
-        beam = np.arctan2(y, x)
-        beam -= poses[2] + self._beams.angle_min
-        beam *= 1.0 / self._beams.angle_increment
-        beam -= turn * np.floor(beam / turn)
-        return np.ceil(beam).astype(np.int64)
-
-    def _nearest(
-        self,
-        theta: np.ndarray,
-        kind: np.ndarray,
-        offsets: np.ndarray,
-        begin: np.ndarray,
-        covered: np.ndarray,
-    ) -> np.ndarray:
-        """Return the range of the nearest face along each beam [m], (N, beams).
-
-        Args:
-            theta: heading of each pose [rad], (N,).
-            kind: number of the pose, times two, plus one for vertical faces, (F,).
-            offsets: distance of each face's line from the pose, with sign [m], (F,).
-            begin: the first beam that a face covers, (F,).
-            covered: the number of beams that it covers, (F,).
-        """
-        # Places for the beams: two turns for each kind, so that no face crosses an end.
-        turned = self._directions * np.exp(1j * theta)[:, np.newaxis]
-        inverse = np.empty((len(theta), 2, 2, self._slots))
-        inverse[:, 0, :] = (1.0 / turned.imag)[:, np.newaxis]
-        inverse[:, 1, :] = (1.0 / turned.real)[:, np.newaxis]
-        start = begin + 2 * self._slots * kind - (np.cumsum(covered) - covered)
-        face = np.repeat(np.arange(len(covered)), covered)
-        places = start.take(face) + np.arange(len(face))
-        ranges = offsets.take(face)
-        ranges *= inverse.reshape(-1).take(places)
-
-        nearest = np.full(inverse.size, np.inf)
-        nearest[places] = ranges  # if several faces share a place, an arbitrary one of them
-        while True:
-            nearer = np.flatnonzero(ranges < nearest[places])
-            if not len(nearer):
-                break
-            places, ranges = places[nearer], ranges[nearer]
-            nearest[places] = ranges
-        turns = nearest.reshape(len(theta), 4, self._slots)
-        return turns[..., : self._beams.number].min(axis=1)
+        angle = np.arctan2(corners[1] - local.y, corners[0] - local.x)
+        beam = (angle - local.theta - self._beams.angle_min) / self._beams.angle_increment
+        return np.ceil(beam - turn * np.floor(beam / turn)).astype(np.int64)
 
     def _is_inside(self, local: Pose) -> bool:
         """Return whether a pose in the grid frame is inside an occupied cell."""
@@ -221,7 +167,7 @@ class Laser:
             ends.reshape(2, -1),
             offsets[chosen],
             fronts[chosen].astype(float),
-            vertical[chosen].astype(np.int64),
+            vertical[chosen].astype(bool),
         )
 
 

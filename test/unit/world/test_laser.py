@@ -21,9 +21,6 @@ EXACT = 1e-9
 GRAZING = 1e-9
 """[rad] A beam is not judged if a rotation by this angle makes it hit another cell."""
 
-ROUNDING = 1e-12
-"""[m] Between a scan alone and the same scan in a batch."""
-
 FEW = Beams(angle_min=-2.0, angle_increment=0.05, number=81, range_min=0.02, range_max=6.0)
 
 
@@ -224,19 +221,6 @@ def test_unknown_cells_stop_no_beam():
 def test_a_map_of_one_cell(value):
     laser = Laser(Grid(np.array([[value]], np.int8), 1.0), CROSS)
     assert (laser.scan(Pose(0.5, 0.5, 0.3)) == (-math.inf if value else math.inf)).all()
-
-
-def test_one_pose_or_many():
-    grid, dice = noise_map(1, 0.05)
-    laser = Laser(grid, FEW)
-    local = dice.uniform((0.0, 0.0, -4.0), (10.0, 8.0, 4.0), (100, 3))
-    poses = np.array([compose(grid.origin, Pose(*pose)) for pose in local.tolist()])
-    many = laser.scan(poses)
-    assert many.shape == (100, FEW.number)
-    assert laser.scan(poses[:0]).shape == (0, FEW.number)
-    assert laser.scan(poses[0]).shape == (FEW.number,)
-    for pose, ranges in zip(poses, many):
-        assert Laser(grid, FEW).scan(pose) == pytest.approx(ranges, abs=ROUNDING)
 
 
 @pytest.mark.parametrize("count", [1, 2, 90, 719])
