@@ -18,7 +18,8 @@ from mushr_ros_intro.plan.model import PlanError
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview.check import Report, Scatter, as_json, as_text, check, scatter, verdict
 from mushr_ros_intro.preview.ensemble import count_ticks
-from mushr_ros_intro.world.grid import Grid, MapError, find_map, read_map
+from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.world.map_file import MapError, find_map, read_map
 
 MOST_RUNS = 10_000_000
 MOST_CAR_TICKS = 20_000_000_000

@@ -12,7 +12,8 @@ from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan
 
 from mushr_ros_intro.car.bicycle import Pose, compose
-from mushr_ros_intro.parameters import ParameterError, number
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.node import init_node
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
@@ -22,31 +23,28 @@ from mushr_ros_intro.world.laser import Beams, Laser, add_noise
 class LaserSim:
     """The laser scanner as a node.
 
-    Subscribes to ``car_pose``, in the car's namespace, and to /map; publishes ``scan``, each cast
-    from a pose that the car reported, and with its stamp.
+    Subscribes to ``car_pose`` in the car's namespace and to /map. Publishes ``scan``: each scan is
+    taken at a received pose and has its stamp.
     """
 
     def __init__(self) -> None:
-        def parameter(name: str, default: float, unit: str, least: float, most: float) -> float:
-            value = number(f"~{name}", rospy.get_param(f"~{name}", default), unit, least, most)
-            rospy.loginfo(f"{name}: {value:g} {unit}".rstrip())
-            return value
-
-        usual = Beams()
+        parameters = Parameters(rospy.get_param("~", {}))
+        default = Beams()
+        number, integer = parameters.number, parameters.integer
         self._beams = Beams(
-            angle_min=parameter("angle_min", usual.angle_min, "rad", -6.3, 6.3),
-            angle_increment=parameter("angle_increment", usual.angle_increment, "rad", 1e-4, 6.3),
-            number=_whole("beams", parameter("beams", usual.number, "", 1, 62832)),
-            range_min=parameter("range_min", usual.range_min, "m", 0.0, 1000.0),
-            range_max=parameter("range_max", usual.range_max, "m", 0.0, 1000.0),
+            angle_min=number("angle_min", default.angle_min, "rad", -6.3, 6.3),
+            angle_increment=number("angle_increment", default.angle_increment, "rad", 1e-4, 6.3),
+            number=integer("beams", default.number, 1, 62832),
+            range_min=number("range_min", default.range_min, "m", 0.0, 1000.0),
+            range_max=number("range_max", default.range_max, "m", 0.0, 1000.0),
         )
-        fault = self._beams.fault()
-        if fault:
-            raise ParameterError(f"the beams that the parameters ask for: {fault}")
-        self._period = from_seconds(1.0 / parameter("scan_rate", 10.0, "Hz", 0.1, 1000.0))
-        self._mount = Pose(parameter("offset", 0.1227, "m", -10.0, 10.0), 0.0, 0.0)
-        self._noise_std = parameter("noise_std", 0.0, "m", 0.0, 1000.0)
-        self._seed = _whole("seed", parameter("seed", 0, "", 0, 1e9))
+        self._beams.check()
+        self._period = from_seconds(1.0 / number("scan_rate", 10.0, "Hz", 0.1, 1000.0))
+        self._mount = Pose(number("offset", 0.1227, "m", -10.0, 10.0), 0.0, 0.0)
+        self._noise_std = number("noise_std", 0.0, "m", 0.0, 1000.0)
+        self._seed = integer("seed", 0, 0, 1e9)
+        for name, value in parameters.resolved.items():
+            rospy.loginfo("%s: %s", name, value)
         prefix = rospy.get_namespace().strip("/")
         self._frame = f"{prefix}/laser_link".lstrip("/")
 
@@ -63,7 +61,7 @@ class LaserSim:
         )
 
     def _on_map(self, msg: OccupancyGrid) -> None:
-        """Scan in this map from now on."""
+        """Use this map for the following scans."""
         try:
             grid = conversions.grid_from_msg(msg)
         except conversions.MessageError as error:
@@ -75,7 +73,7 @@ class LaserSim:
         rospy.loginfo("scanning in a map of %d x %d cells", grid.width, grid.height)
 
     def _on_pose(self, msg: PoseStamped) -> None:
-        """Scan, if this is the first pose of a scan's period."""
+        """Publish a scan if this is the first pose of its period."""
         stamp = msg.header.stamp.to_nsec()
         slot = stamp // self._period
         with self._lock:
@@ -101,23 +99,12 @@ class LaserSim:
         )
 
 
-def _whole(name: str, value: float) -> int:
-    """Return a parameter's value if it is a whole number.
-
-    Raises:
-        ParameterError: it is not.
-    """
-    if value != int(value):
-        raise ParameterError(f"parameter ~{name} is {value:g}; expected a whole number")
-    return int(value)
-
-
 def main() -> int:
     """Run the node; return its exit status."""
     init_node("laser_sim")
     try:
-        node = LaserSim()  # noqa: F841, it lives as long as its subscriptions should
-    except ParameterError as error:
+        node = LaserSim()  # noqa: F841, keeps its subscriptions alive
+    except UserError as error:
         rospy.logfatal("%s: %s", rospy.get_name(), error)
         return 1
     rospy.spin()

@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Open rviz with the package's view of a car: view.py CAR_NAME.
 
-rviz/default.rviz is the view of the car that is called car. For any other, its names are put in
-place: topics and frames stand in a view as plain text, and rviz remaps topics but no frames.
+rviz/default.rviz is the view of the car named "car". For another car its names are replaced in the
+text, because rviz can remap topics but not frames.
 """
 
 import os
@@ -12,7 +12,7 @@ import rospkg
 
 
 def view_of(car_name: str, text: str) -> str:
-    """Return the view of the car `car_name`, given the text of that of the car ``car``."""
+    """Return the rviz configuration of a car, given that of the car named "car"."""
     for topic in ("/initialpose", "/path_publisher/"):
         text = text.replace(f" {topic}", f" /{car_name}{topic}")
     for start in (" /", " "):
@@ -21,14 +21,14 @@ def view_of(car_name: str, text: str) -> str:
 
 
 def main() -> int:
-    """Become rviz; return the exit status where that fails."""
+    """Replace this program by rviz; return the exit status if that fails."""
     if len(sys.argv) < 2 or ":=" in sys.argv[1]:
-        print("usage: view.py CAR_NAME [what rviz takes]", file=sys.stderr)
+        print("usage: view.py CAR_NAME [options of rviz]", file=sys.stderr)
         return 2
     car_name = sys.argv[1].strip("/")
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         print(
-            "view.py: DISPLAY is not set; expected a display that rviz can open a window on. "
+            "view.py: DISPLAY is not set; expected a display for the window of rviz. "
             "The car drives without one",
             file=sys.stderr,
         )
@@ -37,7 +37,7 @@ def main() -> int:
     if car_name != "car":
         with open(path, encoding="utf-8") as file:
             text = view_of(car_name, file.read())
-        # A file without a name, which ends with rviz and leaves nothing behind.
+        # A file in memory, which disappears when rviz ends.
         descriptor = os.memfd_create(f"{car_name}.rviz", 0)
         os.write(descriptor, text.encode())
         path = f"/proc/self/fd/{descriptor}"
@@ -46,7 +46,7 @@ def main() -> int:
     except OSError as error:
         print(
             f"view.py: rviz cannot be started ({error.strerror}); expected it on the PATH. "
-            "It is in the package rviz (Debian) or ros-noetic-rviz",
+            "Install the package rviz (Debian) or ros-noetic-rviz (Ubuntu)",
             file=sys.stderr,
         )
     return 1

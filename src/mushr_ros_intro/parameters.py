@@ -47,6 +47,17 @@ class Parameters:
             raise self.error(name, f"a number from {low:g} to {high:g} {unit}".rstrip())
         return float(self._keep(name, number))
 
+    def integer(self, name: str, default: int, low: float, high: float) -> int:
+        """Return a whole number from `low` to `high`.
+
+        Raises:
+            ParameterError: the parameter is anything else.
+        """
+        value = self.number(name, default, "", low, high)
+        if value != int(value):
+            raise self.error(name, "a whole number")
+        return int(self._keep(name, int(value)))
+
     def flag(self, name: str, default: bool) -> bool:
         """Return true or false.
 

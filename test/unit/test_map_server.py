@@ -1,4 +1,4 @@
-"""Check that map_server.py gives way to ROS's own map_server where there is one."""
+"""Check that map_server.py finds ROS's own map_server if it is installed."""
 
 import os
 import subprocess
@@ -6,11 +6,11 @@ import subprocess
 from support.paths import PACKAGE
 
 SOURCES = os.path.join(PACKAGE, "src")
-FIND = "import map_server; print(map_server._find_real_map_server())"
+FIND = "import map_server; print(map_server.find_real_map_server())"
 
 
 def find(folder):
-    """Return what the node takes for the real map_server where packages are in `folder`."""
+    """Return the path of the real map_server that the node finds with packages in `folder`."""
     environment = dict(os.environ)
     for name, first in (("ROS_PACKAGE_PATH", str(folder)), ("PYTHONPATH", SOURCES)):
         environment[name] = f"{first}:{os.environ.get(name, '')}"
@@ -19,11 +19,11 @@ def find(folder):
     return done.stdout.decode().strip()
 
 
-def test_none_is_there(tmp_path):
+def test_not_installed(tmp_path):
     assert find(tmp_path) == "None"
 
 
-def test_one_is_there(tmp_path):
+def test_installed(tmp_path):
     package = tmp_path / "map_server"
     package.mkdir()
     (package / "package.xml").write_text(

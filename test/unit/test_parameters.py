@@ -57,6 +57,13 @@ def test_a_number_without_a_unit():
     )
 
 
+def test_integer():
+    for value in (3, 3.0, "3"):
+        assert repr(read("integer", value, 1, 0, 9)) == "3"
+    assert refusal("integer", 1.5, 1, 0, 9) == "parameter ~name is 1.5; expected a whole number"
+    assert refusal("integer", 10, 1, 0, 9).endswith("is 10; expected a number from 0 to 9")
+
+
 def test_flag():
     assert read("flag", True, False) is True and read("flag", False, True) is False
     for value in (0, 1, "true", None):

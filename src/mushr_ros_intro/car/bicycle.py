@@ -38,7 +38,7 @@ ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
 def compose(outer: Pose, inner: Pose) -> Pose:
-    """Express `inner`, a pose given in the frame `outer`, in the frame that `outer` is given in."""
+    """Transform the pose `inner` from the frame `outer` to the frame in which `outer` is given."""
     cos, sin = math.cos(outer.theta), math.sin(outer.theta)
     return Pose(
         outer.x + cos * inner.x - sin * inner.y,
@@ -48,7 +48,7 @@ def compose(outer: Pose, inner: Pose) -> Pose:
 
 
 def inverse(pose: Pose) -> Pose:
-    """Return the pose that undoes `pose`: the two composed are the origin."""
+    """Return the inverse transform: composed with `pose` it is the origin."""
     cos, sin = math.cos(pose.theta), math.sin(pose.theta)
     return Pose(-cos * pose.x - sin * pose.y, sin * pose.x - cos * pose.y, -pose.theta)
 
@@ -57,22 +57,22 @@ def curvature(steering_angle: float, wheelbase: float) -> float:
     """Return the curvature [1/m] of the rear axle's path, tan(delta) / L, left positive.
 
     Args:
-        steering_angle: of the virtual middle front wheel [rad], left positive.
+        steering_angle: angle of the virtual middle front wheel [rad], left positive.
         wheelbase: distance between the axles [m].
     """
     return math.tan(steering_angle) / wheelbase
 
 
 def drive_arc(pose: Pose, distance: float, curvature: float) -> Pose:
-    """Drive along a circular arc and return the pose at its end, exactly.
+    """Return the pose at the end of a circular arc, exactly.
 
-    The arc's chord has the length s sin(h) / h and the direction theta + h, where h is half the
-    angle turned. The straight line is the limit of this, not a case of its own.
+    The chord of an arc of length s that turns by 2 h has the length s sin(h) / h and the direction
+    theta + h. The straight line is the limit for h = 0.
 
     Args:
-        pose: where the arc begins.
+        pose: the pose at the begin of the arc.
         distance: length of the arc [m], negative in reverse.
-        curvature: of the arc [1/m], left positive.
+        curvature: curvature of the arc [1/m], left positive.
     """
     half_turn = 0.5 * distance * curvature
     chord = distance * (math.sin(half_turn) / half_turn if half_turn else 1.0)

@@ -1,19 +1,19 @@
-"""Find out when a car touches a wall."""
+"""Detect contact between the car and the walls."""
 
 from typing import NamedTuple, Optional
 
 from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
 from mushr_ros_intro.car.model import Car, Piece
 from mushr_ros_intro.car.quadrature import follow
-from mushr_ros_intro.world.footprint import Footprint, free_way, is_free
+from mushr_ros_intro.world.footprint import Footprint, free_distance, is_free
 from mushr_ros_intro.world.grid import Grid
 
 _NUDGE = 1e-7
-"""A car at a wall tries to drive this far [m] to find out whether the wall is in its way."""
+"""How far a car that touches a wall is moved [m] to test whether the wall is in its path."""
 
 
 class World(NamedTuple):
-    """What the car may hit, and with what."""
+    """The obstacles, and the shape of the car among them."""
 
     grid: Grid
     """The map."""
@@ -24,9 +24,10 @@ class World(NamedTuple):
 def is_blocked(
     here: Piece, piece: Piece, direction: float, car: Car, world: Optional[World]
 ) -> bool:
-    """Say whether the wall at which the car stands is in the way of a piece.
+    """Return whether the wall that the car touches is in the path of a piece.
 
-    The distance to the wall is known to TOUCH; if the car could go further it would creep.
+    The position of a wall is known to TOUCH only. A car that could drive on until the next hit
+    would creep into the wall with each command.
     """
     if world is None or here.collision is None:
         return False
@@ -34,12 +35,14 @@ def is_blocked(
     return not is_free(*world, drive_arc(here.pose, direction * _NUDGE, bend))
 
 
-def free_time(piece: Piece, seconds: float, car: Car, world: World) -> float:
-    """Return for how long the car can follow a piece before it hits something, at most [s]."""
+def free_time(piece: Piece, seconds: float, car: Car, world: Optional[World]) -> float:
+    """Return for how long the car can follow a piece before it hits a wall, at most `seconds`."""
+    if world is None:
+        return seconds
     speed = max(abs(piece.speed), abs(piece.speed + piece.acceleration * seconds))
 
-    def at(way: float) -> Pose:
-        return follow(piece, way / speed, car)[0]
+    def at(distance: float) -> Pose:
+        return follow(piece, distance / speed, car)[0]
 
-    way = free_way(*world, at, speed * seconds)
-    return seconds if way == speed * seconds else way / speed
+    distance = free_distance(*world, at, speed * seconds)
+    return seconds if distance == speed * seconds else distance / speed

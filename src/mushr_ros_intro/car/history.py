@@ -1,8 +1,8 @@
-"""Keep a car's recent events in the order of their stamps.
+"""Keep a car's recent events in the order of their stamps, and compute its states.
 
-Every event (a command or an initial pose) applies at its stamp, not on arrival. A message that
-arrives late, twice or out of order is inserted at its place, so the pose at any instant depends on
-the stamped messages alone and not on the load of the machine.
+Each event (a command or an initial pose) applies at its stamp, not on arrival. An event that
+arrives late, twice or out of order is inserted at its position. So the pose at any instant depends
+on the stamped messages alone, and not on the load of the machine.
 """
 
 import bisect
@@ -15,55 +15,50 @@ from mushr_ros_intro.sim.stamps import STAMP_TOLERANCE
 
 
 class History:
-    """The events of the last while, in order, and the car's state after each of them."""
+    """The recent events of a car, in order, and the state after each of them."""
 
     def __init__(self, car: Car, start: State, world: Optional[World] = None):
-        """Start from the state `start`, in a `world` where there are walls."""
+        """Begin with the state `start`. Without a `world` there are no walls."""
         self._car = car
         self._world = world
-        self._events: List[Tuple[int, bool]] = []  # the order: placements before commands
-        self._payload: List[Event] = []
-        self._states = [start]  # the state after each event; the first is from before them
-
-    @property
-    def last_stamp(self) -> int:
-        """The stamp [ns] of the youngest event, or of the start."""
-        return self._states[-1].stamp
+        self._keys: List[Tuple[int, bool]] = []  # stamps, and whether it is a command
+        self._events: List[Event] = []
+        self._states = [start]  # before the first event, and after each event
 
     def add(self, event: Event, now: int) -> None:
-        """Put `event`, which arrives at `now` [ns], in its place, and redo what came after it.
+        """Insert `event`, which arrives at `now` [ns], and recompute the states after it.
 
-        At the same stamp a placement comes before commands; otherwise the later arrival counts.
-        An event from before the history begins applies at its beginning; it reaches back
-        STAMP_TOLERANCE from the latest `now`.
+        If stamps are equal, an initial pose applies before commands, and otherwise the events
+        apply in the order of arrival. The history begins STAMP_TOLERANCE before the latest `now`.
+        An event from before its beginning applies at its beginning.
         """
         event = event._replace(stamp=max(event.stamp, self._states[0].stamp))
         key = (event.stamp, isinstance(event, Command))
-        place = bisect.bisect_right(self._events, key)
-        self._events.insert(place, key)
-        self._payload.insert(place, event)
-        self._redo(place)
+        index = bisect.bisect_right(self._keys, key)
+        self._keys.insert(index, key)
+        self._events.insert(index, event)
+        self._recompute(index)
         self._forget(now - STAMP_TOLERANCE)
 
     def build(self, world: World) -> None:
-        """Put up the walls of `world`, in the place of others, for all that is in the history."""
+        """Replace the walls by those of `world`, and recompute all states."""
         self._world = world
-        self._redo(0)
+        self._recompute(0)
 
     def state_at(self, stamp: int) -> State:
-        """Return the state at `stamp` [ns]; before the history begins, that at its beginning."""
-        place = bisect.bisect_right(self._events, (stamp, True))
-        state = self._states[place]
+        """Return the state at `stamp` [ns], or at the beginning of the history if that is later."""
+        index = bisect.bisect_right(self._keys, (stamp, True))
+        state = self._states[index]
         return advance(state, max(stamp, state.stamp), self._car)
 
-    def _redo(self, place: int) -> None:
-        """Work out the states after the events from the one at `place` on."""
-        del self._states[place + 1 :]
-        for event in self._payload[place:]:
+    def _recompute(self, index: int) -> None:
+        """Compute the states after the events from `index` on."""
+        del self._states[index + 1 :]
+        for event in self._events[index:]:
             state = advance(self._states[-1], event.stamp, self._car)
             self._states.append(apply(state, event, self._car, self._world))
 
     def _forget(self, horizon: int) -> None:
-        """Drop the events before `horizon` [ns], but for the state that they led to."""
-        old = bisect.bisect_left(self._events, (horizon, False))
-        del self._events[:old], self._payload[:old], self._states[:old]
+        """Drop the events before `horizon` [ns], but keep the state after the last of them."""
+        old = bisect.bisect_left(self._keys, (horizon, False))
+        del self._keys[:old], self._events[:old], self._states[:old]

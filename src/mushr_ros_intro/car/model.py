@@ -1,4 +1,4 @@
-"""The values that describe a car, the events that reach it, and its state.
+"""The values that describe a car, its events and its state.
 
 All instants are integer nanoseconds.
 """
@@ -10,9 +10,9 @@ from mushr_ros_intro.car.bicycle import Pose, compose, curvature, inverse
 
 
 class Car(NamedTuple):
-    """What a car is: its size, its habits and its limits.
+    """The parameters of a car: its size, its limits and its noise.
 
-    The defaults are MuSHR's sizes, and the ideal car's limits: none, so that it obeys at once.
+    The defaults are those of the ideal car: MuSHR's size, no limits and no noise.
     """
 
     wheelbase: float = 0.33
@@ -22,7 +22,7 @@ class Car(NamedTuple):
     wheel_radius: float = 0.0488
     """Radius of the wheels [m]."""
     command_timeout: int = 200_000_000
-    """How long a command is good for after its stamp [ns]; then the car stops."""
+    """How long a command is valid after its stamp [ns]; then the car stops."""
     speed_limit: float = math.inf
     """The highest speed [m/s], forward and in reverse."""
     steering_limit_left: float = math.inf
@@ -30,24 +30,24 @@ class Car(NamedTuple):
     steering_limit_right: float = math.inf
     """The largest steering angle to the right [rad], positive too."""
     acceleration: float = math.inf
-    """The highest rate at which the speed changes [m/s^2], also in braking."""
+    """The highest rate of change of the speed [m/s^2], also in braking."""
     steering_rate: float = math.inf
-    """The highest rate at which the steering angle changes [rad/s]."""
+    """The highest rate of change of the steering angle [rad/s]."""
     speed_noise: float = 0.0
-    """Standard deviation of the error of the speed, drawn for each command to drive [m/s]."""
+    """Standard deviation of the speed [m/s], drawn for each command to drive."""
     steering_noise: float = 0.0
-    """Standard deviation of the error of the steering angle, likewise [rad]."""
+    """Standard deviation of the steering angle [rad], drawn for each command to drive."""
     seed: int = 0
-    """Which errors."""
+    """The seed of the noise."""
 
     @property
     def is_ideal(self) -> bool:
-        """Whether it does as it is told, at once: without limits and errors."""
+        """Whether the car follows each command at once and exactly."""
         ideal = Car()
         return self[4:-1] == ideal[4:-1]
 
     def within_limits(self, speed: float, steering_angle: float) -> Tuple[float, float]:
-        """Return the speed [m/s] and the steering angle [rad] that the car makes of an order."""
+        """Return the nearest speed [m/s] and steering angle [rad] that the car can reach."""
         return (
             max(-self.speed_limit, min(self.speed_limit, speed)),
             max(-self.steering_limit_right, min(self.steering_limit_left, steering_angle)),
@@ -55,16 +55,16 @@ class Car(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """The car stands against a wall."""
+    """Contact between the car, which stands, and a wall."""
 
     stamp: int
-    """Since when [ns]."""
+    """When the contact began [ns]."""
     pose: Pose
-    """Where: the last free pose, in the map frame."""
+    """The pose of the car, the last free one of its path, in the map frame."""
 
 
 class Command(NamedTuple):
-    """An order to drive, from `stamp` on."""
+    """A command to drive or to stop, from `stamp` on."""
 
     stamp: int
     """When it applies [ns]."""
@@ -73,25 +73,25 @@ class Command(NamedTuple):
     steering_angle: float
     """Steering angle of the virtual middle front wheel [rad], left positive."""
     acceleration: float = 0.0
-    """Rate at which the speed is to change [m/s^2], of any sign; 0: as fast as the car can."""
+    """Rate of change of the speed [m/s^2], of any sign; 0 means as fast as the car can."""
     steering_angle_velocity: float = 0.0
-    """Rate at which the steering angle is to change [rad/s], of any sign; 0: likewise."""
+    """Rate of change of the steering angle [rad/s], of any sign; 0 means as fast as possible."""
 
 
 class InitialPose(NamedTuple):
-    """An order to be at a pose, at rest, at `stamp`."""
+    """A new pose of the car, which is at rest there, at `stamp`."""
 
     stamp: int
     """When it applies [ns]."""
     pose: Pose
-    """Where, in the map frame."""
+    """The pose in the map frame."""
 
 
 Event = Union[Command, InitialPose]
 
 
 class Wheels(NamedTuple):
-    """One number for each wheel."""
+    """One number per wheel."""
 
     front_left: float
     front_right: float
@@ -100,38 +100,44 @@ class Wheels(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A part of the car's way, on which speed and steering angle change at constant rates.
+    """A piece of the car's path on which speed and steering angle change at constant rates.
 
-    The car does not turn round on it: it goes forward, or in reverse, or stands.
+    The car does not reverse its direction on it.
     """
 
     begin: float
-    """When it begins [s], counted from the event that set the car in motion."""
+    """When the piece begins [s], counted from the command that set the car in motion."""
     pose: Pose
-    """Where it begins, in the map frame."""
+    """The car's pose at the begin, in the map frame."""
     wheel_angles: Wheels
-    """How far each wheel has turned by then [rad]."""
+    """How far each wheel has turned at the begin [rad]."""
     speed: float
-    """Forward speed where it begins [m/s]."""
+    """Forward speed at the begin [m/s]."""
     acceleration: float
     """Rate of change of the speed [m/s^2]."""
     steering_angle: float
-    """Steering angle where it begins [rad], left positive."""
+    """Steering angle at the begin [rad], left positive."""
     steering_rate: float
     """Rate of change of the steering angle [rad/s]."""
     collision: Optional[Contact]
-    """The contact that the car stands in, None where there is none."""
+    """The contact with a wall at which the car stands, or None."""
+
+    @property
+    def direction(self) -> float:
+        """The direction of the motion: 1 forward, -1 in reverse, 0 if the car stands."""
+        rate = self.speed or self.acceleration
+        return math.copysign(1.0, rate) if rate else 0.0
 
 
 class State(NamedTuple):
-    """All that there is to know about the car at one instant."""
+    """The state of the car at one instant."""
 
     stamp: int
     """The instant [ns]."""
     pose: Pose
-    """base_footprint, the middle of the rear axle on the ground, in the map frame."""
+    """The pose of base_footprint, the middle of the rear axle on the ground, in the map frame."""
     map_from_odom: Pose
-    """Where the odometry's origin is in the map: placements move this, and driving does not."""
+    """The origin of the odometry in the map frame. Only initial poses move it."""
     speed: float
     """Forward speed [m/s]."""
     steering_angle: float
@@ -139,19 +145,19 @@ class State(NamedTuple):
     wheel_angles: Wheels
     """How far each wheel has turned [rad]."""
     collision: Optional[Contact] = None
-    """The contact in which the car stands at a wall, from the hit until it drives away."""
+    """The contact with a wall, from the hit until the car drives away, or None."""
     command: Optional[Command] = None
-    """The last command that it got since it was placed."""
+    """The last command since the last initial pose."""
     moved: int = 0
-    """The stamp of the command that set it in motion [ns]."""
+    """The stamp of the command that set the car in motion [ns]."""
     motion: Tuple[Piece, ...] = ()
-    """What that makes of the car; the last piece, on which it stands, has no end."""
-    ticks: int = 0
-    """How many commands it has got since it was placed, those of one stamp counted once."""
+    """The path after that command. On the last piece, which has no end, the car stands."""
+    drive_commands: int = 0
+    """How many commands to drive have applied since the last initial pose; see `motion.apply`."""
 
     @property
     def odom_pose(self) -> Pose:
-        """base_footprint in the odometry frame, which never jumps."""
+        """The pose of base_footprint in the odometry frame, which never jumps."""
         return compose(inverse(self.map_from_odom), self.pose)
 
     def turn_rate(self, car: Car) -> float:
@@ -160,19 +166,19 @@ class State(NamedTuple):
 
 
 def at_rest(stamp: int, pose: Pose) -> State:
-    """Return the state of a car that has never moved, its odometry at zero."""
+    """Return the state of a car that has not moved yet; its odometry begins at zero."""
     return State(stamp, pose, pose, 0.0, 0.0, Wheels(0.0, 0.0, 0.0, 0.0))
 
 
 def halted(state: State, stamp: int) -> State:
-    """Return the state of a car that has been halted where `state` has it, at `stamp` [ns]."""
+    """Return the state of a car that stands still at the pose of `state` at `stamp` [ns]."""
     return state._replace(stamp=stamp, speed=0.0, command=None, motion=())
 
 
 def front_wheel_angles(steering_angle: float, car: Car) -> Tuple[float, float]:
     """Return the steering angles [rad] of the left and the right front wheel.
 
-    Each wheel stands at a right angle to the line to the turning centre (Ackermann's condition).
+    Each wheel is perpendicular to the line to the turning centre (Ackermann's condition).
     """
     bend = math.tan(steering_angle)
     side = 0.5 * car.track / car.wheelbase * bend

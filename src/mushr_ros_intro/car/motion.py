@@ -1,7 +1,7 @@
-"""Advance a car's state in time and apply the events that reach it.
+"""Advance a car's state in time, and apply the events that reach the car.
 
-A command determines the motion until the next event, up to the wall that the car may hit. Every
-later instant is evaluated from there, so asking for a state between two others changes nothing.
+A command determines the car's path until the next event: its pieces are computed once, when the
+command applies. Each later state is evaluated from them, so evaluating a state changes nothing.
 """
 
 import math
@@ -25,11 +25,11 @@ from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 
 def advance(state: State, stamp: int, car: Car) -> State:
-    """Return the state at `stamp` [ns], not before `state.stamp`, if nothing happens until then.
+    """Return the state at `stamp` [ns], not before `state.stamp`, if no event comes until then.
 
-    The car drives as the command that it holds has it until that command is no longer good, or
-    a wall is in the way, and then stands: at once, but for a car of limited acceleration, which
-    brakes when no command is good any longer. Its wheels are steered to the last angle ordered.
+    The car follows its last command until the command expires or a wall stops the car. After the
+    command has expired the car brakes, and still steers to the command's angle. Without a limit of
+    the acceleration it stops at once.
     """
     if not state.motion:
         return state._replace(stamp=stamp)
@@ -48,138 +48,159 @@ def advance(state: State, stamp: int, car: Car) -> State:
 
 
 def apply(state: State, event: Event, car: Car, world: Optional[World] = None) -> State:
-    """Return the state right after `event`, whose stamp is that of `state`.
+    """Return the state right after `event`, which has the same stamp as `state`.
 
-    Without a `world` there are no walls.
+    The noise of a command depends on the car's seed and on the number of commands to drive
+    (speed not 0) since the last initial pose. A command that replaces one of the same stamp does
+    not count, so a message that arrives twice changes nothing. Stops do not count either: the
+    mux's stop after a timeout may arrive at any time, and must not change later noise.
+
+    Args:
+        state: the state before the event.
+        event: a command or an initial pose.
+        car: the parameters of the car.
+        world: the walls and the footprint of the car; None means no walls.
     """
     if isinstance(event, InitialPose):
-        if event.pose != state.pose:  # or a message that comes twice would move it by rounding
+        if event.pose != state.pose:  # the same pose again must not move the odometry by rounding
             odom = compose(event.pose, inverse(state.odom_pose))
             state = state._replace(pose=event.pose, map_from_odom=odom, collision=None)
-        return halted(state, event.stamp)._replace(steering_angle=0.0, ticks=0)
+        return halted(state, event.stamp)._replace(steering_angle=0.0, drive_commands=0)
     last = state.command
-    is_counted = last is not None and event.stamp == last.stamp
-    state = state._replace(command=event, ticks=state.ticks + (not is_counted))
+    is_counted = last is not None and last.stamp == event.stamp and last.speed != 0.0
+    if event.speed != 0.0 and not is_counted:
+        state = state._replace(drive_commands=state.drive_commands + 1)
+    state = state._replace(command=event)
     if last is None or not _repeats_stop(last, event):
-        motion = _set_in_motion(state, event, car, world)
+        motion = _motion(state, event, car, world)
         state = state._replace(moved=event.stamp, motion=motion)
     return advance(state, event.stamp, car)
 
 
 def _repeats_stop(last: Command, command: Command) -> bool:
-    """Say whether a command tells the car to stop as the last one did, as fast as it can."""
+    """Return whether a command repeats the last one, and both stop the car as fast as it can."""
     is_stop = command.speed == 0.0 and command.acceleration == 0.0
     return is_stop and command == last._replace(stamp=command.stamp)
 
 
-def _set_in_motion(
-    state: State, command: Command, car: Car, world: Optional[World]
-) -> Tuple[Piece, ...]:
-    """Return what the car in a state does on a command, until it stands.
+def _motion(state: State, command: Command, car: Car, world: Optional[World]) -> Tuple[Piece, ...]:
+    """Return the pieces of the car's path after a command, until the car stands still.
 
-    A piece ends where a ramp does, where the car turns round, at a wall, or when the command is
-    no longer good.
+    A piece ends at the end of a ramp, where the car reverses its direction, at a wall, or when the
+    command expires.
     """
-    speed, angle = _aims(state, command, car)
-    good_for = car.command_timeout / NANOSECONDS
-    steering_rate = _rate(command.steering_angle_velocity, car.steering_rate)
-    stuck = 0.0  # the direction in which it has hit a wall
+    driving = _target(state, command, car)
+    braking = driving._replace(speed=0.0, acceleration=car.acceleration)
+    timeout = car.command_timeout / NANOSECONDS
+    hit_direction = 0.0  # in which the car has hit a wall since the command
+    pose, wheel_angles, contact = state.pose, state.wheel_angles, state.collision
+    here = Piece(0.0, pose, wheel_angles, state.speed, 0.0, state.steering_angle, 0.0, contact)
     pieces: List[Piece] = []
-    here = Piece(
-        0.0,
-        state.pose,
-        state.wheel_angles,
-        state.speed,
-        0.0,
-        state.steering_angle,
-        0.0,
-        state.collision,
-    )
     while True:
-        is_good = here.begin < good_for
-        aim = speed if is_good else 0.0
-        acceleration = _rate(command.acceleration if is_good else 0.0, car.acceleration)
-        turns_round = (here.speed < 0.0 < aim or aim < 0.0 < here.speed) and acceleration < math.inf
-        speed_ramp = _ramp(here.speed, 0.0 if turns_round else aim, acceleration)
-        angle_ramp = _ramp(here.steering_angle, angle, steering_rate)
-        piece = here._replace(
-            speed=speed_ramp.begin,
-            acceleration=speed_ramp.rate,
-            steering_angle=angle_ramp.begin,
-            steering_rate=angle_ramp.rate,
-            collision=None,
-        )
-        direction = _sign(piece.speed or piece.acceleration)
-        is_stuck = bool(direction) and (
-            direction == stuck or is_blocked(here, piece, direction, car, world)
-        )
-        if is_stuck or not direction:
-            piece = piece._replace(speed=0.0, acceleration=0.0, collision=here.collision)
-            speed_ramp = _Ramp(0.0, 0.0, 0.0, math.inf)
-        if not direction and angle_ramp.rate == 0.0:
+        is_valid = here.begin < timeout
+        speed, angle = _ramps(here, driving if is_valid else braking)
+        piece = _next_piece(here, speed, angle, hit_direction, car, world)
+        direction = piece.direction
+        if direction == piece.steering_rate == 0.0:
             return (*pieces, piece)
 
-        seconds = min(speed_ramp.seconds, angle_ramp.seconds)
-        until = here.begin + seconds
-        if is_good and until >= good_for:
-            seconds, until = good_for - here.begin, good_for
-        contact = piece.collision
-        if world is not None and direction and not is_stuck:
-            free = free_time(piece, seconds, car, world)
-            if free < seconds:
-                seconds, until, stuck = free, here.begin + free, direction
-                stamp = state.stamp + round(until * NANOSECONDS)
-                contact = Contact(stamp, follow(piece, seconds, car)[0])
+        seconds = min(speed.seconds if direction else math.inf, angle.seconds)
+        end = here.begin + seconds
+        if is_valid and end >= timeout:
+            seconds, end = timeout - here.begin, timeout
+        free = free_time(piece, seconds, car, world) if direction else seconds
+        has_hit = free < seconds
+        if has_hit:
+            seconds, end, hit_direction = free, here.begin + free, direction
         if seconds > 0.0:
             pieces.append(piece)
         pose, wheel_angles = follow(piece, seconds, car)
-        here = Piece(
-            until,
-            pose,
-            wheel_angles,
-            0.0 if contact else speed_ramp.at(seconds),
-            0.0,
-            angle_ramp.at(seconds),
-            0.0,
-            contact,
-        )
+        contact = piece.collision
+        if has_hit:
+            contact = Contact(state.stamp + round(end * NANOSECONDS), pose)
+        end_speed = speed.at(seconds) if direction and not has_hit else 0.0
+        here = Piece(end, pose, wheel_angles, end_speed, 0.0, angle.at(seconds), 0.0, contact)
+
+
+class _Target(NamedTuple):
+    """The speed and the steering angle that the car approaches, and at which rates."""
+
+    speed: float  # [m/s]
+    acceleration: float  # [m/s^2], infinite if the speed changes at once
+    steering_angle: float  # [rad]
+    steering_rate: float  # [rad/s], infinite if the steering angle changes at once
+
+
+def _target(state: State, command: Command, car: Car) -> _Target:
+    """Return the target of a command, within the car's limits and with the car's noise."""
+    speed, angle = car.within_limits(command.speed, command.steering_angle)
+    if speed != 0.0 and (car.speed_noise or car.steering_noise):
+        of_speed, of_angle = normals(car.seed, state.drive_commands)
+        speed += car.speed_noise * of_speed
+        angle += car.steering_noise * of_angle
+    return _Target(
+        speed,
+        _rate(command.acceleration, car.acceleration),
+        angle,
+        _rate(command.steering_angle_velocity, car.steering_rate),
+    )
+
+
+def _rate(requested: float, limit: float) -> float:
+    """Return the rate at which the car follows a command; a request of 0 means the limit."""
+    return min(abs(requested), limit) if requested else limit
 
 
 class _Ramp(NamedTuple):
-    """How a speed or an angle changes towards what it is to be."""
+    """A value that changes to its target at a constant rate."""
 
     begin: float
     end: float
     rate: float
-    seconds: float  # infinite if it is there already
+    seconds: float  # until the end is reached; infinite if the value is already there
 
     def at(self, seconds: float) -> float:
-        """Return the value after some time, its end at the latest."""
+        """Return the value after some time; after the ramp it stays at its end."""
         return self.end if seconds >= self.seconds else self.begin + self.rate * seconds
 
 
+def _ramps(here: Piece, target: _Target) -> Tuple[_Ramp, _Ramp]:
+    """Return the ramps of the speed and of the steering angle from `here` on.
+
+    A car of limited acceleration that reverses its direction stops first.
+    """
+    reverses = here.speed < 0.0 < target.speed or target.speed < 0.0 < here.speed
+    stops_first = reverses and target.acceleration < math.inf
+    return (
+        _ramp(here.speed, 0.0 if stops_first else target.speed, target.acceleration),
+        _ramp(here.steering_angle, target.steering_angle, target.steering_rate),
+    )
+
+
 def _ramp(begin: float, end: float, rate: float) -> _Ramp:
-    """Return the way from one value to another at a rate, which may be infinite."""
+    """Return the ramp between two values at a rate, which may be infinite."""
     if begin == end or math.isinf(rate):
         return _Ramp(end, end, 0.0, math.inf)
     return _Ramp(begin, end, math.copysign(rate, end - begin), abs(end - begin) / rate)
 
 
-def _rate(asked: float, most: float) -> float:
-    """Return the rate at which the car follows an order; 0 asks for as fast as it can."""
-    return min(abs(asked), most) if asked else most
-
-
-def _aims(state: State, command: Command, car: Car) -> Tuple[float, float]:
-    """Return the speed [m/s] and the steering angle [rad] at which a command makes the car aim."""
-    speed, angle = car.within_limits(command.speed, command.steering_angle)
-    if speed != 0.0 and (car.speed_noise or car.steering_noise):
-        of_speed, of_angle = normals(car.seed, state.ticks)
-        speed += car.speed_noise * of_speed
-        angle += car.steering_noise * of_angle
-    return speed, angle
-
-
-def _sign(value: float) -> float:
-    """Return 1, -1, or 0 for 0."""
-    return math.copysign(1.0, value) if value else 0.0
+def _next_piece(
+    here: Piece,
+    speed: _Ramp,
+    angle: _Ramp,
+    hit_direction: float,
+    car: Car,
+    world: Optional[World],
+) -> Piece:
+    """Return the piece that begins at `here`; at a wall that blocks it, the car stands."""
+    piece = here._replace(
+        speed=speed.begin,
+        acceleration=speed.rate,
+        steering_angle=angle.begin,
+        steering_rate=angle.rate,
+        collision=None,
+    )
+    direction = piece.direction
+    if direction in (0.0, hit_direction) or is_blocked(here, piece, direction, car, world):
+        piece = piece._replace(speed=0.0, acceleration=0.0, collision=here.collision)
+    return piece

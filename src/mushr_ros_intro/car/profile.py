@@ -1,24 +1,13 @@
-"""Read what a car is: from its profile in config/cars/, or from the parameters of car_sim."""
+"""Read the parameters of a car from a profile in config/cars/, or from a node's parameters."""
 
 import math
 import os
 from typing import Any, Dict, List
 
-import yaml
-
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.parameters import ParameterError, Parameters
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
-
-
-class _Loader(yaml.SafeLoader):
-    """Knows no aliases: a few lines of them can stand for more than fits in memory."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            mark = self.peek_event().start_mark
-            raise yaml.MarkedYAMLError(None, None, "found an alias", mark)
-        return super().compose_node(parent, index)
+from mushr_ros_intro.yaml_file import read_mapping
 
 
 def names_in(folder: str) -> List[str]:
@@ -27,26 +16,16 @@ def names_in(folder: str) -> List[str]:
 
 
 def read_profile(path: str) -> Dict[str, Any]:
-    """Return the parameters that stand in the file of a profile.
+    """Return the parameters in the file of a profile.
 
     Raises:
-        ParameterError: the file cannot be read, or holds no parameters.
+        ParameterError: the file cannot be read, or is not a mapping.
     """
-    try:
-        with open(path, "rb") as file:
-            values = yaml.load(file, _Loader)  # noqa: S506, a SafeLoader
-    except Exception as error:  # yaml lets out whatever its tags, such as !!int, stumble over
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise ParameterError(f"{path}: {said}; expected parameters in yaml") from None
-    if values is None:
-        return {}
-    if not isinstance(values, dict):
-        raise ParameterError(f"{path}: there are no parameters; expected such as 'track: 0.25'")
-    return values
+    return read_mapping(path, "parameters such as 'track: 0.25'", ParameterError)
 
 
 def car_from(parameters: Parameters) -> Car:
-    """Return the car that parameters describe; missing ones are those of the ideal car.
+    """Return the car that parameters describe; the defaults are those of the ideal car.
 
     Raises:
         ParameterError: a parameter is of the wrong type or out of range.
@@ -56,9 +35,7 @@ def car_from(parameters: Parameters) -> Car:
     timeout = number("command_timeout", ideal.command_timeout / NANOSECONDS, "s", 0.001, 10.0)
     speed_noise = number("speed_noise", ideal.speed_noise, "m/s", 0.0, 10.0)
     steering_noise = number("steering_noise", ideal.steering_noise, "rad", 0.0, 1.0)
-    seed = number("seed", ideal.seed, "", 0, 1e9)
-    if seed != int(seed):
-        raise parameters.error("seed", "a whole number")
+    seed = parameters.integer("seed", ideal.seed, 0, 1e9)
     return Car(
         wheelbase=number("wheelbase", ideal.wheelbase, "m", 0.01, 100.0),
         track=number("track", ideal.track, "m", 0.01, 100.0),
@@ -71,5 +48,5 @@ def car_from(parameters: Parameters) -> Car:
         steering_rate=number("steering_rate", ideal.steering_rate, "rad/s", 0.01, math.inf),
         speed_noise=speed_noise if has_noise else 0.0,
         steering_noise=steering_noise if has_noise else 0.0,
-        seed=int(seed) if has_noise else 0,
+        seed=seed if has_noise else 0,
     )

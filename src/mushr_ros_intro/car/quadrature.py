@@ -1,4 +1,4 @@
-"""Follow the path of a car on which speed and steering angle change at constant rates."""
+"""Compute the path of a car whose speed and steering angle change at constant rates."""
 
 import math
 from typing import Tuple
@@ -6,14 +6,14 @@ from typing import Tuple
 from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
 from mushr_ros_intro.car.model import Car, Piece, Wheels, wheel_ratios
 
-_LARGEST_STEP = 0.125
-"""By how much at most [rad] things turn in a step of the quadrature.
+_MAX_STEP = 0.125
+"""The largest angle that the car or its front wheels turn in one step of the quadrature [rad].
 
-Its error grows with the seventh power; along figure_8 it comes to some 1e-11 m.
+The error of a step grows with its seventh power; along figure_8 it is about 1e-11 m.
 """
 
-_MOST_STEPS = 1000
-"""More steps than this the quadrature does not take, for angles next to a right angle."""
+_MAX_STEPS = 1000
+"""Limit of the number of steps, for steering angles close to a right angle."""
 
 _ROOT = math.sqrt(15.0)
 
@@ -26,15 +26,15 @@ _TO_NODES = (
     (5 / 36 + _ROOT / 24, 2 / 9, 5 / 36 - _ROOT / 24),
     (5 / 36 + _ROOT / 30, 2 / 9 + _ROOT / 15, 5 / 36),
 )
-"""Weights of the values at the nodes in the integral up to each node."""
+"""Weights of the nodes in the integral up to each node."""
 
 
 def follow(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
-    """Return the pose, and how far each wheel has turned [rad], some time into a piece."""
+    """Return the pose, and how far each wheel has turned [rad], `seconds` after a piece's begin."""
     if seconds == 0.0:
         return piece.pose, piece.wheel_angles
     if piece.steering_rate != 0.0 and (piece.speed != 0.0 or piece.acceleration != 0.0):
-        return integrate(piece, seconds, car)
+        return _integrate(piece, seconds, car)
     distance = piece.speed * seconds + 0.5 * piece.acceleration * seconds * seconds
     if distance == 0.0:
         return piece.pose, piece.wheel_angles
@@ -49,22 +49,21 @@ def follow(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
     return pose, wheel_angles
 
 
-def integrate(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
-    """Return the same as `follow`, where the steering angle changes on the way.
+def _integrate(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
+    """Return the same as `follow` for a steering angle that changes.
 
-    The turn rate does not depend on the pose, so this is a matter of two integrals, one in the
-    other. Both are taken at the three Gauss-Legendre points of each of many short steps
-    (collocation, see Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I",
-    section II.7).
+    The turn rate does not depend on the pose, so the pose is an integral over an integral. Each
+    step evaluates both at its three Gauss-Legendre points (collocation, see Hairer, Norsett,
+    Wanner, "Solving Ordinary Differential Equations I", section II.7).
     """
     fastest = max(abs(piece.speed), abs(piece.speed + piece.acceleration * seconds))
     end_angle = piece.steering_angle + piece.steering_rate * seconds
     bend = max(1.0, abs(math.tan(piece.steering_angle)), abs(math.tan(end_angle)))
     change = (fastest / car.wheelbase + abs(piece.steering_rate)) * bend * seconds  # about [rad]
-    steps = max(1, min(_MOST_STEPS, math.ceil(change / _LARGEST_STEP)))
+    steps = max(1, min(_MAX_STEPS, math.ceil(change / _MAX_STEP)))
     step = seconds / steps
     x, y, theta = piece.pose
-    ways = [0.0, 0.0, 0.0, 0.0]
+    rolled = [0.0, 0.0, 0.0, 0.0]
     for number in range(steps):
         nodes = [(number + node) * step for node in _NODES]
         distances = [(piece.speed + piece.acceleration * node) * step for node in nodes]
@@ -75,9 +74,12 @@ def integrate(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
             x += weight * distance * math.cos(heading)
             y += weight * distance * math.sin(heading)
             for wheel, ratio in enumerate(wheel_ratios(angle, car)):
-                ways[wheel] += weight * distance * ratio
+                rolled[wheel] += weight * distance * ratio
         theta += sum(weight * turn for weight, turn in zip(_WEIGHTS, turns))
     wheel_angles = Wheels(
-        *(angle + way / car.wheel_radius for angle, way in zip(piece.wheel_angles, ways))
+        *(
+            angle + distance / car.wheel_radius
+            for angle, distance in zip(piece.wheel_angles, rolled)
+        )
     )
     return Pose(x, y, theta), wheel_angles

@@ -1,1 +1,1 @@
-"""Maps, and what the car and its laser meet in them."""
+"""Maps, collisions and the laser."""

@@ -1,43 +1,43 @@
-"""The car's body against the walls of a map: where it may be, and how far it may drive.
+"""Collisions between the car's body and the walls of a map.
 
-The body is a rectangle and the walls are the occupied cells of a grid. What is unknown is free,
-and so is what is off the map; `on_map` tells.
+The body is a rectangle, and the walls are the occupied cells of a grid. Unknown cells are free, and
+so is the area outside the map.
 """
 
 import math
-from typing import Callable, List, NamedTuple, Sequence, Tuple
+from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.car.bicycle import Pose, drive_arc
+from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.world.grid import Grid
 
 TOUCH = 1e-9
-"""The body may reach into a wall by this much [m] before it counts: to touch is not to hit."""
+"""The body hits a wall if it overlaps it by more than this [m]; touching is not hitting."""
 
-_STEP = 0.005  # [m] between two tries, or half a cell where that is less
-_AT_ONCE = 32  # tries
-_SAME_AREA = 1e-12  # [m^2], far more than rounding makes of an area
+_STEP = 0.005  # [m] between two samples of a path; half a cell if that is less
+_AT_ONCE = 32  # samples
+_SAME_AREA = 1e-12  # [m^2], far more than the rounding of an area
 
 
 class Footprint(NamedTuple):
-    """The rectangle that the car covers, as seen from base_footprint, the rear axle's middle.
+    """The rectangle that the car covers, in the frame base_footprint (middle of the rear axle).
 
-    The defaults are our choice for MuSHR's model, whose axles are 0.2965 m apart and whose wheels
-    have a radius of 0.0488 m and stand 0.23 m apart: the body ends just behind the rear wheels,
-    with a bumper before the front ones, and is as wide as the tyres' outer sides.
+    The defaults are our choice for MuSHR's model, with a wheelbase of 0.2965 m, a track of 0.23 m
+    and a wheel radius of 0.0488 m: the body ends just behind the rear wheels, has a bumper in front
+    of the front wheels, and is as wide as the outer sides of the tyres.
     """
 
     front: float = 0.38
-    """From the rear axle to the front end [m]."""
+    """Distance from the rear axle to the front end [m]."""
     back: float = 0.06
-    """From the rear axle to the rear end [m]."""
+    """Distance from the rear axle to the rear end [m]."""
     half_width: float = 0.135
-    """From the middle to either side [m]."""
+    """Distance from the middle to each side [m]."""
 
 
 def is_free(grid: Grid, footprint: Footprint, pose: Pose) -> bool:
-    """Say whether the car at `pose` [map frame] hits no occupied cell; to touch one is free.
+    """Return whether the car at `pose` [map frame] overlaps no occupied cell; it may touch some.
 
     The test is exact: a rectangle and a cell overlap unless one of the four directions of their
     sides separates them (the separating axis theorem for convex shapes).
@@ -49,7 +49,7 @@ def is_free(grid: Grid, footprint: Footprint, pose: Pose) -> bool:
 
 
 def on_map(grid: Grid, footprint: Footprint, pose: Pose) -> bool:
-    """Say whether the car at `pose` [map frame] is on the map with its whole body."""
+    """Return whether the whole body of the car at `pose` [map frame] is on the map."""
     x, y, half_x, half_y = _bounds(footprint, grid.to_grid(pose))
     width, height = grid.width * grid.resolution, grid.height * grid.resolution
     return (
@@ -58,110 +58,106 @@ def on_map(grid: Grid, footprint: Footprint, pose: Pose) -> bool:
     )
 
 
-def free_distance(
-    grid: Grid, footprint: Footprint, pose: Pose, curvature: float, distance: float
-) -> float:
-    """Return how far along an arc the car can drive before it hits something.
+Path = Callable[[float], Pose]
+"""The pose of base_footprint [map frame] at a distance [m] from the start of a path.
+
+The pose must not move further than the distance grows.
+"""
+
+
+def free_distance(grid: Grid, footprint: Footprint, path: Path, length: float) -> float:
+    """Return how far along a path the car can drive before it hits a wall.
+
+    The path is sampled every few millimetres, and the first hit is located to 1e-9 m, so the pose
+    at the returned distance is free. A wall that the body enters and leaves between two samples is
+    missed: in a bend, the corner of a cell by a millimetre or two.
+
+    A car that is inside a wall may move as long as no sample overlaps the walls more than the
+    one before. From the first free sample on the usual rule holds.
 
     Args:
         grid: the map.
-        footprint: of the car.
-        pose: of base_footprint where the arc begins, in the map frame.
-        curvature: of the arc [1/m], left positive.
-        distance: length of the arc [m], negative in reverse.
+        footprint: the car's body.
+        path: the path of the car.
+        length: length of the path [m].
 
     Returns:
-        A distance from 0 to `distance` [m]; `distance` itself if nothing is in the way.
-    """
-    sign = math.copysign(1.0, distance)
-
-    def at(way: float) -> Pose:
-        return drive_arc(pose, sign * way, curvature)
-
-    return sign * free_way(grid, footprint, at, abs(distance))
-
-
-def free_way(grid: Grid, footprint: Footprint, at: Callable[[float], Pose], length: float) -> float:
-    """Return how far along a path the car can drive before it hits something.
-
-    The way is tried every few millimetres, and the first hit narrowed down to 1e-9 m, so the pose
-    at the returned distance is free. What the body hits and leaves again between two tries is not
-    noticed: in a bend, the corner of a cell that it reaches into by a millimetre or two.
-
-    A car that is in a wall already may move as long as no try covers more wall than the one
-    before, and from the first free one on as any other.
-
-    Args:
-        grid: the map.
-        footprint: of the car.
-        at: the pose of base_footprint [map frame] after a way from 0 to `length` [m]. It moves by
-            as much as the way grows, or by less.
-        length: of the path [m].
-
-    Returns:
-        A way from 0 to `length` [m]; `length` itself if nothing is in the way.
+        A distance from 0 to `length` [m]; `length` itself if no wall is in the way.
     """
     start = 0.0
-    if not is_free(grid, footprint, at(0.0)):
-        start = _leave(grid, footprint, at, length)
-        if start == length or not is_free(grid, footprint, at(start)):
+    if not is_free(grid, footprint, path(0.0)):
+        start = _leave(grid, footprint, path, length)
+        if start == length or not is_free(grid, footprint, path(start)):
             return start
     step = min(0.5 * grid.resolution, _STEP)
-    last = math.ceil((length - start) / step)  # the number of the last try
-
-    def way(number: int) -> float:
-        return length if number >= last else start + number * step
-
-    reach = math.hypot(max(footprint.front, footprint.back), footprint.half_width)
-    pieces: List[Tuple[int, int]] = [(0, last)]  # from after the first to the second, next on top
-    while pieces:
-        low, high = pieces.pop()
-        if low == high:
-            continue
-        middle = grid.to_grid(at(0.5 * (way(low) + way(high))))
-        radius = 0.5 * (way(high) - way(low)) + reach
-        box = (middle.x - radius, middle.y - radius, middle.x + radius, middle.y + radius)
-        if not _window(grid, *box)[2].any():
-            continue
-        if high - low > _AT_ONCE:
-            half = (low + high) // 2
-            pieces += [(half, high), (low, half)]
-            continue
-        cells = _occupied(grid, *box)
-        poses = [grid.to_grid(at(way(number))) for number in range(low + 1, high + 1)]
-        hits = _hits(cells, grid.resolution, footprint, poses)
-        if hits.any():
-            hit = low + 1 + int(hits.argmax())
-            free, blocked = way(hit - 1), way(hit)
-            while blocked - free > TOUCH:
-                between = 0.5 * (free + blocked)
-                pose = grid.to_grid(at(between))
-                if _hits(cells, grid.resolution, footprint, [pose])[0]:
-                    blocked = between
-                else:
-                    free = between
-            return free
-    return length
+    count = math.ceil((length - start) / step)
+    samples = [start + number * step for number in range(count)] + [length]
+    hit = _first_hit(grid, footprint, path, samples)
+    if hit is None:
+        return length
+    free, blocked = samples[hit - 1], samples[hit]
+    while blocked - free > TOUCH:
+        middle = 0.5 * (free + blocked)
+        if is_free(grid, footprint, path(middle)):
+            free = middle
+        else:
+            blocked = middle
+    return free
 
 
-def _leave(grid: Grid, footprint: Footprint, at: Callable[[float], Pose], length: float) -> float:
-    """Return how far a car that is in a wall may go, to the first free try at most [m]."""
+def _first_hit(
+    grid: Grid, footprint: Footprint, path: Path, samples: Sequence[float]
+) -> Optional[int]:
+    """Return the index of the first sample of a path that hits a wall, or None.
+
+    The first sample is known to be free. Samples without a wall nearby are skipped together.
+
+    Args:
+        grid: the map.
+        footprint: the car's body.
+        path: the path of the car.
+        samples: distances along the path, in order [m].
+    """
+    if len(samples) < 2:
+        return None
+    middle = grid.to_grid(path(0.5 * (samples[0] + samples[-1])))
+    radius = 0.5 * (samples[-1] - samples[0])
+    radius += math.hypot(max(footprint.front, footprint.back), footprint.half_width)
+    cells = _occupied(
+        grid, middle.x - radius, middle.y - radius, middle.x + radius, middle.y + radius
+    )
+    if not len(cells):
+        return None
+    if len(samples) > _AT_ONCE + 1:
+        half = len(samples) // 2
+        hit = _first_hit(grid, footprint, path, samples[: half + 1])
+        if hit is None:
+            hit = _first_hit(grid, footprint, path, samples[half:])
+            return None if hit is None else half + hit
+        return hit
+    poses = [grid.to_grid(path(distance)) for distance in samples[1:]]
+    hits = _hits(cells, grid.resolution, footprint, poses)
+    return 1 + int(hits.argmax()) if hits.any() else None
+
+
+def _leave(grid: Grid, footprint: Footprint, path: Path, length: float) -> float:
+    """Return how far a car inside a wall can drive, at most to the first free sample [m]."""
     step = 0.5 * grid.resolution
-    way, covered = 0.0, _covered(grid, footprint, at(0.0))
+    distance, covered = 0.0, _covered(grid, footprint, path(0.0))
     for number in range(1, math.ceil(length / step) + 1):
         further = min(number * step, length)
-        here = at(further)
-        if is_free(grid, footprint, here):
+        pose = path(further)
+        if is_free(grid, footprint, pose):
             return further
-        before, covered = covered, _covered(grid, footprint, here)
+        before, covered = covered, _covered(grid, footprint, pose)
         if covered > before + _SAME_AREA:
             break
-        way = further
-    return way
+        distance = further
+    return distance
 
 
 def _bounds(footprint: Footprint, local: Pose) -> Tuple[float, float, float, float]:
-    """Return the middle and half the sizes [m] of the upright box round the car, grid frame."""
+    """Return centre and half sizes [m] of the car's axis-aligned bounding box, grid frame."""
     cos, sin = math.cos(local.theta), math.sin(local.theta)
     ahead = 0.5 * (footprint.front - footprint.back)
     half_length = 0.5 * (footprint.front + footprint.back)
@@ -173,40 +169,33 @@ def _bounds(footprint: Footprint, local: Pose) -> Tuple[float, float, float, flo
 def _window(
     grid: Grid, left: float, bottom: float, right: float, top: float
 ) -> Tuple[int, int, np.ndarray]:
-    """Return the first column and row of the cells in an upright box [m], and their occupancy."""
+    """Return the first column and row of a box [m, grid frame], and its cells as booleans."""
     scale = 1.0 / grid.resolution
-    columns = [_clip(math.floor(left * scale), grid.width), 0]
-    columns[1] = max(columns[0], _clip(math.ceil(right * scale), grid.width))
-    rows = [_clip(math.floor(bottom * scale), grid.height), 0]
-    rows[1] = max(rows[0], _clip(math.ceil(top * scale), grid.height))
-    return columns[0], rows[0], grid.occupied[rows[0] : rows[1], columns[0] : columns[1]]
-
-
-def _clip(index: int, count: int) -> int:
-    """Return `index`, or the nearest number from 0 to `count`."""
-    return 0 if index < 0 else count if index > count else index
+    column, row = max(0, math.floor(left * scale)), max(0, math.floor(bottom * scale))
+    end_column, end_row = max(0, math.ceil(right * scale)), max(0, math.ceil(top * scale))
+    return column, row, grid.occupied[row:end_row, column:end_column]
 
 
 def _occupied(grid: Grid, left: float, bottom: float, right: float, top: float) -> np.ndarray:
-    """Return the middles (N, 2) of the occupied cells in an upright box [m], grid frame."""
+    """Return the centres (N, 2) of the occupied cells in a box [m, grid frame]."""
     column, row, window = _window(grid, left, bottom, right, top)
     if not window.any():
         return np.empty((0, 2))
     rows, columns = window.nonzero()
-    middles = np.stack((columns + column, rows + row), axis=1)
-    return (middles + 0.5) * grid.resolution
+    indices = np.stack((columns + column, rows + row), axis=1)
+    return (indices + 0.5) * grid.resolution
 
 
 def _hits(
     cells: np.ndarray, side: float, footprint: Footprint, poses: Sequence[Pose]
 ) -> np.ndarray:
-    """Say of each pose (P,), in the grid's frame, whether the car is in one of the cells there.
+    """Return for each of P poses whether the car overlaps a cell, (P,).
 
     Args:
-        cells: the cells' middles [m], (N, 2).
-        side: of every cell [m].
-        footprint: of the car.
-        poses: P of them.
+        cells: centres of the cells [m, grid frame], (N, 2).
+        side: side of a cell [m].
+        footprint: the car's body.
+        poses: poses of the car in the grid frame.
     """
     boxes = np.array(
         [_bounds(footprint, pose) + (math.cos(pose.theta), math.sin(pose.theta)) for pose in poses]
@@ -224,7 +213,7 @@ def _hits(
 
 
 def _covered(grid: Grid, footprint: Footprint, pose: Pose) -> float:
-    """Return how much of the walls the car at `pose` [map frame] covers [m^2]."""
+    """Return the area of the walls that the car at `pose` [map frame] overlaps [m^2]."""
     local = grid.to_grid(pose)
     x, y, half_x, half_y = _bounds(footprint, local)
     column, row, window = _window(grid, x - half_x, y - half_y, x + half_x, y + half_y)
@@ -241,7 +230,7 @@ def _covered(grid: Grid, footprint: Footprint, pose: Pose) -> float:
     side = grid.resolution
     area = 0.0
     for number, cells in enumerate(window):
-        # Where a run of occupied cells begins, and where it ends.
+        # Begin and end of each run of occupied cells.
         runs = np.flatnonzero(np.diff(cells, prepend=False, append=False)).tolist()
         for first, end in zip(runs[::2], runs[1::2]):
             polygon = corners
@@ -259,7 +248,7 @@ def _covered(grid: Grid, footprint: Footprint, pose: Pose) -> float:
 def _clip_polygon(
     polygon: List[Tuple[float, float]], axis: int, sign: float, edge: float
 ) -> List[Tuple[float, float]]:
-    """Return the part of a convex polygon where sign * (coordinate `axis` - `edge`) <= 0."""
+    """Return the part of a convex polygon with sign * (coordinate `axis` - `edge`) <= 0."""
     result = []
     for start, end in zip(polygon, polygon[1:] + polygon[:1]):
         from_edge = sign * (start[axis] - edge)
@@ -275,7 +264,7 @@ def _clip_polygon(
 
 
 def _area(polygon: List[Tuple[float, float]]) -> float:
-    """Return the area of a polygon whose corners run counter-clockwise."""
+    """Return the area of a polygon with counter-clockwise corners."""
     return 0.5 * sum(
         start[0] * end[1] - end[0] * start[1]
         for start, end in zip(polygon, polygon[1:] + polygon[:1])

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Check the laser's node; the test stands in for the car and reports its poses."""
+"""Check laser_sim; the test publishes the poses of the car."""
 
 import math
 import unittest
@@ -9,19 +9,19 @@ import rostest
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import LaserScan
 
-from mushr_ros_intro.parameters import ParameterError
+from mushr_ros_intro.errors import UserError
 from support.helpers import Recording, module, node, private_parameters, publisher, wait_for
 
 HALF_TRACK = 1.4
-"""[m] Of race_loop's straight, whose walls are at this to either side of its middle."""
+"""[m] Distance of the walls from the middle of race_loop's straight."""
 OFFSET = 0.1227
-"""[m] Of the scanner, in front of the rear axle."""
+"""[m] Position of the scanner in front of the rear axle."""
 EXACT = 2e-6
-"""[m] The ranges are float32, and so are the angles of the message."""
+"""[m] Ranges and angles of the message are float32."""
 BEAM = 90
-"""Beams in an eighth of a turn, from straight back on; the profile's pi has six digits."""
+"""Number of beams in an eighth of a turn; the first beam points backwards."""
 LOST_DIGITS = 3e-6
-"""[rad]"""
+"""[rad] angle_min is pi with six digits."""
 
 
 class TestLaserSim(unittest.TestCase):
@@ -32,7 +32,7 @@ class TestLaserSim(unittest.TestCase):
         self.noisy = Recording("/noisy/scan", LaserScan).connected()
         self.poses = publisher("/car/car_pose", PoseStamped)
         wait_for(lambda: self.poses.get_num_connections() >= 2, "both lasers")
-        # Not the stamps of the test before, whose last scans may still be on their way.
+        # Scans of the previous test may still arrive; its stamps are older.
         TestLaserSim.begin += 1000
         self.stamp = rospy.Time(TestLaserSim.begin)
 
@@ -44,7 +44,7 @@ class TestLaserSim(unittest.TestCase):
         self.poses.publish(msg)
 
     def scan_of(self, x, y, theta):
-        """Return both scans of a pose; it is reported until the lasers have their map."""
+        """Return both scans at a pose, which is published until the lasers have their map."""
 
         def find():
             self.stamp += rospy.Duration(0.1)
@@ -61,7 +61,7 @@ class TestLaserSim(unittest.TestCase):
         begin = self.stamp
         return wait_for(find, "a scan")
 
-    def test_what_it_sees(self):
+    def test_ranges_and_noise(self):
         scan, noisy = self.scan_of(0.0, 0.4, 0.0)
         self.assertEqual(scan.header.frame_id, "car/laser_link")
         self.assertEqual(noisy.header.frame_id, "noisy/laser_link")
@@ -74,13 +74,13 @@ class TestLaserSim(unittest.TestCase):
         right, left = scan.ranges[2 * BEAM], scan.ranges[6 * BEAM]
         self.assertAlmostEqual(right, HALF_TRACK + 0.4, delta=EXACT)
         self.assertAlmostEqual(left, HALF_TRACK - 0.4, delta=EXACT)
-        # The noise is there, and is not large.
+        # There is noise of about 0.01 m.
         differences = [a - b for a, b in zip(noisy.ranges[170:190], scan.ranges[170:190])]
         self.assertGreater(max(map(abs, differences)), 1e-4)
         self.assertLess(max(map(abs, differences)), 0.1)
 
-    def test_where_it_stands(self):
-        """Turned towards the wall it is nearer than the rear axle by its offset."""
+    def test_offset(self):
+        """Towards a wall, the scanner is nearer to it than the rear axle."""
         scan, _ = self.scan_of(2.0, 0.0, math.pi / 2)
         self.assertAlmostEqual(scan.ranges[4 * BEAM], HALF_TRACK - OFFSET, delta=EXACT)
 
@@ -91,7 +91,7 @@ class TestLaserSim(unittest.TestCase):
         self.assertEqual(set(scan.ranges), {math.inf})
 
     def test_ten_scans_a_second_by_the_stamps(self):
-        """Of poses at 50 Hz every fifth is scanned from, with its stamp, however fast they come."""
+        """At 50 Hz there is a scan at every fifth pose, with its stamp, at any speed of arrival."""
         self.scan_of(0.0, 0.0, 0.0)
         self.scans.clear()
         begin = self.stamp + rospy.Duration(100)
@@ -103,7 +103,7 @@ class TestLaserSim(unittest.TestCase):
         stamps = [(scan.header.stamp - begin).to_nsec() for scan in self.scans.messages]
         self.assertEqual(stamps, [number * 100_000_000 for number in range(11)])
 
-    def test_poses_that_are_none(self):
+    def test_invalid_poses(self):
         self.scan_of(0.0, 0.0, 0.0)
         self.scans.clear()
         begin = self.stamp + rospy.Duration(100)
@@ -114,7 +114,7 @@ class TestLaserSim(unittest.TestCase):
         self.assertEqual(good.header.stamp, begin + rospy.Duration(2))
         self.assertEqual(len(self.scans.messages), 1)
 
-    def test_refusals(self):
+    def test_bad_parameters(self):
         cases = (
             ({"beams": 0}, "parameter ~beams is 0; expected a number from 1 to 62832"),
             ({"beams": 1.5}, "parameter ~beams is 1.5; expected a whole number"),
@@ -125,10 +125,10 @@ class TestLaserSim(unittest.TestCase):
         )
         laser_sim = module("laser_sim.py")
         for parameters, expected in cases:
-            with private_parameters(parameters), self.assertRaises(ParameterError) as caught:
+            with private_parameters(parameters), self.assertRaises(UserError) as caught:
                 laser_sim.LaserSim()
             self.assertIn(expected, str(caught.exception))
-        with node("laser_sim.py", "__name:=refusing", "_beams:=0") as laser:
+        with node("laser_sim.py", "__name:=bad", "_beams:=0") as laser:
             self.assertEqual(laser.wait(), 1, laser.output)
             self.assertIn("parameter ~beams is 0; expected", laser.output)
             self.assertNotIn("Traceback", laser.output)

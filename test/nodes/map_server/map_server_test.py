@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Check what map_server serves, to whom comes late as well, and what it refuses."""
+"""Check the topics, the service and the errors of map_server."""
 
 import os
 import shutil
@@ -17,7 +17,7 @@ from support.helpers import PATIENCE, Process, Recording, node, wait_for, yaw_of
 PACKAGE = rospkg.RosPack().get_path("mushr_ros_intro")
 
 CELLS = (100, 100, 0, -1, 0, 100, 0, 0, 0, 0, 0, 0, 100, 0, -1)
-"""Of test/fixtures/maps/asymmetric.pgm, row by row from the bottom."""
+"""The cells of test/fixtures/maps/asymmetric.pgm, row by row from the bottom."""
 
 ROUNDING = 1e-12
 """[m, rad] Of a pose that goes through a quaternion."""
@@ -36,7 +36,7 @@ class TestMapServer(unittest.TestCase):
         self.assertGreater(info.map_load_time.to_sec(), 0.0)
 
     def test_subscribers(self):
-        """Each gets the map, however late it comes, and once."""
+        """A late subscriber receives the map, too, and only once."""
         stamps = set()
         for _ in range(3):
             maps = Recording("/map", OccupancyGrid)
@@ -45,7 +45,7 @@ class TestMapServer(unittest.TestCase):
             self.assert_is_the_metadata(wait_for(lambda m=metadata: m.last, "metadata"))
             self.assertEqual(len(maps.messages), 1)
             stamps.add(maps.last.header.stamp.to_nsec())
-            maps.subscriber.unregister()  # so that the next one is a connection of its own
+            maps.subscriber.unregister()  # the next one gets a new connection
             metadata.subscriber.unregister()
         self.assertEqual(len(stamps), 1)
 
@@ -56,7 +56,7 @@ class TestMapServer(unittest.TestCase):
             self.assert_is_the_map(ask().map)
 
     def test_names_and_relative_paths(self):
-        """A map's name, and a path that leads from where the user is."""
+        """A map's name, and a path relative to the user's directory."""
         with node("map_server.py", "__name:=by_name", "_map_file:=sandbox", "__ns:=other") as other:
             sandbox = Recording("/other/map", OccupancyGrid)
             msg = wait_for(lambda: sandbox.last, "the sandbox")
@@ -70,9 +70,9 @@ class TestMapServer(unittest.TestCase):
             self.assertEqual(tuple(wait_for(lambda: third.last, "the map").data), CELLS)
 
     def refusal(self, *arguments):
-        """Return what the server says when it refuses, after the checks that it does."""
-        self.refusals += 1  # a name of its own, for the parameters stay with the master
-        name = f"refusing_{self.refusals}"
+        """Check that the server ends with one fatal message; return its output."""
+        self.refusals += 1  # for a new name, because the master keeps parameters
+        name = f"bad_{self.refusals}"
         with node("map_server.py", f"__name:={name}", *arguments) as server:
             self.assertEqual(server.wait(), 1, server.output)
             fatal = [line for line in server.output.splitlines() if "[FATAL]" in line]
@@ -81,24 +81,28 @@ class TestMapServer(unittest.TestCase):
             self.assertIn(f"/{name}: ", fatal[0])
             return server.output
 
-    def test_refusals(self):
+    def test_bad_maps_and_parameters(self):
         self.refusals = 0
         folder = tempfile.mkdtemp()
         self.addCleanup(shutil.rmtree, folder)
         path = os.path.join(folder, "broken.yaml")
         with open(path, "w") as file:
             file.write("image: none.png\nresolution: .nan\norigin: [0, 0]\nnegate: 7\n")
-        said = self.refusal(f"_map_file:={path}")
+        output = self.refusal(f"_map_file:={path}")
         for key in ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh"):
-            self.assertIn(f"{path}: {key}: ", said)
+            self.assertIn(f"{path}: {key}: ", output)
         self.assertIn("this is a directory", self.refusal(f"_map_file:={folder}"))
-        said = self.refusal("_map_file:=no_such_map")
-        self.assertIn("no such map; expected the path of a yaml file, or the name of one in", said)
-        self.assertIn("race_loop, rooms, sandbox", said)
+        output = self.refusal("_map_file:=no_such_map")
+        self.assertIn(
+            "no such map; expected the path of a yaml file, or the name of one in", output
+        )
+        self.assertIn("race_loop, rooms, sandbox", output)
         self.assertIn("parameter ~map_file is not set", self.refusal())
-        self.assertIn("parameter ~map_file is 7; expected text", self.refusal("_map_file:=7"))
-        said = self.refusal("_map_file:=sandbox", "_frame_id:=''")
-        self.assertIn("parameter ~frame_id is ''; expected text", said)
+        self.assertIn(
+            "parameter ~map_file is 7; expected the name or", self.refusal("_map_file:=7")
+        )
+        output = self.refusal("_map_file:=sandbox", "_frame_id:=''")
+        self.assertIn("parameter ~frame_id is ''; expected text", output)
 
 
 if __name__ == "__main__":

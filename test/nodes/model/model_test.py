@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""The frames of the car's model, as robot_state_publisher serves them to a car of any name."""
+"""Check the frames of the car's model for cars of any name, as robot_state_publisher sends them."""
 
 import math
 import unittest
@@ -11,37 +11,34 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from tf.transformations import euler_from_quaternion
 from tf2_msgs.msg import TFMessage
 
-PATIENCE = 20.0
-"""For anything that must happen [s]; on a busy machine nodes take long to start."""
+from support.helpers import PATIENCE, command, publisher, wait_for
 
 ROUNDING = 1e-6
-"""Of lengths and angles [m, rad]: robot_state_publisher rounds rotations on the way."""
+"""[m, rad] robot_state_publisher rounds rotations."""
 
 STEERING_ANGLE = 0.34
-"""Of the virtual middle front wheel [rad]."""
+"""[rad] Of the virtual middle front wheel."""
 
 
-class ModelTest(unittest.TestCase):
-    """Two cars under two names."""
-
+class TestModel(unittest.TestCase):
     def setUp(self):
         self.names = set()
         for topic in ("/tf", "/tf_static"):
-            rospy.Subscriber(topic, TFMessage, self._on_transforms)
+            rospy.Subscriber(topic, TFMessage, self.note_names)
         self.buffer = tf2_ros.Buffer()
         self.listener = tf2_ros.TransformListener(self.buffer)
 
-    def _on_transforms(self, msg):
+    def note_names(self, msg):
         for transform in msg.transforms:
             self.names |= {transform.header.frame_id, transform.child_frame_id}
 
     def lookup(self, target, source):
-        """Return the newest transform between two frames, waiting until there is one."""
+        """Return the newest transform between two frames, when there is one."""
         wait = rospy.Duration(PATIENCE)
         return self.buffer.lookup_transform(target, source, rospy.Time(0), wait).transform
 
     def test_frames(self):
-        """Every frame hangs on the map, under its car's name, and none begins with a slash."""
+        """All frames are connected to the map. Their names begin with that of their car."""
         for car in ("car", "second"):
             laser = self.lookup(f"{car}/base_footprint", f"{car}/laser_link").translation
             expected = (0.158 - 0.0353, 0.0, 0.0947 + 0.1078)
@@ -56,31 +53,23 @@ class ModelTest(unittest.TestCase):
         self.assertEqual(strangers, ["map"])
 
     def test_steering(self):
-        """Each front wheel stands at a right angle to the line to the turning centre."""
-        publisher = rospy.Publisher(
-            "/car/mux/ackermann_cmd_mux/input/default", AckermannDriveStamped, queue_size=1
-        )
+        """Each front wheel is perpendicular to the line to the turning centre."""
+        commands = publisher("/car/mux/ackermann_cmd_mux/input/default", AckermannDriveStamped)
         centre = 0.33 / math.tan(STEERING_ANGLE)
-        expected = {
-            "left": math.atan2(0.33, centre - 0.125),
-            "right": math.atan2(0.33, centre + 0.125),
-        }
-        angles = {}
-        deadline = rospy.Time.now() + rospy.Duration(PATIENCE)
-        while rospy.Time.now() < deadline:
-            msg = AckermannDriveStamped()
-            msg.header.stamp = rospy.Time.now()
-            msg.drive.steering_angle = STEERING_ANGLE
-            publisher.publish(msg)
-            for side in expected:
-                q = self.lookup("car/base_link", f"car/front_{side}_wheel_steer_link").rotation
-                angles[side] = euler_from_quaternion((q.x, q.y, q.z, q.w))[2]
-            if all(abs(angles[side] - expected[side]) <= ROUNDING for side in expected):
-                return
-            rospy.sleep(0.05)
-        self.fail(f"the front wheels stand at {angles}; expected {expected} rad")
+        expected = [math.atan2(0.33, centre - side) for side in (0.125, -0.125)]
+
+        def is_steered():
+            commands.publish(command(rospy.Time.now(), 0.0, STEERING_ANGLE))
+            angles = []
+            for side in ("left", "right"):
+                link = f"car/front_{side}_wheel_steer_link"
+                q = self.lookup("car/base_link", link).rotation
+                angles.append(euler_from_quaternion((q.x, q.y, q.z, q.w))[2])
+            return all(abs(a - b) <= ROUNDING for a, b in zip(angles, expected))
+
+        wait_for(is_steered, f"the front wheels at {expected} rad")
 
 
 if __name__ == "__main__":
     rospy.init_node("model_test")
-    rostest.rosrun("mushr_ros_intro", "model", ModelTest)
+    rostest.rosrun("mushr_ros_intro", "model", TestModel)

@@ -1,8 +1,5 @@
 #!/usr/bin/python3
-"""Check the simulated car at walls over real topics: poses, announcements, refusals."""
-
-import math
-import unittest
+"""Check the topics and warnings of the simulated car at walls."""
 
 import rospy
 import rostest
@@ -11,11 +8,10 @@ from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Log
 
 from support.helpers import (
-    ANGLE_TOLERANCE,
     LEAD,
     POSITION_TOLERANCE,
     Recording,
-    angle_between,
+    RosTestCase,
     at,
     closed_form,
     command,
@@ -27,52 +23,49 @@ from support.helpers import (
 )
 
 STOP = 49.4 - 0.38
-"""[m] Where the sandbox's wall stops the rear axle of a car that drives straight at it."""
+"""[m] The x coordinate at which the sandbox's wall stops a car that drives along x."""
 
 
-class TestWalls(unittest.TestCase):
+class TestWalls(RosTestCase):
     def setUp(self):
+        super().setUp()
         self.poses = Recording("/car/car_pose", PoseStamped).connected()
         self.collisions = Recording("/car/car_sim/collision", PoseArray).connected()
-        # rospy registers a publisher before it latches, and a connection stays as it was made: one
-        # of the car's first moment tells no later subscriber of this process. So each test has one.
+        # rospy registers a publisher before it latches. A subscriber that connects in between never
+        # gets the latched message, and shares its connection with later ones: so unregister it.
         self.addCleanup(self.collisions.subscriber.unregister)
         self.log = Recording("/rosout", Log).connected()
         self.commands = publisher("/car/mux/ackermann_cmd_mux/output", AckermannDriveStamped)
         self.placements = publisher("/initialpose", PoseWithCovarianceStamped)
         wait_for(lambda: self.collisions.last, "the latched collision")
 
-    def assert_pose(self, got, expected):
-        self.assertLess(math.hypot(got[0] - expected[0], got[1] - expected[1]), POSITION_TOLERANCE)
-        self.assertLess(angle_between(got[2], expected[2]), ANGLE_TOLERANCE)
-
     def warnings(self, word):
         return [m.msg for m in self.log.messages if m.level == Log.WARN and word in m.msg]
 
     def place(self, x, y, theta):
-        """Put the car somewhere, and wait until it says that it is there."""
+        """Place the car, and wait until it reports that pose."""
         stamp = rospy.Time.now()
         self.placements.publish(placement(stamp, x, y, theta))
         self.poses.shows((x, y, theta), stamp)
         wait_for(lambda: not self.collisions.last.poses, "no contact")
 
     def drive(self, speed, steering_angle, count, order=1):
-        """Send a command `count` times, 0.1 s apart by their stamps; return where the car ends."""
+        """Send `count` commands with stamps 0.1 s apart; return the begin and the final pose."""
         begin = rospy.Time.now() + LEAD
         for index in range(count)[::order]:
             self.commands.publish(command(at(begin, 0.1 * index), speed, steering_angle))
         return begin, self.poses.pose_at_rest(at(begin, 0.1 * (count + 1)))
 
-    def test_0_the_car_knows_the_map(self):
-        # Tests run in the order of their names; until it has the map, the car sees no walls.
+    def test_0_the_car_has_the_map(self):
+        # Tests run in the order of their names. Without the map there are no walls.
         def is_refused():
             self.placements.publish(placement(rospy.Time.now(), 49.9, 0.0, 0.0))
             return self.warnings("refused")
 
         wait_for(is_refused, "the car to have the map")
 
-    def test_into_a_wall_and_out_again(self):
-        # Commands in order, and backwards with a busy core: each is put in its place.
+    def test_into_a_wall_and_away(self):
+        # The commands arrive in order, and then in reverse order with a busy core.
         for order in (1, -1):
             if order == -1:
                 self.addCleanup(node("busy.py").end)
@@ -88,14 +81,14 @@ class TestWalls(unittest.TestCase):
                 (msg.header.stamp - begin).to_sec(), (STOP - 48.5) / 2.0, delta=POSITION_TOLERANCE
             )
             self.assert_pose(planar(msg.poses[0]), (STOP, 1.0, 0.0))
-            (said,) = wait_for(lambda: self.warnings("hit a wall"), "the warning")
-            self.assertIn("(49.0200 m, 1.0000 m, 0.0000 rad)", said)
+            (warning,) = wait_for(lambda: self.warnings("hit a wall"), "the warning")
+            self.assertIn("(49.0200 m, 1.0000 m, 0.0000 rad)", warning)
 
-            # Who comes late hears of it too.
+            # A late subscriber receives the contact, too.
             late = Recording("/car/car_sim/collision", PoseArray).connected()
             self.assertTrue(wait_for(lambda late=late: late.last, "the latched contact").poses)
 
-            # Further at the wall nothing new happens, and backwards it comes away.
+            # Another command towards the wall changes nothing; in reverse the car drives away.
             self.assert_pose(self.drive(1.0, 0.0, 2)[1], (STOP, 1.0, 0.0))
             self.assertEqual(len(self.collisions.messages), 1)
             _, pose = self.drive(-1.0, 0.3, 3)
@@ -104,17 +97,17 @@ class TestWalls(unittest.TestCase):
             self.assertEqual(self.collisions.last.poses, [])
             self.assertEqual(len(self.warnings("hit a wall")), 1)
 
-    def test_a_start_pose_in_a_wall_is_refused(self):
+    def test_an_initial_pose_in_a_wall_is_refused(self):
         self.place(1.0, 2.0, 3.0)
         self.log.clear()
 
         def refusals():
             self.placements.publish(placement(rospy.Time.now(), 49.3, 0.5, 0.25))
-            return self.warnings("(49.3")  # again and again: there is one warning a second
+            return self.warnings("(49.3")  # repeated, because there is at most one warning a second
 
-        said = wait_for(refusals, "the warning")[0]
-        self.assertIn("refused", said)
-        self.assertIn("(49.3000 m, 0.5000 m, 0.2500 rad), as /initialpose asks", said)
+        warning = wait_for(refusals, "the warning")[0]
+        self.assertIn("refused", warning)
+        self.assertIn("(49.3000 m, 0.5000 m, 0.2500 rad), as /initialpose asks", warning)
         self.assert_pose(self.poses.pose_at_rest(rospy.Time.now()), (1.0, 2.0, 3.0))
 
     def test_off_the_map(self):

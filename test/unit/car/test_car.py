@@ -1,4 +1,4 @@
-"""The simulated car: a function of the stamped events, whatever the order they arrive in."""
+"""The simulated car: its state depends on the stamped events alone, in any order of arrival."""
 
 import math
 
@@ -11,129 +11,89 @@ from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest, front_wheel_angles
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.sim.stamps import STAMP_TOLERANCE
-
-MS = 1_000_000
-SECOND = 1000 * MS
-"""[ns]"""
+from support.cars import BEGIN, MS, ROUNDING, SECOND, at, history_of
 
 CAR = Car()
-BEGIN = 1_700_000_000 * SECOND
 START = at_rest(BEGIN, Pose(1.0, 2.0, 0.5))
-
-ROUNDING = 1e-12
-"""[m, rad] For some operations on doubles of the size of 10."""
 
 DIFFERENCE = 1e-5
 """[m/s, rad/s] Central differences over 1 ms are off by v w^2 (1 ms)^2 / 6, here under 1e-5."""
 
 
 def driving(speed, steering_angle, car=CAR):
-    """Return the state of a car that has just been told to drive."""
+    """Return the state of a car right after a command."""
     return apply(START, Command(BEGIN, speed, steering_angle), car)
 
 
-def history(*events):
-    """Return a history with events of (ms after the beginning, speed, steering angle) or poses."""
-    made = History(CAR, START)
-    for offset, *what in events:
-        stamp = BEGIN + offset * MS
-        is_pose = isinstance(what[0], Pose)
-        event = InitialPose(stamp, what[0]) if is_pose else Command(stamp, *what)
-        made.add(event, stamp)
-    return made
+def history(*events, car=CAR):
+    return history_of(car, START, *events)
 
 
-def at(made, offset):
-    """Return the state some ms after the beginning."""
-    return made.state_at(BEGIN + round(offset * MS))
-
-
-def test_a_car_that_nobody_drives_stays():
+def test_without_commands_the_car_stands():
     for offset in (0, 1, 10**6):
         state = at(history(), offset)
         assert state == START._replace(stamp=BEGIN + offset * MS)
         assert state.odom_pose == pytest.approx((0.0, 0.0, 0.0), abs=ROUNDING)
 
 
-def test_a_command_is_good_for_its_timeout_and_then_the_car_stops():
+def test_a_command_expires_after_its_timeout():
     made = history((0, 2.0, 0.0))
     for offset, distance in ((0, 0.0), (50, 0.1), (199.999999, 0.4), (200, 0.4), (5000, 0.4)):
         state = at(made, offset)
         assert state.speed == (2.0 if offset < 200 else 0.0)
         assert state.turn_rate(CAR) == 0.0
-        assert math.dist(state.pose[:2], START.pose[:2]) == pytest.approx(distance, abs=1e-8)
+        assert state.pose.distance_to(START.pose) == pytest.approx(distance, abs=1e-8)
+    slow = driving(2.0, 0.0, Car(command_timeout=500 * MS))
+    assert advance(slow, BEGIN + SECOND, CAR).wheel_angles.back_left == pytest.approx(1.0 / 0.0488)
 
 
-def test_the_timeout_runs_from_the_stamp_and_each_command_renews_it():
+def test_the_timeout_counts_from_the_stamp_and_each_command_renews_it():
     late = History(CAR, START)
     late.add(Command(BEGIN, 2.0, 0.3), BEGIN + 900 * MS)
     assert at(late, 900).pose == at(history((0, 2.0, 0.3)), 900).pose
-    renewed = history((0, 2.0, 0.0), (200, 2.0, 0.0), (300, 2.0, 0.0))
-    assert math.dist(at(renewed, 900).pose[:2], START.pose[:2]) == pytest.approx(1.0, abs=ROUNDING)
-    gap = history((0, 2.0, 0.0), (300, 2.0, 0.0))
-    assert math.dist(at(gap, 900).pose[:2], START.pose[:2]) == pytest.approx(0.8, abs=ROUNDING)
+    for stamps, distance in (((0, 200, 300), 1.0), ((0, 300), 0.8)):
+        end = at(history(*((stamp, 2.0, 0.0) for stamp in stamps)), 900).pose
+        assert end.distance_to(START.pose) == pytest.approx(distance, abs=ROUNDING)
 
 
-def test_the_command_timeout_is_the_cars():
-    state = driving(2.0, 0.0, Car(command_timeout=500 * MS))
-    assert advance(state, BEGIN + SECOND, CAR).wheel_angles.back_left == pytest.approx(1.0 / 0.0488)
+LIMITED = Car(acceleration=2.5, steering_rate=3.2)
 
 
-@pytest.mark.parametrize("again", range(10, 500, 70))
-def test_a_stop_that_is_repeated_changes_nothing(again):
-    """Not even the last bit: one that comes late does not change poses that have been told."""
-    car = Car(acceleration=2.5, steering_rate=3.2)
-    made = History(car, START)
-    made.add(Command(BEGIN, 0.93, 0.3), BEGIN)
-    made.add(Command(BEGIN + 150 * MS, 0.0, 0.0), BEGIN)
-    told = [at(made, offset) for offset in range(150, 800, 7)]
-    made.add(Command(BEGIN + again * MS + 150 * MS, 0.0, 0.0), BEGIN)
-    for before, offset in zip(told, range(150, 800, 7)):
-        after = at(made, offset)
-        assert after._replace(command=None, ticks=0) == before._replace(command=None, ticks=0)
-
-
-def test_commands_of_one_stamp_count_once_and_stops_count():
-    """The noise of a command depends on how many there were."""
-    made = history(
-        (0, 1.0, 0.0), (100, 0.0, 0.0), (300, 0.0, 0.0), (300, 0.0, 0.0), (300, 1.0, 0.0)
-    )
-    assert at(made, 300).ticks == 3
+@pytest.mark.parametrize("again", range(160, 650, 70))
+def test_a_repeated_stop_changes_no_pose(again):
+    """The poses stay the same to the last bit, so a late stop contradicts no published pose."""
+    made = history((0, 0.93, 0.3), (150, 0.0, 0.0), car=LIMITED)
+    before = [at(made, offset)._replace(command=None) for offset in range(150, 800, 7)]
+    made.add(Command(BEGIN + again * MS, 0.0, 0.0), BEGIN)
+    assert before == [at(made, offset)._replace(command=None) for offset in range(150, 800, 7)]
 
 
 @pytest.mark.parametrize(
     "stop", [(0.0, 0.1), (0.0, 0.0, 0.5), (0.0, 0.0, 0.0, 0.5), (1e-3, 0.0)], ids=str
 )
-def test_another_stop_counts(stop):
-    """One that steers elsewhere or brakes otherwise, and also that one, when it is repeated."""
-    car = Car(acceleration=2.5, steering_rate=3.2)
-    orders = [(0, 0.93, 0.3), (150, 0.0, 0.0), (200, *stop), (350, *stop)]
-    made = History(car, START)
-    states = []
-    for offset, *order in orders:
-        made.add(Command(BEGIN + offset * MS, *order), BEGIN)
-        states.append(at(made, 430))
-    assert states[2][:6] != states[1][:6]
-    if len(stop) == 3:  # braking gently, which it does for as long as it is told to
-        assert states[3].speed > states[2].speed > 0.0
+def test_a_different_stop_applies(stop):
+    """A stop applies if its steering angle or one of its rates differs from the last stop's."""
+    plain = [(0, 0.93, 0.3), (150, 0.0, 0.0)]
+    once, twice = [*plain, (200, *stop)], [*plain, (200, *stop), (350, *stop)]
+    states = [at(history(*events, car=LIMITED), 430) for events in (plain, once, twice)]
+    assert states[1][:6] != states[0][:6]
+    if len(stop) == 3:  # it brakes gently, and longer if the stop is repeated
+        assert states[2].speed > states[1].speed > 0.0
 
 
-def test_a_placement_puts_the_car_at_rest_and_forgets_the_command():
-    there = Pose(-7.0, 3.0, 3.0)
+def test_an_initial_pose_stops_the_car_and_the_next_command_starts_there():
+    there = Pose(-7.0, 3.0, 0.0)
     made = history((0, 2.0, 0.3), (100, there))
     for offset in (100, 150, 5000):
         state = at(made, offset)
         assert state.pose == there
         assert (state.speed, state.steering_angle, state.turn_rate(CAR)) == (0.0, 0.0, 0.0)
     assert at(made, 99).pose != there
-
-
-def test_the_next_command_drives_on_from_where_the_car_was_placed():
-    made = history((0, 2.0, 0.3), (100, Pose(-7.0, 3.0, 0.0)), (150, 2.0, 0.0))
+    made.add(Command(BEGIN + 150 * MS, 2.0, 0.0), BEGIN)
     assert at(made, 5000).pose == pytest.approx((-6.6, 3.0, 0.0), abs=ROUNDING)
 
 
-def test_at_the_same_stamp_a_placement_comes_first_and_the_later_command_counts():
+def test_with_equal_stamps_an_initial_pose_comes_first_and_the_last_command_wins():
     there = Pose(0.0, 0.0, 0.0)
     for events in (
         [(0, there), (0, 9.0, 0.5), (0, 2.0, 0.0)],
@@ -143,25 +103,23 @@ def test_at_the_same_stamp_a_placement_comes_first_and_the_later_command_counts(
         assert at(history(*events), 5000).pose == pytest.approx((0.4, 0.0, 0.0), abs=ROUNDING)
 
 
-def test_what_is_stamped_before_the_history_applies_at_its_beginning():
-    made = History(CAR, START)
-    made.add(Command(BEGIN - 500 * MS, 2.0, 0.0), BEGIN)
+def test_an_event_from_before_the_history_applies_at_its_beginning():
+    made = history((-500, 2.0, 0.0))
     assert at(made, 100).speed == 2.0 and at(made, 200).speed == 0.0
-    assert made.state_at(BEGIN - SECOND).stamp == BEGIN
+    assert at(made, -1000).stamp == BEGIN
 
 
-def test_what_is_stamped_ahead_waits_for_its_time():
+def test_an_event_ahead_of_the_clock_applies_at_its_stamp():
     made = History(CAR, START)
     made.add(Command(BEGIN + 500 * MS, 2.0, 0.0), BEGIN)
     assert at(made, 499) == START._replace(stamp=BEGIN + 499 * MS)
     assert at(made, 500).speed == 2.0
 
 
-def test_a_history_stays_short():
-    made = History(CAR, START)
-    for tick in range(10_000):
-        made.add(Command(BEGIN + tick * MS, 1.0, 0.1), BEGIN + tick * MS)
-    assert len(made._events) == len(made._payload) == len(made._states) - 1 == 1001
+def test_a_history_forgets_events_beyond_the_tolerance():
+    """After 2.9 s its beginning is the last event before 1.9 s."""
+    made = history(*((offset, 1.0, 0.1) for offset in range(0, 3000, 100)))
+    assert at(made, 0).stamp == BEGIN + 1800 * MS
 
 
 offsets = st.integers(0, 60).map(lambda tick: tick * 50 * MS)
@@ -169,13 +127,13 @@ delays = st.integers(0, 20).map(lambda tick: tick * 50 * MS)
 commands = st.dictionaries(
     offsets, st.tuples(st.floats(-3, 3), st.floats(-0.5, 0.5)), min_size=1, max_size=20
 )
-placements = st.dictionaries(
+initial_poses = st.dictionaries(
     offsets, st.builds(Pose, st.floats(-9, 9), st.floats(-9, 9), st.floats(-4, 4)), max_size=4
 )
 
 
 def expected_state(events, stamp):
-    """Return the state at `stamp` by applying what is stamped until then, in order."""
+    """Return the state at `stamp` after the events until then, applied in order."""
     state = START
     for event in sorted(events, key=lambda each: (each.stamp, isinstance(each, Command))):
         if event.stamp <= stamp:
@@ -183,15 +141,17 @@ def expected_state(events, stamp):
     return advance(state, stamp, CAR)
 
 
-@given(commands, placements, st.data())
-def test_late_double_and_shuffled_messages_give_the_state_as_in_order(commands, placements, data):
-    """Every message comes once or twice, up to the tolerance late, and so in any order.
+@given(commands, initial_poses, st.data())
+def test_late_repeated_and_shuffled_messages_give_the_state_as_in_order(
+    commands, initial_poses, data
+):
+    """Each message arrives once or twice, up to the tolerance late, and so in any order.
 
-    After each, the state at any instant within the tolerance is, to the last bit, that of all
-    events so far applied in order. Stamps and delays are multiples of 50 ms, so many coincide.
+    After each arrival, the state at any instant within the tolerance equals, to the last bit, that
+    of all events so far in order. Stamps and delays are multiples of 50 ms, so many coincide.
     """
     events = [Command(BEGIN + offset, *command) for offset, command in commands.items()]
-    events += [InitialPose(BEGIN + offset, pose) for offset, pose in placements.items()]
+    events += [InitialPose(BEGIN + offset, pose) for offset, pose in initial_poses.items()]
     arrivals = []
     for event in events:
         for delay in data.draw(st.lists(delays, min_size=1, max_size=2)):
@@ -208,17 +168,16 @@ def test_late_double_and_shuffled_messages_give_the_state_as_in_order(commands, 
             assert made.state_at(stamp) == expected_state(arrived, stamp)
 
 
-@given(commands, placements)
-def test_odometry_is_continuous_and_the_frames_agree(commands, placements):
-    """Check before and after each event; in a nanosecond a car at 3 m/s moves by 3e-9 m."""
+@given(commands, initial_poses)
+def test_odometry_is_continuous_and_the_frames_agree(commands, initial_poses):
+    """Compare the states right before and after each event."""
     made = History(CAR, START)
-    stamps = sorted({*commands, *placements})
-    for offset in stamps:
+    for offset in sorted({*commands, *initial_poses}):
         stamp = BEGIN + offset
         before = made.state_at(stamp)
-        if offset in placements:
-            made.add(InitialPose(stamp, placements[offset]), stamp)
-            assert made.state_at(stamp).pose == placements[offset]
+        if offset in initial_poses:
+            made.add(InitialPose(stamp, initial_poses[offset]), stamp)
+            assert made.state_at(stamp).pose == initial_poses[offset]
         if offset in commands:
             made.add(Command(stamp, *commands[offset]), stamp)
         after = made.state_at(stamp)
@@ -242,8 +201,8 @@ def test_the_twist_is_the_derivative_of_the_odometry(speed, angle):
 
 
 @pytest.mark.parametrize("speed, angle", [(1.0, 0.4), (-1.0, 0.4), (0.3, -1.3), (2.0, 0.0)])
-def test_the_wheels_roll_where_they_point_and_do_not_slip(speed, angle):
-    """Follow the point of the ground under each wheel; 1.3 rad turns within the track."""
+def test_each_wheel_rolls_in_its_direction_and_does_not_slip(speed, angle):
+    """Observe the ground below each wheel; at 1.3 rad the turning centre is between the wheels."""
     state = driving(speed, angle)
     before, now, after = (advance(state, BEGIN + tick * MS, CAR) for tick in (99, 100, 101))
     left, right = front_wheel_angles(angle, CAR)
@@ -264,7 +223,7 @@ def test_the_wheels_roll_where_they_point_and_do_not_slip(speed, angle):
         assert (ahead.y - behind.y) / 0.002 == pytest.approx(0.0, abs=DIFFERENCE)
 
 
-def test_the_front_wheels_point_at_one_centre():
+def test_the_front_wheels_turn_about_one_centre():
     """At a radius of 2 m: tan = L / (2 m -+ half the track)."""
     left, right = front_wheel_angles(math.atan(0.33 / 2.0), CAR)
     assert left == pytest.approx(math.atan(0.33 / 1.875), abs=ROUNDING)

@@ -1,4 +1,4 @@
-"""The simulated car at walls: where it stops, how it comes away; asking changes nothing."""
+"""The simulated car at walls: where it stops, and how it drives away."""
 
 import math
 import os
@@ -11,77 +11,58 @@ from hypothesis import strategies as st
 from mushr_ros_intro.car.bicycle import Pose, drive_arc
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.history import History
-from mushr_ros_intro.car.model import Car, Command, Contact, InitialPose, at_rest, halted
+from mushr_ros_intro.car.model import Car, Command, Contact, at_rest, halted
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.world.footprint import Footprint, is_free
-from mushr_ros_intro.world.grid import Grid, read_map
+from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.world.map_file import read_map
+from support.cars import BEGIN, MS, SECOND, at, history_of
 from support.paths import PACKAGE
 
-MS = 1_000_000
-SECOND = 1000 * MS
-"""[ns]"""
-
 NARROWED = 3e-9
-"""[m] The way to a wall is narrowed down to 1e-9 m, and that much is no hit; then rounding."""
+"""[m] The free distance is known to 1e-9 m, contact begins 1e-9 m inside a wall; plus rounding."""
 
 CAR = Car()
 BODY = Footprint()
-BEGIN = 1_700_000_000 * SECOND
 SANDBOX = World(read_map(os.path.join(PACKAGE, "maps", "sandbox.yaml")))
 WALL = 49.4
-"""[m] Where the sandbox's free space ends, ahead, to the left, behind and to the right."""
+"""[m] The distance of the sandbox's four walls from the origin."""
 
 
-def history(pose, *events, world=SANDBOX, ask=0):
-    """Return a history with events of (ms after the beginning, speed, steering angle) or poses.
-
-    The car is asked where it is every `ask` ms, between the events and beyond.
-    """
-    made = History(CAR, at_rest(BEGIN, pose), world)
-    for offset, *what in events:
-        stamp = BEGIN + offset * MS
-        is_pose = isinstance(what[0], Pose)
-        made.add(InitialPose(stamp, *what) if is_pose else Command(stamp, *what), stamp)
-        for asked in range(0, 300 if ask else 0, ask or 1):
-            made.state_at(stamp + asked * MS)
-    return made
-
-
-def at(made, offset):
-    """Return the state some ms after the beginning."""
-    return made.state_at(BEGIN + round(offset * MS))
+def history(pose, *events, world=SANDBOX):
+    return history_of(CAR, at_rest(BEGIN, pose), *events, world=world)
 
 
 def held(speed, steering_angle, first, last):
-    """Return the same command every 100 ms."""
+    """Return the same command every 100 ms, from `first` to before `last` [ms]."""
     return [(offset, speed, steering_angle) for offset in range(first, last, 100)]
 
 
 @pytest.mark.parametrize("heading", [0.0, math.pi / 2, math.pi, -math.pi / 2])
 @pytest.mark.parametrize("speed", [2.0, -2.0, 0.3, 40.0])
 def test_straight_into_a_wall(heading, speed):
-    """It stands where its bumper touches the wall, since the instant at which it got there."""
+    """The car stops when its body touches the wall; the contact has the stamp of that instant."""
     reach = BODY.front if speed > 0 else BODY.back
     ahead = heading if speed > 0 else heading + math.pi
-    way = 0.2
-    start = [(WALL - reach - way) * round(c) for c in (math.cos(ahead), math.sin(ahead))]
+    distance = 0.2
+    start = [(WALL - reach - distance) * round(c) for c in (math.cos(ahead), math.sin(ahead))]
     made = history(Pose(*start, heading), *held(speed, 0.0, 0, 1000))
-    arrival = 1000 * way / abs(speed)
+    arrival = 1000 * distance / abs(speed)
     driven = at(made, arrival - 1)
     assert driven.speed == speed and driven.collision is None
     for offset in (arrival + 1, 950, 2500, 10**6):
         state = at(made, offset)
         assert state.speed == state.turn_rate(CAR) == 0.0
-        assert math.dist(state.pose[:2], start) == pytest.approx(way, abs=NARROWED)
+        assert math.dist(state.pose[:2], start) == pytest.approx(distance, abs=NARROWED)
         assert state.pose.theta == heading
         assert state.collision.pose == state.pose
         assert state.collision.stamp == pytest.approx(BEGIN + arrival * MS, abs=NARROWED * SECOND)
         assert state.wheel_angles.back_left == pytest.approx(
-            math.copysign(way / CAR.wheel_radius, speed), abs=NARROWED / CAR.wheel_radius
+            math.copysign(distance / CAR.wheel_radius, speed), abs=NARROWED / CAR.wheel_radius
         )
 
 
-def test_the_contact_is_one_while_it_lasts_and_ends_with_driving_away():
+def test_a_contact_lasts_until_the_car_drives_away_or_has_a_new_pose():
     made = history(Pose(48.9, 3.0, 0.0), *held(2.0, 0.1, 0, 800), (800, 0.0, 0.0), (900, -1.0, 0.0))
     contacts = {at(made, offset).collision for offset in range(0, 901, 7)}
     assert len(contacts - {None}) == 1
@@ -90,17 +71,19 @@ def test_the_contact_is_one_while_it_lasts_and_ends_with_driving_away():
     away = at(made, 5000)
     assert away.collision is None
     assert away.pose == pytest.approx(drive_arc(hit.pose, -0.2, 0.0), abs=1e-12)
+    placed = history(Pose(48.9, 3.0, 0.0), *held(2.0, 0.0, 0, 400), (400, Pose(0.0, 0.0, 0.0)))
+    assert at(placed, 399).collision and not at(placed, 400).collision
 
 
-def test_leaning_on_a_wall_does_not_move_the_car():
+def test_further_commands_towards_the_wall_do_not_move_the_car():
     made = history(Pose(48.9, 3.0, 0.2), *held(2.0, 0.0, 0, 30_000))
     poses = {at(made, offset).pose for offset in range(29_500, 30_000, 50)}
     early = history(Pose(48.9, 3.0, 0.2), *held(2.0, 0.0, 0, 300))
     assert poses == {at(early, 300).pose}
 
 
-def test_the_car_is_driven_against_the_wall_on_either_side():
-    """From one wall back into the other, in a lane from 0.4 to 1.04 m."""
+def test_from_one_wall_back_into_another():
+    """The lane is free from 0.4 to 1.04 m."""
     cells = np.full((40, 40), 100, np.int8)
     cells[10:30, 10:26] = 0
     lane = World(Grid(cells, 0.04))
@@ -111,7 +94,7 @@ def test_the_car_is_driven_against_the_wall_on_either_side():
     assert at(made, 400).collision != at(made, 1600).collision
 
 
-def test_without_a_world_there_are_no_walls_and_far_from_them_nothing_changes():
+def test_walls_far_away_change_nothing():
     events = held(3.0, 0.2, 0, 2000) + held(-2.0, -0.3, 2000, 4000)
     free, walled = history(Pose(1, 2, 3), *events, world=None), history(Pose(1, 2, 3), *events)
     for offset in range(2900, 5000, 37):
@@ -119,14 +102,14 @@ def test_without_a_world_there_are_no_walls_and_far_from_them_nothing_changes():
         assert one == other and one.collision is None
 
 
-def test_off_the_map_the_car_drives():
+def test_the_car_can_drive_off_the_map():
     beyond = history(Pose(60.0, -70.0, 0.0), *held(2.0, 0.0, 0, 1000))
     assert at(beyond, 5000).pose == pytest.approx((62.2, -70.0, 0.0), abs=1e-12)
     far = history(Pose(1e6, -1e6, 1.0), *held(1000.0, 1.5, 0, 1000))
     assert at(far, 5000).collision is None
 
 
-def test_in_a_wall_the_car_can_only_get_out():
+def test_a_car_in_a_wall_can_only_leave_it():
     inside = Pose(WALL - BODY.front + 0.05, 0.0, 0.0)
     deeper = at(history(inside, *held(1.0, 0.0, 0, 500)), 1000)
     assert deeper.pose == inside
@@ -136,12 +119,7 @@ def test_in_a_wall_the_car_can_only_get_out():
     assert out.collision is None
 
 
-def test_a_placement_ends_the_contact():
-    made = history(Pose(48.9, 3.0, 0.0), *held(2.0, 0.0, 0, 400), (400, Pose(0.0, 0.0, 0.0)))
-    assert at(made, 399).collision and not at(made, 400).collision
-
-
-def test_walls_that_come_late_stand_for_all_that_is_remembered():
+def test_a_late_map_applies_to_the_whole_history():
     events = held(2.0, 0.1, 0, 900)
     made = history(Pose(48.5, 3.0, 0.0), *events, world=None)
     assert at(made, 1000).pose.x > WALL
@@ -149,7 +127,7 @@ def test_walls_that_come_late_stand_for_all_that_is_remembered():
     assert at(made, 1000) == at(history(Pose(48.5, 3.0, 0.0), *events), 1000)
 
 
-def test_a_halted_car_stands_where_it_is():
+def test_a_halted_car_keeps_its_pose():
     state = at(history(Pose(1.0, 2.0, 0.5), *held(2.0, 0.1, 0, 300)), 250)
     before = halted(state, state.stamp - 10 * SECOND)
     assert (before.pose, before.speed) == (state.pose, 0.0)
@@ -157,7 +135,7 @@ def test_a_halted_car_stands_where_it_is():
 
 
 def cluttered(seed):
-    """Return a map of poles, and none within 1 m of the origin."""
+    """Return a map of random poles, free within 1 m of the origin."""
     dice = np.random.default_rng(seed)
     cells = np.where(dice.random((60, 60)) < 0.02, 100, 0).astype(np.int8)
     cells[20:40, 20:40] = 0
@@ -173,17 +151,20 @@ commands = st.dictionaries(
 
 @given(commands, st.randoms(use_true_random=False), st.integers(3, 90))
 @settings(max_examples=60)
-def test_late_double_and_shuffled_commands_and_questions_do_not_count(commands, dice, ask):
-    """Where each command comes in its order, and where they come anyhow, the car is the same."""
+def test_late_repeated_and_shuffled_commands_and_queries_change_nothing(commands, dice, interval):
+    """The states equal those of commands that arrive in order, to the last bit."""
     in_order = [(offset, *commands[offset]) for offset in sorted(commands)]
     shuffled = in_order * 2
     dice.shuffle(shuffled)
     start = Pose(0.0, 0.0, 0.0)
     one = history(start, *in_order, world=CLUTTER)
-    other = History(CAR, at_rest(BEGIN, start), CLUTTER)
-    for offset, *what in shuffled:
-        other.add(Command(BEGIN + offset * MS, *what), BEGIN)
-    third = history(start, *in_order, world=CLUTTER, ask=ask)
+    other, third = (History(CAR, at_rest(BEGIN, start), CLUTTER) for _ in range(2))
+    for offset, *values in shuffled:
+        other.add(Command(BEGIN + offset * MS, *values), BEGIN)
+    for offset, *values in in_order:
+        third.add(Command(BEGIN + offset * MS, *values), BEGIN)
+        for query in range(0, 300, interval):
+            at(third, offset + query)
     for offset in range(1000, 2000, 13):
         state = at(one, offset)
         assert state == at(other, offset) == at(third, offset)
@@ -192,7 +173,7 @@ def test_late_double_and_shuffled_commands_and_questions_do_not_count(commands, 
 
 
 def test_contacts_happen_in_the_clutter():
-    """Or the test above would show nothing."""
+    """Otherwise the test above would show nothing."""
     hits = 0
     for seed in range(10):
         dice = np.random.default_rng(seed)

@@ -24,7 +24,8 @@ from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import ensemble, prediction
 from mushr_ros_intro.preview.check import as_json, as_text, check, growth, scatter, slowed
 from mushr_ros_intro.world.footprint import Footprint
-from mushr_ros_intro.world.grid import Grid, read_map
+from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.world.map_file import read_map
 from support.paths import PACKAGE
 
 PLANS = os.path.join(PACKAGE, "plans")
@@ -447,7 +448,7 @@ def test_a_plan_that_is_not_there():
         ([], "the following arguments are required: PLAN"),
         (["circle", "--car", "tank"], "invalid choice: 'tank'"),
         (["circle", "--map", "moon"], "moon: no such map; expected the path of a yaml file"),
-        (["circle", "--map", "package.xml"], "expected yaml"),
+        (["circle", "--map", "package.xml"], "expected a map's yaml file"),
         (["circle", "--runs", "1"], "--runs: '1'; expected a whole number from 2 to 10000000"),
         (["circle", "--seed", "-1"], "--seed: '-1'; expected a whole number from 0"),
         (["circle", "slalom", "--plot", "a.png"], "--plot draws one plan; expected one PLAN"),

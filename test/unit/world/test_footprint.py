@@ -1,4 +1,4 @@
-"""The car's body against walls: an oracle of crossing edges, and distances worked out by hand."""
+"""Collisions of the car's body, against an oracle of crossing edges and results by hand."""
 
 import math
 import os
@@ -6,36 +6,43 @@ import os
 import numpy as np
 import pytest
 
-from mushr_ros_intro.car.bicycle import Pose, compose, curvature, drive_arc
-from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.plan.find import read_plan
-from mushr_ros_intro.preview.prediction import as_float32, row_poses
-from mushr_ros_intro.sim.stamps import NANOSECONDS
+from mushr_ros_intro.car.bicycle import Pose, compose, drive_arc
 from mushr_ros_intro.world.footprint import TOUCH, Footprint, free_distance, is_free, on_map
-from mushr_ros_intro.world.grid import Grid, read_map
+from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.world.map_file import read_map
 from support.paths import PACKAGE
 
 NARROWED = 3e-9
-"""[m] A way is narrowed down to 1e-9 m, and so far into a wall is no hit; the rest is rounding."""
+"""[m] A hit is located to 1e-9 m, an overlap up to 1e-9 m is no hit, and the rest is rounding."""
 
 CLEAR_CUT = 1e-6
-"""[m] The oracle says nothing about bodies that are this near to touching."""
+"""[m] The oracle does not judge bodies that are this close to touching."""
 
 CUT = 3e-3
-"""[m] How far, on an arc, the body may reach past a cell's corner between two tries."""
+"""[m] How far the body may overlap the corner of a cell between two samples of an arc."""
 
 CAR = Footprint()
 SHORT = Footprint(front=0.3, back=0.2, half_width=0.1)
 
 
 def grid_of(rows, resolution):
-    """Return the grid of a drawing, top row first, whose walls are #."""
+    """Return the grid of a drawing, top row first, with # for walls."""
     cells = [[100 if cell == "#" else 0 for cell in row] for row in reversed(rows)]
     return Grid(np.array(cells, np.int8), resolution)
 
 
 ROOM = grid_of(["########", "#      #", "#      #", "#      #", "########"], 0.5)
 """Free from 0.5 to 3.5 m in x, and from 0.5 to 2.0 m in y."""
+
+
+def free_arc(grid, footprint, pose, bend, distance):
+    """Return the free distance along an arc [m], negative in reverse."""
+    sign = math.copysign(1.0, distance)
+
+    def path(length):
+        return drive_arc(pose, sign * length, bend)
+
+    return sign * free_distance(grid, footprint, path, abs(distance))
 
 
 def corners_of(footprint, pose):
@@ -63,7 +70,7 @@ def edges_cross(a, b, c, d):
 
 
 def overlaps(one, other):
-    """Say whether two convex polygons overlap: a corner inside the other, or edges that cross."""
+    """Return whether two convex polygons overlap: a corner is inside, or edges cross."""
     if any(is_inside(p, other) for p in one) or any(is_inside(p, one) for p in other):
         return True
     return any(
@@ -108,7 +115,7 @@ def test_is_free_against_crossing_edges(share, resolution, origin):
 
 
 def test_a_pole_between_the_corners():
-    """Neither a corner of the body is in the wall, nor one of the wall's in the body's middle."""
+    """No corner of the body is in the wall, and no corner of the wall is near the body's middle."""
     pole = Grid(np.pad(np.array([[100]], np.int8), 20), 0.02)
     assert not is_free(pole, CAR, Pose(0.3, 0.41, 0.0))
     assert not is_free(pole, CAR, Pose(0.41, 0.3, math.pi / 2))
@@ -116,18 +123,18 @@ def test_a_pole_between_the_corners():
     assert is_free(pole, CAR, Pose(0.3, 0.41, math.pi))
 
 
-def test_to_touch_is_free():
+def test_touching_is_free():
     right = 3.5 - SHORT.front
     top = 2.0 - SHORT.half_width
     assert is_free(ROOM, SHORT, Pose(right, top, 0.0))
     assert is_free(ROOM, SHORT, Pose(right + 0.5 * TOUCH, 1.0, 0.0))
     assert not is_free(ROOM, SHORT, Pose(right + 2 * TOUCH, 1.0, 0.0))
     assert not is_free(ROOM, SHORT, Pose(1.0, top + 2 * TOUCH, 0.0))
-    # Along a wall that it touches, the car may drive.
-    assert free_distance(ROOM, SHORT, Pose(1.0, top, 0.0), 0.0, 1.0) == 1.0
+    # The car may drive along a wall that it touches.
+    assert free_arc(ROOM, SHORT, Pose(1.0, top, 0.0), 0.0, 1.0) == 1.0
 
 
-def test_what_is_unknown_is_free():
+def test_unknown_cells_are_free():
     assert is_free(Grid(np.full((9, 9), -1, np.int8), 0.5), CAR, Pose(2.0, 2.0, 0.0))
 
 
@@ -147,37 +154,37 @@ def test_what_is_unknown_is_free():
         (Pose(1.0, 1.0, 0.0), -0.1, -0.1),
     ],
 )
-def test_straight_ways_by_hand(origin, pose, distance, expected):
+def test_straight_paths_by_hand(origin, pose, distance, expected):
     room = Grid(ROOM.cells, ROOM.resolution, origin)
-    got = free_distance(room, SHORT, compose(origin, pose), 0.0, distance)
+    got = free_arc(room, SHORT, compose(origin, pose), 0.0, distance)
     assert abs(got - expected) < NARROWED
     assert abs(got) <= abs(distance)
 
 
-def test_walls_are_seen_as_far_as_the_body_reaches():
+def test_every_end_of_the_body_can_hit():
     long_tail = Footprint(front=0.05, back=0.5, half_width=0.1)
-    backed = free_distance(ROOM, long_tail, Pose(2.5, 1.0, 0.0), 0.0, -9.0)
+    backed = free_arc(ROOM, long_tail, Pose(2.5, 1.0, 0.0), 0.0, -9.0)
     assert abs(backed - -(2.5 - 0.5 - 0.5)) < NARROWED
     wide = Footprint(front=0.1, back=0.1, half_width=0.6)
     cells = np.zeros((60, 100), np.int8)
     cells[41, 50] = 100  # 2.5 m ahead, and just inside the left side
-    driven = free_distance(Grid(cells, 0.05), wide, Pose(1.0, 1.5, 0.0), 0.0, 3.0)
+    driven = free_arc(Grid(cells, 0.05), wide, Pose(1.0, 1.5, 0.0), 0.0, 3.0)
     assert abs(driven - (2.5 - 0.1 - 1.0)) < NARROWED
 
 
 def test_a_body_and_a_wall_that_are_thinner_than_the_usual_step():
-    """They overlap over 3 mm, between 5 mm and 5 mm."""
+    """They overlap on 3 mm of the path; the usual step is 5 mm."""
     cells = np.zeros((100, 600), np.int8)
     cells[:, 500] = 100
     thin = Footprint(front=0.001, back=0.001, half_width=0.02)
-    driven = free_distance(Grid(cells, 0.001), thin, Pose(0.103, 0.05, 0.0), 0.0, 0.45)
+    driven = free_arc(Grid(cells, 0.001), thin, Pose(0.103, 0.05, 0.0), 0.0, 0.45)
     assert abs(driven - (0.5 - 0.001 - 0.103)) < NARROWED
 
 
 @pytest.mark.parametrize("bend", [0.5, 1.0, -1.0, -2.0])
 @pytest.mark.parametrize("resolution", [0.1, 0.25])
 def test_a_bend_by_hand(bend, resolution):
-    """The outer front corner, on its circle round the turning centre, meets a wall across."""
+    """The outer front corner, on a circle about the turning centre, hits a wall across the path."""
     radius = abs(1.0 / bend)
     outer = math.hypot(CAR.front, radius + CAR.half_width)
     begins = math.atan2(-radius - CAR.half_width, CAR.front)
@@ -189,8 +196,8 @@ def test_a_bend_by_hand(bend, resolution):
     cells = np.zeros((100, 100), np.int8)
     cells[:, 50 + round(wall / resolution)] = 100
     grid = Grid(cells, resolution, Pose(-50 * resolution, -50 * resolution, 0.0))
-    got = free_distance(grid, CAR, Pose(0.0, 0.0, 0.0), bend, 3.0)
-    assert abs(got - expected) < 2 * NARROWED  # the corner does not meet the wall head-on
+    got = free_arc(grid, CAR, Pose(0.0, 0.0, 0.0), bend, 3.0)
+    assert abs(got - expected) < 2 * NARROWED  # the corner hits the wall at an angle
 
 
 def noisy_world(seed):
@@ -200,7 +207,7 @@ def noisy_world(seed):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_way_up_to_the_hit_is_free_and_further_on_it_is_not(seed):
+def test_the_path_is_free_up_to_the_hit_and_not_further(seed):
     grid, dice = noisy_world(seed)
     hits = 0
     for _ in range(40):
@@ -209,8 +216,7 @@ def test_the_way_up_to_the_hit_is_free_and_further_on_it_is_not(seed):
         bend, distance = dice.uniform(-1.2, 1.2), dice.uniform(-4.0, 4.0)
         if not is_free(grid, CAR, pose):
             continue
-        got = free_distance(grid, CAR, pose, bend, distance)
-        assert got == free_distance(grid, CAR, pose, bend, distance)
+        got = free_arc(grid, CAR, pose, bend, distance)
         assert 0.0 <= got / distance <= 1.0
         assert is_free(grid, CAR, drive_arc(pose, got, bend))
         for share in np.linspace(0.0, 1.0, 200).tolist():
@@ -223,40 +229,31 @@ def test_the_way_up_to_the_hit_is_free_and_further_on_it_is_not(seed):
 
 
 @pytest.mark.parametrize("pieces", [2, 7, 50])
-def test_a_way_in_pieces_ends_where_it_does_in_one(pieces):
-    whole = 3.5 - 0.3 - 1.0
+def test_a_path_in_pieces_ends_at_the_same_wall(pieces):
+    stop = 3.5 - 0.3
     pose = Pose(1.0, 1.2, 0.0)
-    for _ in range(pieces):
-        pose = drive_arc(pose, free_distance(ROOM, SHORT, pose, 0.0, 5.0 / pieces), 0.0)
-    assert abs(pose.x - 1.0 - whole) < NARROWED
-    # Leaning on the wall does not wear it away.
-    for _ in range(100):
-        pose = drive_arc(pose, free_distance(ROOM, SHORT, pose, 0.0, 0.1), 0.0)
-    assert abs(pose.x - 1.0 - whole) < NARROWED
-
-
-def test_from_a_hit_the_car_drives_away_but_no_further():
-    stuck = drive_arc(Pose(1.0, 1.0, 0.0), free_distance(ROOM, SHORT, Pose(1, 1, 0), 0, 9), 0.0)
-    assert free_distance(ROOM, SHORT, stuck, 0.0, 0.5) < NARROWED
-    assert free_distance(ROOM, SHORT, stuck, 0.0, -0.5) == -0.5
-    assert free_distance(ROOM, SHORT, stuck, 0.8, -0.1) == -0.1
+    for distance in [5.0 / pieces] * pieces + [0.1] * 100:  # the last 100 do not move the car
+        pose = drive_arc(pose, free_arc(ROOM, SHORT, pose, 0.0, distance), 0.0)
+    assert abs(pose.x - stop) < NARROWED
+    assert free_arc(ROOM, SHORT, pose, 0.0, -0.5) == -0.5
+    assert free_arc(ROOM, SHORT, pose, 0.8, -0.1) == -0.1
 
 
 @pytest.mark.parametrize("depth", [0.01, 0.1, 0.25])
-def test_a_car_in_a_wall_gets_out_but_no_deeper(depth):
+def test_a_car_inside_a_wall_can_leave_it_but_not_go_deeper(depth):
     pose = Pose(3.5 - 0.3 + depth, 1.2, 0.0)
     assert not is_free(ROOM, SHORT, pose)
-    assert free_distance(ROOM, SHORT, pose, 0.0, 0.5) == 0.0
-    assert free_distance(ROOM, SHORT, pose, 0.0, -1.0) == -1.0
-    assert free_distance(ROOM, SHORT, pose, 0.0, -0.5 * depth) == -0.5 * depth
-    # Out, and into the wall behind: from the first free try on the usual rule holds.
+    assert free_arc(ROOM, SHORT, pose, 0.0, 0.5) == 0.0
+    assert free_arc(ROOM, SHORT, pose, 0.0, -1.0) == -1.0
+    assert free_arc(ROOM, SHORT, pose, 0.0, -0.5 * depth) == -0.5 * depth
+    # It leaves the wall, and hits the wall behind it.
     expected = -(pose.x - 0.2 - 0.5)
-    assert abs(free_distance(ROOM, SHORT, pose, 0.0, -9.0) - expected) < NARROWED
+    assert abs(free_arc(ROOM, SHORT, pose, 0.0, -9.0) - expected) < NARROWED
 
 
-def test_a_car_within_solid_rock_may_move():
+def test_a_car_with_walls_all_around_may_move():
     rock = Grid(np.full((40, 40), 100, np.int8), 0.1)
-    assert free_distance(rock, CAR, Pose(2.0, 2.0, 0.4), 0.5, 0.3) == 0.3
+    assert free_arc(rock, CAR, Pose(2.0, 2.0, 0.4), 0.5, 0.3) == 0.3
 
 
 def test_off_the_map():
@@ -267,29 +264,17 @@ def test_off_the_map():
     for pose in (Pose(-5.0, 1.0, 0.0), Pose(1e6, -1e6, 3.0)):
         assert not on_map(ROOM, SHORT, pose)
         assert is_free(ROOM, SHORT, pose)
-    # From outside the wall is hit as well.
-    got = free_distance(ROOM, SHORT, Pose(-2.0, 1.0, 0.0), 0.0, 10.0)
+    # A car outside the map hits the wall, too.
+    got = free_arc(ROOM, SHORT, Pose(-2.0, 1.0, 0.0), 0.0, 10.0)
     assert abs(got - (2.0 - 0.3)) < NARROWED
-    assert free_distance(ROOM, SHORT, Pose(5.0, 1.0, 0.0), 0.0, 1e4) == 1e4
-
-
-@pytest.mark.parametrize("name", ["straight_line", "figure_8"])
-def test_the_tutorial_s_plans_fit_into_the_sandbox(name):
-    grid = read_map(os.path.join(PACKAGE, "maps", "sandbox.yaml"))
-    plan = read_plan(os.path.join(PACKAGE, "plans", f"{name}.txt"))
-    for pose, row in zip(row_poses(plan, Car()), plan.rows):
-        distance = as_float32(row.speed) * row.duration / NANOSECONDS
-        bend = curvature(as_float32(row.steering_angle), Car().wheelbase)
-        assert free_distance(grid, CAR, pose, bend, distance) == distance
-        assert on_map(grid, CAR, pose)
+    assert free_arc(ROOM, SHORT, Pose(5.0, 1.0, 0.0), 0.0, 1e4) == 1e4
 
 
 @pytest.mark.parametrize("name", ["sandbox", "race_loop", "rooms"])
-def test_every_map_has_room_at_its_origin(name):
+def test_every_map_is_free_at_its_origin(name):
     grid = read_map(os.path.join(PACKAGE, "maps", f"{name}.yaml"))
-    assert free_distance(grid, CAR, Pose(0.0, 0.0, 0.0), 0.0, 1.5) == 1.5
+    assert free_arc(grid, CAR, Pose(0.0, 0.0, 0.0), 0.0, 1.5) == 1.5
 
 
-def test_the_footprint_is_mushr_s():
-    assert CAR.front + CAR.back == pytest.approx(0.44)
-    assert 2 * CAR.half_width == pytest.approx(0.27)
+def test_the_default_footprint():
+    assert CAR == (0.38, 0.06, 0.135)

@@ -1,0 +1,102 @@
+"""The profiles of cars: the shipped ones, and errors in others."""
+
+import math
+import os
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mushr_ros_intro.car.bicycle import ORIGIN
+from mushr_ros_intro.car.model import Car, Command, at_rest
+from mushr_ros_intro.car.motion import advance, apply
+from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.parameters import ParameterError, Parameters
+from support.paths import PACKAGE
+
+FOLDER = os.path.join(PACKAGE, "config", "cars")
+PROFILES = {name: read_profile(os.path.join(FOLDER, f"{name}.yaml")) for name in names_in(FOLDER)}
+CARS = {name: car_from(Parameters(values)) for name, values in PROFILES.items()}
+
+
+def test_profiles():
+    assert set(CARS) == {"ideal", "mushr_nano", "mushr_tx2", "racecar_mit"}
+    assert CARS["ideal"] == Car() == car_from(Parameters({}))
+    assert [name for name, car in CARS.items() if car.is_ideal] == ["ideal"]
+    for limited in (Car(acceleration=1.0), Car(speed_noise=0.1), Car(steering_noise=0.1)):
+        assert not limited.is_ideal
+    keys = {tuple(values) for values in PROFILES.values()}
+    assert len(keys) == 1  # a second profile on the parameter server replaces every key
+    noisy = car_from(Parameters({**PROFILES["mushr_nano"], "noise": True, "seed": 7}))
+    assert noisy == CARS["mushr_nano"]._replace(speed_noise=0.013, steering_noise=0.01, seed=7)
+    assert CARS["mushr_nano"].speed_noise == CARS["mushr_nano"].steering_noise == 0.0
+
+
+@pytest.mark.parametrize(
+    "name, erpm_gain, servo_gain, servo_offset",
+    [
+        ("mushr_nano", -3500.0, 0.8, 0.5),
+        ("mushr_tx2", -2000.0, 1.2135, 0.55),
+        ("racecar_mit", 4614.0, -1.2135, 0.5304),
+    ],
+)
+def test_limits_are_those_of_the_motor_controller(name, erpm_gain, servo_gain, servo_offset):
+    """In MuSHR's vesc.yaml erpm and servo are gain * command + offset, and then clipped."""
+    car = CARS[name]
+    servo = sorted((servo - servo_offset) / servo_gain for servo in (0.15, 0.85))
+    assert (-car.steering_limit_right, car.steering_limit_left) == pytest.approx(servo, abs=1e-4)
+    assert car.speed_limit == pytest.approx(3250.0 / abs(erpm_gain), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "name, value, expected",
+    [
+        ("wheelbase", 0.0, "from 0.01 to 100 m"),
+        ("track", 0.0, "from 0.01 to 100 m"),
+        ("wheel_radius", 0.0, "from 0.001 to 10 m"),
+        ("command_timeout", 0.0, "from 0.001 to 10 s"),
+        ("speed_limit", -1.0, "from 0.001 to inf m/s"),
+        ("speed_limit", math.nan, "from 0.001 to inf m/s"),
+        ("acceleration", 0, "from 0.01 to inf m/s^2"),
+        ("steering_rate", 0.0, "from 0.01 to inf rad/s"),
+        ("steering_limit_left", "wide", "from 0 to inf rad"),
+        ("noise", 1, "true or false"),
+        ("seed", 1.5, "a whole number"),
+        ("speed_noise", math.inf, "from 0 to 10 m/s"),
+        ("steering_noise", 2.0, "from 0 to 1 rad"),
+    ],
+)
+def test_a_bad_parameter(name, value, expected):
+    with pytest.raises(ParameterError) as error:
+        car_from(Parameters({name: value}, "/car/car_sim/"))
+    assert str(error.value).startswith(f"parameter /car/car_sim/{name} is ")
+    assert expected in str(error.value)
+
+
+def test_a_broken_profile(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("- wheelbase")
+    with pytest.raises(ParameterError) as error:
+        read_profile(str(path))
+    assert str(error.value).startswith(f"{path}: ")
+    assert "expected parameters such as 'track: 0.25'" in str(error.value)
+
+
+values = st.sampled_from(
+    [0, -1, 1, 0.3, 1e-45, 1e30, 10**400, math.nan, math.inf, -math.inf]
+    + [True, None, "", "1", [1.0], {"a": 1}]
+)
+keys = st.sampled_from(sorted(PROFILES["ideal"]))
+
+
+@given(st.dictionaries(keys, values, max_size=3))
+def test_any_parameters_make_a_car_or_an_error(values):
+    """The car drives to a finite pose, or there is a clear error."""
+    try:
+        car = car_from(Parameters(values))
+    except ParameterError as error:
+        assert "; expected" in str(error)
+        return
+    driving = apply(at_rest(0, ORIGIN), Command(0, 1.0, 0.3), car)
+    state = advance(driving, 10**9, car)
+    assert all(map(math.isfinite, (*state.pose, *state.wheel_angles, *state.odom_pose)))
