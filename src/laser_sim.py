@@ -12,10 +12,7 @@ from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan
 
 from mushr_ros_intro.car.bicycle import Pose, compose
-from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.ros import conversions
-from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.ros import conversions, node
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.world.laser import Beams, Laser, add_noise
 
@@ -28,7 +25,7 @@ class LaserSim:
     """
 
     def __init__(self) -> None:
-        parameters = Parameters(rospy.get_param("~", {}))
+        parameters = node.parameters()
         default = Beams()
         number, integer = parameters.number, parameters.integer
         self._beams = Beams(
@@ -43,8 +40,7 @@ class LaserSim:
         self._mount = Pose(number("offset", 0.1227, "m", -10.0, 10.0), 0.0, 0.0)
         self._noise_std = number("noise_std", 0.0, "m", 0.0, 1000.0)
         self._seed = integer("seed", 0, 0, 1e9)
-        for name, value in parameters.resolved.items():
-            rospy.loginfo("%s: %s", name, value)
+        rospy.loginfo("%s", parameters)
         prefix = rospy.get_namespace().strip("/")
         self._frame = f"{prefix}/laser_link".lstrip("/")
 
@@ -59,6 +55,10 @@ class LaserSim:
         self._pose_sub = rospy.Subscriber(
             "car_pose", PoseStamped, self._on_pose, queue_size=1, tcp_nodelay=True
         )
+
+    def run(self) -> None:
+        """Scan until the node is shut down."""
+        rospy.spin()
 
     def _on_map(self, msg: OccupancyGrid) -> None:
         """Use this map for the following scans."""
@@ -99,17 +99,5 @@ class LaserSim:
         )
 
 
-def main() -> int:
-    """Run the node; return its exit status."""
-    init_node("laser_sim")
-    try:
-        node = LaserSim()  # noqa: F841, keeps its subscriptions alive
-    except UserError as error:
-        rospy.logfatal("%s: %s", rospy.get_name(), error)
-        return 1
-    rospy.spin()
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(node.main("laser_sim", LaserSim))

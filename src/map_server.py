@@ -14,10 +14,7 @@ import rospy
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap, GetMapRequest, GetMapResponse
 
-from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.ros import conversions
-from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.world.map_file import find_map, read_map
 
 
@@ -27,11 +24,18 @@ class MapServer:
     Publishes ``map`` and ``map_metadata``, both latched, and offers the service ``static_map``.
     """
 
-    def __init__(self, path: str, parameters: Parameters) -> None:
-        """Serve the map with the YAML file `path`."""
+    def __init__(self) -> None:
+        parameters = node.parameters()
+        expected = "the name or the path of a map, such as _map_file:=sandbox"
+        maps = node.package_folder("maps")
+        path = find_map(parameters.text("map_file", expected=expected), maps)
         frame = parameters.text("frame_id", conversions.MAP_FRAME)
+        real = find_real_map_server()
+        if real:
+            rospy.loginfo("map %s: served by %s", path, real)
+            os.execv(real, [real, path, f"__name:={rospy.get_name().rsplit('/', 1)[-1]}"])
         grid = read_map(path)
-        self._msg = conversions.grid_to_msg(grid, rospy.get_rostime().to_nsec(), frame)
+        self._msg = conversions.grid_to_msg(grid, ros_time.now(), frame)
 
         self._metadata_pub = rospy.Publisher("map_metadata", MapMetaData, queue_size=1, latch=True)
         self._map_pub = rospy.Publisher("map", OccupancyGrid, queue_size=1, latch=True)
@@ -47,6 +51,10 @@ class MapServer:
             frame,
         )
 
+    def run(self) -> None:
+        """Serve the map until the node is shut down."""
+        rospy.spin()
+
     def _on_request(self, _: GetMapRequest) -> GetMapResponse:
         """Return the map."""
         return conversions.map_response(self._msg)
@@ -61,25 +69,5 @@ def find_real_map_server() -> Optional[str]:
     return found[0] if found else None
 
 
-def main() -> int:
-    """Run the node; return its exit status."""
-    init_node("map_server")
-    try:
-        parameters = Parameters(rospy.get_param("~", {}))
-        expected = "the name or the path of a map, such as _map_file:=sandbox"
-        maps = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "maps")
-        path = find_map(parameters.text("map_file", expected=expected), maps)
-        real = find_real_map_server()
-        if real:
-            rospy.loginfo("map %s: served by %s", path, real)
-            os.execv(real, [real, path, f"__name:={rospy.get_name().rsplit('/', 1)[-1]}"])
-        node = MapServer(path, parameters)  # noqa: F841, keeps its topics and its service alive
-    except UserError as error:
-        rospy.logfatal("%s: %s", rospy.get_name(), error)
-        return 1
-    rospy.spin()
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(node.main("map_server", MapServer))

@@ -157,7 +157,7 @@ def test_clocks_that_differ(network, offset):
 def test_clocks_that_differ_too_much(network):
     publisher = network.publisher(SHORT, sys.executable, "-c", WITH_ANOTHER_CLOCK, "-10")
     assert publisher.wait() == 0, publisher.output
-    warning = "s from this machine's clock; expected at most 1 s. It is applied on arrival"
+    warning = "s from the car's clock; expected at most 1 s. It is applied on arrival"
     wait_for(lambda: warning in network.simulation.output, "the car to warn of the clocks")
 
 

@@ -5,16 +5,9 @@ import json
 import math
 import os
 import subprocess
-import threading
 import xml.etree.ElementTree as ElementTree
-from unittest import mock
 
 import pytest
-import rospy
-from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PoseWithCovarianceStamped
-
-from support.helpers import module
 
 PLAN = "1,2,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n0.5,0.0\n"
 
@@ -177,29 +170,3 @@ def test_files(replays):
     assert [row[0] for row in rows] == pytest.approx([0.02 * i for i in range(251)], abs=1e-9)
     for _, x, y, _, _, _, _, away in rows:
         assert away == pytest.approx(math.hypot(x - 1.0, y - 2.0), abs=1e-9)
-
-
-@pytest.mark.parametrize("is_announced", [False, True])
-def test_the_first_command_does_not_overtake_the_start_pose(monkeypatch, is_announced):
-    made = module("replay_check.py")
-    monkeypatch.setattr("rospy.get_rostime", lambda: rospy.Time(1))
-    monkeypatch.setattr(made, "_START_PATIENCE", 60.0)
-    observer = made.Observer.__new__(made.Observer)
-    observer._lock = threading.Lock()
-    observer._is_heard, observer._is_passed_on = threading.Event(), threading.Event()
-    observer._is_placed = threading.Event()
-    observer._sent, observer._starts, passed_on = [], [], []
-    observer._start_sub = mock.Mock(**{"get_num_connections.return_value": int(is_announced)})
-    observer._start_pub = mock.Mock(publish=passed_on.append)
-    observer._commands_pub = mock.Mock(publish=passed_on.append)
-    command, start = AckermannDriveStamped(), PoseWithCovarianceStamped()
-    start.pose.pose.orientation.w = 1.0
-    thread = threading.Thread(target=observer._on_command, args=[command], daemon=True)
-    thread.start()
-    thread.join(0.3 if is_announced else 30.0)
-    assert passed_on == ([] if is_announced else [command])
-    observer._on_placement(start)
-    thread.join(30.0)
-    assert not thread.is_alive()
-    observer._on_command(command)
-    assert passed_on == ([start, command] if is_announced else [command, start]) + [command]

@@ -10,7 +10,7 @@ import rostest
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.grading.checks import Series
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.ros.node import init_node
+from mushr_ros_intro.ros import node
 from mushr_ros_intro.sim.stamps import from_seconds
 
 _MAX_FAULTS = 5
@@ -28,7 +28,7 @@ class NodeTestCase(unittest.TestCase):
         """Read the parameters; a bad one is a failure."""
         self.error = ""
         """Set by a callback to make the test fail."""
-        parameters = Parameters(rospy.get_param("~", {}))
+        parameters = node.parameters()
         try:
             self.patience = parameters.number("wait_time", 20.0, "s", 0.0, 1e6)
             self.configure(parameters)
@@ -95,5 +95,5 @@ class NodeTestCase(unittest.TestCase):
 
 def main(name: str, test: Type[NodeTestCase]) -> None:
     """Run the test node `name`."""
-    init_node(name)
+    node.init_node(name)
     rostest.rosrun("mushr_ros_intro", name, test)

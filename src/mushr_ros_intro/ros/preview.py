@@ -1,6 +1,4 @@
-"""Check a plan against the car and the map, show the predicted path, and compare the end with
-it.
-"""
+"""Check a plan, show its predicted path, and compare the driven end with the prediction."""
 
 import math
 import os

@@ -53,9 +53,7 @@ class FollowedClock:
         self.description = "from /clock" if ros_time.is_simulated() else "wall-clock"
 
     def read(self) -> int:
-        """Return the present [ns], which never runs back unless the clock is set back; needs the
-        lock.
-        """
+        """Return the present [ns]; it runs back only if the clock is set back. Needs the lock."""
         self._time.update(ros_time.now())
         return self._time.now
 

@@ -47,7 +47,9 @@ def parse_config(raw: Any) -> Config:
     """
     faults: List[str] = []
     if not isinstance(raw, dict):
-        raise ConfigError(f"is {raw!r}; expected the keys 'subscribers' and 'publisher'")
+        raise ConfigError(
+            f"the mux's configuration is {raw!r}; expected the keys 'subscribers' and 'publisher'"
+        )
     for key in sorted(set(map(str, raw)) - {"subscribers", "publisher"}):
         faults.append(f"unknown key '{key}'; expected only 'subscribers' and 'publisher'")
     publisher = _checked(raw, "publisher", "", faults)
@@ -77,7 +79,7 @@ def parse_config(raw: Any) -> Config:
                 "expected another; the mux would receive its own commands"
             )
     if faults:
-        raise ConfigError("; ".join(faults))
+        raise ConfigError("the mux's configuration " + "; ".join(faults))
     return Config(tuple(sorted(inputs, key=lambda each: -each.priority)), publisher)
 
 

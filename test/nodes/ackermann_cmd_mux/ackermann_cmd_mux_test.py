@@ -8,8 +8,7 @@ import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
-from mushr_ros_intro.sim.mux import ConfigError
-from support.helpers import Recording, module, node, private_parameters, publisher, wait_for
+from support.helpers import Recording, node, publisher, wait_for
 
 MUX = "/car/mux/ackermann_cmd_mux"
 TIMEOUT = 0.2
@@ -110,38 +109,13 @@ class TestMux(unittest.TestCase):
         wait_for(lambda: late.last, "the latched winner")
         self.assertEqual(late.last.data, "idle")
 
-    def test_bad_configurations(self):
+    def test_a_bad_configuration(self):
         entry = {"name": "a", "topic": "input/a", "timeout": 0.2, "priority": 1}
-        configurations = {
-            "publisher": {"subscribers": [entry]},
-            "subscribers": {"publisher": "output"},
-            "share the priority 1": {
-                "publisher": "output",
-                "subscribers": [entry, {**entry, "name": "b", "topic": "input/b"}],
-            },
-            "unknown key 'timeuot'": {
-                "publisher": "output",
-                "subscribers": [{**entry, "timeuot": 0.1}],
-            },
-            "lacks the key 'topic'": {
-                "publisher": "output",
-                "subscribers": [{"name": "a", "timeout": 0.2, "priority": 1}],
-            },
-            "expected seconds": {
-                "publisher": "output",
-                "subscribers": [{**entry, "timeout": 0.0}],
-            },
-        }
-        mux = module("ackermann_cmd_mux.py")
-        for fault, configuration in configurations.items():
-            refused = self.assertRaisesRegex(ConfigError, fault)
-            with private_parameters(configuration), refused:
-                mux.AckermannCmdMux()
-        rospy.set_param("/bad", configurations["publisher"])
+        rospy.set_param("/bad", {"subscribers": [entry]})
         with node("ackermann_cmd_mux.py", "__name:=bad") as process:
             self.assertEqual(process.wait(), 1, process.output)
-            self.assertIn("/bad: the mux's configuration lacks the key 'publisher'", process.output)
-            self.assertNotIn("Traceback", process.output)
+        self.assertIn("/bad: the mux's configuration lacks the key 'publisher'", process.output)
+        self.assertNotIn("Traceback", process.output)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
-from mushr_ros_intro.parameters import ParameterError
+from mushr_ros_intro.ros import sim_clock
 from mushr_ros_intro.ros.connections import wait_until_connected
 from support.helpers import (
     ANGLE_TOLERANCE,
@@ -29,11 +29,9 @@ from support.helpers import (
     at,
     closed_form,
     command,
-    module,
     node,
     placement,
     planar,
-    private_parameters,
     publisher,
     wait_for,
     yaw_of,
@@ -266,7 +264,7 @@ class TestCarSim(unittest.TestCase):
 
     def test_who_keeps_the_clock(self):
         """The car does where time is simulated and nobody who is alive publishes /clock."""
-        has_to_keep_it = module("car_sim.py")._has_to_keep_the_clock
+        has_to_keep_it = sim_clock.has_to_keep_clock
         self.assertFalse(has_to_keep_it())
         self.addCleanup(rospy.delete_param, "/use_sim_time")
         rospy.set_param("/use_sim_time", True)
@@ -280,19 +278,6 @@ class TestCarSim(unittest.TestCase):
         self.assertFalse(has_to_keep_it())
 
     def test_bad_parameters(self):
-        car_sim = module("car_sim.py")
-        for name, value, unit in (
-            ("wheelbase", 0.0, "m"),
-            ("track", "wide", "m"),
-            ("wheel_radius", float("nan"), "m"),
-            ("command_timeout", -1, "s"),
-            ("pose_rate", 0, "Hz"),
-            ("x", True, "m"),
-        ):
-            expected = rf"parameter ~{name} is .* expected .* {unit}"
-            refused = self.assertRaisesRegex(ParameterError, expected)
-            with private_parameters({name: value}), refused:
-                car_sim.CarSim(keeps_clock=False)
         with node("car_sim.py", "__name:=bad", "_track:=wide") as car:
             self.assertEqual(car.wait(), 1, car.output)
             self.assertIn("parameter ~track is 'wide'; expected", car.output)

@@ -109,7 +109,7 @@ class TestRealCar(unittest.TestCase):
         ellipses = Recording(NAME + "/spread_ellipses", MarkerArray)
         plan = self.plan("1,2,0.5\n0.5,0.1\n0.8,-0.1,3\n")
         output = self.drive(f"_plan_file:={plan}", "_spread:=true")
-        self.assertIn("1000 cars with errors of their own end 0.", output)
+        self.assertIn("1000 cars with random errors end 0.", output)
         wait_for(lambda: cloud.last and ellipses.last, "the spread")
         poses = np.array([planar(pose) for pose in cloud.last.poses])
         self.assertEqual(poses.shape, (1000, 3))
@@ -154,7 +154,7 @@ class TestRealCar(unittest.TestCase):
             (["_active_topic:=5"], ["parameter ~active_topic is 5; expected text"]),
             (
                 ["_active_topic:=/nobody", "_subscriber_timeout:=3.0", "_send_init_pose:=false"],
-                ["/nobody said nothing within 3 s"],
+                ["nothing was published on /nobody within 3 s"],
             ),
             (
                 ["/map:=/broken_map", f"_plan_file:={in_wall}", "_subscriber_timeout:=3.0"],
@@ -187,9 +187,7 @@ class TestRealCar(unittest.TestCase):
         warning = "rows 1 to 2 ask for -1.5 to 2 m/s; the largest speed allowed is 1 m/s"
         self.assertIn(f"{plan}:2:1: {warning}", launch.output)
         self.assertIn("the car drives in 1 s", launch.output)
-        self.assertIn(
-            "should stand 1.00 m ahead of where it began, 0.00 m to the left", launch.output
-        )
+        self.assertIn("should stand 1.00 m ahead of its start, 0.00 m to the left", launch.output)
         self.assertEqual(self.placements.messages, [])
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         speeds = [message.drive.speed for message in self.commands.messages]
@@ -197,7 +195,7 @@ class TestRealCar(unittest.TestCase):
 
     def test_interrupted_countdown(self):
         """Ctrl-C in the countdown: no command at all, and a clean end."""
-        plan = self.plan("1,2,0.5\n" + 25_000 * "0.5,0.3,0.1\n")  # predicted in another way
+        plan = self.plan("1,2,0.5\n" + 25_000 * "0.5,0.3,0.1\n")
         arguments = (f"_plan_file:={plan}", "_countdown:=60", "_car:=ideal")
         with node("path_publisher.py", *arguments) as driver:
             wait_for(lambda: "the car drives in 60 s" in driver.output, "the countdown")
@@ -207,7 +205,7 @@ class TestRealCar(unittest.TestCase):
         self.assertEqual(self.commands.messages, [])
         self.assertEqual(self.placements.messages, [])
         stamps = [pose.header.stamp - path.header.stamp for pose in path.poses]
-        self.assertEqual([stamp.to_nsec() for stamp in stamps[:3]], [0, 2 * 10**8, 4 * 10**8])
+        self.assertEqual([stamp.to_nsec() for stamp in stamps[:3]], [0, 25 * 10**7, 50 * 10**7])
         self.assertEqual(stamps[-1], rospy.Duration(2500))
         for pose, stamp in zip(path.poses[::500], stamps[::500]):
             x, y, theta = closed_form((1.0, 2.0, 0.5), [(0.5, 0.3, stamp.to_sec())])
@@ -226,7 +224,7 @@ class TestRealCar(unittest.TestCase):
             self.assertEqual(driver.wait(), 1, driver.output)
         teleop.unregister()
         self.assertEqual(driver.output.count("FATAL"), 1, driver.output)
-        self.assertIn("active says 'teleop', so somebody else drives the car", driver.output)
+        self.assertIn("active is 'teleop': another node drives the car", driver.output)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         self.assertEqual([m.drive.speed for m in self.commands.messages].count(0.0), 1)
         self.assertLess(len(self.commands.messages), 9000)
@@ -248,11 +246,11 @@ class TestRealCar(unittest.TestCase):
         """Its names are others, it gets stops by default, and its joystick has the car at first."""
         mux = rospy.Publisher("/active", String, queue_size=10, latch=True)
         output = self.drive_under(mux, "Teleoperation")
-        self.assertIn("/active says 'Teleoperation', so somebody else drives the car", output)
-        self.assertIn("(RB) is held", output)
+        self.assertIn("/active is 'Teleoperation': another node drives the car", output)
+        self.assertIn("(RB) is pressed", output)
         self.assertEqual(self.commands.messages, [])
         output = self.drive_under(mux, "Default", "Navigation", "Default")
-        self.assertIn("/active says 'Default', so the commands no longer reached", output)
+        self.assertIn("/active is 'Default': the commands did not reach the car in time", output)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         mux.unregister()
 

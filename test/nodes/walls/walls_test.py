@@ -107,7 +107,9 @@ class TestWalls(RosTestCase):
 
         warning = wait_for(refusals, "the warning")[0]
         self.assertIn("refused", warning)
-        self.assertIn("(49.3000 m, 0.5000 m, 0.2500 rad), as /initialpose asks", warning)
+        self.assertIn(
+            "refused the initial pose (49.3000 m, 0.5000 m, 0.2500 rad) on /initialpose", warning
+        )
         self.assert_pose(self.poses.pose_at_rest(rospy.Time.now()), (1.0, 2.0, 3.0))
 
     def test_off_the_map(self):

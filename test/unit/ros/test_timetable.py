@@ -1,0 +1,100 @@
+"""Test when the commands of a plan are due, with a clock that the test sets."""
+
+import pytest
+import rospy
+from rospy.rostime import _set_rostime, switch_to_wallclock
+
+from mushr_ros_intro.plan.parse import parse_plan
+from mushr_ros_intro.ros.ros_time import ClockError
+from mushr_ros_intro.ros.timetable import Timetable
+from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, MAX_LEAD, STAMP_TOLERANCE
+
+SECOND = 1_000_000_000
+MS = SECOND // 1000
+BEGIN = 5 * SECOND
+PLAN = parse_plan(b"0,0,0\n1,0,0.25\n2,0,0.1\n3,0,0.05\n", "plan.txt")
+
+
+def set_clock(stamp):
+    _set_rostime(rospy.Time(0, stamp))
+
+
+@pytest.fixture(autouse=True)
+def clock(monkeypatch):
+    """Simulate the time, in a node that is not shut down."""
+    monkeypatch.setattr("rospy.rostime._rostime_initialized", True)
+    monkeypatch.setattr("rospy.is_shutdown", lambda: False)
+    set_clock(BEGIN)
+    yield
+    switch_to_wallclock()
+
+
+def drive(timetable, begin):
+    """Return the due times of each row, with a clock that follows them."""
+    rows = []
+    for row in PLAN.rows:
+        rows.append([])
+        for due in timetable.instants(row):
+            rows[-1].append((due - begin) // MS)
+            set_clock(due)
+    return rows
+
+
+def test_an_initial_pose_is_as_far_ahead_of_a_simulated_clock_as_is_obeyed():
+    assert Timetable(PLAN).begin() == BEGIN + MAX_LEAD
+
+
+def test_in_wall_clock_time_an_initial_pose_is_stamped_with_the_present():
+    switch_to_wallclock()
+    before = rospy.get_rostime().to_nsec()
+    assert before <= Timetable(PLAN).begin() <= rospy.get_rostime().to_nsec()
+
+
+@pytest.mark.parametrize(
+    "stamp, first",
+    [
+        (BEGIN, BEGIN + COMMAND_PERIOD),
+        (BEGIN - COMMAND_PERIOD, BEGIN),
+        (BEGIN - COMMAND_PERIOD // 2, BEGIN + COMMAND_PERIOD // 2),
+        (BEGIN - SECOND // 2, BEGIN),
+    ],
+)
+def test_the_first_command_is_due_one_period_after_the_report_or_now(stamp, first):
+    timetable = Timetable(PLAN)
+    timetable.start_after(stamp)
+    assert timetable.due == first
+    assert timetable.end == first + PLAN.duration
+
+
+def test_every_row_begins_when_the_last_one_ends():
+    timetable = Timetable(PLAN)
+    timetable.start_after(BEGIN)
+    assert drive(timetable, timetable.due) == [[0, 100, 200], [250], [350]]
+    assert timetable.due == timetable.end
+
+
+def test_the_next_drive_begins_after_the_end_of_the_last_one():
+    timetable = Timetable(PLAN)
+    timetable.start_after(BEGIN)
+    drive(timetable, timetable.due)
+    set_clock(timetable.end)
+    assert timetable.begin() == timetable.end + MAX_LEAD
+    timetable.start_after(timetable.end)
+    assert drive(timetable, timetable.due) == [[0, 100, 200], [250], [350]]
+
+
+@pytest.mark.parametrize("offset", [0, 1, STAMP_TOLERANCE])
+def test_a_command_is_sent_one_period_early_and_up_to_a_second_late(offset):
+    timetable = Timetable(PLAN)
+    timetable.start_after(BEGIN)
+    set_clock(timetable.due - COMMAND_PERIOD + offset)
+    assert next(timetable.instants(PLAN.rows[0])) == BEGIN + COMMAND_PERIOD
+
+
+@pytest.mark.parametrize("offset", [STAMP_TOLERANCE + 1, -STAMP_TOLERANCE - 1])
+def test_a_clock_that_jumps_ends_the_plan(offset):
+    timetable = Timetable(PLAN)
+    timetable.start_after(BEGIN)
+    set_clock(timetable.due - COMMAND_PERIOD + offset)
+    with pytest.raises(ClockError, match="the clock was set"):
+        next(timetable.instants(PLAN.rows[0]))
