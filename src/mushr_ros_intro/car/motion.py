@@ -104,7 +104,7 @@ def _motion(state: State, command: Command, car: Car, world: Optional[World]) ->
         if direction == piece.steering_rate == 0.0:
             return (*pieces, piece)
 
-        seconds = min(speed.seconds if direction else math.inf, angle.seconds)
+        seconds = min(speed.seconds, angle.seconds)
         end = here.begin + seconds
         if is_valid and end >= timeout:
             seconds, end = timeout - here.begin, timeout

@@ -123,6 +123,10 @@ def indexed_with_a_transparent_colour(folder):
     return indexed(folder, transparency=3)
 
 
+def indexed_with_opaque_colours(folder):
+    return indexed(folder, transparency=b"\xff" * 256)
+
+
 def indexed_with_degrees_of_opacity(folder):
     """The reader returns the colours."""
     opacity = RANDOM.integers(0, 256, 256).astype(np.uint8)
@@ -155,6 +159,7 @@ IMAGES = [
     grey_of_16_bits,
     indexed,
     indexed_with_a_transparent_colour,
+    indexed_with_opaque_colours,
     indexed_with_degrees_of_opacity,
     raw_pgm,
     raw_pgm_with_a_low_maximum,
