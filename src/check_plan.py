@@ -13,9 +13,8 @@ import rospkg
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.parameters import ParameterError, Parameters
-from mushr_ros_intro.plan.find import find_plan, read_bytes
+from mushr_ros_intro.plan.find import find_plan, read_plan
 from mushr_ros_intro.plan.model import PlanError
-from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview.check import Report, Scatter, as_json, as_text, check, scatter, verdict
 from mushr_ros_intro.preview.ensemble import count_ticks
 from mushr_ros_intro.world.grid import Grid, MapError, find_map, read_map
@@ -56,7 +55,7 @@ def main() -> int:
         if number and not arguments.json:
             print()
         try:
-            path = _shortened(find_plan(name, plans, ["."]))
+            path = _shortened(find_plan(name, plans))
             report = _check(path, arguments.car, car, map_path, grid)
         except PlanError as error:
             is_clean = False
@@ -147,8 +146,7 @@ def _check(path: str, car_name: str, car: Car, map_path: str, grid: Optional[Gri
     Raises:
         PlanError: it is no plan.
     """
-    data = read_bytes(path)
-    return check(parse_plan(data, path), data, car_name, car, map_path, grid)
+    return check(read_plan(path), car_name, car, map_path, grid)
 
 
 def _plot(path: str, report: Report, result: Optional[Scatter], grid: Optional[Grid]) -> bool:

@@ -24,9 +24,8 @@ from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Command, InitialPose, State, at_rest
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.parameters import ParameterError, Parameters, flag, number, text
-from mushr_ros_intro.plan.find import find_plan, read_bytes
+from mushr_ros_intro.plan.find import find_plan, read_plan
 from mushr_ros_intro.plan.model import Fault, Plan, PlanError, Row
-from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview.check import SHOWN_FAULTS, Report, check, scatter, slowed
 from mushr_ros_intro.preview.ensemble import count_ticks, ellipse
@@ -41,11 +40,9 @@ from mushr_ros_intro.ros.connections import (
 from mushr_ros_intro.ros.node import init_node
 from mushr_ros_intro.ros.sim_time import sleep_until
 from mushr_ros_intro.sim.mux import NOBODY, TakeoverMonitor
+from mushr_ros_intro.sim.stamps import COMMAND_PERIOD as PERIOD
 from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp
 from mushr_ros_intro.world.grid import Grid
-
-PERIOD = prediction.COMMAND_PERIOD
-"""Between the commands of a row [ns]."""
 
 POSE_TOLERANCE = 1e-3
 """How far from the start pose the car may report itself [m, rad] once it has taken it."""
@@ -120,8 +117,7 @@ class PathPublisher:
         max_speed = number("~max_speed", max_speed, "m/s", 0.001, math.inf)
         active_topic = _text_or_none("~active_topic")
         self._profile, self._profile_name = _load_profile(_text_or_none("~car"))
-        plan, self._data = _load_plan(rospy.get_param("~plan_file", None))
-        self._plan, changes = slowed(plan, self._data, max_speed)
+        self._plan, changes = slowed(_load_plan(rospy.get_param("~plan_file", None)), max_speed)
         for line in _shown(changes):
             rospy.logwarn("%s", line)
         self._car_sim = f"/{car_name}/car_sim"
@@ -218,8 +214,7 @@ class PathPublisher:
             DriveError: the plan has faults, and is to be driven only without any.
         """
         grid = self._read_map() if self._places_car else None
-        report = check(self._plan, self._data, self._profile_name, self._car, "", grid)
-        self._data = b""
+        report = check(self._plan, self._profile_name, self._car, "", grid)
         faults = _shown(report.faults)
         if faults and self._is_strict:
             shown = "\n".join(faults)
@@ -679,12 +674,8 @@ def _load_profile(name: Optional[str]) -> Tuple[Optional[Mapping[str, Any]], str
     return read_profile(os.path.join(folder, f"{name}.yaml")), name
 
 
-def _load_plan(plan_file: Any) -> Tuple[Plan, bytes]:
-    """Read the plan that ``~plan_file`` names, and return what stands in its file as well.
-
-    roslaunch starts its nodes in ROS_HOME but leaves PWD as its own shell had it, so that is
-    where a relative path leads from.
-    """
+def _load_plan(plan_file: Any) -> Plan:
+    """Read the plan that ``~plan_file`` names."""
     if plan_file is None:
         raise ParameterError(
             "parameter ~plan_file is not set; expected the name or the path of a plan, "
@@ -692,10 +683,7 @@ def _load_plan(plan_file: Any) -> Tuple[Plan, bytes]:
         )
     package = rospkg.RosPack().get_path("mushr_ros_intro")
     plans = os.path.realpath(os.path.join(package, "plans"))
-    folders = [os.environ.get("PWD", "."), "."]
-    path = find_plan(text("~plan_file", plan_file), plans, folders)
-    data = read_bytes(path)
-    return parse_plan(data, path), data
+    return read_plan(find_plan(text("~plan_file", plan_file), plans))
 
 
 def _shown(faults: Sequence[Fault]) -> List[str]:

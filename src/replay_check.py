@@ -428,10 +428,10 @@ def _tolerance(name: str, unit: str, default: float) -> float:
 
 
 def _find_plan(name: str) -> str:
-    """Find the plan that the user means, whose relative paths lead from where they stand."""
+    """Return the path of the plan file that the user means."""
     package = rospkg.RosPack().get_path("mushr_ros_intro")
     plans = os.path.realpath(os.path.join(package, "plans"))
-    return os.path.abspath(find_plan(name, plans, [os.environ.get("PWD", "."), "."]))
+    return os.path.abspath(find_plan(name, plans))
 
 
 class ReplayTest(unittest.TestCase):

@@ -10,8 +10,7 @@ from typing import Iterator, NamedTuple, Sequence, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
 from mushr_ros_intro.car.model import Car, State, at_rest
-from mushr_ros_intro.plan.model import Row
-from mushr_ros_intro.preview.prediction import as_float32
+from mushr_ros_intro.plan.model import Row, as_float32
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 
 MAX_DISTANCE = 1000.0

@@ -15,7 +15,7 @@ from mushr_ros_intro.car.bicycle import Pose, compose, inverse
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.grading.checks import apart, shown, turned
 from mushr_ros_intro.plan.model import MAX_STEERING_ANGLE, Plan
-from mushr_ros_intro.preview.prediction import as_float32, states_at
+from mushr_ros_intro.preview.prediction import states_at
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 RATE = 10
@@ -182,7 +182,7 @@ def runs_of(plan: Plan) -> List[Run]:
     """Return the rows of a plan, with neighbours of the same command made one."""
     runs: List[Run] = []
     for number, row in enumerate(plan.rows, 1):
-        speed, steering_angle = as_float32(row.speed), as_float32(row.steering_angle)
+        speed, steering_angle = row.speed, row.steering_angle
         run = Run(speed, steering_angle, number, number, row.duration, -(-row.duration // PERIOD))
         if runs and runs[-1][:2] == run[:2]:
             earlier = runs.pop()

@@ -13,7 +13,14 @@ from mushr_ros_intro.car.bicycle import Pose, curvature
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car, Command, at_rest
 from mushr_ros_intro.car.motion import apply
-from mushr_ros_intro.plan.model import MAX_DURATION, Fault, Plan
+from mushr_ros_intro.plan.model import (
+    MAX_DURATION,
+    MAX_SPEED,
+    Fault,
+    Plan,
+    as_float32,
+    shortest_decimal,
+)
 from mushr_ros_intro.preview.ensemble import (
     PERIOD,
     Errors,
@@ -119,7 +126,6 @@ class Scatter(NamedTuple):
 
 def check(
     plan: Plan,
-    data: bytes,
     car_name: str,
     car: Car,
     map_name: str = "",
@@ -130,7 +136,6 @@ def check(
 
     Args:
         plan: to be checked.
-        data: the bytes of its file, where the columns of faults are looked up.
         car_name: of the profile.
         car: the profile's.
         map_name: of the map, if there is one.
@@ -173,12 +178,11 @@ def check(
         row_of = np.insert(row_of, turning, row_of[turning])
         path = follow(plan.start, fine, speeds[row_of], angles[row_of], car)
 
-    lines = _Lines(plan, data)
-    faults = [*_limit_faults(plan, lines, car_name, car), *_ramp_faults(rows, lines, car_name, car)]
+    faults = [*_limit_faults(plan, car_name, car), *_ramp_faults(rows, plan, car_name, car)]
     hit = None
     if grid is not None:
         targets = speeds[row_of], angles[row_of]
-        fault, hit = _map_fault(lines, path, row_of, targets, car, World(grid, footprint))
+        fault, hit = _map_fault(plan, path, row_of, targets, car, World(grid, footprint))
         faults += [fault] if fault else []
     faults.sort(key=lambda fault: (fault.line, fault.column))
     bends = np.abs(np.tan(path.angles[1:]))[path.distances > 0.0] / car.wheelbase
@@ -197,62 +201,35 @@ def check(
     )
 
 
-def slowed(plan: Plan, data: bytes, most: float) -> Tuple[Plan, List[Fault]]:
+def slowed(plan: Plan, max_speed: float) -> Tuple[Plan, List[Fault]]:
     """Return a plan with no speed above a limit, forward and in reverse.
 
     Args:
         plan: to be slowed down.
-        data: the bytes of its file, where columns are looked up.
-        most: the limit [m/s].
+        max_speed: the highest speed [m/s].
 
     Returns:
         The plan that is left of it, and what each run of rows that are too fast gets instead.
     """
+    limit = as_float32(min(max_speed, MAX_SPEED))
     speeds = np.array([row.speed for row in plan.rows])
-    is_fast = np.abs(speeds) > most
-    lines = _Lines(plan, data)
+    is_fast = np.abs(speeds) > limit
     said = [
-        lines.fault(
+        plan.fault(
             first,
             0,
-            f"{_asks(first, last, speeds, 'm/s')}; the largest speed allowed is {most:g} m/s, "
+            f"{_asks(first, last, speeds, 'm/s')}; the largest speed allowed is {max_speed:g} m/s, "
             "and that is sent",
         )
         for first, last in _runs(is_fast)
     ]
     rows = list(plan.rows)
     for index in np.flatnonzero(is_fast).tolist():
-        rows[index] = rows[index]._replace(speed=math.copysign(most, rows[index].speed))
+        rows[index] = rows[index]._replace(speed=math.copysign(limit, rows[index].speed))
     return plan._replace(rows=tuple(rows)), said
 
 
 # What is wrong ----------------------------------------------------------------------------------
-
-
-class _Lines:
-    """Where things stand in a plan's file."""
-
-    def __init__(self, plan: Plan, data: bytes):
-        self._plan = plan
-        text = data.decode("utf-8-sig", errors="replace")
-        self._lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-
-    def fault(self, row: int, cell: int, text: str) -> Fault:
-        """Return a fault of a row's cell, both counted from 0; row -1 is the start pose.
-
-        The stop after the last row has no line, and is blamed on the last row.
-        """
-        row = min(row, len(self._plan.rows) - 1)
-        if row >= 0:
-            line = self._plan.rows[row].line
-        else:
-            is_blank = [not each.split("#", 1)[0].strip() for each in self._lines]
-            line = is_blank.index(False) + 1
-        cells = self._lines[line - 1].split("#", 1)[0].split(",")
-        cell = min(cell, len(cells) - 1)
-        column = sum(len(each) + 1 for each in cells[:cell]) + 1
-        column += len(cells[cell]) - len(cells[cell].lstrip())
-        return Fault(self._plan.path, line, column, text)
 
 
 def _runs(is_bad: np.ndarray) -> Iterator[Tuple[int, int]]:
@@ -275,7 +252,7 @@ def _asks(first: int, last: int, values: np.ndarray, unit: str) -> str:
     return f"{_rows_named(first, last)} {'asks' if first == last else 'ask'} for {shown} {unit}"
 
 
-def _limit_faults(plan: Plan, lines: _Lines, car_name: str, car: Car) -> Iterator[Fault]:
+def _limit_faults(plan: Plan, car_name: str, car: Car) -> Iterator[Fault]:
     """Yield a fault for each run of rows that ask for more than the car does."""
     speeds = np.array([row.speed for row in plan.rows])
     angles = np.array([row.steering_angle for row in plan.rows])
@@ -286,16 +263,15 @@ def _limit_faults(plan: Plan, lines: _Lines, car_name: str, car: Car) -> Iterato
         (1, -angles, car.steering_limit_right, "steers {:.4g} rad to the right"),
     ):
         asked = (speeds, angles)[cell]
-        # The car's limits are compared with what travels, and that is a float32.
-        for first, last in _runs(values.astype(np.float32) > np.float32(limit)):
+        # A row is rounded to float32, so the limit itself would be above the limit.
+        for first, last in _runs(values > as_float32(min(limit, MAX_SPEED))):
             text = f"{_asks(first, last, asked, ('m/s', 'rad')[cell])}; "
             text += f"the {car_name} {does.format(limit)} at most"
-            yield lines.fault(first, cell, text)
+            yield plan.fault(first, cell, text)
 
 
-def _ramp_faults(rows: Track, lines: _Lines, car_name: str, car: Car) -> Iterator[Fault]:
+def _ramp_faults(rows: Track, plan: Plan, car_name: str, car: Car) -> Iterator[Fault]:
     """Yield a fault for each run of rows that end before the car has done what they ask for."""
-    plan = lines._plan
     durations, speeds, angles = commands(plan, car)
     for cell, targets, values, rate, unit, rate_unit in (
         (0, speeds, rows.speeds, car.acceleration, "m/s", "m/s^2"),
@@ -313,11 +289,11 @@ def _ramp_faults(rows: Track, lines: _Lines, car_name: str, car: Car) -> Iterato
                 f"{needed[first]:.3g} s from {begins[first]:.3g} to {targets[first]:.3g} {unit} "
                 f"at {rate:g} {rate_unit}, and row {first + 1} lasts {seconds[first]:.3g} s"
             )
-            yield lines.fault(first, cell, text)
+            yield plan.fault(first, cell, text)
 
 
 def _map_fault(
-    lines: _Lines,
+    plan: Plan,
     path: Track,
     row_of: np.ndarray,
     targets: Tuple[np.ndarray, np.ndarray],
@@ -328,9 +304,9 @@ def _map_fault(
     grid, footprint = world
     start = Pose(*path.poses[0].tolist())
     if not on_map(grid, footprint, start):
-        return lines.fault(-1, 0, "the start pose is off the map, at least in part"), None
+        return plan.fault(-1, 0, "the start pose is off the map, at least in part"), None
     if not is_free(grid, footprint, start):
-        return lines.fault(-1, 0, "the start pose is in a wall, at least in part"), None
+        return plan.fault(-1, 0, "the start pose is in a wall, at least in part"), None
     left = _first_off_map(path, grid, footprint)
     for index in _near_walls(path, grid, footprint):
         if left is not None and index >= left:
@@ -346,14 +322,14 @@ def _map_fault(
         contacts = [piece.collision for piece in moved.motion if piece.collision is not None]
         if contacts and contacts[0].stamp <= stamp + duration:
             where = contacts[0].pose
-            text = _happens(lines, int(row_of[index]), "hits a wall", contacts[0].stamp, where)
-            return lines.fault(int(row_of[index]), 0, f"{text}; it stops there"), where
+            text = _happens(plan, int(row_of[index]), "hits a wall", contacts[0].stamp, where)
+            return plan.fault(int(row_of[index]), 0, f"{text}; it stops there"), where
     if left is None:
         return None, None
     where = Pose(*path.poses[left].tolist())
     row = int(row_of[left - 1])
-    text = _happens(lines, row, "leaves the map", int(path.instants[left]), where)
-    return lines.fault(row, 0, text), None
+    text = _happens(plan, row, "leaves the map", int(path.instants[left]), where)
+    return plan.fault(row, 0, text), None
 
 
 def _enough(path: Track, index: int, speed: float, angle: float, car: Car, grid: Grid) -> int:
@@ -372,9 +348,9 @@ def _enough(path: Track, index: int, speed: float, angle: float, car: Car, grid:
     return math.ceil(min(seconds * NANOSECONDS, MAX_DURATION))
 
 
-def _happens(lines: _Lines, row: int, what: str, stamp: int, pose: Pose) -> str:
+def _happens(plan: Plan, row: int, what: str, stamp: int, pose: Pose) -> str:
     """Say what happens in a row, when [ns] and where."""
-    is_stop = row >= len(lines._plan.rows)
+    is_stop = row >= len(plan.rows)
     who = "the car, rolling on after the last row," if is_stop else f"row {row + 1}"
     return f"{who} {what} at t = {stamp / NANOSECONDS:.1f} s, ({pose.x:.1f}, {pose.y:.1f})"
 
@@ -660,8 +636,8 @@ def as_json(report: Report, result: Optional[Scatter] = None) -> Dict[str, Any]:
         "start": dict(zip(("x", "y", "theta"), plan.start)),
         "rows": {
             "line": [row.line for row in plan.rows] + [None],
-            "speed": [row.speed for row in plan.rows] + [0.0],
-            "steering_angle": [row.steering_angle for row in plan.rows] + [0.0],
+            "speed": [shortest_decimal(row.speed) for row in plan.rows] + [0.0],
+            "steering_angle": [shortest_decimal(row.steering_angle) for row in plan.rows] + [0.0],
             "duration": (np.diff(track.instants) / NANOSECONDS).tolist(),
             "distance": track.distances.tolist(),
             "turn": np.diff(track.poses[:, 2]).tolist(),

@@ -15,8 +15,7 @@ import numpy as np
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.plan.model import Plan
-from mushr_ros_intro.preview.prediction import COMMAND_PERIOD, as_float32
-from mushr_ros_intro.sim.stamps import NANOSECONDS
+from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
 
 PERIOD = COMMAND_PERIOD
 """How long a tick is [ns], but for the last one of a row."""
@@ -70,7 +69,7 @@ class Tick(NamedTuple):
 def ticks(plan: Plan, car: Car) -> Iterator[Tick]:
     """Yield the commands of a plan as the car gets them, float32 and within its limits."""
     for row in plan.rows:
-        speed, angle = car.within_limits(as_float32(row.speed), as_float32(row.steering_angle))
+        speed, angle = car.within_limits(row.speed, row.steering_angle)
         tick = Tick(PERIOD, speed, angle)
         count, rest = divmod(row.duration, PERIOD)
         for _ in range(count):
@@ -467,8 +466,8 @@ def commands(plan: Plan, car: Car) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         Durations [ns], speeds [m/s] and steering angles [rad], (rows,).
     """
     durations = np.array([row.duration for row in plan.rows], np.int64)
-    speeds = np.array([row.speed for row in plan.rows], np.float32).astype(np.float64)
-    angles = np.array([row.steering_angle for row in plan.rows], np.float32).astype(np.float64)
+    speeds = np.array([row.speed for row in plan.rows])
+    angles = np.array([row.steering_angle for row in plan.rows])
     np.clip(speeds, -car.speed_limit, car.speed_limit, out=speeds)
     np.clip(angles, -car.steering_limit_right, car.steering_limit_left, out=angles)
     return durations, speeds, angles

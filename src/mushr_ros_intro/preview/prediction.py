@@ -4,7 +4,6 @@ The commands go through the simulated car's own `apply` and `advance`, so the tw
 """
 
 import math
-import struct
 from collections import deque
 from itertools import accumulate
 from typing import Iterable, Iterator, Optional, Tuple
@@ -14,15 +13,7 @@ from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car, Command, State, at_rest
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.plan.model import MAX_DURATION, Plan
-from mushr_ros_intro.sim.stamps import NANOSECONDS
-
-COMMAND_PERIOD = NANOSECONDS // 10
-"""Between the commands of a row, as path_publisher sends them [ns]."""
-
-
-def as_float32(value: float) -> float:
-    """Round `value` to a float32, as every field of an AckermannDrive is when it travels."""
-    return struct.unpack("<f", struct.pack("<f", value))[0]
+from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
 
 
 def trajectory(plan: Plan, car: Car, period: int, world: Optional[World] = None) -> Iterator[State]:
@@ -30,10 +21,10 @@ def trajectory(plan: Plan, car: Car, period: int, world: Optional[World] = None)
 
     Their stamps count from the first command [ns]; there is one every `period` [ns], and a last
     one when the car has come to rest after the end of the plan. Without a `world` there are no
-    walls. Commands are rounded to float32, as the car gets them.
+    walls.
     """
     car, commands = _commands(plan, car, world)
-    state = at_rest(0, Pose(*plan.start))
+    state = at_rest(0, plan.start)
     due = 0
     for command in commands:
         while due < command.stamp:
@@ -50,11 +41,10 @@ def trajectory(plan: Plan, car: Car, period: int, world: Optional[World] = None)
 def states_at(plan: Plan, car: Car, instants: Iterable[int]) -> Iterator[State]:
     """Yield the states of the car at rising instants, counted from the first command [ns].
 
-    Before that, it stands at the start pose. There are no walls, and commands are rounded to
-    float32, as the car gets them.
+    Before that, it stands at the start pose. There are no walls.
     """
     car, commands = _commands(plan, car, None)
-    state = at_rest(0, Pose(*plan.start))
+    state = at_rest(0, plan.start)
     upcoming = next(commands, None)
     for instant in instants:
         while upcoming is not None and upcoming.stamp <= instant:
@@ -69,12 +59,12 @@ def row_poses(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[P
     In the map frame. For the ideal car, where there are no walls, it is one arc a row, in closed
     form; a car with limits may not yet stand at the end of the last row.
     """
-    pose = Pose(*plan.start)
+    pose = plan.start
     yield pose
     if _is_closed_form(car, world):
         for row in plan.rows:
-            distance = as_float32(row.speed) * (row.duration / NANOSECONDS)
-            bend = curvature(as_float32(row.steering_angle), car.wheelbase)
+            distance = row.speed * (row.duration / NANOSECONDS)
+            bend = curvature(row.steering_angle, car.wheelbase)
             pose = drive_arc(pose, distance, bend)
             yield pose
         return
@@ -95,7 +85,7 @@ def rest(plan: Plan, car: Car, world: Optional[World] = None) -> Tuple[int, Pose
         (pose,) = deque(row_poses(plan, car, world), maxlen=1)
         return plan.duration, pose
     car, commands = _commands(plan, car, world)
-    state = at_rest(0, Pose(*plan.start))
+    state = at_rest(0, plan.start)
     for command in commands:
         state = apply(advance(state, command.stamp, car), command, car, world)
     end = _rest(state)
@@ -109,7 +99,7 @@ def final_pose(plan: Plan, car: Car, world: Optional[World] = None) -> Pose:
 
 def length(plan: Plan) -> float:
     """Return how far the ideal car drives [m], forward and in reverse."""
-    return sum(abs(as_float32(row.speed)) * row.duration / NANOSECONDS for row in plan.rows)
+    return sum(abs(row.speed) * row.duration / NANOSECONDS for row in plan.rows)
 
 
 def _is_closed_form(car: Car, world: Optional[World]) -> bool:
@@ -132,7 +122,7 @@ def _commands(plan: Plan, car: Car, world: Optional[World]) -> Tuple[Car, Iterat
     def commands() -> Iterator[Command]:
         begin = 0
         for row in plan.rows:
-            speed, angle = as_float32(row.speed), as_float32(row.steering_angle)
+            speed, angle = row.speed, row.steering_angle
             end = begin + row.duration
             for stamp in range(begin, end, period):
                 yield Command(stamp, speed, angle)

@@ -7,6 +7,9 @@ STAMP_TOLERANCE = 1 * NANOSECONDS
 """How far a stamp may be from this machine's clock [ns] and still be taken as it is."""
 
 
+COMMAND_PERIOD = NANOSECONDS // 10
+"""Between the commands of a row of a plan [ns]."""
+
 CLOCK_LAG = 60 * NANOSECONDS
 """How far a stamp may be from what a node takes for the simulated time [ns], and still be right: in
 lock-step a minute takes about a second, and a node's clock may be a moment behind the car's."""

@@ -17,10 +17,10 @@ from mushr_ros_intro.authoring.clicks import (
 )
 from mushr_ros_intro.car.bicycle import Pose, drive_arc
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.plan.model import Row
+from mushr_ros_intro.plan.model import Row, as_float32
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.write import plan_text
-from mushr_ros_intro.preview.prediction import as_float32, final_pose
+from mushr_ros_intro.preview.prediction import final_pose
 from support.helpers import closed_form
 
 CAR = Car(steering_limit_left=0.34, steering_limit_right=0.25)

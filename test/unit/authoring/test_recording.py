@@ -12,10 +12,10 @@ from mushr_ros_intro.authoring.recording import Recording
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Car, Command, at_rest
-from mushr_ros_intro.plan.model import Plan
+from mushr_ros_intro.plan.model import Plan, as_float32
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.write import plan_text
-from mushr_ros_intro.preview.prediction import as_float32, final_pose
+from mushr_ros_intro.preview.prediction import final_pose
 from mushr_ros_intro.sim.stamps import STAMP_TOLERANCE
 from support.fake_ros import Ros
 from support.helpers import module

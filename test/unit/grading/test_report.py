@@ -20,8 +20,9 @@ from mushr_ros_intro.grading.judge import (
     verdict,
     write,
 )
+from mushr_ros_intro.plan.model import as_float32
 from mushr_ros_intro.plan.parse import parse_plan
-from mushr_ros_intro.preview.prediction import as_float32, final_pose
+from mushr_ros_intro.preview.prediction import final_pose
 
 PLAN = parse_plan(b"1,2,0.5\n2.0,0.1\n1.0,-0.1,0.5\n1.0,-0.1,0.25\n", "plan.txt")
 SECOND = 1_000_000_000

@@ -19,7 +19,7 @@ from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.find import read_plan
-from mushr_ros_intro.plan.model import PlanError
+from mushr_ros_intro.plan.model import PlanError, as_float32
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import ensemble, prediction
 from mushr_ros_intro.preview.check import as_json, as_text, check, growth, scatter, slowed
@@ -47,9 +47,8 @@ def car_named(name):
 
 
 def checked(text, car="ideal", grid=None):
-    data = text.encode()
-    plan = parse_plan(data, "my.txt")
-    return check(plan, data, car, car_named(car), "the map" if grid else "", grid)
+    plan = parse_plan(text.encode(), "my.txt")
+    return check(plan, car, car_named(car), "the map" if grid else "", grid)
 
 
 def faults(text, car="ideal", grid=None):
@@ -57,10 +56,8 @@ def faults(text, car="ideal", grid=None):
 
 
 def report_on(name, car="ideal", grid=None):
-    path = os.path.join(PLANS, name + ".txt")
-    with open(path, "rb") as file:
-        data = file.read()
-    return check(read_plan(path), data, car, car_named(car), "the map" if grid else "", grid)
+    plan = read_plan(os.path.join(PLANS, name + ".txt"))
+    return check(plan, car, car_named(car), "the map" if grid else "", grid)
 
 
 def walled(free_to=5.0):
@@ -85,7 +82,7 @@ def test_it_ends_where_the_prediction_ends(name, car):
 def test_the_figures_of_figure_8():
     """At 2 m/s and 0.09 rad the radius is L / tan(0.09), and each lobe is 22 m of circle."""
     report = report_on("figure_8")
-    radius = 0.33 / math.tan(prediction.as_float32(0.09))
+    radius = 0.33 / math.tan(as_float32(0.09))
     assert report.length == pytest.approx(44.0, abs=SAME)
     assert report.radius == pytest.approx(radius, abs=SAME)
     assert report.closing_gap == pytest.approx((math.hypot(1.547709, 1.180325), 0.0), abs=1e-6)
@@ -132,7 +129,7 @@ def test_a_long_plan_is_followed_row_by_row(monkeypatch):
 
 def test_the_box_of_a_full_circle_in_one_step(monkeypatch):
     monkeypatch.setattr("mushr_ros_intro.preview.check.MAX_FINE_TICKS", 0)
-    radius = 0.33 / math.tan(prediction.as_float32(0.3))
+    radius = 0.33 / math.tan(as_float32(0.3))
     expected = (-radius, radius, 0.0, 2.0 * radius)
     assert checked("0,0,0\n1,0.3,100\n").box == pytest.approx(expected, abs=SAME)
 
@@ -144,7 +141,7 @@ def test_wheels_that_turn_while_the_car_stands_are_no_turn():
 def test_noise_is_left_out():
     data = b"0,0,0\n1,0,9\n"
     plan, car = parse_plan(data, "my.txt"), Car(speed_noise=0.2, steering_noise=0.1)
-    report = check(plan, data, "noisy", car, "the map", walled())
+    report = check(plan, "noisy", car, "the map", walled())
     assert report.car.is_ideal
     assert report.hit == checked(data.decode(), grid=walled()).hit
 
@@ -218,7 +215,7 @@ def test_the_limit_itself_is_no_fault():
 def test_a_plan_is_slowed_down_and_says_where():
     data = b"0,0,0\n# slow\n0.5, 0.1\n 2, 0\n-3, 0.2, 0.5\n-1, 0\n1.5,0\n"
     plan = parse_plan(data, "my.txt")
-    slow, said = slowed(plan, data, 1.0)
+    slow, said = slowed(plan, 1.0)
     assert [row.speed for row in slow.rows] == [0.5, 1.0, -1.0, -1.0, 1.0]
     assert [row[1:] for row in slow.rows] == [row[1:] for row in plan.rows]
     assert (slow.path, slow.start) == (plan.path, plan.start)
@@ -227,7 +224,7 @@ def test_a_plan_is_slowed_down_and_says_where():
         "and that is sent",
         "my.txt:7:1: row 5 asks for 1.5 m/s; the largest speed allowed is 1 m/s, and that is sent",
     ]
-    assert slowed(plan, data, math.inf) == (plan, [])
+    assert slowed(plan, math.inf) == (plan, [])
 
 
 def test_ramps_that_do_not_fit_into_their_rows():
@@ -331,7 +328,7 @@ def test_leaving_the_map_tail_first():
     free = Grid(np.zeros((80, 80), np.int8), 0.1, Pose(-4.0, -4.0, 0.0))
     data, long_tail = b"0,0,0\n-1,0,9\n", Footprint(front=0.05, back=0.9, half_width=0.1)
     plan = parse_plan(data, "my.txt")
-    (fault,) = check(plan, data, "ideal", Car(), "the map", free, long_tail).faults
+    (fault,) = check(plan, "ideal", Car(), "the map", free, long_tail).faults
     assert "row 1 leaves the map at t = 3.2 s, (-3.2, " in fault.text
 
 

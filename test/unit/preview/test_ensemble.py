@@ -14,6 +14,7 @@ from mushr_ros_intro.car.bicycle import Pose, drive_arc
 from mushr_ros_intro.car.model import Car, Command, at_rest
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.plan.find import read_plan
+from mushr_ros_intro.plan.model import as_float32
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import ensemble, prediction
 from mushr_ros_intro.preview.ensemble import Errors
@@ -99,8 +100,8 @@ def pose_at(plan, instant):
     pose = Pose(*plan.start)
     for row in plan.rows:
         seconds = min(row.duration, instant) / 1e9
-        bend = math.tan(prediction.as_float32(row.steering_angle)) / 0.33
-        pose = drive_arc(pose, prediction.as_float32(row.speed) * seconds, bend)
+        bend = math.tan(row.steering_angle) / 0.33
+        pose = drive_arc(pose, row.speed * seconds, bend)
         instant -= min(row.duration, instant)
     return pose
 
@@ -339,7 +340,7 @@ def test_the_way_there_and_back_counts_twice():
 def test_limits_cut_the_command_and_errors_come_on_top():
     plan = plan_of("9, 0.4, 2", "9, -0.4, 2")
     ticks = list(ensemble.ticks(plan, FAST))
-    assert ticks[0][1:] == (6.6, prediction.as_float32(0.4))
+    assert ticks[0][1:] == (6.6, as_float32(0.4))
     assert ticks[-1][1:] == (6.6, -0.26)
     durations, speeds, angles = ensemble.commands(plan, FAST)
     assert [*zip(speeds, angles)] == [ticks[0][1:], ticks[-1][1:]]

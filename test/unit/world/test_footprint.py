@@ -9,7 +9,8 @@ import pytest
 from mushr_ros_intro.car.bicycle import Pose, compose, curvature, drive_arc
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.plan.find import read_plan
-from mushr_ros_intro.preview.prediction import as_float32, row_poses
+from mushr_ros_intro.plan.model import as_float32
+from mushr_ros_intro.preview.prediction import row_poses
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import TOUCH, Footprint, free_distance, is_free, on_map
 from mushr_ros_intro.world.grid import Grid, read_map
