@@ -21,14 +21,17 @@ from visualization_msgs.msg import MarkerArray
 
 from mushr_ros_intro.car.bicycle import Pose, compose, inverse
 from mushr_ros_intro.car.contact import World
-from mushr_ros_intro.car.model import Command, InitialPose, State, at_rest
+from mushr_ros_intro.car.model import Command, InitialPose, State
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.parameters import ParameterError, Parameters, flag, number, text
 from mushr_ros_intro.plan.find import find_plan, read_plan
 from mushr_ros_intro.plan.model import Fault, Plan, PlanError, Row
 from mushr_ros_intro.preview import prediction
-from mushr_ros_intro.preview.check import SHOWN_FAULTS, Report, check, scatter, slowed
-from mushr_ros_intro.preview.ensemble import count_ticks, ellipse
+from mushr_ros_intro.preview.limits import slowed
+from mushr_ros_intro.preview.prediction import count_commands
+from mushr_ros_intro.preview.report import check
+from mushr_ros_intro.preview.spread import spread
+from mushr_ros_intro.preview.text import SHOWN_FAULTS
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.connections import (
     PATIENCE,
@@ -59,9 +62,6 @@ SETTLING = 2 * PERIOD
 
 MAX_PATH_POSES = 10_000
 """The predicted path of a long plan has no more poses than about this many."""
-
-MAX_ROWS = 20_000
-"""A plan with more rows is predicted by the checker, which is faster and a little less exact."""
 
 MAX_WALL_COMMANDS = 10_000
 """A plan with more commands is predicted as if there were no walls: they take time to look at."""
@@ -224,20 +224,14 @@ class PathPublisher:
 
         # Where the car hits nothing, the walls need not be looked at again.
         self._world = None
-        if grid and report.hit and count_ticks(self._plan) <= MAX_WALL_COMMANDS:
+        if grid and report.hit and count_commands(self._plan) <= MAX_WALL_COMMANDS:
             self._world = World(grid)
-        self._pub_path.publish(conversions.path_to_msg(self._predict(report), self._now()))
+        self._pub_path.publish(conversions.path_to_msg(self._predict(), self._now()))
         if self._shows_spread:
-            self._publish_spread(report)
+            self._publish_spread()
 
-    def _predict(self, report: Report) -> Iterable[State]:
+    def _predict(self) -> Iterable[State]:
         """Note where the car comes to rest, and when; return where it is on the way."""
-        has_noise = self._car.speed_noise or self._car.steering_noise
-        if len(self._plan.rows) > MAX_ROWS and not has_noise:
-            stamps, poses = report.rows.instants.tolist(), report.rows.poses
-            self._rest, self._expected = stamps[-1], report.final_pose
-            shown = [*range(0, len(stamps) - 1, len(stamps) // MAX_PATH_POSES), len(stamps) - 1]
-            return (at_rest(stamps[each], Pose(*poses[each].tolist())) for each in shown)
         self._rest, self._expected = prediction.rest(self._plan, self._car, self._world)
         period = max(PERIOD, self._rest // MAX_PATH_POSES)
         return prediction.trajectory(self._plan, self._car, period, self._world)
@@ -256,25 +250,24 @@ class PathPublisher:
             rospy.logwarn("the plan is not checked against the map on %s: %s", topic, error)
         return None
 
-    def _publish_spread(self, report: Report) -> None:
+    def _publish_spread(self) -> None:
         """Publish where many cars end that each have errors of their own, and pass on the way."""
         car = self._noisy_car
         if not (car.speed_noise or car.steering_noise):
             rospy.loginfo("this car has no noise, so there is no spread to show")
             return
-        if count_ticks(self._plan) > MAX_SPREAD_COMMANDS:
+        if count_commands(self._plan) > MAX_SPREAD_COMMANDS:
             rospy.logwarn(
                 "the spread is not shown: the plan has %d commands, and expected are at most %d",
-                count_ticks(self._plan),
+                count_commands(self._plan),
                 MAX_SPREAD_COMMANDS,
             )
             return
-        result = scatter(report, car, SPREAD_RUNS, SPREAD_SEED)
+        result = spread(self._plan, car, SPREAD_RUNS, SPREAD_SEED)
         ellipses = []
-        for mean, covariance in zip(result.sampled.mean.tolist(), result.sampled.covariance):
-            major, minor, direction = ellipse(covariance)
+        for mean, (major, minor, direction) in zip(result.mean.tolist(), result.ellipses):
             ellipses.append((Pose(mean[0], mean[1], direction), major, minor))
-        poses = (Pose(*pose) for pose in result.sampled.cloud.tolist())
+        poses = (Pose(*pose) for pose in result.cloud.tolist())
         self._pub_spread.publish(conversions.poses_to_msg(poses, self._now()))
         self._pub_ellipses.publish(conversions.ellipses_to_msg(ellipses, self._now()))
         rospy.loginfo(

@@ -49,7 +49,7 @@ class Leg(NamedTuple):
 
     def distance(self, until: int) -> float:
         """Return the distance driven up to a stamp, forward and in reverse [m]."""
-        return sum(
+        return math.fsum(
             abs(piece.speed + 0.5 * piece.acceleration * seconds) * seconds
             for piece, seconds in self.pieces(until)
         )
