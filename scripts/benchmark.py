@@ -27,7 +27,9 @@ from nav_msgs.msg import Odometry
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.plan.find import read_plan
-from mushr_ros_intro.preview import ensemble
+from mushr_ros_intro.preview.prediction import count_commands
+from mushr_ros_intro.preview.spread import Errors
+from mushr_ros_intro.preview.spread import sample as sample_runs
 
 SCRIPTS = os.path.dirname(os.path.abspath(__file__))
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
@@ -177,6 +179,14 @@ def latencies(samples):
     return sorted(found)
 
 
+def car_steps_per_second(plan, car, errors, cars):
+    """Return how many commands of many cars are sampled per second of CPU time."""
+    began = time.process_time()
+    for _ in sample_runs(plan, car, errors, cars, 0, count_commands(plan)):
+        pass
+    return cars * count_commands(plan) / (time.process_time() - began)
+
+
 def measure():
     """Yield (what, figure, unit)."""
     for load, busy in (("", 0), (", four busy loops beside it", 4)):
@@ -202,13 +212,13 @@ def measure():
     yield "laser scans", laser_benchmark.scans_per_second(), "scans/s"
     plan = read_plan(os.path.join(os.path.dirname(SCRIPTS), "plans", "figure_8.txt"))
     nano = Car(speed_limit=0.929, acceleration=2.5, steering_rate=3.2)
-    errors = ensemble.Errors(speed=0.01, steering_angle=0.01)
+    errors = Errors(speed=0.01, steering_angle=0.01)
     for name, car, cars in (
         ("ideal", Car(), 1000),
         ("ideal", Car(), 4096),
         ("limited", nano, 4096),
     ):
-        rates = [ensemble.car_ticks_per_second(plan, car, errors, cars) for _ in range(9)]
+        rates = [car_steps_per_second(plan, car, errors, cars) for _ in range(9)]
         yield f"{cars} {name} cars with noise, median of 9", statistics.median(rates), "car-steps/s"
     began = time.monotonic()
     subprocess.run([os.path.join(SCRIPTS, "test")], stdout=subprocess.DEVNULL, check=True)

@@ -13,7 +13,6 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro.authoring.clicks import ClickError, extend
 from mushr_ros_intro.authoring.plan_file import PlanFile, summary
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.plan.model import MAX_SPEED, MAX_STEERING_ANGLE, Plan
@@ -96,7 +95,7 @@ class ClickPlanner:
             return
         with self._lock:
             # path_publisher sends the start pose of the plan that it drives: keep that plan.
-            if self._plan is not None and pose.is_close_to(Pose(*self._plan.start), SAME_POSE):
+            if self._plan is not None and pose.is_close_to(self._plan.start, SAME_POSE):
                 return
             if not self._file.is_saved(self._plan):
                 rospy.logwarn("new start pose: the clicks before it were not saved")

@@ -7,7 +7,6 @@ import rospy
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
 from tf.transformations import quaternion_from_euler
 
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.plan.model import Row
 from mushr_ros_intro.ros import connections, conversions, node, ros_time
@@ -71,7 +70,7 @@ class PathPublisher:
         stamp = timetable.begin()
         if self.places_car:
             self.send_init_pose(stamp)
-            stamp = self.car_pose.wait_until_at(Pose(*self.plan.start), stamp, self.timeout)
+            stamp = self.car_pose.wait_until_at(self.plan.start, stamp, self.timeout)
         timetable.start_after(stamp)
         for row in self.plan.rows:
             self.send_command(row, timetable)

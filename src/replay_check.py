@@ -45,7 +45,7 @@ def replay() -> Tuple[Replay, List[judge.Check]]:
             node.
     """
     parameters = node.parameters()
-    plan = read_plan(find_plan(parameters.text("plan_file"), node.package_folder("plans"), ["."]))
+    plan = read_plan(find_plan(parameters.text("plan_file"), node.package_folder("plans")))
     publisher = parameters.text("publisher")
     patience = parameters.number("patience", 30.0, "s", 0.1, 1e4)
     folder = parameters.optional_text("report")

@@ -10,8 +10,8 @@ from typing import NamedTuple, Tuple
 from mushr_ros_intro.car.bicycle import Pose, curvature
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.plan.model import Plan, Row
-from mushr_ros_intro.preview.prediction import as_float32, final_pose
+from mushr_ros_intro.plan.model import Plan, Row, as_float32
+from mushr_ros_intro.preview.prediction import final_pose
 from mushr_ros_intro.sim.stamps import from_seconds
 
 MAX_DISTANCE = 1000.0

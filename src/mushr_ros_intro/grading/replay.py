@@ -12,7 +12,7 @@ import numpy as np
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.plan.model import MAX_STEERING_ANGLE, Plan
-from mushr_ros_intro.preview.prediction import as_float32, rest, states_at
+from mushr_ros_intro.preview.prediction import rest, states_at
 from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
 
 START_TOLERANCE = 1e-3
@@ -99,7 +99,7 @@ class Drive(NamedTuple):
 
 def runs_of(plan: Plan) -> List[Run]:
     """Return the rows of a plan, with consecutive rows of the same command merged."""
-    commands = [(as_float32(row.speed), as_float32(row.steering_angle)) for row in plan.rows]
+    commands = [(row.speed, row.steering_angle) for row in plan.rows]
     runs: List[Run] = []
     for command, group in groupby(enumerate(plan.rows), lambda entry: commands[entry[0]]):
         indices, rows = zip(*group)

@@ -2,68 +2,52 @@
 
 import os
 import stat
-from typing import Sequence
 
+from mushr_ros_intro.parameters import user_path
 from mushr_ros_intro.plan.model import Fault, Plan, PlanError
 from mushr_ros_intro.plan.parse import parse_plan
 
 MAX_FILE_SIZE = 100_000_000
-"""A plan file is refused beyond this size [bytes]; a plan of a million rows has twelve million."""
+"""Larger plan files are refused [bytes]; a plan of a million rows has twelve million."""
 
 
-def find_plan(name: str, plans: str, folders: Sequence[str]) -> str:
-    """Find the file that a user means by `name`.
+def find_plan(name: str, plans_folder: str) -> str:
+    """Return the path of the plan file that a user means by `name`.
 
-    A bare name is looked up in the folder `plans` first, with or without ``.txt``; anything else
-    is a path, tried as it is and, where it is relative, in each of `folders`.
-
-    Returns:
-        The path of a file that exists.
+    A name without a folder is looked up in `plans_folder` first, with or without ``.txt``. Any
+    other name is a path; a relative one starts at the user's directory (see `user_path`), or at
+    the current one.
 
     Raises:
-        PlanError: nothing of that name is there; the message lists the plans that are.
+        PlanError: there is no such file; the message lists the plans in `plans_folder`.
     """
-    candidates = []
+    candidates = [user_path(name), os.path.abspath(name)] if name else []
     if name and os.sep not in name:
-        candidates += [os.path.join(plans, name), os.path.join(plans, name + ".txt")]
-    candidates += [os.path.join(folder, os.path.expanduser(name)) for folder in folders]
-    for candidate in candidates:
-        if name and os.path.isfile(candidate):
-            return candidate
-    for candidate in candidates:
-        if name and os.path.exists(candidate):
-            return candidate  # not a file, which read_plan says better
+        candidates = [
+            os.path.join(plans_folder, name),
+            os.path.join(plans_folder, name + ".txt"),
+            *candidates,
+        ]
+    for exists in (os.path.isfile, os.path.exists):  # read_plan explains what is not a file
+        for candidate in candidates:
+            if exists(candidate):
+                return candidate
     try:
-        known = sorted(entry[:-4] for entry in os.listdir(plans) if entry.endswith(".txt"))
+        known = sorted(entry[:-4] for entry in os.listdir(plans_folder) if entry.endswith(".txt"))
     except OSError:
         known = []
-    raise PlanError(
-        [
-            Fault(
-                name or "''",
-                1,
-                1,
-                "no such plan file; expected the path of a file, or the name of one in "
-                f"{plans}: {', '.join(known) or '(there are none)'}",
-            )
-        ]
+    text = (
+        "no such plan file; expected the path of a file, or the name of one in "
+        f"{plans_folder}: {', '.join(known) or '(there are none)'}"
     )
+    raise PlanError([Fault(name or "''", 1, 1, text)])
 
 
 def read_plan(path: str) -> Plan:
     """Read the plan file at `path`.
 
     Raises:
-        PlanError: the file cannot be read, or is no plan; it names every fault of the file.
-    """
-    return parse_plan(read_bytes(path), path)
-
-
-def read_bytes(path: str) -> bytes:
-    """Return what stands in the plan file at `path`.
-
-    Raises:
-        PlanError: it cannot be read, or is too large for a plan.
+        PlanError: the file cannot be read, or is not a plan; it lists every fault of the file.
     """
 
     def refuse(text: str) -> PlanError:
@@ -81,7 +65,7 @@ def read_bytes(path: str) -> bytes:
                 f"expected a plan file of at most {MAX_FILE_SIZE}"
             )
         with open(path, "rb") as file:
-            return file.read(MAX_FILE_SIZE + 1)
+            data = file.read(MAX_FILE_SIZE + 1)
     except PlanError:
         raise
     except FileNotFoundError:
@@ -89,3 +73,4 @@ def read_bytes(path: str) -> bytes:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise refuse(f"the file cannot be read ({reason}); expected a plan file") from None
+    return parse_plan(data, path)

@@ -1,34 +1,41 @@
-"""The values that a plan file stands for: a start pose and rows of commands."""
+"""The values of a plan: a start pose and rows of commands."""
 
+import struct
 from typing import NamedTuple, Sequence, Tuple
 
+from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 MAX_DURATION = 1_000_000_000 * NANOSECONDS
-"""A plan beyond this duration [ns] is refused: stamps must fit into ROS's 32 bits of seconds."""
+"""Longer plans are refused [ns]: stamps must fit into ROS's 32 bits of seconds."""
 
 MAX_COORDINATE = 1e6
-"""A start pose beyond this [m, rad] is refused: nobody means it, and it would cost digits."""
+"""Start poses beyond this are refused [m, rad]: they are mistakes, and would cost precision."""
 
 MAX_SPEED = 1e3
-"""A speed beyond this [m/s] is refused, for the same reason."""
+"""Higher speeds are refused [m/s], for the same reason."""
 
 MAX_STEERING_ANGLE = 1.57
 """The largest steering angle [rad]; at a right angle a bicycle would turn on the spot."""
 
 
 class Row(NamedTuple):
-    """One command of a plan and how long it lasts."""
+    """One command of a plan and its duration.
+
+    Speed and steering angle are rounded by `as_float32`, so a row holds exactly what the car gets.
+    """
 
     speed: float
     """Forward speed [m/s], negative in reverse."""
     steering_angle: float
     """Steering angle of the virtual middle front wheel [rad], left positive."""
     duration: int
-    """How long the command lasts [ns]."""
+    """Duration of the command [ns]."""
     line: int
-    """Where it stands in the file, counted from 1."""
+    """Line in the file, counted from 1; 0 if the row comes from no file."""
+    columns: Tuple[int, ...] = (1, 1)
+    """Columns of speed, steering angle and, if it is written, duration, counted from 1."""
 
 
 class Plan(NamedTuple):
@@ -36,18 +43,35 @@ class Plan(NamedTuple):
 
     path: str
     """The file that it was read from."""
-    start: Tuple[float, float, float]
-    """x [m], y [m], theta [rad] in the map frame."""
+    start: Pose
+    """Start pose in the map frame."""
     rows: Tuple[Row, ...]
+    start_line: int = 0
+    """Line of the start pose in the file, counted from 1; 0 if the plan comes from no file."""
+    start_columns: Tuple[int, ...] = (1, 1, 1)
+    """Columns of its x, y and theta, counted from 1."""
 
     @property
     def duration(self) -> int:
-        """How long the whole plan lasts [ns]."""
+        """Duration of the whole plan [ns]."""
         return sum(row.duration for row in self.rows)
+
+    def fault(self, row: int, cell: int, text: str) -> "Fault":
+        """Return a fault of one number of the plan.
+
+        Args:
+            row: index of the row; -1 is the start pose, and rows beyond the last one are the last.
+            cell: index of the number in the row.
+            text: description of the fault.
+        """
+        if row < 0:
+            return Fault(self.path, self.start_line, self.start_columns[cell], text)
+        where = self.rows[min(row, len(self.rows) - 1)]
+        return Fault(self.path, where.line, where.columns[cell], text)
 
 
 class Fault(NamedTuple):
-    """One thing that is wrong with a plan file."""
+    """One fault of a plan file."""
 
     path: str
     line: int
@@ -59,7 +83,7 @@ class Fault(NamedTuple):
 
 
 class PlanError(UserError):
-    """A plan file that cannot be driven, with all that is wrong with it in ``faults``."""
+    """A plan file that cannot be driven, with all its faults in ``faults``."""
 
     SHOWN = 20
 
@@ -69,3 +93,23 @@ class PlanError(UserError):
         if len(self.faults) > self.SHOWN:
             lines.append(f"... and {len(self.faults) - self.SHOWN} more faults")
         super().__init__("\n".join(lines))
+
+
+def as_float32(value: float) -> float:
+    """Return `value` rounded to float32, the type of every field of an AckermannDrive.
+
+    Raises:
+        OverflowError: `value` is finite and too large for a float32.
+    """
+    return struct.unpack("<f", struct.pack("<f", value))[0]
+
+
+def shortest_decimal(value: float) -> float:
+    """Return the number with the fewest digits that `as_float32` rounds to the same value.
+
+    It is the number to show: 0.09 for 0.09000000357627869.
+    """
+    value = as_float32(value)
+    texts = (f"{value:.{digits}g}" for digits in range(1, 10))  # nine digits are always enough
+    numbers = (float(text) for text in texts)
+    return next(each for each in numbers if as_float32(each) == value) + 0.0

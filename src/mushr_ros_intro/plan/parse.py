@@ -9,8 +9,9 @@ are allowed.
 """
 
 import re
-from typing import List, Optional, Tuple
+from typing import List, Match, Optional, Tuple
 
+from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.plan.model import (
     MAX_COORDINATE,
     MAX_DURATION,
@@ -20,15 +21,16 @@ from mushr_ros_intro.plan.model import (
     Plan,
     PlanError,
     Row,
+    as_float32,
 )
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 
 DEFAULT_DURATION = NANOSECONDS
 
 MAX_FAULTS = 1000
-"""After so many faults the rest of a file is not checked: it is no plan, and may be huge."""
+"""After so many faults the rest of a file is not checked: it is not a plan, and may be huge."""
 
-# Unambiguous, so that matching takes time in proportion to the line, whatever stands there.
+# Unambiguous, so that matching takes time in proportion to the length of any line.
 _NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 
 _CELL = rf"\s*({_NUMBER})\s*"
@@ -63,10 +65,10 @@ _ROW_COLUMNS = "'speed, steering angle' or 'speed, steering angle, duration' in 
 
 
 def parse_plan(data: bytes, path: str) -> Plan:
-    """Parse the bytes of a plan file; `path` is the name that faults and the plan carry.
+    """Parse the bytes of a plan file; `path` is its name in faults and in the plan.
 
     Raises:
-        PlanError: the bytes are no plan; it names every fault, with line and column from 1.
+        PlanError: the bytes are not a plan; it lists every fault with line and column.
     """
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise PlanError([Fault(path, 1, 1, "the file is UTF-16; expected UTF-8 or plain ASCII")])
@@ -74,12 +76,12 @@ def parse_plan(data: bytes, path: str) -> Plan:
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
     faults: List[Fault] = []
-    start = None
+    start: Optional[Plan] = None
     rows: List[Row] = []
     total = 0
-    others = 0  # lines that are not blank and no good row: the start pose, and faulty rows
+    others = 0  # lines that are neither blank nor a good row: the start pose, and faulty rows
     for number, line in enumerate(lines, 1):
-        row = _read_row(line, number) if others else None
+        row = _parse_row(line, number) if others else None
         if row:
             if total <= MAX_DURATION < total + row.duration:
                 limit = MAX_DURATION // NANOSECONDS
@@ -89,7 +91,7 @@ def parse_plan(data: bytes, path: str) -> Plan:
             rows.append(row)
             continue
         if not others:
-            start = _read_start(line)
+            start = _parse_start(path, line, number)
         faults += _line_faults(path, number, line, is_start=not others)
         others += not _is_blank(line)
         if len(faults) >= MAX_FAULTS:
@@ -105,20 +107,22 @@ def parse_plan(data: bytes, path: str) -> Plan:
     if faults:
         raise PlanError(faults)
     assert start is not None
-    return Plan(path, start, tuple(rows))
+    return start._replace(rows=tuple(rows))
 
 
-def _read_start(line: str) -> Optional[Tuple[float, float, float]]:
-    """Return the start pose that stands in a line, or None where there is no good one."""
+def _parse_start(path: str, line: str, number: int) -> Optional[Plan]:
+    """Return a plan without rows that starts as line `number` says, or None if it is faulty."""
     match = _START.fullmatch(line)
     if not match:
         return None
-    x, y, theta = map(float, match.groups())
-    return (x, y, theta) if max(abs(x), abs(y), abs(theta)) <= MAX_COORDINATE else None
+    start = Pose(*map(float, match.groups()))
+    if max(map(abs, start)) > MAX_COORDINATE:
+        return None
+    return Plan(path, start, (), number, _columns(match))
 
 
-def _read_row(line: str, number: int) -> Optional[Row]:
-    """Return the row that stands in line `number`, or None where there is no good one."""
+def _parse_row(line: str, number: int) -> Optional[Row]:
+    """Return the row in line `number`, or None if the line is blank or faulty."""
     match = _ROW.fullmatch(line)
     if not match:
         return None
@@ -126,21 +130,29 @@ def _read_row(line: str, number: int) -> Optional[Row]:
     speed, steering_angle = float(first), float(second)
     if abs(speed) > MAX_SPEED or abs(steering_angle) > MAX_STEERING_ANGLE:
         return None
-    if third is None:
-        return Row(speed, steering_angle, DEFAULT_DURATION, number)
-    seconds = float(third)
-    if not _MIN_SECONDS <= seconds <= _MAX_SECONDS:
-        return None
-    return Row(speed, steering_angle, from_seconds(seconds), number)
+    duration = DEFAULT_DURATION
+    if third is not None:
+        seconds = float(third)
+        if not _MIN_SECONDS <= seconds <= _MAX_SECONDS:
+            return None
+        duration = from_seconds(seconds)
+    speed, steering_angle = as_float32(speed), as_float32(steering_angle)
+    return Row(speed, steering_angle, duration, number, _columns(match))
+
+
+def _columns(match: Match[str]) -> Tuple[int, ...]:
+    """Return the column of every number in a line, counted from 1."""
+    starts = (match.start(group) for group in range(1, match.re.groups + 1))
+    return tuple(start + 1 for start in starts if start >= 0)
 
 
 def _is_blank(line: str) -> bool:
-    """Say whether a line holds nothing but a comment."""
+    """Return whether a line is empty but for a comment."""
     return not line.split("#", 1)[0].strip()
 
 
 def _line_faults(path: str, number: int, line: str, is_start: bool) -> List[Fault]:
-    """Find every fault of a line; there is none in a blank one."""
+    """Return every fault of a line; a blank line has none."""
     undecodable = _IS_UNDECODABLE.search(line)
     if undecodable:
         byte = ord(undecodable.group()) - 0xDC00
@@ -149,13 +161,13 @@ def _line_faults(path: str, number: int, line: str, is_start: bool) -> List[Faul
     if _is_blank(line):
         return []
     if is_start:
-        names, least, columns = ("x", "y", "theta"), 3, _START_COLUMNS
+        names, fewest, columns = ("x", "y", "theta"), 3, _START_COLUMNS
     else:
-        names, least, columns = ("speed", "steering angle", "duration"), 2, _ROW_COLUMNS
+        names, fewest, columns = ("speed", "steering angle", "duration"), 2, _ROW_COLUMNS
 
     content = line.split("#", 1)[0].rstrip()
     cells = content.split(",", len(names))
-    if not least <= len(cells) <= len(names):
+    if not fewest <= len(cells) <= len(names):
         count = content.count(",") + 1
         counted = "1 column" if count == 1 else f"{count} columns"
         surplus = cells[-1].lstrip() if count > len(names) else ""
@@ -163,7 +175,7 @@ def _line_faults(path: str, number: int, line: str, is_start: bool) -> List[Faul
         return [Fault(path, number, column, f"{counted}; expected {columns}")]
 
     faults = []
-    begin = 1  # the column in which a cell begins
+    begin = 1  # the column of the first character of a cell
     for name, cell in zip(names, cells):
         text = _number_fault(name, cell.strip())
         if text:
@@ -174,7 +186,7 @@ def _line_faults(path: str, number: int, line: str, is_start: bool) -> List[Faul
 
 
 def _number_fault(name: str, cell: str) -> str:
-    """Say what is wrong with one number of a plan, or nothing."""
+    """Return the fault of one number of a plan, or an empty text."""
     if not cell:
         return f"{name} is missing; expected a number"
     shown = repr(cell if len(cell) <= 40 else cell[:37] + "...")

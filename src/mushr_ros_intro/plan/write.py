@@ -2,36 +2,35 @@
 
 import itertools
 import os
-import struct
 from typing import Sequence
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.plan.model import PlanError, Row
+from mushr_ros_intro.plan.model import PlanError, Row, shortest_decimal
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 
 class WriteError(UserError):
-    """A plan that could not be written; says where and why."""
+    """A plan that cannot be written; the message names the file and the reason."""
 
 
 def write_plan(folder: str, name: str, start: Sequence[float], rows: Sequence[Row]) -> str:
-    """Write a plan into a new file.
+    """Write a plan to a new file.
 
-    No file is overwritten: where there is one of that name, the new one gets a number. Nothing
-    stays of a file that cannot be written to its end.
+    An existing file is not overwritten: the name of the new file gets a number. If writing fails,
+    the incomplete file is removed.
 
     Args:
-        folder: the folder that the file goes into.
-        name: of the file.
+        folder: folder of the file.
+        name: name of the file.
         start: x [m], y [m], theta [rad] in the map frame.
-        rows: the commands; the lines that they name do not matter.
+        rows: the commands; their lines and columns are ignored.
 
     Returns:
         The path of the file.
 
     Raises:
-        WriteError: it cannot be written, or read_plan would not take it.
+        WriteError: the file cannot be written, or `read_plan` would refuse it.
     """
     data = plan_text(start, rows).encode()
     try:
@@ -62,25 +61,18 @@ def write_plan(folder: str, name: str, start: Sequence[float], rows: Sequence[Ro
 def plan_text(start: Sequence[float], rows: Sequence[Row]) -> str:
     """Return the text of a plan file.
 
-    The start pose and the durations are exact. Speeds and steering angles have the digits that
-    they keep as float32, as which they travel.
+    The start pose and the durations are exact. Speeds and steering angles have as many digits as
+    a float32 keeps.
 
     Args:
         start: x [m], y [m], theta [rad] in the map frame.
-        rows: the commands; the lines that they name do not matter.
+        rows: the commands; their lines and columns are ignored.
     """
     lines = ["# x [m], y [m], theta [rad]", ", ".join(repr(float(value)) for value in start)]
     lines.append("# speed [m/s], steering angle [rad], duration [s]")
     for row in rows:
         seconds, rest = divmod(row.duration, NANOSECONDS)
         duration = f"{seconds}.{rest:09d}".rstrip("0") + ("" if rest else "0")
-        lines.append(f"{_as_float32(row.speed)}, {_as_float32(row.steering_angle)}, {duration}")
+        speed, angle = shortest_decimal(row.speed), shortest_decimal(row.steering_angle)
+        lines.append(f"{speed!r}, {angle!r}, {duration}")
     return "\n".join(lines) + "\n"
-
-
-def _as_float32(value: float) -> str:
-    """Return the shortest number that is the same as `value` when both travel as float32."""
-    travelling = struct.pack("<f", value + 0.0)  # no negative zero
-    (value,) = struct.unpack("<f", travelling)  # of which nine digits are enough
-    texts = (f"{value:.{digits}g}" for digits in range(1, 10))
-    return next(repr(float(t)) for t in texts if struct.pack("<f", float(t)) == travelling)

@@ -1,105 +1,135 @@
-"""Say where a plan takes the car, before it is driven.
+"""Predict where a plan takes the car.
 
-The commands go through the simulated car's own `apply` and `advance`, so the two cannot disagree.
+Commands go through the simulated car's own `apply` and `advance`, so the prediction and the drive
+cannot disagree. All stamps count from the first command of the plan [ns].
 """
 
 import math
-import struct
 from collections import deque
 from itertools import accumulate
-from typing import Iterable, Iterator, Optional, Tuple
+from typing import Iterable, Iterator, NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
+from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
-from mushr_ros_intro.car.model import Car, Command, State, at_rest
+from mushr_ros_intro.car.model import Car, Command, Piece, State, at_rest
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.plan.model import MAX_DURATION, Plan
-from mushr_ros_intro.sim.stamps import NANOSECONDS
-
-COMMAND_PERIOD = NANOSECONDS // 10
-"""Between the commands of a row, as path_publisher sends them [ns]."""
+from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
 
 
-def as_float32(value: float) -> float:
-    """Round `value` to a float32, as every field of an AckermannDrive is when it travels."""
-    return struct.unpack("<f", struct.pack("<f", value))[0]
+class Leg(NamedTuple):
+    """The motion from one command to the next."""
+
+    row: int
+    """Index of the row; the stop after the last row has the next index."""
+    state: State
+    """The state right after the command."""
+    end: int
+    """Stamp of the next command; after the stop, the stamp from which on the car is at rest."""
+
+    def pieces(self, until: int) -> Iterator[Tuple[Piece, float]]:
+        """Yield the pieces of the motion up to a stamp, and the duration of each [s]."""
+        state = self.state
+        now, end = ((stamp - state.moved) / NANOSECONDS for stamp in (state.stamp, until))
+        piece_ends = [piece.begin for piece in state.motion[1:]] + [math.inf]
+        for piece, piece_end in zip(state.motion, piece_ends):
+            piece_end = min(piece_end, end)
+            if now >= piece_end:
+                continue
+            if now > piece.begin:  # a repeated stop, while the car still brakes
+                piece = piece._replace(
+                    begin=now,
+                    pose=state.pose,
+                    wheel_angles=state.wheel_angles,
+                    speed=state.speed,
+                    steering_angle=state.steering_angle,
+                )
+            yield piece, piece_end - now
+            now = piece_end
+
+    def distance(self, until: int) -> float:
+        """Return the distance driven up to a stamp, forward and in reverse [m]."""
+        return math.fsum(
+            abs(piece.speed + 0.5 * piece.acceleration * seconds) * seconds
+            for piece, seconds in self.pieces(until)
+        )
+
+
+def drive(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg]:
+    """Yield the legs of a plan, from its start pose until the car comes to rest.
+
+    There is one leg per command, and a last one for the stop. Commands are repeated every
+    COMMAND_PERIOD only where that matters: noise is drawn for each command, a command may expire
+    before the next one, and at a wall the car tries again with each command. Otherwise there is
+    one command per row. Without a `world` there are no walls.
+    """
+    has_noise = car.speed_noise or car.steering_noise
+    period = COMMAND_PERIOD
+    if world is None and not has_noise and car.command_timeout >= period:
+        period = MAX_DURATION
+        car = car._replace(command_timeout=MAX_DURATION)
+    state = at_rest(0, plan.start)
+    now = 0
+    for index, row in enumerate(plan.rows):
+        row_end = now + row.duration
+        for stamp in range(now, row_end, period):
+            command = Command(stamp, row.speed, row.steering_angle)
+            state = apply(advance(state, stamp, car), command, car, world)
+            yield Leg(index, state, min(stamp + period, row_end))
+        now = row_end
+    state = apply(advance(state, now, car), Command(now, 0.0, 0.0), car, world)
+    end = state.moved + math.ceil(state.motion[-1].begin * NANOSECONDS)
+    yield Leg(len(plan.rows), state, max(end, now))
 
 
 def trajectory(plan: Plan, car: Car, period: int, world: Optional[World] = None) -> Iterator[State]:
-    """Yield the states of the car along the plan, from its start pose until it stands for good.
+    """Yield the states of the car from the start of the plan until it comes to rest.
 
-    Their stamps count from the first command [ns]; there is one every `period` [ns], and a last
-    one when the car has come to rest after the end of the plan. Without a `world` there are no
-    walls. Commands are rounded to float32, as the car gets them.
+    There is one state every `period` [ns], and a last one when the car has come to rest. Without
+    a `world` there are no walls.
     """
-    car, commands = _commands(plan, car, world)
-    state = at_rest(0, Pose(*plan.start))
     due = 0
-    for command in commands:
-        while due < command.stamp:
-            yield advance(state, due, car)
+    for leg in drive(plan, car, world):
+        while due < leg.end:
+            yield advance(leg.state, due, car)
             due += period
-        state = apply(advance(state, command.stamp, car), command, car, world)
-    end = _rest(state)
-    while due < end:
-        yield advance(state, due, car)
-        due += period
-    yield advance(state, end, car)
+    yield advance(leg.state, leg.end, car)
 
 
-def states_at(plan: Plan, car: Car, instants: Iterable[int]) -> Iterator[State]:
-    """Yield the states of the car at rising instants, counted from the first command [ns].
+def states_at(
+    plan: Plan, car: Car, instants: Iterable[int], world: Optional[World] = None
+) -> Iterator[State]:
+    """Yield the states of the car at rising instants [ns].
 
-    Before that, it stands at the start pose. There are no walls, and commands are rounded to
-    float32, as the car gets them.
+    Before the first command the car is at rest at the start pose. Without a `world` there are no
+    walls.
     """
-    car, commands = _commands(plan, car, None)
-    state = at_rest(0, Pose(*plan.start))
-    upcoming = next(commands, None)
+    legs = drive(plan, car, world)
+    leg: Optional[Leg] = Leg(0, at_rest(0, plan.start), 0)
     for instant in instants:
-        while upcoming is not None and upcoming.stamp <= instant:
-            state = apply(advance(state, upcoming.stamp, car), upcoming, car)
-            upcoming = next(commands, None)
+        while leg is not None and instant >= leg.end:
+            state = leg.state
+            leg = next(legs, None)
+        if leg is not None:
+            state = leg.state
         yield advance(state, max(instant, state.stamp), car)
 
 
 def row_poses(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Pose]:
-    """Yield the start pose of the plan, and the pose of the car at the end of each row.
+    """Yield the start pose of the plan, and the pose at the end of each row, in the map frame.
 
-    In the map frame. For the ideal car, where there are no walls, it is one arc a row, in closed
-    form; a car with limits may not yet stand at the end of the last row.
+    A car with limits may still move at the end of the last row.
     """
-    pose = Pose(*plan.start)
-    yield pose
-    if _is_closed_form(car, world):
-        for row in plan.rows:
-            distance = as_float32(row.speed) * (row.duration / NANOSECONDS)
-            bend = curvature(as_float32(row.steering_angle), car.wheelbase)
-            pose = drive_arc(pose, distance, bend)
-            yield pose
-        return
-    car, commands = _commands(plan, car, world)
-    state = at_rest(0, pose)
+    yield plan.start
     row_ends = accumulate(row.duration for row in plan.rows)
-    end = next(row_ends)
-    for command in commands:
-        state = apply(advance(state, command.stamp, car), command, car, world)
-        if command.stamp == end:
-            yield state.pose
-            end = next(row_ends, end)
+    for state in states_at(plan, car, row_ends, world):
+        yield state.pose
 
 
 def rest(plan: Plan, car: Car, world: Optional[World] = None) -> Tuple[int, Pose]:
-    """Return when the car stands for good [ns after the first command], and where [map frame]."""
-    if _is_closed_form(car, world):
-        (pose,) = deque(row_poses(plan, car, world), maxlen=1)
-        return plan.duration, pose
-    car, commands = _commands(plan, car, world)
-    state = at_rest(0, Pose(*plan.start))
-    for command in commands:
-        state = apply(advance(state, command.stamp, car), command, car, world)
-    end = _rest(state)
-    return end, advance(state, end, car).pose
+    """Return when the car comes to rest after the plan [ns], and its pose in the map frame."""
+    (last,) = deque(drive(plan, car, world), maxlen=1)
+    return last.end, advance(last.state, last.end, car).pose
 
 
 def final_pose(plan: Plan, car: Car, world: Optional[World] = None) -> Pose:
@@ -108,40 +138,10 @@ def final_pose(plan: Plan, car: Car, world: Optional[World] = None) -> Pose:
 
 
 def length(plan: Plan) -> float:
-    """Return how far the ideal car drives [m], forward and in reverse."""
-    return sum(abs(as_float32(row.speed)) * row.duration / NANOSECONDS for row in plan.rows)
+    """Return the distance that the ideal car drives, forward and in reverse [m]."""
+    return sum(abs(row.speed) * row.duration / NANOSECONDS for row in plan.rows)
 
 
-def _is_closed_form(car: Car, world: Optional[World]) -> bool:
-    """Say whether the car drives one arc a row."""
-    return car.is_ideal and world is None and car.command_timeout >= COMMAND_PERIOD
-
-
-def _commands(plan: Plan, car: Car, world: Optional[World]) -> Tuple[Car, Iterator[Command]]:
-    """Return the car and the commands that it gets, stamped from 0 on; the last is a stop.
-
-    Where repeating a command changes nothing, it is one a row, and a car that holds it as long:
-    noise is drawn for every command, and at a wall the car tries anew with every one.
-    """
-    has_noise = car.speed_noise or car.steering_noise
-    period = COMMAND_PERIOD
-    if world is None and not has_noise and car.command_timeout >= period:
-        period = MAX_DURATION
-        car = car._replace(command_timeout=MAX_DURATION)
-
-    def commands() -> Iterator[Command]:
-        begin = 0
-        for row in plan.rows:
-            speed, angle = as_float32(row.speed), as_float32(row.steering_angle)
-            end = begin + row.duration
-            for stamp in range(begin, end, period):
-                yield Command(stamp, speed, angle)
-            begin = end
-        yield Command(begin, 0.0, 0.0)
-
-    return car, commands()
-
-
-def _rest(state: State) -> int:
-    """Return the instant [ns] from which on the car in a state stands for good."""
-    return state.moved + math.ceil(state.motion[-1].begin * NANOSECONDS)
+def count_commands(plan: Plan) -> int:
+    """Return how many commands path_publisher sends for a plan, without the stop."""
+    return sum(-(-row.duration // COMMAND_PERIOD) for row in plan.rows)

@@ -16,17 +16,19 @@ from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.plan.find import find_plan, read_bytes
+from mushr_ros_intro.plan.find import find_plan, read_plan
 from mushr_ros_intro.plan.model import Fault
-from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
-from mushr_ros_intro.preview.check import SHOWN_FAULTS, Report, check, scatter, slowed
-from mushr_ros_intro.preview.ensemble import count_ticks, ellipse
+from mushr_ros_intro.preview.limits import slowed
+from mushr_ros_intro.preview.report import check
+from mushr_ros_intro.preview.spread import spread
+from mushr_ros_intro.preview.text import SHOWN_FAULTS
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.car_pose import POSE_TOLERANCE, CarPose
 from mushr_ros_intro.ros.connections import is_published
 from mushr_ros_intro.ros.node import package_folder, simulated_car_parameters
 from mushr_ros_intro.sim.stamps import (
+    COMMAND_PERIOD,
     CONNECTION_TIMEOUT,
     NANOSECONDS,
     SETTLING,
@@ -80,9 +82,8 @@ class Preview:
             )
         expected = "the name or the path of a plan, such as _plan_file:=figure_8"
         name = parameters.text("plan_file", expected=expected)
-        path = find_plan(name, package_folder("plans"), [os.environ.get("PWD", "."), "."])
-        self._data = read_bytes(path)
-        self.plan, changes = slowed(parse_plan(self._data, path), self._data, max_speed)
+        path = find_plan(name, package_folder("plans"))
+        self.plan, changes = slowed(read_plan(path), max_speed)
         """The plan as it is driven, no row faster than ~max_speed."""
         _warn(changes)
         self._pub_path = rospy.Publisher("~predicted_path", Path, queue_size=1, latch=True)
@@ -109,23 +110,23 @@ class Preview:
         profile = self._profile or simulated_car_parameters(self._car_name)
         self._car = car_from(profile)
         grid = _read_map() if self._is_placed else None
-        report = check(self.plan, self._data, self._profile_name, self._car, "", grid)
+        report = check(self.plan, self._profile_name, self._car, "", grid)
         if report.faults and self._is_strict:
             faults = "\n".join(_lines(report.faults))
             raise StrictError(f"~strict is set and the plan has faults; it is not driven\n{faults}")
         _warn(report.faults)
         self._world = World(grid) if grid and report.hit else None
         self._rest, self._expected = prediction.rest(self.plan, self._car, self._world)
-        period = max(prediction.COMMAND_PERIOD, self._rest // MAX_PATH_POSES)
+        period = max(COMMAND_PERIOD, self._rest // MAX_PATH_POSES)
         states = prediction.trajectory(self.plan, self._car, period, self._world)
         self._pub_path.publish(conversions.path_to_msg(states, ros_time.now()))
         if self._shows_spread:
-            self._publish_spread(report, profile)
+            self._publish_spread(profile)
 
-    def _publish_spread(self, report: Report, profile: Parameters) -> None:
+    def _publish_spread(self, profile: Parameters) -> None:
         """Publish where cars with random errors end, and pass on the way."""
         car = car_from(profile.with_values(noise=True))
-        commands = count_ticks(self.plan)
+        commands = prediction.count_commands(self.plan)
         if not (car.speed_noise or car.steering_noise):
             rospy.loginfo("this car has no noise, so there is no spread to show")
             return
@@ -136,12 +137,12 @@ class Preview:
                 MAX_SPREAD_COMMANDS,
             )
             return
-        result = scatter(report, car, SPREAD_RUNS, SPREAD_SEED)
-        ellipses = []
-        for mean, covariance in zip(result.sampled.mean.tolist(), result.sampled.covariance):
-            major, minor, direction = ellipse(covariance)
-            ellipses.append((Pose(mean[0], mean[1], direction), major, minor))
-        poses = (Pose(*pose) for pose in result.sampled.cloud.tolist())
+        result = spread(self.plan, car, SPREAD_RUNS, SPREAD_SEED)
+        ellipses = [
+            (Pose(x, y, direction), major, minor)
+            for (x, y, _), (major, minor, direction) in zip(result.mean.tolist(), result.ellipses)
+        ]
+        poses = (Pose(*pose) for pose in result.cloud.tolist())
         self._pub_spread.publish(conversions.poses_to_msg(poses, ros_time.now()))
         self._pub_ellipses.publish(conversions.ellipses_to_msg(ellipses, ros_time.now()))
         rospy.loginfo(
@@ -162,7 +163,7 @@ class Preview:
         """
         expected = self._expected
         if not self._is_placed:
-            move = compose(inverse(Pose(*self.plan.start)), expected)
+            move = compose(inverse(self.plan.start), expected)
             x, y = round(move.x, 2), round(move.y, 2)
             rospy.loginfo(
                 "the plan has been driven; the car should stand %.2f m %s its start, %.2f m to the "

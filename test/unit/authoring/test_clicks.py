@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from mushr_ros_intro.authoring.clicks import MAX_DISTANCE, ClickError, arc_to, extend, row_to
 from mushr_ros_intro.car.bicycle import ORIGIN, Pose, drive_arc
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.plan.model import Plan
+from mushr_ros_intro.plan.model import Plan, as_float32
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.write import plan_text
-from mushr_ros_intro.preview.prediction import as_float32, final_pose
+from mushr_ros_intro.preview.prediction import final_pose
 from support.helpers import closed_form
 
 CAR = Car(steering_limit_left=0.34, steering_limit_right=0.25)

@@ -16,7 +16,7 @@ from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.find import read_plan
-from mushr_ros_intro.preview.prediction import as_float32
+from mushr_ros_intro.plan.model import as_float32
 from mushr_ros_intro.world.footprint import Footprint, is_free
 from mushr_ros_intro.world.map_file import read_map
 from support.cars import BEGIN, MS, ROUNDING, SECOND, at, history_of

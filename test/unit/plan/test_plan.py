@@ -2,7 +2,6 @@
 
 import os
 import resource
-import struct
 
 import pytest
 from hypothesis import example, given
@@ -10,7 +9,7 @@ from hypothesis import strategies as st
 
 from mushr_ros_intro.plan import find, parse
 from mushr_ros_intro.plan.find import find_plan, read_plan
-from mushr_ros_intro.plan.model import PlanError, Row
+from mushr_ros_intro.plan.model import PlanError, Row, as_float32, shortest_decimal
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.write import WriteError, plan_text, write_plan
 from support.paths import FIXTURES, PLANS
@@ -146,7 +145,10 @@ def test_a_long_line_takes_no_more_than_linear_time(line):
 def test_forms_of_the_same_plan(text, mark):
     plan = parse_plan(mark + b"# start\n\n1, -2.5, 0.785 # x, y, theta\n" + text, "plan")
     assert plan.start == (1.0, -2.5, 0.785)
-    assert [row[:3] for row in plan.rows] == [(2.0, 0.09, SECOND), (-1.0, 0.5, 250_000_000)]
+    assert [row[:3] for row in plan.rows] == [
+        (2.0, as_float32(0.09), SECOND),
+        (-1.0, 0.5, 250_000_000),
+    ]
     assert plan.duration == 1_250_000_000
     assert plan.path == "plan"
 
@@ -165,8 +167,28 @@ def test_in_a_faulty_row_the_least_and_the_longest_duration_are_no_fault(duratio
     assert fault.text.startswith("speed is 'fast'")
 
 
-def test_rows_know_their_line():
-    assert [row.line for row in rows_of("\n1,0\r\n# \r\r1,0")] == [3, 6]
+def test_rows_and_the_start_pose_know_their_line_and_columns():
+    data = b"\xef\xbb\xbf# c\n\n  1,\t2 ,3\r\n1,0\r\n# \r\r  1 , -.5  ,1e3 # 7, 7\n"
+    plan = parse_plan(data, "plan")
+    assert (plan.start_line, plan.start_columns) == (3, (3, 6, 9))
+    assert [(row.line, row.columns) for row in plan.rows] == [(4, (1, 3)), (7, (3, 7, 13))]
+    assert str(plan.fault(-1, 1, "text")) == "plan:3:6: text"
+    assert str(plan.fault(0, 1, "text")) == "plan:4:3: text"
+    assert str(plan.fault(2, 0, "text")) == "plan:7:3: text"  # the stop after the last row
+
+
+def test_commands_are_rounded_to_float32():
+    (row,) = rows_of("0.3, 0.09")
+    assert row[:2] == (0.30000001192092896, 0.09000000357627869)
+    assert as_float32(1e-46) == 0.0
+    assert as_float32(2.0**24 + 1) == 2.0**24
+
+
+@given(st.floats(-1e3, 1e3))
+def test_the_shortest_decimal_has_the_same_float32(value):
+    shown = shortest_decimal(value)
+    assert as_float32(shown) == as_float32(value)
+    assert len(repr(abs(shown)).strip("0.").replace(".", "").split("e")[0]) <= 9
 
 
 def test_durations_are_whole_nanoseconds():
@@ -195,7 +217,8 @@ def test_figure_8_is_read_as_it_stands():
     plan = read_plan(os.path.join(PLANS, "figure_8.txt"))
     assert plan.start == (0.0, 0.0, 0.785)
     assert plan.rows == tuple(
-        Row(2.0, 0.09 if line <= 12 else -0.09, SECOND, line) for line in range(2, 24)
+        Row(2.0, as_float32(0.09 if line <= 12 else -0.09), SECOND, line, (1, 5))
+        for line in range(2, 24)
     )
     assert plan.duration == 22 * SECOND
 
@@ -227,7 +250,11 @@ def check_verdict(data):
     assert len(said) == 1 + len(plan.rows) >= 2, "a line was passed over"
     assert all(abs(value) <= 1e6 for value in plan.start)
     for row in plan.rows:
-        assert abs(row.speed) <= 1e3 and abs(row.steering_angle) <= 1.57 and row.duration >= 1
+        assert (
+            abs(row.speed) <= 1e3
+            and abs(row.steering_angle) <= as_float32(1.57)
+            and row.duration >= 1
+        )
 
 
 @given(st.binary(max_size=200))
@@ -260,7 +287,8 @@ def test_a_plan_that_is_written_is_read_back(start, rows):
         text += f"{speed!r},{angle!r} , {duration // SECOND}.{duration % SECOND:09d}{end}"
     plan = parse_plan(text.encode(), "plan")
     assert plan.start == start
-    assert [row[:3] for row in plan.rows] == [row[:3] for row in rows]
+    expected = [(as_float32(v), as_float32(angle), duration) for v, angle, duration, _ in rows]
+    assert [row[:3] for row in plan.rows] == expected
 
 
 @pytest.fixture
@@ -277,6 +305,7 @@ def test_plans_are_found_by_name_and_by_path(folders, monkeypatch):
     plans, here = folders
     (plans / "eight").mkdir()  # what is no file does not hide one
     monkeypatch.setenv("HOME", str(here))
+    monkeypatch.setenv("PWD", str(here))
     for name, expected in {
         "circle": plans / "circle.txt",
         "circle.txt": plans / "circle.txt",
@@ -288,15 +317,16 @@ def test_plans_are_found_by_name_and_by_path(folders, monkeypatch):
         str(here / "circle.txt"): here / "circle.txt",
         str(here): here,
     }.items():
-        found = find_plan(name, str(plans), [str(here), "/"])
+        found = find_plan(name, str(plans))
         assert os.path.realpath(found) == str(expected)
 
 
 @pytest.mark.parametrize("name", ["", "eigth", "here/own", "/nowhere/circle.txt", "circle\0"])
-def test_a_plan_that_is_not_there_is_told_with_those_that_are(folders, name):
+def test_a_plan_that_is_not_there_is_told_with_those_that_are(folders, name, monkeypatch):
     plans, here = folders
+    monkeypatch.setenv("PWD", str(here))
     with pytest.raises(PlanError) as caught:
-        find_plan(name, str(plans), [str(here)])
+        find_plan(name, str(plans))
     expected = f"no such plan file; expected the path of a file, or the name of one in {plans}"
     assert f"{name or repr('')}:1:1: {expected}: circle, eight" == str(caught.value)
 
@@ -305,10 +335,6 @@ ROWS = [Row(2.0, 0.3400000035762787, 250_000_001, 0), Row(-0.5, -0.0, 10 * SECON
 
 NOBODY = 65534
 """The user who owns nothing."""
-
-
-def float32(value):
-    return struct.unpack("f", struct.pack("f", value))[0]
 
 
 def test_text_of_a_plan():
@@ -333,8 +359,8 @@ def test_what_is_written_is_read_again(start, rows):
     plan = parse_plan(plan_text(start, rows).encode(), "p")
     assert plan.start == start
     for got, row in zip(plan.rows, rows):
-        assert float32(got.speed) == float32(row.speed)
-        assert float32(got.steering_angle) == float32(row.steering_angle)
+        assert got.speed == as_float32(row.speed)
+        assert got.steering_angle == as_float32(row.steering_angle)
         assert got.duration == row.duration
     assert len(plan.rows) == len(rows)
 

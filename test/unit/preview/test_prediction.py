@@ -42,13 +42,6 @@ def plan_named(name):
     return read_plan(os.path.join(PLANS, name + ".txt"))
 
 
-def test_as_float32():
-    assert prediction.as_float32(0.5) == 0.5
-    assert prediction.as_float32(0.09) == 0.09000000357627869
-    assert prediction.as_float32(1e-46) == 0.0
-    assert prediction.as_float32(2.0**24 + 1) == 2.0**24
-
-
 def test_figure_8_ends_where_float32_commands_take_it():
     expected = (-1.547709166, -1.180325449, 0.785)
     assert prediction.final_pose(plan_named("figure_8"), Car()) == pytest.approx(
@@ -96,7 +89,7 @@ def test_the_car_does_what_was_predicted(name):
     predicted = prediction.row_poses(plan, car)
     for row, expected in zip(plan.rows, predicted):
         assert history.state_at(due).pose == pytest.approx(expected, abs=ROUNDING)
-        speed, angle = map(prediction.as_float32, (row.speed, row.steering_angle))
+        speed, angle = row.speed, row.steering_angle
         for stamp in range(due, due + row.duration, SECOND // 10):
             history.add(Command(stamp, speed, angle), stamp)
         due += row.duration
@@ -114,7 +107,7 @@ def states_of(car, plan, world):
     history.add(InitialPose(due - SECOND // 10, Pose(*plan.start)), due - SECOND // 10)
     states = []
     for row in plan.rows:
-        speed, angle = map(prediction.as_float32, (row.speed, row.steering_angle))
+        speed, angle = row.speed, row.steering_angle
         for stamp in range(due, due + row.duration, SECOND // 10):
             history.add(Command(stamp, speed, angle), stamp)
             states.append(history.state_at(stamp))
@@ -216,7 +209,7 @@ def test_the_ideal_car_s_trajectory_is_figure_8_s_closed_form():
     states = {s.stamp: s for s in prediction.trajectory(plan, Car(), SECOND // 10)}
     position, heading = complex(*plan.start[:2]), plan.start[2]
     for number, row in enumerate(plan.rows):
-        speed, angle = map(prediction.as_float32, (row.speed, row.steering_angle))
+        speed, angle = row.speed, row.steering_angle
         rate = speed * math.tan(angle) / 0.33
         for tenth in range(10):
             turned = heading + rate * tenth / 10

@@ -18,7 +18,7 @@ from visualization_msgs.msg import Marker
 from mushr_ros_intro.car.bicycle import Pose, compose
 from mushr_ros_intro.car.model import Car, Command, Contact, InitialPose, at_rest
 from mushr_ros_intro.car.motion import advance, apply
-from mushr_ros_intro.preview.prediction import as_float32
+from mushr_ros_intro.plan.model import as_float32
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.conversions import MessageError
 from mushr_ros_intro.world.grid import Grid, as_travelled

@@ -1,0 +1,130 @@
+"""Check a plan against the limits of a car, and slow it down."""
+
+import itertools
+import math
+from typing import Iterator, List, NamedTuple, Sequence, Tuple
+
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.plan.model import MAX_SPEED, Fault, Plan, as_float32
+from mushr_ros_intro.sim.stamps import NANOSECONDS
+
+_ROUNDING = 1e-6
+"""A ramp may exceed its row by this fraction: commands are float32, and not exact."""
+
+
+class Step(NamedTuple):
+    """The motion of the car during one row, or during the stop after the last row."""
+
+    begin: int
+    """Begin of the row [ns]."""
+    end: int
+    """End of the row; of the stop, the stamp from which on the car is at rest [ns]."""
+    speed: float
+    """Speed at the begin [m/s]."""
+    steering_angle: float
+    """Steering angle at the begin [rad]."""
+    distance: float
+    """Distance driven, forward and in reverse [m]."""
+    pose: Pose
+    """Pose at the end, in the map frame."""
+
+
+def slowed(plan: Plan, max_speed: float) -> Tuple[Plan, List[Fault]]:
+    """Return a plan with no speed above a limit, forward and in reverse.
+
+    Args:
+        plan: the plan.
+        max_speed: the limit [m/s].
+
+    Returns:
+        The slower plan, and one fault for each run of rows that have been slowed down.
+    """
+    limit = as_float32(min(max_speed, MAX_SPEED))
+    is_fast = [abs(row.speed) > limit for row in plan.rows]
+    speeds = [row.speed for row in plan.rows]
+    faults = [
+        plan.fault(
+            first,
+            0,
+            f"{_asks(first, last, speeds, 'm/s')}; the largest speed allowed is {max_speed:g} m/s, "
+            "and that is sent",
+        )
+        for first, last in _runs(is_fast)
+    ]
+    rows = tuple(
+        row._replace(speed=math.copysign(limit, row.speed)) if fast else row
+        for row, fast in zip(plan.rows, is_fast)
+    )
+    return plan._replace(rows=rows), faults
+
+
+def limit_faults(plan: Plan, car_name: str, car: Car) -> Iterator[Fault]:
+    """Yield a fault for each run of rows that exceed a limit of the car."""
+    speeds = [row.speed for row in plan.rows]
+    angles = [row.steering_angle for row in plan.rows]
+    for cell, sign, limit, does in (
+        (0, 1.0, car.speed_limit, "does {:.4g} m/s"),
+        (0, -1.0, car.speed_limit, "does {:.4g} m/s in reverse"),
+        (1, 1.0, car.steering_limit_left, "steers {:.4g} rad to the left"),
+        (1, -1.0, car.steering_limit_right, "steers {:.4g} rad to the right"),
+    ):
+        asked, unit = ((speeds, "m/s"), (angles, "rad"))[cell]
+        limit_sent = as_float32(min(limit, MAX_SPEED))  # rows are rounded likewise
+        for first, last in _runs([sign * value > limit_sent for value in asked]):
+            text = f"{_asks(first, last, asked, unit)}; the {car_name} {does.format(limit)} at most"
+            yield plan.fault(first, cell, text)
+
+
+def ramp_faults(plan: Plan, steps: Sequence[Step], car_name: str, car: Car) -> Iterator[Fault]:
+    """Yield a fault for each run of rows that end before the car has reached their command.
+
+    Args:
+        plan: the plan.
+        steps: the motion during each row.
+        car_name: the name of the car.
+        car: the car.
+    """
+    targets = [car.within_limits(row.speed, row.steering_angle) for row in plan.rows]
+    for cell, rate, unit, rate_unit in (
+        (0, car.acceleration, "m/s", "m/s^2"),
+        (1, car.steering_rate, "rad", "rad/s"),
+    ):
+        if math.isinf(rate):
+            continue
+        ramps = [
+            ((step.speed, step.steering_angle)[cell], target[cell])
+            for step, target in zip(steps, targets)
+        ]
+        needed = [abs(target - begin) / rate for begin, target in ramps]
+        lasts = [row.duration / NANOSECONDS for row in plan.rows]
+        for first, last in _runs([n > s * (1.0 + _ROUNDING) for n, s in zip(needed, lasts)]):
+            begin, target = ramps[first]
+            yield plan.fault(
+                first,
+                cell,
+                f"{_named(first, last)} {'is' if first == last else 'are'} too short: the "
+                f"{car_name} needs {needed[first]:.3g} s from {begin:.3g} to {target:.3g} {unit} "
+                f"at {rate:g} {rate_unit}, and row {first + 1} lasts {lasts[first]:.3g} s",
+            )
+
+
+def _runs(is_bad: Sequence[bool]) -> Iterator[Tuple[int, int]]:
+    """Yield the first and the last index of each run of true values."""
+    for bad, run in itertools.groupby(range(len(is_bad)), key=is_bad.__getitem__):
+        if bad:
+            indices = list(run)
+            yield indices[0], indices[-1]
+
+
+def _named(first: int, last: int) -> str:
+    """Return the name of rows that are counted from 0."""
+    return f"row {first + 1}" if first == last else f"rows {first + 1} to {last + 1}"
+
+
+def _asks(first: int, last: int, values: Sequence[float], unit: str) -> str:
+    """Return the text for what rows, counted from 0, ask for."""
+    part = values[first : last + 1]
+    span = sorted({min(part), max(part)}, key=abs)
+    shown = " to ".join(f"{each:.6g}" for each in span)
+    return f"{_named(first, last)} {'asks' if first == last else 'ask'} for {shown} {unit}"

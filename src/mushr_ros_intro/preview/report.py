@@ -1,0 +1,159 @@
+"""Check a plan before it is driven, and report what it does.
+
+All values come from the kinematics of the simulated car. Poses are those of base_footprint, the
+middle of the rear axle on the ground, in the map frame.
+"""
+
+import math
+from typing import Iterator, List, NamedTuple, Optional, Tuple
+
+from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
+from mushr_ros_intro.car.model import Car, Piece
+from mushr_ros_intro.car.motion import advance
+from mushr_ros_intro.car.quadrature import follow
+from mushr_ros_intro.plan.model import Fault, Plan
+from mushr_ros_intro.preview.limits import Step, limit_faults, ramp_faults
+from mushr_ros_intro.preview.prediction import drive
+from mushr_ros_intro.preview.walls import map_fault
+from mushr_ros_intro.world.footprint import Footprint
+from mushr_ros_intro.world.grid import Grid
+
+_TOLERANCE = 1e-4
+"""Accuracy of the bounding box [m] where the steering angle changes; elsewhere it is exact."""
+
+_QUARTER = 0.5 * math.pi
+_MAX_POINTS = 1000
+"""Limit of the number of points on one piece of motion."""
+
+
+class Report(NamedTuple):
+    """The result of a check."""
+
+    plan: Plan
+    car_name: str
+    car: Car
+    map_name: str
+    """The map that the plan was checked against, or an empty text."""
+    steps: Tuple[Step, ...]
+    """The motion during each row, and during the stop at the end."""
+    box: Tuple[float, float, float, float]
+    """Smallest and largest x, smallest and largest y of the path [m], to 0.1 mm."""
+    radius: float
+    """The smallest turning radius of the path [m]; infinite if the car only drives straight."""
+    faults: Tuple[Fault, ...]
+    hit: Optional[Pose]
+    """The pose at which the car hits a wall, or None."""
+
+    @property
+    def rest(self) -> int:
+        """The time from the first command until the car is at rest [ns]."""
+        return self.steps[-1].end
+
+    @property
+    def length(self) -> float:
+        """The distance driven, forward and in reverse, until the car is at rest [m]."""
+        return sum(step.distance for step in self.steps)
+
+    @property
+    def final_pose(self) -> Pose:
+        """The pose at which the car comes to rest."""
+        return self.steps[-1].pose
+
+    @property
+    def closing_gap(self) -> Tuple[float, float]:
+        """The distance [m] and the signed angle [rad] from the start pose to the final pose."""
+        start, end = self.plan.start, self.final_pose
+        return start.distance_to(end), math.remainder(end.theta - start.theta, math.tau)
+
+
+def check(
+    plan: Plan,
+    car_name: str,
+    car: Car,
+    map_name: str = "",
+    grid: Optional[Grid] = None,
+    footprint: Footprint = Footprint(),  # noqa: B008, it is immutable
+) -> Report:
+    """Check a plan against the limits of a car, and against a map.
+
+    Args:
+        plan: the plan.
+        car_name: the name of the car, for messages.
+        car: the car; its noise is left out.
+        map_name: the name of the map, for messages.
+        grid: the map, if there is one.
+        footprint: the body of the car.
+    """
+    car = car._replace(speed_noise=0.0, steering_noise=0.0)
+    steps, box, radius = _driven(plan, car)
+    faults = [*limit_faults(plan, car_name, car), *ramp_faults(plan, steps, car_name, car)]
+    hit = None
+    if grid is not None:
+        fault, hit = map_fault(plan, car, grid, footprint)
+        faults += [fault] if fault else []
+    faults.sort(key=lambda fault: (fault.line, fault.column))
+    return Report(plan, car_name, car, map_name, steps, box, radius, tuple(faults), hit)
+
+
+def _driven(
+    plan: Plan, car: Car
+) -> Tuple[Tuple[Step, ...], Tuple[float, float, float, float], float]:
+    """Drive a plan; return its steps, its bounding box and its smallest turning radius."""
+    steps: List[Step] = []
+    left = right = plan.start.x
+    bottom = top = plan.start.y
+    bend = 0.0
+    for leg in drive(plan, car):
+        pose = advance(leg.state, leg.end, car).pose
+        step = Step(
+            leg.state.stamp,
+            leg.end,
+            leg.state.speed,
+            leg.state.steering_angle,
+            leg.distance(leg.end),
+            pose,
+        )
+        if leg.row < len(steps):  # a repeated command of the same row
+            before = steps.pop()
+            distance = before.distance + step.distance
+            step = before._replace(end=leg.end, distance=distance, pose=pose)
+        steps.append(step)
+        for piece, seconds in leg.pieces(leg.end):
+            if piece.speed == 0.0 == piece.acceleration:
+                continue
+            bend = max(bend, _tightest_bend(piece, seconds, car))
+            for x, y, _ in (pose, *_points(piece, seconds, car)):
+                left, right = min(left, x), max(right, x)
+                bottom, top = min(bottom, y), max(top, y)
+    return tuple(steps), (left, right, bottom, top), 1.0 / bend if bend else math.inf
+
+
+def _tightest_bend(piece: Piece, seconds: float, car: Car) -> float:
+    """Return the largest curvature on a piece of motion, left or right [1/m]."""
+    end_angle = piece.steering_angle + piece.steering_rate * seconds
+    return max(abs(curvature(angle, car.wheelbase)) for angle in (piece.steering_angle, end_angle))
+
+
+def _points(piece: Piece, seconds: float, car: Car) -> Iterator[Pose]:
+    """Yield the begin of a piece of motion, and the points that bound its path.
+
+    On an arc they are the points with a heading along an axis. If the steering angle changes, the
+    path leaves the chord between two points by at most a t^2 / 8, where t is the time between the
+    points and a the lateral acceleration.
+    """
+    yield piece.pose
+    bend = _tightest_bend(piece, seconds, car)
+    if piece.steering_rate:
+        speed = max(abs(piece.speed), abs(piece.speed + piece.acceleration * seconds))
+        count = math.ceil(seconds * speed * math.sqrt(bend / (8.0 * _TOLERANCE)))
+        count = min(count, _MAX_POINTS)
+        for number in range(1, count):
+            yield follow(piece, seconds * number / count, car)[0]
+    elif bend:
+        bend = math.copysign(bend, piece.steering_angle)
+        turn = (piece.speed + 0.5 * piece.acceleration * seconds) * seconds * bend
+        begin = piece.pose.theta
+        first = math.ceil(min(begin, begin + turn) / _QUARTER)
+        last = math.floor(max(begin, begin + turn) / _QUARTER)
+        for number in range(first, min(last, first + 3) + 1):  # more turns repeat them
+            yield drive_arc(piece.pose, (number * _QUARTER - begin) / bend, bend)

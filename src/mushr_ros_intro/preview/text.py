@@ -1,0 +1,193 @@
+"""Write a report as text or as JSON."""
+
+import math
+from typing import Any, Dict, Iterator, Optional, Sequence
+
+from mushr_ros_intro.plan.model import Fault, shortest_decimal
+from mushr_ros_intro.preview.report import Report
+from mushr_ros_intro.preview.spread import Errors, Spread
+from mushr_ros_intro.sim.stamps import NANOSECONDS
+
+SHOWN_ROWS = 40
+"""Of a longer plan only the first and the last rows are shown."""
+
+SHOWN_FAULTS = 20
+"""Of more faults only so many are shown, and the number of the others."""
+
+
+def as_text(report: Report, spread: Optional[Spread] = None) -> Iterator[str]:
+    """Yield the lines of a report as text."""
+    plan = report.plan
+    count = len(plan.rows)
+    yield f"{plan.path}: {_counted(count, 'row')}, on the {report.car_name} car" + (
+        f", on the map {report.map_name}" if report.map_name else ""
+    )
+    yield ""
+    yield "    row   speed  steering  duration  distance     turn         x         y    theta"
+    yield "            m/s       rad         s         m      rad         m         m      rad"
+    x, y, theta = plan.start
+    yield f"  start {'':43} {x:9.3f} {y:9.3f} {theta:8.3f}"
+    half = SHOWN_ROWS // 2
+    for index, row in enumerate(plan.rows):
+        if count > SHOWN_ROWS and half <= index < count - half:
+            if index == half:
+                yield f"    ... {count - 2 * half} more rows ..."
+            continue
+        yield _table_line(report, index, f"{index + 1:7}", row.speed, row.steering_angle)
+    if report.steps[-1].distance > 0.0:
+        yield _table_line(report, count, "   stop", 0.0, 0.0)
+    yield ""
+    yield from _summary(report)
+    if spread is not None:
+        yield ""
+        yield from _spread_text(report.car_name, spread)
+    yield ""
+    yield from verdict(report.faults)
+
+
+def _table_line(report: Report, index: int, name: str, speed: float, angle: float) -> str:
+    """Return the line of a row, counted from 0, or of the stop after the last row."""
+    step = report.steps[index]
+    theta_before = report.steps[index - 1].pose.theta if index else report.plan.start.theta
+    seconds = (step.end - step.begin) / NANOSECONDS
+    cells = f"{name} {speed:7.2f} {angle:9.4f} {seconds:9.2f} {step.distance:9.3f}"
+    x, y, theta = step.pose
+    return f"{cells} {_near(theta - theta_before):>8} {_near(x):>9} {_near(y):>9} {_near(theta):>8}"
+
+
+def _summary(report: Report) -> Iterator[str]:
+    """Yield the lines below the table of rows."""
+    plan, end = report.plan, report.final_pose
+    gap, turned = report.closing_gap
+    left, right, bottom, top = report.box
+    yield f"length          {report.length:.2f} m"
+    yield f"duration        {plan.duration / NANOSECONDS:g} s"
+    theta = math.remainder(end.theta, math.tau)
+    yield f"final pose      x {_near(end.x)} m, y {_near(end.y)} m, theta {_near(theta)} rad"
+    yield f"closing gap     {_near(gap)} m and {_near(turned)} rad between start and end"
+    yield (
+        f"bounding box    x {_near(left)} to {_near(right)} m, y {_near(bottom)} to {_near(top)} m"
+        " (of the rear axle)"
+    )
+    radius = "none, it drives straight" if math.isinf(report.radius) else f"{report.radius:.3f} m"
+    yield f"turning radius  {radius if math.isinf(report.radius) else 'at least ' + radius}"
+    last, rolls = plan.rows[-1].speed, report.steps[-1].distance
+    if last == 0.0:
+        rest = "yes"
+    else:
+        rest = f"no, the last row asks for {last:g} m/s; path_publisher then sends a stop"
+    if rolls > 0.0:
+        rest += f", and the car rolls on for {rolls:.3f} m"
+    yield f"ends at rest    {rest}"
+
+
+def _near(value: float) -> str:
+    """Return a number with three decimals, and zero without a minus sign."""
+    return f"{value if abs(value) >= 5e-4 else 0.0:.3f}"
+
+
+def _counted(count: int, thing: str) -> str:
+    """Return a number with its noun."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
+def verdict(faults: Sequence[Fault]) -> Iterator[str]:
+    """Yield the faults, and their number."""
+    for fault in faults[:SHOWN_FAULTS]:
+        yield str(fault)
+    if len(faults) > SHOWN_FAULTS:
+        yield f"... and {len(faults) - SHOWN_FAULTS} more faults"
+    yield _counted(len(faults), "fault") if faults else "no faults"
+
+
+def _spread_text(car_name: str, spread: Spread) -> Iterator[str]:
+    """Yield the lines on the spread."""
+    errors = spread.errors
+    yield f"spread of {spread.runs} runs, seed {spread.seed}, as standard deviations:"
+    yield (
+        f"  once a run      speed {100 * errors.speed_scale:g} %, steering "
+        f"{errors.steering_offset:g} rad, start {errors.start_position:g} m and "
+        f"{errors.start_heading:g} rad"
+    )
+    yield f"  every command   speed {errors.speed:g} m/s, steering {errors.steering_angle:g} rad"
+    if errors == Errors():
+        yield f"  the {car_name} car has no errors, so all runs end in the same place"
+        return
+    yield ""
+    yield "  time  distance   mean x   mean y    theta    95 % ellipse      off the plan"
+    yield "     s         m        m        m      rad    m long  m wide        m   of way"
+    for time, distance, mean, (major, minor, _), off in zip(
+        spread.seconds, spread.distances, spread.mean, spread.ellipses, spread.rms_errors
+    ):
+        share = f"{100 * off / distance:7.1f} %" if distance > 0.0 else ""
+        yield (
+            f"{time:6.1f}{distance:10.2f}{mean[0]:9.3f}{mean[1]:9.3f}{mean[2]:9.3f}"
+            f"{2 * major:10.3f}{2 * minor:8.3f}{off:9.3f}{share}"
+        )
+    yield ""
+    if spread.growth is not None:
+        yield f"the error grows with the distance to the power of {spread.growth:.1f}"
+    yield "final pose, from the runs:"
+    x, y, theta = spread.mean[-1].tolist()
+    yield f"  mean          x {_near(x)} m, y {_near(y)} m, theta {_near(theta)} rad"
+    names = ("m", "m", "rad")
+    for number, row in enumerate(spread.covariance[-1].tolist()):
+        title = "covariance" if number == 0 else ""
+        units = ", ".join(f"{names[number]} {each}" for each in names)
+        cells = "".join(f"{each if abs(each) >= 5e-6 else 0.0:12.5f}" for each in row)
+        yield f"  {title:12}{cells}   [{units}]"
+    major, minor, direction = spread.ellipses[-1]
+    yield (
+        f"  95 % ellipse  {2 * major:.3f} m long at {_near(direction)} rad, {2 * minor:.3f} m wide"
+    )
+
+
+def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
+    """Return a report as values for JSON; lengths in m, angles in rad, times in s.
+
+    The rows are lists, one for each column, with the stop at the end as the last item.
+    """
+    plan, steps = report.plan, report.steps
+    thetas = [plan.start.theta] + [step.pose.theta for step in steps]
+    gap, turned = report.closing_gap
+    left, right, bottom, top = report.box
+    values: Dict[str, Any] = {
+        "plan": plan.path,
+        "car": report.car_name,
+        "map": report.map_name or None,
+        "start": plan.start._asdict(),
+        "rows": {
+            "line": [row.line for row in plan.rows] + [None],
+            "speed": [shortest_decimal(row.speed) for row in plan.rows] + [0.0],
+            "steering_angle": [shortest_decimal(row.steering_angle) for row in plan.rows] + [0.0],
+            "duration": [(step.end - step.begin) / NANOSECONDS for step in steps],
+            "distance": [step.distance for step in steps],
+            "turn": [after - before for before, after in zip(thetas, thetas[1:])],
+            "x": [step.pose.x for step in steps],
+            "y": [step.pose.y for step in steps],
+            "theta": thetas[1:],
+        },
+        "length": report.length,
+        "duration": plan.duration / NANOSECONDS,
+        "final_pose": report.final_pose._asdict(),
+        "closing_gap": {"distance": gap, "turn": turned},
+        "bounding_box": {"x": [left, right], "y": [bottom, top]},
+        "turning_radius": None if math.isinf(report.radius) else report.radius,
+        "ends_at_rest": plan.rows[-1].speed == 0.0,
+        "faults": [fault._asdict() for fault in report.faults],
+    }
+    if spread is not None:
+        values["spread"] = {
+            "runs": spread.runs,
+            "seed": spread.seed,
+            "errors": spread.errors._asdict(),
+            "time": spread.seconds.tolist(),
+            "distance": spread.distances.tolist(),
+            "error": spread.rms_errors.tolist(),
+            "sampled": {
+                "mean": spread.mean.tolist(),
+                "covariance": spread.covariance.tolist(),
+                "ellipse_95": spread.ellipses,
+            },
+        }
+    return values

@@ -1,0 +1,76 @@
+"""Check a plan against the walls and the edges of a map."""
+
+import math
+from typing import Optional, Tuple
+
+import numpy as np
+
+from mushr_ros_intro.car.bicycle import Pose, compose, curvature
+from mushr_ros_intro.car.contact import World, free_time
+from mushr_ros_intro.car.model import Car, Piece
+from mushr_ros_intro.car.quadrature import follow
+from mushr_ros_intro.plan.model import Fault, Plan
+from mushr_ros_intro.preview.prediction import drive
+from mushr_ros_intro.sim.stamps import NANOSECONDS
+from mushr_ros_intro.world.footprint import Footprint, is_free, on_map
+from mushr_ros_intro.world.grid import Grid
+
+_MARGIN = 1e-6
+"""The car is at the edge of the map if a body that is larger by this [m] is not on the map."""
+
+
+def map_fault(
+    plan: Plan, car: Car, grid: Grid, footprint: Footprint
+) -> Tuple[Optional[Fault], Optional[Pose]]:
+    """Return the first fault of a plan on a map, and the pose at which the car hits a wall.
+
+    The car is driven until it touches a wall or an edge of the map. The pose is None if it
+    touches no wall.
+    """
+    if not on_map(grid, footprint, plan.start):
+        return plan.fault(-1, 0, "the start pose is off the map, at least in part"), None
+    if not is_free(grid, footprint, plan.start):
+        return plan.fault(-1, 0, "the start pose is in a wall, at least in part"), None
+    world = World(_fenced(grid), footprint)
+    for leg in drive(plan, car):
+        for piece, seconds in leg.pieces(leg.end):
+            if piece.speed == 0.0 == piece.acceleration:
+                continue
+            seconds = _until_repeated(piece, seconds, car)
+            free = free_time(piece, seconds, car, world)
+            if free == seconds:
+                continue
+            pose = follow(piece, free, car)[0]
+            grown = Footprint(*(each + _MARGIN for each in footprint))
+            is_wall = on_map(grid, grown, pose)
+            name = f"row {leg.row + 1}"
+            if leg.row == len(plan.rows):
+                name = "the car, rolling on after the last row,"
+            now = leg.state.moved / NANOSECONDS + piece.begin + free
+            text = (
+                f"{name} {'hits a wall' if is_wall else 'leaves the map'} at t = {now:.1f} s, "
+                f"({pose.x:.1f}, {pose.y:.1f})"
+            )
+            if is_wall:
+                return plan.fault(leg.row, 0, f"{text}; it stops there"), pose
+            return plan.fault(leg.row, 0, text), None
+    return None, None
+
+
+def _until_repeated(piece: Piece, seconds: float, car: Car) -> float:
+    """Return how long the car takes to pass every point of a piece [s].
+
+    That is `seconds`, the duration of the piece, or the time for one full circle if it is shorter.
+    """
+    turn_rate = abs(piece.speed * curvature(piece.steering_angle, car.wheelbase))
+    if piece.acceleration or piece.steering_rate or not turn_rate:
+        return seconds
+    return min(seconds, math.tau / turn_rate)
+
+
+def _fenced(grid: Grid) -> Grid:
+    """Return a map with walls around it, one cell thick."""
+    cells = np.pad(grid.cells, 1, constant_values=100)
+    cells.flags.writeable = False
+    corner = Pose(-grid.resolution, -grid.resolution, 0.0)
+    return Grid(cells, grid.resolution, compose(grid.origin, corner))
