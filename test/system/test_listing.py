@@ -2,8 +2,10 @@
 
 import filecmp
 import os
+import shutil
 import signal
 import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 
 import pytest
@@ -55,8 +57,13 @@ FAULTS = {
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory):
-    """Let this process and those that it starts have a master of their own and the example."""
-    packages = os.pathsep.join((EXAMPLE, os.environ["ROS_PACKAGE_PATH"]))
+    """Let this process and those that it starts have a master of their own and the example.
+
+    The example is copied and its node made executable, as a student does.
+    """
+    copied = shutil.copytree(EXAMPLE, str(tmp_path_factory.mktemp("src") / "my_ros_intro"))
+    os.chmod(os.path.join(copied, "src", "path_publisher.py"), 0o755)
+    packages = os.pathsep.join((copied, os.environ["ROS_PACKAGE_PATH"]))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_PACKAGE_PATH", packages)
         patch.setenv("ROS_MASTER_URI", f"http://localhost:{free_port()}")
@@ -128,7 +135,7 @@ def test_real_time(car, tmp_path):
     plan = tmp_path / "plan.txt"
     plan.write_text("# comment\n\n1, 2, 2.5\n2.0, 0.09\n3.0, -0.15, 0.25  # short\n-1,0.3,0.3\n\n")
     with Process(
-        "roslaunch", "my_ros_intro", "path_publisher.launch", f"plan_file:={plan}"
+        "roslaunch", "my_ros_intro", "my_path_publisher.launch", f"plan_file:={plan}"
     ) as publisher:
         assert publisher.wait() == 0, publisher.output
     car.wait_for_stop()
@@ -167,7 +174,7 @@ def refusals(sim, tmp_path_factory):
         if plan is not None:
             path.write_text(plan)
         own_name = f"__name:=faulty_{number}"
-        processes[name] = Process(NODE, f"_plan_file:={path}", own_name, *arguments)
+        processes[name] = Process(sys.executable, NODE, f"_plan_file:={path}", own_name, *arguments)
     return {name: (each.wait(PATIENCE), each.output) for name, each in processes.items()}
 
 

@@ -39,6 +39,18 @@ def test_every_node_says_where_there_is_no_master():
         assert "rospy.init_node(" not in read(f"src/{name}"), f"{name}: startup.init_node says so"
 
 
+def test_ros_finds_every_program_and_launch_file_once():
+    """ROS searches a package with all its subfolders, and refuses a name that it finds twice."""
+    names = []
+    for folder, folders, files in os.walk(PACKAGE):
+        folders[:] = [name for name in folders if name != "build" and not name.startswith(".")]
+        for name in files:
+            is_program = os.stat(os.path.join(folder, name)).st_mode & stat.S_IXUSR
+            if is_program or name.endswith((".launch", ".test")):
+                names.append(name)
+    assert sorted(set(names)) == sorted(names)
+
+
 def test_every_rostest_is_registered():
     registered = set(re.findall(r"add_rostest\((test/[\w./]+)\)", read("CMakeLists.txt")))
     found = glob.glob(os.path.join(PACKAGE, "test", "**", "*.test"), recursive=True)
