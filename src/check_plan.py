@@ -1,7 +1,8 @@
 #!/usr/bin/python3
 """Check plans before they are driven, without a roscore.
 
-The time grows linearly with the number of rows; see `run`.
+The time grows linearly with the number of rows. A plan of 100,000 rows takes about 10 s for the
+ideal car and 30 s for a car with ramps, and up to twice as long on a map.
 """
 
 import argparse

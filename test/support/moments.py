@@ -1,8 +1,8 @@
 """Mean and covariance of the final pose of many cars without ramps: an oracle for the sampler.
 
-With Z = x + iy and U = exp(i theta), one tick is Z += U c, U *= e, theta += d, where c, e and d do
-not depend on the past. So the moments of Z, U and theta obey linear recursions. The errors of a
-tick, and those of a whole run, are integrated by Gauss-Hermite quadrature.
+With Z = x + iy and U = exp(i theta), one command is Z += U c, U *= e, theta += d, where c, e and d
+do not depend on the past. So the moments of Z, U and theta obey linear recursions. The errors of a
+command, and those of a whole run, are integrated by Gauss-Hermite quadrature.
 """
 
 import functools
@@ -15,7 +15,7 @@ from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
 WHEELBASE = 0.33
 RUN_NODES = 40
 """Per error of a run; enough if a standard deviation turns the car by up to two radians."""
-TICK_NODES = 8
+COMMAND_NODES = 8
 
 
 def nodes(deviation, count):
@@ -43,10 +43,10 @@ def moments(plan, errors):
     )
 
     @functools.lru_cache(None)
-    def tick(speed, angle, seconds):
-        """Return the moments of one tick, for each node of the errors of a run."""
+    def moments_of(speed, angle, seconds):
+        """Return the moments of one command, for each node of the errors of a run."""
         noise = errors.speed * (speed != 0.0), errors.steering_angle * (speed != 0.0)
-        v, delta, weights = grid(*(nodes(each, TICK_NODES) for each in noise))
+        v, delta, weights = grid(*(nodes(each, COMMAND_NODES) for each in noise))
         v = v + speed * (1.0 + scale[:, np.newaxis])
         delta = delta + angle + offset[:, np.newaxis]
         d = v * seconds * np.tan(delta) / WHEELBASE
@@ -70,7 +70,7 @@ def moments(plan, errors):
     for row in plan.rows:
         for begin in range(0, row.duration, COMMAND_PERIOD):
             seconds = min(COMMAND_PERIOD, row.duration - begin) / NANOSECONDS
-            c, e, d, cc, cC, ce, Ce, ee, dc, de, dd = tick(  # noqa: N806
+            c, e, d, cc, cC, ce, Ce, ee, dc, de, dd = moments_of(  # noqa: N806
                 row.speed, row.steering_angle, seconds
             )
             tz = tz + tu * c + d * z + u * dc

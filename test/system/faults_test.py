@@ -327,7 +327,7 @@ class TestFaults(Faults):
         """
         for offset in (10.0, -10.0, 1000.0, -1000.0):
             self.placements.publish(placement(at(rospy.Time.now(), offset), 1.0, -1.0, 0.5))
-            wait_for(lambda: self.is_at((1.0, -1.0)), "the car at its start pose")
+            wait_for(lambda: self.poses.last and self.is_at((1.0, -1.0)), "the car to be placed")
             begin = rospy.Time.now()
             for number in range(5):
                 due = at(begin, 0.1 * number)
@@ -427,7 +427,9 @@ class OtherClock:
 
 
 class TestOtherClock(Faults):
-    """What /clock may do, where somebody else than the car publishes it."""
+    """What /clock may do if another node than the car publishes it."""
+
+    drives = 0
 
     @classmethod
     def setUpClass(cls):
@@ -446,7 +448,11 @@ class TestOtherClock(Faults):
     @contextlib.contextmanager
     def driving(self, text, *arguments):
         """Drive a plan; yield the node once it is under way, and wait for its end."""
-        with node("path_publisher.py", f"_plan_file:={self.plan(text)}", *arguments) as driver:
+        self.__class__.drives += 1  # a name of its own: parameters stay with the master
+        name = f"__name:=driver_{self.drives}"
+        with node(
+            "path_publisher.py", f"_plan_file:={self.plan(text)}", name, *arguments
+        ) as driver:
             wait_for(lambda: self.count(1.0) >= 3, "three commands")
             yield driver
             driver.wait()

@@ -1,7 +1,7 @@
 """Drive a plan many times, each run with its own random errors: the spread of a plan.
 
-The cars are driven side by side, as numpy arrays. A tick is what one command of path_publisher
-covers: COMMAND_PERIOD, or the rest of the row.
+The cars are driven side by side, as numpy arrays. They get the commands of path_publisher, one per
+COMMAND_PERIOD; the last one of a row lasts until the end of the row.
 """
 
 import math
@@ -27,8 +27,8 @@ _AT_ONCE = 1e200  # a rate as good as infinite, but zero when multiplied by zero
 class Errors(NamedTuple):
     """Standard deviations of the normally distributed errors of a car.
 
-    The first four are drawn once per run. The last two are drawn anew for each tick in which the
-    car drives, and are added after the command has been cut to the limits of the car.
+    The first four are drawn once per run. The last two are drawn anew for each command to
+    drive, and are added after the command has been cut to the limits of the car.
     """
 
     speed_scale: float = 0.0
@@ -40,9 +40,9 @@ class Errors(NamedTuple):
     start_heading: float = 0.0
     """Of theta of the start pose [rad]."""
     speed: float = 0.0
-    """Of the speed, in each tick [m/s]."""
+    """Of the speed, of each command [m/s]."""
     steering_angle: float = 0.0
-    """Of the steering angle, in each tick [rad]."""
+    """Of the steering angle, of each command [rad]."""
 
 
 RUN_ERRORS = Errors(speed_scale=0.02, steering_offset=0.01, start_position=0.02, start_heading=0.02)
@@ -130,7 +130,7 @@ def spread(plan: Plan, car: Car, runs: int, seed: int) -> Spread:
 
 
 def marks(plan: Plan, every: int) -> List[int]:
-    """Return the end of each `every`-th tick and of the last one [ns after the first command]."""
+    """Return when each `every`-th command ends, and the last one [ns after the first begins]."""
     ends = []
     now = 0
     for row in plan.rows:
@@ -167,7 +167,7 @@ def sample(
         errors: of each run; the noise of the car is not used.
         runs: number of runs.
         seed: of the random numbers, not negative.
-        every: number of ticks between two instants; see `marks`.
+        every: number of commands between two instants; see `marks`.
 
     Yields:
         x [m], y [m] and theta [rad] in the map frame, (instants, cars, 3). The last poses are
@@ -208,7 +208,7 @@ def _sample_some(
 
 
 def _begins(duration: int) -> range:
-    """Return the begin of each tick of a row [ns after the begin of the row]."""
+    """Return the begin of each command of a row [ns after the begin of the row]."""
     return range(0, duration, COMMAND_PERIOD)
 
 
@@ -252,9 +252,9 @@ _NODES, _WEIGHTS, _TO_NODES = _gauss(3)
 class _Cars:
     """Many cars of one kind, side by side; all arrays are (cars,).
 
-    Speed and steering angle are ramps. Each tick has up to three parts: both change, only the
-    steering angle changes, and the steering angle is constant. The last part is an arc, whatever
-    the speed does. The ideal car is the limit of infinite rates, where only the arc remains.
+    Speed and steering angle are ramps. The motion of a command has up to three parts: both change,
+    only the steering angle changes, and the steering angle is constant. The last part is an arc,
+    whatever the speed does. The ideal car is the limit of infinite rates: only the arc remains.
     """
 
     def __init__(self, car: Car, x: np.ndarray, y: np.ndarray, theta: np.ndarray):
@@ -273,7 +273,7 @@ class _Cars:
         return float(np.abs(self._speed).max()) / self._acceleration
 
     def drive(self, seconds: float, speeds: np.ndarray, angles: np.ndarray) -> None:
-        """Drive for one tick, towards speeds [m/s] and steering angles [rad]."""
+        """Drive for one command, towards speeds [m/s] and steering angles [rad]."""
         change, turn = self._acceleration * seconds, self._steering_rate * seconds
         speed_end = np.clip(speeds, self._speed - change, self._speed + change)
         angle_end = np.clip(angles, self._angle - turn, self._angle + turn)

@@ -49,7 +49,7 @@ def map_fault(
             now = leg.state.moved / NANOSECONDS + piece.begin + free
             text = (
                 f"{name} {'hits a wall' if is_wall else 'leaves the map'} at t = {now:.1f} s, "
-                f"({pose.x:.1f}, {pose.y:.1f})"
+                f"({round(pose.x, 1) + 0.0}, {round(pose.y, 1) + 0.0})"  # no negative zero
             )
             if is_wall:
                 return plan.fault(leg.row, 0, f"{text}; it stops there"), pose

@@ -24,8 +24,8 @@ from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 
 PACKAGE = "mushr_ros_intro"
 
-SHUTDOWN_TIMEOUT = 5.0
-"""How long a node that is shut down may take to return from `run` [s]."""
+SHUTDOWN_TIMEOUT = 10.0
+"""How long a node may take to end [s]; roslaunch waits 15 s, a call to the master takes 5 s."""
 
 _ends: "SimpleQueue[Tuple[str, Optional[int]]]" = SimpleQueue()
 """Why the node has to end, and with which exit status, if that is known.

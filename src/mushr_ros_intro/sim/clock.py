@@ -32,6 +32,10 @@ MAX_PERIOD = 2 * NANOSECONDS
 """Commands further apart than this belong to two streams [ns]."""
 
 
+LONG_STEP = NANOSECONDS // 2
+"""After a longer step between two commands, the patience is as at first [ns]."""
+
+
 class Stream(NamedTuple):
     """The events (commands and initial poses) that have reached the car, as far as they matter."""
 
@@ -116,7 +120,7 @@ class Stream(NamedTuple):
             step=(step or known.step) if known.newest is not None else 0,
             period=period,
             drives=drives,
-            patience=CLOCK_PATIENCE if is_ahead else known.patience,
+            patience=CLOCK_PATIENCE if is_ahead or step > LONG_STEP else known.patience,
         )
         return stream._replace(deadline=wall + stream.wait)
 

@@ -222,7 +222,7 @@ class TestCarSim(unittest.TestCase):
         told = rospy.Publisher("/told", Empty, queue_size=1)
         ghost = Ghost(subscribes=["/told"])
         self.addCleanup(ghost.end)
-        self.assertFalse(wait_until_connected(told, "subscribers", patience=3.0))
+        self.assertFalse(wait_until_connected(told, "subscribers", seconds=3.0))
         calls = wait_for(lambda: ghost.calls["publisherUpdate"], "the subscriber to be told")
         self.assertEqual(calls, [[told.resolved_name, [rospy.get_node_uri()]]] * len(calls))
 
@@ -230,7 +230,7 @@ class TestCarSim(unittest.TestCase):
         ghost = Ghost(publishes=["/asks"])
         self.addCleanup(ghost.end)
         wait_for(lambda: len(ghost.calls["requestTopic"]) == 1, "the subscriber to ask once")
-        self.assertFalse(wait_until_connected(asks, "publishers", patience=3.0))
+        self.assertFalse(wait_until_connected(asks, "publishers", seconds=3.0))
         wait_for(lambda: len(ghost.calls["requestTopic"]) >= 2, "the subscriber to ask again")
 
     def test_a_subscriber_that_is_not_yet_connected(self):
@@ -240,7 +240,7 @@ class TestCarSim(unittest.TestCase):
             self.addCleanup(ghost.end)
             begun = rospy.Subscriber("/begun", Empty)
             wait_for(lambda: begun.get_num_connections() == 1, "the subscriber to connect")
-            self.assertFalse(wait_until_connected(begun, "publishers", patience=1.0))
+            self.assertFalse(wait_until_connected(begun, "publishers", seconds=1.0))
         there = rospy.Subscriber("/car/car_pose", PoseStamped)
         self.assertTrue(wait_until_connected(there, "publishers"))
 
@@ -251,14 +251,14 @@ class TestCarSim(unittest.TestCase):
             self.addCleanup(ghost.end)
             silent = rospy.Subscriber("/silent", Empty)
             wait_for(lambda: silent.get_num_connections() == 1, "the subscriber to connect")
-            self.assertFalse(wait_until_connected(silent, "publishers", patience=1.0))
+            self.assertFalse(wait_until_connected(silent, "publishers", seconds=1.0))
 
     def test_a_node_that_is_gone_without_signing_off(self):
         """The master goes on naming it, but nobody waits for it."""
         left = rospy.Publisher("/left", Empty, queue_size=1)
         ghost = Ghost(subscribes=["/left"])
         self.addCleanup(ghost.end)
-        self.assertFalse(wait_until_connected(left, "subscribers", patience=3.0))
+        self.assertFalse(wait_until_connected(left, "subscribers", seconds=3.0))
         ghost.die()
         self.assertTrue(wait_until_connected(left, "subscribers"))
 

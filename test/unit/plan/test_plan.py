@@ -1,4 +1,4 @@
-"""Plan files: what is read from good ones, what is said about bad ones, what is written."""
+"""Plan files: reading good ones, the faults of bad ones, finding and writing them."""
 
 import os
 import resource
@@ -108,7 +108,7 @@ def test_files_that_cannot_be_read(tmp_path):
         assert fault.startswith(f"{path}:1:1: {expected}")
 
 
-def test_many_faults_are_counted_and_far_too_many_end_the_search():
+def test_only_the_first_faults_are_shown_and_too_many_end_the_search():
     with pytest.raises(PlanError) as caught:
         rows_of("nan, 0\n" * 25)
     assert str(caught.value).splitlines()[20:] == ["... and 5 more faults"]
@@ -153,18 +153,21 @@ def test_forms_of_the_same_plan(text, mark):
     assert plan.path == "plan"
 
 
-def test_utf_16_of_either_byte_order_is_named():
-    for encoding in ("utf-16-le", "utf-16-be"):
-        with pytest.raises(PlanError, match="1:1: the file is UTF-16; expected UTF-8"):
-            parse_plan("\ufeff0,0,0\n1,0\n".encode(encoding), "plan")
-
-
-@pytest.mark.parametrize("duration", ["1e-9", "1e9"])
-def test_in_a_faulty_row_the_least_and_the_longest_duration_are_no_fault(duration):
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("fast, 0, 1e-9\n", "speed is 'fast'"),  # the shortest and the longest duration are good
+        ("fast, 0, 1e9\n", "speed is 'fast'"),
+        ("\ufeff0,0,0\n1,0\n".encode("utf-16-le"), "the file is UTF-16; expected UTF-8"),
+        ("\ufeff0,0,0\n1,0\n".encode("utf-16-be"), "the file is UTF-16; expected UTF-8"),
+    ],
+)
+def test_single_faults(text, expected):
+    data = text if isinstance(text, bytes) else b"0,0,0\n" + text.encode()
     with pytest.raises(PlanError) as caught:
-        rows_of(f"fast, 0, {duration}\n")
+        parse_plan(data, "plan")
     (fault,) = caught.value.faults
-    assert fault.text.startswith("speed is 'fast'")
+    assert fault.text.startswith(expected)
 
 
 def test_rows_and_the_start_pose_know_their_line_and_columns():
@@ -204,23 +207,13 @@ def test_durations_are_whole_nanoseconds():
         assert row.duration == expected and isinstance(row.duration, int)
 
 
-def test_the_tutorials_plans_are_the_tutorials():
+def test_the_plans_of_the_tutorial_are_shipped_byte_for_byte():
     for name, expected in {
         "straight_line": ["0,0,0"] + [f"{v},0.0" for v in (2, 3, 4, 5, 6, 6, 6, 5, 4, 3, 2)],
         "figure_8": ["0,0,0.785"] + ["2.0,0.09"] * 11 + ["2.0,-0.09"] * 11,
     }.items():
         with open(os.path.join(PLANS, name + ".txt"), "rb") as file:
             assert file.read().decode() == "\n".join(expected) + "\n"
-
-
-def test_figure_8_is_read_as_it_stands():
-    plan = read_plan(os.path.join(PLANS, "figure_8.txt"))
-    assert plan.start == (0.0, 0.0, 0.785)
-    assert plan.rows == tuple(
-        Row(2.0, as_float32(0.09 if line <= 12 else -0.09), SECOND, line, (1, 5))
-        for line in range(2, 24)
-    )
-    assert plan.duration == 22 * SECOND
 
 
 @pytest.mark.parametrize("name", sorted(os.listdir(PLANS)))
@@ -235,7 +228,7 @@ nearly_plans = scraps.map(lambda parts: "".join(map("".join, parts)).encode())
 
 
 def check_verdict(data):
-    """See that `data` either is a plan that can be driven, or gets faults with good places."""
+    """Check that `data` is a plan that can be driven, or has faults inside the file."""
     lines = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
     try:
         plan = parse_plan(data, "plan")
@@ -246,8 +239,8 @@ def check_verdict(data):
             assert 1 <= fault.column <= len(lines[fault.line - 1]) + 1
         return
     text = data.decode("utf-8-sig").replace("\r", "\n")
-    said = [line for line in text.split("\n") if line.split("#")[0].strip()]
-    assert len(said) == 1 + len(plan.rows) >= 2, "a line was passed over"
+    content = [line for line in text.split("\n") if line.split("#")[0].strip()]
+    assert len(content) == 1 + len(plan.rows) >= 2, "a line was left out"
     assert all(abs(value) <= 1e6 for value in plan.start)
     for row in plan.rows:
         assert (
@@ -281,7 +274,7 @@ DAYS = 10**15
         max_size=8,
     ),
 )
-def test_a_plan_that_is_written_is_read_back(start, rows):
+def test_a_plan_has_the_numbers_of_its_file(start, rows):
     text = "{!r}, {!r}, {!r}\n".format(*start)
     for speed, angle, duration, end in rows:
         text += f"{speed!r},{angle!r} , {duration // SECOND}.{duration % SECOND:09d}{end}"
@@ -293,7 +286,7 @@ def test_a_plan_that_is_written_is_read_back(start, rows):
 
 @pytest.fixture
 def folders(tmp_path):
-    """Make a folder of plans, one to work in with other files, and return the two."""
+    """Return a folder of plans, and the user's directory with other files."""
     plans, here = tmp_path / "plans", tmp_path / "here"
     for path in ("plans/circle.txt", "plans/eight.txt", "here/circle.txt", "here/own.txt"):
         (tmp_path / path).parent.mkdir(exist_ok=True)
@@ -303,7 +296,7 @@ def folders(tmp_path):
 
 def test_plans_are_found_by_name_and_by_path(folders, monkeypatch):
     plans, here = folders
-    (plans / "eight").mkdir()  # what is no file does not hide one
+    (plans / "eight").mkdir()  # a folder does not hide a file
     monkeypatch.setenv("HOME", str(here))
     monkeypatch.setenv("PWD", str(here))
     for name, expected in {
@@ -322,7 +315,7 @@ def test_plans_are_found_by_name_and_by_path(folders, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["", "eigth", "here/own", "/nowhere/circle.txt", "circle\0"])
-def test_a_plan_that_is_not_there_is_told_with_those_that_are(folders, name, monkeypatch):
+def test_a_missing_plan_is_reported_with_the_names_of_the_others(folders, name, monkeypatch):
     plans, here = folders
     monkeypatch.setenv("PWD", str(here))
     with pytest.raises(PlanError) as caught:
@@ -334,7 +327,7 @@ def test_a_plan_that_is_not_there_is_told_with_those_that_are(folders, name, mon
 ROWS = [Row(2.0, 0.3400000035762787, 250_000_001, 0), Row(-0.5, -0.0, 10 * SECOND, 0)]
 
 NOBODY = 65534
-"""The user who owns nothing."""
+"""A user without rights."""
 
 
 def test_text_of_a_plan():
@@ -355,7 +348,7 @@ written_rows = st.builds(
 
 @given(st.tuples(*[coordinates] * 3), st.lists(written_rows, min_size=1, max_size=5))
 @example((0.0, 0.0, 0.0), [Row(1.1094741225242617, -1.1094741225242617, 1, 0)])
-def test_what_is_written_is_read_again(start, rows):
+def test_a_written_plan_is_read_again(start, rows):
     plan = parse_plan(plan_text(start, rows).encode(), "p")
     assert plan.start == start
     for got, row in zip(plan.rows, rows):
@@ -372,7 +365,7 @@ def test_no_file_is_overwritten(tmp_path):
     assert [read_plan(path).start[2] for path in paths] == [0.0, 1.0, 2.0]
 
 
-def test_where_nothing_can_be_written(tmp_path):
+def test_a_folder_without_write_access(tmp_path):
     gone = str(tmp_path / "gone")
     with pytest.raises(WriteError, match=r"gone/mine.txt cannot be written \(No such file or dir"):
         write_plan(gone, "mine.txt", (0, 0, 0), ROWS)
@@ -390,7 +383,7 @@ def test_where_nothing_can_be_written(tmp_path):
     assert os.listdir(str(locked)) == []
 
 
-def test_nothing_stays_of_a_file_for_which_there_is_no_room(tmp_path):
+def test_an_incomplete_file_is_removed(tmp_path):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (50, limits[1]))
     try:
@@ -408,7 +401,7 @@ def test_nothing_stays_of_a_file_for_which_there_is_no_room(tmp_path):
         (Row(1.0, 0.0, 10**19, 0), "duration '10000000000.0' is out of range"),
     ],
 )
-def test_what_could_not_be_read_is_not_written(tmp_path, row, expected):
+def test_plans_that_could_not_be_read_are_not_written(tmp_path, row, expected):
     with pytest.raises(WriteError) as caught:
         write_plan(str(tmp_path), "mine.txt", (0, 0, 0), [row])
     assert expected in str(caught.value)

@@ -19,7 +19,7 @@ from support.moments import moments
 from support.paths import PLANS
 
 ROUNDING = 1e-12
-"""[m, rad] Between one arc per row and one per tick, in doubles."""
+"""[m, rad] Between one arc per row and one per command, in doubles."""
 
 RAMPS = 1e-6
 """[m, rad] Between two quadratures along a plan; 1e-7 was measured."""
@@ -30,7 +30,7 @@ SIGMAS = 5.0
 RUNS = 20_000
 
 AT_THE_END = 10**9
-"""[ticks] Longer than any plan."""
+"""[commands] Longer than any plan."""
 
 IDEAL = Car()
 NANO = Car(
@@ -111,7 +111,7 @@ def test_there_is_no_dead_band(angle):
     assert np.abs(drive(plan, Errors())[0, 0] - expected).max() <= ROUNDING
 
 
-def test_marks_are_ends_of_ticks():
+def test_marks_are_ends_of_commands():
     plan = plan_of("1, 0, 0.25", "1, 0, 0.3")
     for every, expected in (
         (1, [100, 200, 250, 350, 450, 550]),
@@ -148,7 +148,7 @@ def test_mean_and_covariance_are_those_in_closed_form(name, errors):
 )
 @pytest.mark.parametrize("car", [IDEAL, Car(acceleration=1e6, steering_rate=1e6)])
 def test_straight_ahead_the_spread_is_known(errors, deviation, car):
-    """100 ticks of 0.1 s at 2 m/s are 20 m; steep ramps change little."""
+    """100 commands of 0.1 s at 2 m/s are 20 m; steep ramps change little."""
     x, y, theta = drive(plan_of("2, 0, 10"), errors, runs=RUNS, car=car)[0].T
     assert_is(x, 20.0, deviation)
     assert (y == 0.0).all()

@@ -4,7 +4,7 @@ import pytest
 
 from mushr_ros_intro.car.bicycle import ORIGIN
 from mushr_ros_intro.car.model import Command, InitialPose
-from mushr_ros_intro.sim.clock import MAX_PERIOD, Stream, first_report
+from mushr_ros_intro.sim.clock import LONG_STEP, MAX_PERIOD, Stream, first_report
 from mushr_ros_intro.sim.stamps import (
     CLOCK_PATIENCE,
     CLOCK_PATIENCE_AT_REST,
@@ -105,11 +105,13 @@ def test_a_dropped_command_changes_no_period():
     assert now(*map(go, stamps)).limit == stamps[-1] + SECOND // 5
 
 
-def test_a_long_gap_begins_another_stream():
+def test_a_long_gap_resets_the_patience_and_a_longer_one_the_period():
     stamps = [5 * SECOND + k * SECOND // 5 for k in range(3)]
     impatient = now(*map(go, stamps)).expire()
     for gap, period, patience in (
-        (MAX_PERIOD, SECOND // 5, CLOCK_PATIENCE / 2),
+        (LONG_STEP, SECOND // 5, CLOCK_PATIENCE / 2),
+        (LONG_STEP + 1, SECOND // 5, CLOCK_PATIENCE),
+        (MAX_PERIOD, SECOND // 5, CLOCK_PATIENCE),
         (MAX_PERIOD + 1, COMMAND_PERIOD, CLOCK_PATIENCE),
     ):
         stream = now(go(stamps[-1] + gap), stream=impatient)
@@ -172,7 +174,7 @@ def test_each_wait_in_vain_halves_the_patience_of_a_stream_without_promises():
     stream, waits = now(go(5 * SECOND)), []
     for number in range(1, 8):
         waits.append(stream.wait)
-        stream = now(go(5 * SECOND + number * SECOND // 2), stream=stream.expire())
+        stream = now(go(5 * SECOND + number * LONG_STEP), stream=stream.expire())
     assert waits == [5.0, 2.5, 1.25, 0.625, 0.3125, MIN_CLOCK_PATIENCE, MIN_CLOCK_PATIENCE]
 
 
