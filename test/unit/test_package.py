@@ -1,5 +1,6 @@
 """Check that what is written in several places agrees, and that every node can be started."""
 
+import ast
 import glob
 import os
 import re
@@ -49,6 +50,21 @@ def test_ros_finds_every_program_and_launch_file_once():
             if is_program or name.endswith((".launch", ".test")):
                 names.append(name)
     assert sorted(set(names)) == sorted(names)
+
+
+def test_only_the_folder_ros_imports_ros():
+    """What can be true without ROS is testable without ROS."""
+    of_ros = re.compile(r"(ros[a-z]*|genpy|tf|tf2_\w+|\w+_msgs|std_srvs)(\.|$)")
+    library = os.path.join(PACKAGE, "src", "mushr_ros_intro")
+    found = []
+    for path in glob.glob(os.path.join(library, "**", "*.py"), recursive=True):
+        with open(path, encoding="utf-8") as file:
+            nodes = list(ast.walk(ast.parse(file.read())))
+        names = [each.name for node in nodes if isinstance(node, ast.Import) for each in node.names]
+        names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
+        if any(map(of_ros.match, names)):
+            found.append(os.path.relpath(path, library).split(os.sep)[0])
+    assert set(found) == {"ros"}
 
 
 def test_every_rostest_is_registered():
