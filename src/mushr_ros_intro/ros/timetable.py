@@ -1,13 +1,22 @@
 """When each command of a plan is due, and waiting until then."""
 
 import time
+from contextlib import suppress
 from typing import Iterator
 
+import rosgraph
 import rospy
 
 from mushr_ros_intro.plan.model import Plan, Row
 from mushr_ros_intro.ros import ros_time
-from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, MAX_LEAD, NANOSECONDS, STAMP_TOLERANCE
+from mushr_ros_intro.ros.connections import CallError, ask
+from mushr_ros_intro.sim.stamps import (
+    CALL_TIMEOUT,
+    COMMAND_PERIOD,
+    MAX_LEAD,
+    NANOSECONDS,
+    STAMP_TOLERANCE,
+)
 
 LOG_PERIOD = 0.5
 """Between two progress lines at least [s of wall-clock time]; simulated time may run fast."""
@@ -95,13 +104,17 @@ class Timetable:
             ros_time.sleep_until(wake, now)  # if the clock is set back, the next look finds it
 
     def _log_progress(self, row: Row, due: int) -> None:
-        """Log the present row once per second of the plan."""
+        """Log the present row once per second of the plan, and call the master."""
         if due < self._next_line:
             return
         self._next_line += NANOSECONDS
         if ros_time.is_simulated() and time.monotonic() < self._next_log:
             return
         self._next_log = time.monotonic() + LOG_PERIOD
+        # If the network is cut, no command arrives, and TCP reports no error for minutes. But this
+        # call then takes longer than a command may be late, so the next one raises an error.
+        with suppress(CallError):
+            ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), "getPid")
         rospy.loginfo(
             "row %d of %d: %g m/s, %g rad; %.1f s left",
             self._row,
