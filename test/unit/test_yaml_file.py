@@ -1,8 +1,6 @@
 """YAML files: one clear error for each file that cannot be used."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.yaml_file import read_mapping
@@ -57,13 +55,3 @@ def test_files_that_cannot_be_read(tmp_path):
     assert "the file cannot be read (No such file or directory)" in message_of(tmp_path / "none")
     assert "the file cannot be read (Is a directory)" in message_of(tmp_path)
     assert "null" in message_of("a\0b")
-
-
-@given(st.binary(max_size=300))
-def test_any_bytes(tmp_path_factory, data):
-    path = tmp_path_factory.mktemp("any") / "file.yaml"
-    path.write_bytes(data)
-    try:
-        assert isinstance(read(path), dict)
-    except FileError as error:
-        assert str(error).endswith("; expected keys such as 'a: 1'")

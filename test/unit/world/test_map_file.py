@@ -1,14 +1,11 @@
 """Map files: the cells of every kind of image as map_server has them, and errors."""
 
 import io
-import math
 import os
 import subprocess
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
 
 from mushr_ros_intro.car.bicycle import Pose
@@ -209,34 +206,6 @@ def test_a_broken_image(tmp_path, data, expected):
     message = fault_of(write_yaml(tmp_path))
     assert expected in message
     assert "map.png': " in message and "; expected a PNG or PGM image, grey or RGB" in message
-
-
-ODD_VALUES = (
-    "|~|0|-0.0|1|0.5|2|1e-45|1e30|1e400|nan|.inf|0x1f|1_0|1:30|true|[]|[0, 0]|[1e6, -1e6, 1e-45]"
-    "|[nan, 0, 0]|[[0], 0, 0]|{a: b}|map.png|/|..|'|[|&a b|*a|!!int 1|>|raw|\\0|\t|#"
-).split("|")
-
-
-@given(st.dictionaries(st.sampled_from([*GOOD, "mode"]), st.sampled_from(ODD_VALUES), max_size=3))
-def test_any_values_make_a_map_or_an_error(tmp_path_factory, changes):
-    folder = tmp_path_factory.mktemp("any")
-    write_png(folder, [[0, 255]])
-    try:
-        grid = read_map(write_yaml(folder, **changes))
-    except UserError as error:
-        assert f"{folder}/map.yaml: " in str(error)
-        return
-    assert grid.cells.shape == (1, 2) and math.isfinite(sum(grid.origin))
-
-
-@given(st.sampled_from([b"", b"P5 3 2 9 ", saved("L", "PNG")[:33]]), st.binary(max_size=100))
-def test_any_bytes_make_an_image_or_an_error(tmp_path_factory, head, data):
-    folder = tmp_path_factory.mktemp("any")
-    (folder / "map.png").write_bytes(head + data)
-    try:
-        assert read_map(write_yaml(folder)).cells.size
-    except MapError as error:
-        assert "map.png': " in str(error)
 
 
 def test_find_a_map(tmp_path, monkeypatch):
