@@ -33,7 +33,7 @@ def rooms_and_clutter() -> Grid:
 def scans_per_second(seconds: float = 2.0) -> float:
     """Return the number of scans of 720 beams and 10 m per second and core.
 
-    It is the median over rounds of 2048 free poses, after a round that fills the cache.
+    It is the median over rounds of 2048 free poses, after a first round to warm up.
 
     Args:
         seconds: processor time of the measurement [s].

@@ -1,15 +1,8 @@
 #!/usr/bin/python3
-"""Serve a map from a YAML file and an image, like ROS's own map_server.
+"""Serve a map from a YAML file and an image, like ROS's own map_server."""
 
-If the package map_server is installed, this program replaces itself by ROS's own.
-"""
-
-import os
 import sys
-from typing import Optional
 
-import roslib.packages
-import rospkg
 import rospy
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap, GetMapRequest, GetMapResponse
@@ -30,10 +23,6 @@ class MapServer:
         maps = node.package_folder("maps")
         path = find_map(parameters.text("map_file", expected=expected), maps)
         frame = parameters.text("frame_id", conversions.MAP_FRAME)
-        real = find_real_map_server()
-        if real:
-            rospy.loginfo("map %s: served by %s", path, real)
-            os.execv(real, [real, path, f"__name:={rospy.get_name().rsplit('/', 1)[-1]}"])
         grid = read_map(path)
         self._msg = conversions.grid_to_msg(grid, ros_time.now(), frame)
 
@@ -57,16 +46,7 @@ class MapServer:
 
     def _on_request(self, _: GetMapRequest) -> GetMapResponse:
         """Return the map."""
-        return conversions.map_response(self._msg)
-
-
-def find_real_map_server() -> Optional[str]:
-    """Return the path of ROS's own map_server, or None if it is not installed."""
-    try:
-        found = roslib.packages.find_node("map_server", "map_server")
-    except rospkg.ResourceNotFound:
-        return None
-    return found[0] if found else None
+        return GetMapResponse(map=self._msg)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ so is the area outside the map.
 """
 
 import math
-from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -17,7 +17,6 @@ TOUCH = 1e-9
 
 _STEP = 0.005  # [m] between two samples of a path; half a cell if that is less
 _AT_ONCE = 32  # samples
-_SAME_AREA = 1e-12  # [m^2], far more than the rounding of an area
 
 
 class Footprint(NamedTuple):
@@ -72,8 +71,7 @@ def free_distance(grid: Grid, footprint: Footprint, path: Path, length: float) -
     at the returned distance is free. A wall that the body enters and leaves between two samples is
     missed: in a bend, the corner of a cell by a millimetre or two.
 
-    A car that is inside a wall may move as long as no sample overlaps the walls more than the
-    one before. From the first free sample on the usual rule holds.
+    A car that starts inside a wall can drive on. From the first free sample on, walls stop it.
 
     Args:
         grid: the map.
@@ -84,14 +82,12 @@ def free_distance(grid: Grid, footprint: Footprint, path: Path, length: float) -
     Returns:
         A distance from 0 to `length` [m]; `length` itself if no wall is in the way.
     """
-    start = 0.0
-    if not is_free(grid, footprint, path(0.0)):
-        start = _leave(grid, footprint, path, length)
-        if start == length or not is_free(grid, footprint, path(start)):
-            return start
     step = min(0.5 * grid.resolution, _STEP)
-    count = math.ceil((length - start) / step)
-    samples = [start + number * step for number in range(count)] + [length]
+    samples = [number * step for number in range(math.ceil(length / step))] + [length]
+    while not is_free(grid, footprint, path(samples[0])):
+        del samples[0]
+        if not samples:
+            return length
     hit = _first_hit(grid, footprint, path, samples)
     if hit is None:
         return length
@@ -140,22 +136,6 @@ def _first_hit(
     return 1 + int(hits.argmax()) if hits.any() else None
 
 
-def _leave(grid: Grid, footprint: Footprint, path: Path, length: float) -> float:
-    """Return how far a car inside a wall can drive, at most to the first free sample [m]."""
-    step = 0.5 * grid.resolution
-    distance, covered = 0.0, _covered(grid, footprint, path(0.0))
-    for number in range(1, math.ceil(length / step) + 1):
-        further = min(number * step, length)
-        pose = path(further)
-        if is_free(grid, footprint, pose):
-            return further
-        before, covered = covered, _covered(grid, footprint, pose)
-        if covered > before + _SAME_AREA:
-            break
-        distance = further
-    return distance
-
-
 def _bounds(footprint: Footprint, local: Pose) -> Tuple[float, float, float, float]:
     """Return centre and half sizes [m] of the car's axis-aligned bounding box, grid frame."""
     cos, sin = math.cos(local.theta), math.sin(local.theta)
@@ -166,24 +146,12 @@ def _bounds(footprint: Footprint, local: Pose) -> Tuple[float, float, float, flo
     return local.x + ahead * cos, local.y + ahead * sin, half_x, half_y
 
 
-def _window(
-    grid: Grid, left: float, bottom: float, right: float, top: float
-) -> Tuple[int, int, np.ndarray]:
-    """Return the first column and row of a box [m, grid frame], and its cells as booleans."""
-    scale = 1.0 / grid.resolution
-    column, row = max(0, math.floor(left * scale)), max(0, math.floor(bottom * scale))
-    end_column, end_row = max(0, math.ceil(right * scale)), max(0, math.ceil(top * scale))
-    return column, row, grid.occupied[row:end_row, column:end_column]
-
-
 def _occupied(grid: Grid, left: float, bottom: float, right: float, top: float) -> np.ndarray:
     """Return the centres (N, 2) of the occupied cells in a box [m, grid frame]."""
-    column, row, window = _window(grid, left, bottom, right, top)
-    if not window.any():
-        return np.empty((0, 2))
-    rows, columns = window.nonzero()
-    indices = np.stack((columns + column, rows + row), axis=1)
-    return (indices + 0.5) * grid.resolution
+    low = np.maximum(np.floor(np.array([left, bottom]) / grid.resolution), 0).astype(int)
+    high = np.maximum(np.ceil(np.array([right, top]) / grid.resolution), 0).astype(int)
+    cells = np.argwhere(grid.occupied[low[1] : high[1], low[0] : high[0]])
+    return (cells[:, ::-1] + low + 0.5) * grid.resolution
 
 
 def _hits(
@@ -210,62 +178,3 @@ def _hits(
     hit &= np.abs(cos * dx + sin * dy) < half_length + slanted
     hit &= np.abs(cos * dy - sin * dx) < footprint.half_width + slanted
     return hit.any(axis=1)
-
-
-def _covered(grid: Grid, footprint: Footprint, pose: Pose) -> float:
-    """Return the area of the walls that the car at `pose` [map frame] overlaps [m^2]."""
-    local = grid.to_grid(pose)
-    x, y, half_x, half_y = _bounds(footprint, local)
-    column, row, window = _window(grid, x - half_x, y - half_y, x + half_x, y + half_y)
-    cos, sin = math.cos(local.theta), math.sin(local.theta)
-    corners = [
-        (local.x + cos * u - sin * v, local.y + sin * u + cos * v)
-        for u, v in (
-            (-footprint.back, -footprint.half_width),
-            (footprint.front, -footprint.half_width),
-            (footprint.front, footprint.half_width),
-            (-footprint.back, footprint.half_width),
-        )
-    ]
-    side = grid.resolution
-    area = 0.0
-    for number, cells in enumerate(window):
-        # Begin and end of each run of occupied cells.
-        runs = np.flatnonzero(np.diff(cells, prepend=False, append=False)).tolist()
-        for first, end in zip(runs[::2], runs[1::2]):
-            polygon = corners
-            for axis, sign, edge in (
-                (0, -1.0, (column + first) * side),
-                (0, 1.0, (column + end) * side),
-                (1, -1.0, (row + number) * side),
-                (1, 1.0, (row + number + 1) * side),
-            ):
-                polygon = _clip_polygon(polygon, axis, sign, edge)
-            area += _area(polygon)
-    return area
-
-
-def _clip_polygon(
-    polygon: List[Tuple[float, float]], axis: int, sign: float, edge: float
-) -> List[Tuple[float, float]]:
-    """Return the part of a convex polygon with sign * (coordinate `axis` - `edge`) <= 0."""
-    result = []
-    for start, end in zip(polygon, polygon[1:] + polygon[:1]):
-        from_edge = sign * (start[axis] - edge)
-        to_edge = sign * (end[axis] - edge)
-        if from_edge <= 0.0:
-            result.append(start)
-        if (from_edge < 0.0 < to_edge) or (to_edge < 0.0 < from_edge):
-            part = from_edge / (from_edge - to_edge)
-            result.append(
-                (start[0] + part * (end[0] - start[0]), start[1] + part * (end[1] - start[1]))
-            )
-    return result
-
-
-def _area(polygon: List[Tuple[float, float]]) -> float:
-    """Return the area of a polygon with counter-clockwise corners."""
-    return 0.5 * sum(
-        start[0] * end[1] - end[0] * start[1]
-        for start, end in zip(polygon, polygon[1:] + polygon[:1])
-    )

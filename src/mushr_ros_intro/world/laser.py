@@ -7,7 +7,6 @@ corners. The direction of a corner is computed once for all its faces, so no bea
 between two faces or diagonally between two cells.
 """
 
-import functools
 import math
 from typing import List, NamedTuple, Sequence, Tuple
 
@@ -16,11 +15,6 @@ import numpy as np
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.world.grid import Grid
-
-TILE = 2.0
-"""Side of a tile [m]. The set of visible faces is computed once per tile."""
-
-_MAX_TILES = 4096  # in the cache; each takes some tens of kilobytes
 
 
 class Beams(NamedTuple):
@@ -56,21 +50,6 @@ class Beams(NamedTuple):
             )
 
 
-class _Tile(NamedTuple):
-    """The faces visible from a tile."""
-
-    corners: np.ndarray
-    """x and y of the ends of the faces [m], (2, C)."""
-    ends: np.ndarray
-    """The corners at the begin and end of each face, counter-clockwise from its front, (2, F)."""
-    offsets: np.ndarray
-    """x of vertical faces, y of horizontal faces [m], (F,)."""
-    fronts: np.ndarray
-    """+1 if the front of a face is below or to the left of it, otherwise -1, (F,)."""
-    vertical: np.ndarray
-    """Whether a face is vertical, (F,)."""
-
-
 class Laser:
     """A laser scanner in a map.
 
@@ -82,8 +61,12 @@ class Laser:
         beams.check()
         self._grid = grid
         self._beams = beams
-        self._faces = _find_faces(grid)
-        self._tile = functools.lru_cache(_MAX_TILES)(self._build_tile)
+        begin, end, self._fronts, self._vertical = _find_faces(grid)
+        self._offsets = np.where(self._vertical, begin[0], begin[1]) * grid.resolution
+        width = grid.width + 1
+        keys, ends = np.unique([x + y * width for x, y in (begin, end)], return_inverse=True)
+        self._corners = np.stack((keys % width, keys // width)) * grid.resolution
+        self._ends = ends.reshape(2, -1)
         self._slots = math.ceil(math.tau / beams.angle_increment)  # beams of a full turn
         directions = beams.angle_min + beams.angle_increment * np.arange(self._slots)
         self._directions = np.exp(1j * directions)
@@ -101,11 +84,12 @@ class Laser:
         local = self._grid.to_grid(pose)
         if self._is_inside(local):
             return np.full(self._beams.number, -np.inf)
-        tile = self._tile(math.floor(local.x / TILE), math.floor(local.y / TILE))
-        offsets = tile.offsets - np.where(tile.vertical, local.x, local.y)
-        begin, end = self._first_beams(tile.corners, local)[tile.ends]
+        offsets = self._offsets - np.where(self._vertical, local.x, local.y)
+        # A face is visible only from its front.
+        seen = (offsets * self._fronts > 0.0) & (np.abs(offsets) <= self._beams.range_max)
+        offsets, vertical = offsets[seen], self._vertical[seen]
+        begin, end = self._first_beams(local)[self._ends[:, seen]]
         covered = (end - begin) % self._slots
-        covered[offsets * tile.fronts <= 0.0] = 0  # a face is visible only from its front
 
         # One entry for each beam of each face: its face, its beam and its range.
         face = np.repeat(np.arange(len(covered)), covered)
@@ -113,7 +97,7 @@ class Laser:
         beam %= self._slots
         direction = (self._directions * np.exp(1j * local.theta))[beam]
         with np.errstate(divide="ignore"):
-            ranges = offsets[face] / np.where(tile.vertical[face], direction.real, direction.imag)
+            ranges = offsets[face] / np.where(vertical[face], direction.real, direction.imag)
         nearest = np.full(self._slots, np.inf)
         order = np.argsort(-ranges)  # of several entries for a beam, the last one is kept
         nearest[beam[order]] = ranges[order]
@@ -123,15 +107,14 @@ class Laser:
         result[result < self._beams.range_min] = -np.inf
         return result
 
-    def _first_beams(self, corners: np.ndarray, local: Pose) -> np.ndarray:
+    def _first_beams(self, local: Pose) -> np.ndarray:
         """Return the first beam counter-clockwise of each corner, from 0 to a full turn, (C,).
 
         Args:
-            corners: x and y [m], (2, C).
             local: the pose of the scanner in the grid frame.
         """
         turn = math.tau / self._beams.angle_increment
-        angle = np.arctan2(corners[1] - local.y, corners[0] - local.x)
+        angle = np.arctan2(self._corners[1] - local.y, self._corners[0] - local.x)
         beam = (angle - local.theta - self._beams.angle_min) / self._beams.angle_increment
         return np.ceil(beam - turn * np.floor(beam / turn)).astype(np.int64)
 
@@ -141,34 +124,6 @@ class Laser:
         row = math.floor(local.y / self._grid.resolution)
         is_on_map = 0 <= column < self._grid.width and 0 <= row < self._grid.height
         return is_on_map and bool(self._grid.occupied[row, column])
-
-    def _build_tile(self, column: int, row: int) -> _Tile:
-        """Return the faces that are visible and in range from a tile of the grid frame."""
-        left, bottom = column * TILE, row * TILE
-        side = self._grid.resolution
-        begin, end, fronts, vertical = self._faces
-        reach = self._beams.range_max
-        box = np.array([[left], [bottom]])
-        low = np.minimum(begin, end) * side - (box + TILE)
-        high = box - np.maximum(begin, end) * side
-        gap = np.maximum(np.maximum(low, high), 0.0)
-        near = np.hypot(gap[0], gap[1]) <= reach
-        # A face is visible only from its front.
-        offsets = np.where(vertical, begin[0], begin[1]) * side
-        edge = np.where(vertical, left, bottom)
-        near &= np.where(fronts > 0, edge < offsets, edge + TILE > offsets)
-        chosen = np.flatnonzero(near)
-        width = self._grid.width + 1
-        keys = np.stack((begin[:, chosen], end[:, chosen]))
-        keys = keys[:, 0] + keys[:, 1] * width
-        corners, ends = np.unique(keys, return_inverse=True)
-        return _Tile(
-            np.stack((corners % width, corners // width)) * side,
-            ends.reshape(2, -1),
-            offsets[chosen],
-            fronts[chosen].astype(float),
-            vertical[chosen].astype(bool),
-        )
 
 
 def add_noise(

@@ -24,13 +24,6 @@ def close(one, other, tolerance=ROUNDING):
     return all(abs(a - b) <= tolerance for a, b in zip(one, other))
 
 
-def drive(pose, rows):
-    """Drive rows of (speed [m/s], steering angle [rad], duration [s])."""
-    for speed, steering_angle, duration in rows:
-        pose = drive_arc(pose, speed * duration, curvature(steering_angle, WHEELBASE))
-    return pose
-
-
 @pytest.mark.parametrize(
     "distance, bend, expected",
     [
@@ -104,19 +97,3 @@ def test_small_steering_angles_count(angle):
     assert pose.y == pytest.approx(aside, rel=ROUNDING, abs=1e-300)
     ahead = radius * math.sin(turn) if turn else 44.0
     assert pose.x == pytest.approx(ahead, rel=ROUNDING)
-
-
-def test_the_plans_of_the_tutorial():
-    speeds = (2, 3, 4, 5, 6, 6, 6, 5, 4, 3, 2)
-    assert drive(ORIGIN, [(speed, 0.0, 1.0) for speed in speeds]) == (46.0, 0.0, 0.0)
-    left, right = [(2.0, 0.09, 1.0)] * 11, [(2.0, -0.09, 1.0)] * 11
-    radius = 0.33 / math.tan(0.09)
-    turned = 0.785 + 22.0 / radius
-    half = Pose(
-        radius * (math.sin(turned) - math.sin(0.785)),
-        radius * (math.cos(0.785) - math.cos(turned)),
-        turned,
-    )
-    start = Pose(0.0, 0.0, 0.785)
-    assert close(drive(start, left), half)
-    assert close(drive(start, left + right), (-1.547710754950350, -1.180326367139546, 0.785))

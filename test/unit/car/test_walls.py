@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mushr_ros_intro.car.bicycle import Pose, drive_arc
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.history import History
-from mushr_ros_intro.car.model import Car, Command, Contact, at_rest, halted
+from mushr_ros_intro.car.model import Car, Command, at_rest, halted
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.world.footprint import Footprint, is_free
 from mushr_ros_intro.world.grid import Grid
@@ -109,14 +109,12 @@ def test_the_car_can_drive_off_the_map():
     assert at(far, 5000).collision is None
 
 
-def test_a_car_in_a_wall_can_only_leave_it():
+def test_a_car_that_starts_in_a_wall_can_drive():
     inside = Pose(WALL - BODY.front + 0.05, 0.0, 0.0)
-    deeper = at(history(inside, *held(1.0, 0.0, 0, 500)), 1000)
-    assert deeper.pose == inside
-    assert deeper.collision == Contact(BEGIN, inside)
-    out = at(history(inside, *held(-1.0, 0.0, 0, 300)), 1000)
-    assert out.pose == pytest.approx((inside.x - 0.4, 0.0, 0.0), abs=1e-12)
-    assert out.collision is None
+    for speed, distance in ((1.0, 0.6), (-1.0, -0.6)):
+        state = at(history(inside, *held(speed, 0.0, 0, 500)), 1000)
+        assert state.pose == pytest.approx((inside.x + distance, 0.0, 0.0), abs=1e-12)
+        assert state.collision is None
 
 
 def test_a_late_map_applies_to_the_whole_history():

@@ -10,8 +10,7 @@ from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped, Qu
 from geometry_msgs.msg import Pose as PoseMsg
 from hypothesis import given
 from hypothesis import strategies as st
-from nav_msgs.msg import OccupancyGrid
-from nav_msgs.srv import GetMapResponse
+from nav_msgs.msg import MapMetaData, OccupancyGrid
 from rospy.numpy_msg import numpy_msg
 from visualization_msgs.msg import Marker
 
@@ -21,7 +20,7 @@ from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.plan.model import as_float32
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.conversions import MessageError
-from mushr_ros_intro.world.grid import Grid, as_travelled
+from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.laser import Beams
 
 ROUNDING = 1e-15
@@ -59,16 +58,15 @@ def test_the_messages_are_the_real_ones():
     assert AckermannDriveStamped._md5sum == "1fd5d7f58889cefd44d29f6653240d0c"
 
 
-@given(stamps)
-def test_stamps_keep_every_nanosecond(stamp):
-    assert conversions.time_from(stamp).to_nsec() == stamp
-
-
-@given(stamps, st.floats(-1e3, 1e3), st.floats(-1.57, 1.57))
-def test_a_command_comes_back_as_float32(stamp, speed, angle):
-    msg = travelled(conversions.command_to_msg(Command(stamp, speed, angle), "car/base_footprint"))
+@given(stamps, st.floats(-1e3, 1e3), st.floats(-1.57, 1.57), st.tuples(*[st.floats(-9, 9)] * 2))
+def test_a_command_comes_back_as_float32(stamp, speed, angle, rates):
+    command = Command(stamp, speed, angle, *rates)
+    msg = travelled(conversions.command_to_msg(command, "car/base_footprint"))
     assert msg.header.frame_id == "car/base_footprint"
-    expected = Command(stamp, as_float32(speed), as_float32(angle))
+    assert (msg.drive.acceleration, msg.drive.steering_angle_velocity) == tuple(
+        map(as_float32, rates)
+    )
+    expected = Command(stamp, *map(as_float32, (speed, angle, *rates)))
     assert conversions.command_from_msg(msg) == expected
 
 
@@ -113,26 +111,6 @@ def test_a_command_out_of_range_is_refused(fields, expected):
     assert str(caught.value).startswith(expected)
 
 
-@given(st.tuples(*[st.floats(width=32)] * 5))
-def test_what_is_not_refused_leaves_the_car_somewhere(numbers):
-    """Denormals, 1e30 and the like: no pose that is not finite."""
-    try:
-        command = conversions.command_from_msg(
-            AckermannDriveStamped(drive=AckermannDrive(*numbers))
-        )
-    except MessageError:
-        return
-    state = apply(at_rest(0, Pose(0.0, 0.0, 0.0)), command, Car())
-    state = advance(state, 10**9, Car())
-    assert all(map(math.isfinite, (*state.pose, *state.wheel_angles, *state.odom_pose)))
-
-
-def test_denormals_are_numbers():
-    msg = travelled(command_msg(speed=1e-45, steering_angle=-1e-45))
-    assert conversions.command_from_msg(msg) == Command(0, 2.0**-149, -(2.0**-149))
-    assert conversions.pose_from_msg(pose_msg(x=5e-324, qz=-5e-324)) == (5e-324, 0.0, -1e-323)
-
-
 @pytest.mark.parametrize("field", ["x", "y", "z", "qx", "qy", "qz", "qw"])
 @pytest.mark.parametrize("value", NOT_FINITE)
 def test_a_pose_that_is_not_finite_is_refused(field, value):
@@ -156,15 +134,6 @@ def test_a_pose_without_meaning_is_refused(fields, expected):
     with pytest.raises(MessageError) as caught:
         conversions.pose_from_msg(pose_msg(**fields))
     assert expected in str(caught.value)
-
-
-@given(st.tuples(*[st.floats()] * 3), st.tuples(*[st.floats()] * 4))
-def test_any_pose_is_read_or_refused(position, orientation):
-    try:
-        pose = conversions.pose_from_msg(PoseMsg(Point(*position), Quaternion(*orientation)))
-    except MessageError:
-        return
-    assert all(map(math.isfinite, pose)) and abs(pose.theta) <= math.pi
 
 
 @pytest.mark.parametrize("length", [0.01, 1.0, 100.0])
@@ -208,13 +177,6 @@ def moving():
     state = apply(state, InitialPose(10**8, Pose(-3.0, 4.0, -1.0)), Car())
     state = apply(state, Command(10**8, 1.5, -0.4), Car())
     return advance(state, 2 * 10**8, Car())._replace(stamp=STAMP)
-
-
-def test_a_command_s_rates_travel():
-    command = Command(STAMP, 1.0, 0.25, 0.5, -2.0)
-    msg = travelled(conversions.command_to_msg(command, "car/base_footprint"))
-    assert (msg.drive.acceleration, msg.drive.steering_angle_velocity) == (0.5, -2.0)
-    assert conversions.command_from_msg(msg) == command
 
 
 def test_a_path_counts_its_stamps_from_its_beginning():
@@ -321,29 +283,6 @@ def test_a_map_travels_to_the_cell(kind):
     assert abs(back.origin.theta - grid.origin.theta) < 4 * ROUNDING
 
 
-def test_a_map_is_sent_as_genpy_would_send_it():
-    msg = conversions.grid_to_msg(sample_grid(), STAMP, "map")
-    plain = OccupancyGrid(header=msg.header, info=msg.info, data=msg.data.tolist())
-    response = GetMapResponse(map=plain)
-    sent = {}
-    for each in (msg, plain, conversions.map_response(msg), response):
-        wire = io.BytesIO()
-        wire.write(b"what was sent before")
-        each.serialize(wire)
-        sent[type(each).__name__] = wire.getvalue()
-    assert len(sent) == 4
-    assert len(set(sent.values())) == 1
-
-
-@given(st.floats(1e-4, 1e3), poses)
-def test_the_place_of_a_map_travels(resolution, origin):
-    grid = Grid(np.zeros((1, 2), np.int8), as_travelled(resolution), origin)
-    back = conversions.grid_from_msg(travelled(conversions.grid_to_msg(grid, STAMP, "map")))
-    assert back.resolution == grid.resolution
-    turned = math.remainder(back.origin.theta - origin.theta, math.tau)
-    assert abs(turned) <= ROUNDING * max(4.0, abs(origin.theta))
-
-
 @pytest.mark.parametrize(
     "changes, expected",
     [
@@ -362,13 +301,8 @@ def test_an_impossible_map(changes, expected):
     with pytest.raises(MessageError) as caught:
         conversions.grid_from_msg(msg)
     assert expected in str(caught.value)
-
-
-def test_a_map_without_cells():
-    msg = OccupancyGrid()
-    msg.info.resolution = 0.1
-    msg.info.origin.orientation.w = 1.0
-    with pytest.raises(MessageError, match="expected"):
+    msg = OccupancyGrid(info=MapMetaData(resolution=0.1, origin=pose_msg()))
+    with pytest.raises(MessageError, match="expected int8"):
         conversions.grid_from_msg(msg)
 
 

@@ -5,8 +5,6 @@ import os
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from mushr_ros_intro.car.bicycle import Pose, compose
 from mushr_ros_intro.errors import UserError
@@ -77,28 +75,6 @@ def noise_map(seed, share, resolution=0.25, shape=(33, 41)):
     return Grid(cells, resolution, Pose(3.0, -2.0, 0.7 * seed)), dice
 
 
-ASYMMETRIC = Grid(
-    np.array(
-        [
-            [100 if cell == "#" else 0 for cell in row]
-            for row in (
-                "##########",
-                "#        #",
-                "#  ##    #",
-                "#        #",
-                "#      # #",
-                "#     #  #",
-                "####     #",
-                "   #  ####",
-            )[::-1]
-        ],
-        np.int8,
-    ),
-    0.5,
-    Pose(-7.0, 11.0, 2.5),
-)
-
-
 @pytest.mark.parametrize("share", [0.0, 0.003, 0.03, 0.3, 0.8, 1.0])
 def test_noise_against_the_traverse(share):
     judged = 0
@@ -110,15 +86,6 @@ def test_noise_against_the_traverse(share):
             pose = compose(grid.origin, Pose(x, y, dice.uniform(-9.0, 9.0)))
             judged += judge(grid, FEW, pose)[0]
     assert judged > 0.99 * 4 * 6 * FEW.number
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_an_asymmetric_map_against_the_traverse(seed):
-    dice = np.random.default_rng(seed)
-    x, y = dice.uniform((-1.0, -1.0), (6.0, 5.0))
-    pose = compose(ASYMMETRIC.origin, Pose(x, y, dice.uniform(-4.0, 4.0)))
-    judged, _ = judge(ASYMMETRIC, FEW, pose)
-    assert judged > 0.9 * FEW.number
 
 
 @pytest.mark.parametrize("name", ["sandbox", "race_loop", "rooms"])
@@ -175,21 +142,6 @@ def test_no_beam_through_a_diagonal():
                 assert got <= away + EXACT
 
 
-@pytest.mark.parametrize("away", [0.5, 1.0, 1.7, 3.0])
-def test_a_beam_into_the_corner_between_two_walls(away):
-    """Two cells touch in a corner; a beam ends there, whatever its rounding."""
-    cells = np.zeros((12, 12), np.int8)
-    cells[5, 6] = cells[6, 5] = 100  # they touch in (6, 6)
-    one_beam = Beams(0.0, 0.1, 1, 0.0, 50.0)
-    laser = Laser(Grid(cells, 1.0), one_beam)
-    for heading in (math.pi / 4, -3 * math.pi / 4):
-        start = 6.0 - away * math.cos(heading), 6.0 - away * math.sin(heading)
-        for ulps in range(-3, 4):
-            turn = heading + ulps * 2.0**-52
-            (got,) = laser.scan(Pose(start[0], start[1], turn))
-            assert got == pytest.approx(away, abs=EXACT)
-
-
 def test_ranges_that_cannot_be_measured():
     cells = np.zeros((3, 9), np.int8)
     cells[:, 6] = 100
@@ -217,12 +169,6 @@ def test_unknown_cells_stop_no_beam():
     assert laser.scan(Pose(0.5, 0.5, 0.0))[0] == pytest.approx(2.5, abs=EXACT)
 
 
-@pytest.mark.parametrize("value", [0, 100])
-def test_a_map_of_one_cell(value):
-    laser = Laser(Grid(np.array([[value]], np.int8), 1.0), CROSS)
-    assert (laser.scan(Pose(0.5, 0.5, 0.3)) == (-math.inf if value else math.inf)).all()
-
-
 @pytest.mark.parametrize("count", [1, 2, 90, 719])
 def test_beams_of_less_than_a_full_turn(count):
     grid, _ = noise_map(3, 0.05)
@@ -246,7 +192,7 @@ def test_beams_of_less_than_a_full_turn(count):
 )
 def test_impossible_beams(beams, expected):
     with pytest.raises(UserError) as caught:
-        Laser(ASYMMETRIC, beams)
+        Laser(noise_map(1, 0.1)[0], beams)
     assert expected in str(caught.value)
 
 
