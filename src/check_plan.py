@@ -26,8 +26,8 @@ from mushr_ros_intro.preview.spread import Spread, spread
 from mushr_ros_intro.preview.text import as_json, as_text, verdict
 from mushr_ros_intro.world.map_file import find_map, read_map
 
-MAX_RUNS = 10_000_000
-MAX_CAR_COMMANDS = 20_000_000_000
+MAX_RUNS = 100_000
+MAX_CAR_COMMANDS = 2_000_000_000
 """Limit of the commands of a plan times the runs; so many take about half an hour."""
 
 

@@ -9,7 +9,7 @@ are allowed.
 """
 
 import re
-from typing import List, Match, Optional, Tuple
+from typing import List, Optional, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.plan.model import (
@@ -33,19 +33,9 @@ MAX_FAULTS = 1000
 # Unambiguous, so that matching takes time in proportion to the length of any line.
 _NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
 
-_CELL = rf"\s*({_NUMBER})\s*"
-
-_UNDECODABLE = "\udc80-\udcff"
-
-_END = f"(?:#[^{_UNDECODABLE}]*)?"
-
 _IS_NUMBER = re.compile(_NUMBER)
 
-_IS_UNDECODABLE = re.compile(f"[{_UNDECODABLE}]")
-
-_START = re.compile(f"{_CELL},{_CELL},{_CELL}{_END}")
-
-_ROW = re.compile(f"{_CELL},{_CELL}(?:,{_CELL})?{_END}")
+_IS_UNDECODABLE = re.compile("[\udc80-\udcff]")
 
 _MIN_SECONDS = 1.0 / NANOSECONDS
 
@@ -79,29 +69,28 @@ def parse_plan(data: bytes, path: str) -> Plan:
     start: Optional[Plan] = None
     rows: List[Row] = []
     total = 0
-    others = 0  # lines that are neither blank nor a good row: the start pose, and faulty rows
+    count = 0  # of the lines that are not blank: the start pose and the rows
     for number, line in enumerate(lines, 1):
-        row = _parse_row(line, number) if others else None
-        if row:
-            if total <= MAX_DURATION < total + row.duration:
+        values, columns, found = _parse_line(line, is_start=not count)
+        faults += [Fault(path, number, column, text) for column, text in found]
+        if values and not count:
+            start = Plan(path, Pose(*values), (), number, columns)
+        elif values:
+            rows.append(_row(values, number, columns))
+            before, total = total, total + rows[-1].duration
+            if before <= MAX_DURATION < total:
                 limit = MAX_DURATION // NANOSECONDS
                 text = f"here the plan exceeds {limit} s; expected a shorter plan"
                 faults.append(Fault(path, number, 1, text))
-            total += row.duration
-            rows.append(row)
-            continue
-        if not others:
-            start = _parse_start(path, line, number)
-        faults += _line_faults(path, number, line, is_start=not others)
-        others += not _is_blank(line)
+        count += bool(line.split("#", 1)[0].strip())
         if len(faults) >= MAX_FAULTS:
             text = "too many faults; the rest of the file has not been checked"
             faults.append(Fault(path, number + 1, 1, text))
             break
 
-    if not others:
+    if not count:
         faults.append(Fault(path, 1, 1, f"the file is empty; expected {_START_COLUMNS}"))
-    elif others == 1 and not rows:
+    elif count == 1:
         text = f"no command after the start pose; expected {_ROW_COLUMNS}"
         faults.append(Fault(path, len(lines), 1, text))
     if faults:
@@ -110,79 +99,47 @@ def parse_plan(data: bytes, path: str) -> Plan:
     return start._replace(rows=tuple(rows))
 
 
-def _parse_start(path: str, line: str, number: int) -> Optional[Plan]:
-    """Return a plan without rows that starts as line `number` says, or None if it is faulty."""
-    match = _START.fullmatch(line)
-    if not match:
-        return None
-    start = Pose(*map(float, match.groups()))
-    if max(map(abs, start)) > MAX_COORDINATE:
-        return None
-    return Plan(path, start, (), number, _columns(match))
+def _row(values: List[float], number: int, columns: Tuple[int, ...]) -> Row:
+    """Return the row of the numbers in line `number`."""
+    duration = from_seconds(values[2]) if len(values) > 2 else DEFAULT_DURATION
+    return Row(as_float32(values[0]), as_float32(values[1]), duration, number, columns)
 
 
-def _parse_row(line: str, number: int) -> Optional[Row]:
-    """Return the row in line `number`, or None if the line is blank or faulty."""
-    match = _ROW.fullmatch(line)
-    if not match:
-        return None
-    first, second, third = match.groups()
-    speed, steering_angle = float(first), float(second)
-    if abs(speed) > MAX_SPEED or abs(steering_angle) > MAX_STEERING_ANGLE:
-        return None
-    duration = DEFAULT_DURATION
-    if third is not None:
-        seconds = float(third)
-        if not _MIN_SECONDS <= seconds <= _MAX_SECONDS:
-            return None
-        duration = from_seconds(seconds)
-    speed, steering_angle = as_float32(speed), as_float32(steering_angle)
-    return Row(speed, steering_angle, duration, number, _columns(match))
+def _parse_line(
+    line: str, is_start: bool
+) -> Tuple[List[float], Tuple[int, ...], List[Tuple[int, str]]]:
+    """Return the numbers of a line, their columns from 1, and each fault's column and text.
 
-
-def _columns(match: Match[str]) -> Tuple[int, ...]:
-    """Return the column of every number in a line, counted from 1."""
-    starts = (match.start(group) for group in range(1, match.re.groups + 1))
-    return tuple(start + 1 for start in starts if start >= 0)
-
-
-def _is_blank(line: str) -> bool:
-    """Return whether a line is empty but for a comment."""
-    return not line.split("#", 1)[0].strip()
-
-
-def _line_faults(path: str, number: int, line: str, is_start: bool) -> List[Fault]:
-    """Return every fault of a line; a blank line has none."""
+    There are no numbers if the line is blank or has a fault.
+    """
     undecodable = _IS_UNDECODABLE.search(line)
     if undecodable:
         byte = ord(undecodable.group()) - 0xDC00
         text = f"byte 0x{byte:02x} is not UTF-8; expected a text file in UTF-8 or plain ASCII"
-        return [Fault(path, number, undecodable.start() + 1, text)]
-    if _is_blank(line):
-        return []
-    if is_start:
-        names, fewest, columns = ("x", "y", "theta"), 3, _START_COLUMNS
-    else:
-        names, fewest, columns = ("speed", "steering angle", "duration"), 2, _ROW_COLUMNS
-
+        return [], (), [(undecodable.start() + 1, text)]
     content = line.split("#", 1)[0].rstrip()
+    if not content:
+        return [], (), []
+    if is_start:
+        names, fewest, expected = ("x", "y", "theta"), 3, _START_COLUMNS
+    else:
+        names, fewest, expected = ("speed", "steering angle", "duration"), 2, _ROW_COLUMNS
     cells = content.split(",", len(names))
     if not fewest <= len(cells) <= len(names):
         count = content.count(",") + 1
         counted = "1 column" if count == 1 else f"{count} columns"
         surplus = cells[-1].lstrip() if count > len(names) else ""
-        column = len(content) - len(surplus) + 1
-        return [Fault(path, number, column, f"{counted}; expected {columns}")]
+        return [], (), [(len(content) - len(surplus) + 1, f"{counted}; expected {expected}")]
 
-    faults = []
+    columns, faults = [], []
     begin = 1  # the column of the first character of a cell
     for name, cell in zip(names, cells):
+        columns.append(begin + len(cell) - len(cell.lstrip()))
+        begin += len(cell) + 1
         text = _number_fault(name, cell.strip())
         if text:
-            indent = len(cell) - len(cell.lstrip())
-            faults.append(Fault(path, number, begin + indent, text))
-        begin += len(cell) + 1
-    return faults
+            faults.append((columns[-1], text))
+    return [] if faults else [float(cell) for cell in cells], tuple(columns), faults
 
 
 def _number_fault(name: str, cell: str) -> str:

@@ -1,27 +1,27 @@
 """Drive a plan many times, each run with its own random errors: the spread of a plan.
 
-The cars are driven side by side, as numpy arrays. They get the commands of path_publisher, one per
-COMMAND_PERIOD; the last one of a row lasts until the end of the row.
+The cars are driven side by side, as numpy arrays. They get the commands of path_publisher.
 """
 
 import math
-from typing import Iterator, List, NamedTuple, Optional, Tuple
+from typing import Iterable, Iterator, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.motion import advance
-from mushr_ros_intro.plan.model import Plan
-from mushr_ros_intro.preview.prediction import count_commands, drive
+from mushr_ros_intro.plan.model import Plan, Row
+from mushr_ros_intro.preview.prediction import drive
 from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
 
 CLOUD = 5000
 """The final poses of so many runs are kept."""
 
-_MARKS = 10  # instants along the plan at which the spread is computed
-_WIDTH = 4096  # cars that are driven at a time: their arrays fit into a processor's cache
-_INSTANT = 1e-15  # ramps shorter than this [s] are left out
-_AT_ONCE = 1e200  # a rate as good as infinite, but zero when multiplied by zero
+_MARKS = 10
+"""The number of instants along the plan at which the spread is computed."""
+
+_STEP = 0.02
+"""The step [s] in which the motion of a car with ramps is integrated."""
 
 
 class Errors(NamedTuple):
@@ -111,32 +111,16 @@ def spread(plan: Plan, car: Car, runs: int, seed: int) -> Spread:
     errors = Errors()
     if car.speed_noise or car.steering_noise:
         errors = RUN_ERRORS._replace(speed=car.speed_noise, steering_angle=car.steering_noise)
-    every = max(1, -(-count_commands(plan) // _MARKS))
-    instants = marks(plan, every)
+    ends = [end for _, _, end in _commands(plan)]
+    every = -(-len(ends) // _MARKS)
+    instants = [*ends[every - 1 : -1 : every], ends[-1]]
     planned, distances = _without_errors(plan, car, instants)
-    # Sums over the offsets from the planned poses, which are small: nothing cancels.
-    total, squares = np.zeros((len(instants), 3)), np.zeros((len(instants), 3, 3))
-    cloud = np.empty((0, 3))
-    for poses in sample(plan, car, errors, runs, seed, every):
-        offsets = poses - planned[:, np.newaxis]
-        total += offsets.sum(axis=1)
-        squares += np.matmul(offsets.transpose(0, 2, 1), offsets)
-        cloud = np.concatenate((cloud, poses[-1, : CLOUD - len(cloud)]))
-    outer = total[:, :, np.newaxis] * total[:, np.newaxis, :]
-    covariance = (squares - outer / runs) / (runs - 1)
+    poses = sample(plan, car, errors, runs, seed, instants)
+    mean = poses.mean(axis=1)
+    covariance = np.array([np.cov(each.T) for each in poses])
     seconds = np.array(instants) / NANOSECONDS
-    mean = planned + total / runs
+    cloud = poses[-1, :CLOUD]
     return Spread(runs, seed, errors, seconds, distances, planned, mean, covariance, cloud)
-
-
-def marks(plan: Plan, every: int) -> List[int]:
-    """Return when each `every`-th command ends, and the last one [ns after the first begins]."""
-    ends = []
-    now = 0
-    for row in plan.rows:
-        ends += [now + min(t + COMMAND_PERIOD, row.duration) for t in _begins(row.duration)]
-        now += row.duration
-    return [*ends[every - 1 : -1 : every], now]
 
 
 def ellipse(covariance: np.ndarray, probability: float = 0.95) -> Tuple[float, float, float]:
@@ -157,59 +141,86 @@ def ellipse(covariance: np.ndarray, probability: float = 0.95) -> Tuple[float, f
 
 
 def sample(
-    plan: Plan, car: Car, errors: Errors, runs: int, seed: int, every: int
-) -> Iterator[np.ndarray]:
-    """Drive a plan `runs` times and yield the poses, some thousand cars at a time.
+    plan: Plan, car: Car, errors: Errors, runs: int, seed: int, instants: Iterable[int]
+) -> np.ndarray:
+    """Drive a plan `runs` times.
 
     Args:
         plan: the plan.
-        car: the car.
-        errors: of each run; the noise of the car is not used.
+        car: the car; its noise is not used.
+        errors: of each run.
         runs: number of runs.
         seed: of the random numbers, not negative.
-        every: number of commands between two instants; see `marks`.
+        instants: ends of commands [ns after the first begins]; the last one is the plan's end.
 
-    Yields:
-        x [m], y [m] and theta [rad] in the map frame, (instants, cars, 3). The last poses are
+    Returns:
+        x [m], y [m] and theta [rad] in the map frame, (instants, runs, 3). The last poses are
         those at which the cars come to rest.
     """
-    for first in range(0, runs, _WIDTH):
-        rng = np.random.default_rng((seed, first // _WIDTH))
-        yield _sample_some(plan, car, errors, min(_WIDTH, runs - first), rng, every)
-
-
-def _sample_some(
-    plan: Plan, car: Car, errors: Errors, count: int, rng: np.random.Generator, every: int
-) -> np.ndarray:
-    """Drive `count` cars; see `sample`."""
-    normal = rng.standard_normal
-    scale = 1.0 + errors.speed_scale * normal(count)
-    offset = errors.steering_offset * normal(count)
-    x, y = (start + errors.start_position * normal(count) for start in plan.start[:2])
-    theta = plan.start.theta + errors.start_heading * normal(count)
-    cars = _Cars(car, x, y, theta)
-    is_noisy = errors.speed != 0.0 or errors.steering_angle != 0.0
-    noted = []
-    number, total = 0, count_commands(plan)
-    for row in plan.rows:
+    normal = np.random.default_rng(seed).standard_normal
+    scale = 1.0 + errors.speed_scale * normal(runs)
+    offset = errors.steering_offset * normal(runs)
+    deviations = (errors.start_position, errors.start_position, errors.start_heading)
+    pose = [start + error * normal(runs) for start, error in zip(plan.start, deviations)]
+    state = np.array([*pose, np.zeros(runs), np.zeros(runs)])
+    marks = set(instants)
+    poses = []
+    for row, seconds, end in _commands(plan):
         speed, angle = car.within_limits(row.speed, row.steering_angle)
-        for begin in _begins(row.duration):
-            speeds, angles = speed * scale, angle + offset
-            if is_noisy and speed:
-                speeds += errors.speed * normal(count)
-                angles += errors.steering_angle * normal(count)
-            seconds = min(COMMAND_PERIOD, row.duration - begin) / NANOSECONDS
-            cars.drive(seconds, speeds, angles)
-            number += 1
-            if number % every == 0 and number < total:
-                noted.append(cars.poses())
-    cars.drive(cars.stopping_time(), 0.0 * scale, offset)
-    return np.array([*noted, cars.poses()])
+        speeds, angles = speed * scale, angle + offset
+        if speed and (errors.speed or errors.steering_angle):
+            speeds += errors.speed * normal(runs)
+            angles += errors.steering_angle * normal(runs)
+        state = _advanced(state, car, speeds, angles, seconds)
+        if end in marks and end < plan.duration:
+            poses.append(state[:3].T)
+    stopping_time = np.abs(state[3]).max() / car.acceleration
+    state = _advanced(state, car, 0.0 * scale, offset, stopping_time)
+    return np.array([*poses, state[:3].T])
 
 
-def _begins(duration: int) -> range:
-    """Return the begin of each command of a row [ns after the begin of the row]."""
-    return range(0, duration, COMMAND_PERIOD)
+def _commands(plan: Plan) -> Iterator[Tuple[Row, float, int]]:
+    """Yield the row of each command, its duration [s], and its end [ns after the first begins]."""
+    now = 0
+    for row in plan.rows:
+        for begin in range(0, row.duration, COMMAND_PERIOD):
+            end = min(begin + COMMAND_PERIOD, row.duration)
+            yield row, (end - begin) / NANOSECONDS, now + end
+        now += row.duration
+
+
+def _advanced(
+    state: np.ndarray, car: Car, speeds: np.ndarray, angles: np.ndarray, seconds: float
+) -> np.ndarray:
+    """Return the state of many cars after one command.
+
+    A step is an arc with the mean speed and steering angle of the step. This is exact for a car
+    without ramps. For others the error is a few millimetres along the plans of this package.
+
+    Args:
+        state: x [m], y [m], theta [rad], speed [m/s] and steering angle [rad], (5, cars).
+        car: the car.
+        speeds: the commanded speeds [m/s], (cars,).
+        angles: the commanded steering angles [rad], (cars,).
+        seconds: duration of the command [s].
+    """
+    has_ramps = math.isfinite(car.acceleration) or math.isfinite(car.steering_rate)
+    count = math.ceil(seconds / _STEP - 1e-9) if has_ramps else int(seconds > 0.0)
+    x, y, theta, speed, angle = state
+    for _ in range(count):
+        dt = seconds / count
+        next_speed = np.clip(speeds, speed - car.acceleration * dt, speed + car.acceleration * dt)
+        next_angle = np.clip(angles, angle - car.steering_rate * dt, angle + car.steering_rate * dt)
+        mean_speed = 0.5 * (speed + next_speed) if math.isfinite(car.acceleration) else next_speed
+        mean_angle = 0.5 * (angle + next_angle) if math.isfinite(car.steering_rate) else next_angle
+        distance = mean_speed * dt
+        half_turn = 0.5 * distance * np.tan(mean_angle) / car.wheelbase  # see `bicycle.drive_arc`
+        chord = distance * np.sinc(half_turn / math.pi)
+        x = x + chord * np.cos(theta + half_turn)
+        y = y + chord * np.sin(theta + half_turn)
+        theta = theta + 2.0 * half_turn
+        speed, angle = next_speed, next_angle
+    return np.array([x, y, theta, speed, angle])
 
 
 def _without_errors(plan: Plan, car: Car, instants: List[int]) -> Tuple[np.ndarray, np.ndarray]:
@@ -228,98 +239,3 @@ def _without_errors(plan: Plan, car: Car, instants: List[int]) -> Tuple[np.ndarr
         driven += leg.distance(leg.end)
     poses.append(advance(leg.state, leg.end, car).pose)
     return np.array(poses), np.array([*distances, driven])
-
-
-# The kinematics ---------------------------------------------------------------------------------
-
-
-def _gauss(points: int) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the nodes, the weights and the collocation matrix of Gauss-Legendre quadrature.
-
-    Row k of the matrix integrates from 0 to node k. See Hairer, Norsett, Wanner, "Solving Ordinary
-    Differential Equations I", section II.7.
-    """
-    nodes, weights = np.polynomial.legendre.leggauss(points)
-    nodes, weights = 0.5 * (nodes + 1.0), 0.5 * weights
-    powers = np.arange(points)
-    integrals = nodes[:, np.newaxis] ** (powers + 1) / (powers + 1)
-    return nodes, weights, integrals @ np.linalg.inv(nodes[:, np.newaxis] ** powers)
-
-
-_NODES, _WEIGHTS, _TO_NODES = _gauss(3)
-
-
-class _Cars:
-    """Many cars of one kind, side by side; all arrays are (cars,).
-
-    Speed and steering angle are ramps. The motion of a command has up to three parts: both change,
-    only the steering angle changes, and the steering angle is constant. The last part is an arc,
-    whatever the speed does. The ideal car is the limit of infinite rates: only the arc remains.
-    """
-
-    def __init__(self, car: Car, x: np.ndarray, y: np.ndarray, theta: np.ndarray):
-        self._wheelbase = car.wheelbase
-        self._acceleration = min(car.acceleration, _AT_ONCE)
-        self._steering_rate = min(car.steering_rate, _AT_ONCE)
-        self._x, self._y, self._theta = x, y, theta
-        self._speed, self._angle = np.zeros_like(x), np.zeros_like(x)
-
-    def poses(self) -> np.ndarray:
-        """Return x [m], y [m] and theta [rad], (cars, 3)."""
-        return np.stack((self._x, self._y, self._theta), axis=1)
-
-    def stopping_time(self) -> float:
-        """Return the time until all cars have stopped [s]."""
-        return float(np.abs(self._speed).max()) / self._acceleration
-
-    def drive(self, seconds: float, speeds: np.ndarray, angles: np.ndarray) -> None:
-        """Drive for one command, towards speeds [m/s] and steering angles [rad]."""
-        change, turn = self._acceleration * seconds, self._steering_rate * seconds
-        speed_end = np.clip(speeds, self._speed - change, self._speed + change)
-        angle_end = np.clip(angles, self._angle - turn, self._angle + turn)
-        speed_ramp = np.abs(speed_end - self._speed) / self._acceleration  # [s]
-        angle_ramp = np.abs(angle_end - self._angle) / self._steering_rate
-        both = np.minimum(speed_ramp, angle_ramp)
-        speed = self._speed + np.copysign(self._acceleration, speeds - self._speed) * both
-        angle = self._angle + np.copysign(self._steering_rate, angles - self._angle) * both
-        self._ramp(both, self._speed, speed, self._angle, angle)
-        self._ramp(angle_ramp - both, speed_end, speed_end, angle, angle_end)
-        speeding = speed_ramp - both
-        constant = seconds - angle_ramp - speeding
-        self._arc(0.5 * (speed + speed_end) * speeding + speed_end * constant, angle_end)
-        self._speed, self._angle = speed_end, angle_end
-
-    def _arc(self, distance: np.ndarray, angle: np.ndarray) -> None:
-        """Drive distances [m] at constant steering angles [rad]; see `bicycle.drive_arc`."""
-        half_turn = 0.5 / self._wheelbase * distance * np.tan(angle)
-        chord = distance * np.sinc(half_turn / math.pi)
-        direction = self._theta + half_turn
-        self._x = self._x + chord * np.cos(direction)
-        self._y = self._y + chord * np.sin(direction)
-        self._theta = direction + half_turn
-
-    def _ramp(
-        self,
-        seconds: np.ndarray,
-        speed: np.ndarray,
-        speed_end: np.ndarray,
-        angle: np.ndarray,
-        angle_end: np.ndarray,
-    ) -> None:
-        """Drive while speeds [m/s] and steering angles [rad] change linearly."""
-        some = np.flatnonzero(seconds > _INSTANT)
-        if not len(some):
-            return
-        seconds, speed, speed_end, angle, angle_end, theta = (
-            each[some] for each in (seconds, speed, speed_end, angle, angle_end, self._theta)
-        )
-        distances = [(speed + (speed_end - speed) * node) * seconds for node in _NODES]
-        turns = [
-            distance * np.tan(angle + (angle_end - angle) * node) / self._wheelbase
-            for distance, node in zip(distances, _NODES)
-        ]
-        for distance, weight, to_node in zip(distances, _WEIGHTS, _TO_NODES):
-            heading = theta + sum(part * turn for part, turn in zip(to_node, turns))
-            self._x[some] += weight * distance * np.cos(heading)
-            self._y[some] += weight * distance * np.sin(heading)
-        self._theta[some] += sum(weight * turn for weight, turn in zip(_WEIGHTS, turns))

@@ -442,7 +442,7 @@ def test_a_plan_that_does_not_exist():
         (["circle", "--car", "tank"], "invalid choice: 'tank'"),
         (["circle", "--map", "moon"], "moon: no such map; expected the path of a yaml file"),
         (["circle", "--map", "package.xml"], "expected a map's yaml file"),
-        (["circle", "--runs", "1"], "--runs: '1'; expected a whole number from 2 to 10000000"),
+        (["circle", "--runs", "1"], "--runs: '1'; expected a whole number from 2 to 100000"),
         (["circle", "--seed", "-1"], "--seed: '-1'; expected a whole number from 0"),
         (["circle", "slalom", "--plot", "a.png"], "--plot draws one plan; expected one PLAN"),
         (["circle", "--plot", "/nowhere/a.png"], "cannot be written: No such file or directory"),
