@@ -225,7 +225,7 @@ class TestRecording(RosTestCase):
         self.assertIn("nothing saved: /proc/recorded.txt cannot be written (", self.call("save")[1])
         recorder.send_signal(signal.SIGINT)
         self.assertEqual(recorder.wait(), 1, recorder.output)
-        self.assertIn("the drive is not saved: /proc/recorded.txt cannot be", recorder.output)
+        self.assertIn("nothing saved: /proc/recorded.txt cannot be", recorder.output)
 
     def test_parameters(self):
         cases = (
