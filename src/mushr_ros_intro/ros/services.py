@@ -1,6 +1,5 @@
 """Services without arguments."""
 
-
 from typing import Any, Callable, ContextManager
 
 import rospy
