@@ -9,16 +9,14 @@ from typing import Optional
 import rospy
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
-from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro.authoring.clicks import ClickError, extend
 from mushr_ros_intro.authoring.plan_file import PlanFile, summary
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.plan.model import MAX_SPEED, MAX_STEERING_ANGLE, Plan
-from mushr_ros_intro.plan.write import WriteError
 from mushr_ros_intro.preview.prediction import trajectory
-from mushr_ros_intro.ros import conversions, node, ros_time
+from mushr_ros_intro.ros import conversions, node, ros_time, services
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 DEFAULT_STEERING_LIMIT = 0.34
@@ -74,9 +72,9 @@ class ClickPlanner:
 
         self._path_pub = rospy.Publisher("~path", Path, queue_size=1, latch=True)
         self._publish_path()
-        rospy.Service("~undo", Trigger, self._on_undo)
-        rospy.Service("~clear", Trigger, self._on_clear)
-        rospy.Service("~save", Trigger, self._on_save)
+        services.offer("~undo", self._lock, self._undo)
+        services.offer("~clear", self._lock, lambda: self._keep(0))
+        services.offer("~save", self._lock, self._save)
         self._start_sub = rospy.Subscriber(
             init_pose_topic, PoseWithCovarianceStamped, self._on_start
         )
@@ -129,37 +127,27 @@ class ClickPlanner:
                 "click %d: %g rad, %s; %s", count, row.steering_angle, gear, summary(self._plan)
             )
 
-    def _on_undo(self, _: TriggerRequest) -> TriggerResponse:
-        """Remove the last click."""
-        with self._lock:
-            if self._plan is None or not self._plan.rows:
-                return TriggerResponse(False, "there is no click to undo")
-            return self._keep(len(self._plan.rows) - 1)
+    def _undo(self) -> str:
+        """Remove the last click; return a message; needs the lock.
 
-    def _on_clear(self, _: TriggerRequest) -> TriggerResponse:
-        """Remove every click; the start pose stays."""
-        with self._lock:
-            return self._keep(0)
+        Raises:
+            ClickError: there is none.
+        """
+        if self._plan is None or not self._plan.rows:
+            raise ClickError("there is no click to undo")
+        return self._keep(len(self._plan.rows) - 1)
 
-    def _keep(self, count: int) -> TriggerResponse:
-        """Keep the first `count` clicks only; needs the lock."""
-        message = "the plan has no start pose yet"
-        if self._plan is not None:
-            self._plan = self._plan._replace(rows=self._plan.rows[:count])
-            self._publish_path()
-            message = summary(self._plan)
-        rospy.loginfo("%s", message)
-        return TriggerResponse(True, message)
+    def _keep(self, count: int) -> str:
+        """Keep the start pose and the first `count` clicks; return a message; needs the lock."""
+        if self._plan is None:
+            return "the plan has no start pose yet"
+        self._plan = self._plan._replace(rows=self._plan.rows[:count])
+        self._publish_path()
+        return summary(self._plan)
 
-    def _on_save(self, _: TriggerRequest) -> TriggerResponse:
-        """Write the plan into a new file."""
-        try:
-            with self._lock:
-                message = self._file.save(self._plan, "there is no click yet")
-        except WriteError as error:
-            return TriggerResponse(False, f"nothing saved: {error}")
-        rospy.loginfo("%s", message)
-        return TriggerResponse(True, message)
+    def _save(self) -> str:
+        """Write the plan into a new file; return a message; needs the lock."""
+        return self._file.save(self._plan, "there is no click yet")
 
     def _publish_path(self) -> None:
         """Publish the path of the plan so far; needs the lock."""

@@ -9,13 +9,11 @@ from typing import Iterator
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro.authoring.plan_file import PlanFile
 from mushr_ros_intro.authoring.recording import Recording
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.plan.write import WriteError
-from mushr_ros_intro.ros import conversions, node, ros_time
+from mushr_ros_intro.ros import conversions, node, ros_time, services
 from mushr_ros_intro.sim.stamps import PresentTime
 
 
@@ -39,8 +37,8 @@ class PlanRecorder:
         self._time = PresentTime()
         self._begin_anew()
 
-        rospy.Service("~save", Trigger, self._on_save)
-        rospy.Service("~clear", Trigger, self._on_clear)
+        services.offer("~save", self._lock, self._save)
+        services.offer("~clear", self._lock, self._begin_anew)
         self._pose_sub = rospy.Subscriber(
             f"/{car_name}/car_pose", PoseStamped, self._on_pose, tcp_nodelay=True
         )
@@ -64,12 +62,8 @@ class PlanRecorder:
         rospy.spin()
         # Not in rospy.on_shutdown: the process would not wait for a hook in another thread.
         with self._lock:
-            if self._file.is_saved(self._recording.plan()):
-                return
-            try:
+            if not self._file.is_saved(self._recording.plan()):
                 rospy.loginfo("%s", self._save())
-            except WriteError as error:
-                raise WriteError(f"the drive is not saved: {error}") from None
 
     def _on_pose(self, msg: PoseStamped) -> None:
         """Add a reported pose."""
@@ -127,9 +121,10 @@ class PlanRecorder:
                 if not self._recording.is_start_exact:
                     rospy.logwarn("the car was moving: the start pose of the plan is approximate")
 
-    def _begin_anew(self) -> None:
-        """Begin a new recording; needs the lock."""
+    def _begin_anew(self) -> str:
+        """Begin a new recording; return a message; needs the lock."""
         self._recording = Recording(self._command_timeout, ros_time.stamp_tolerance())
+        return "recording begins with the next command"
 
     def _save(self) -> str:
         """Write the drive so far into a new file; return a message; needs the lock.
@@ -141,23 +136,6 @@ class PlanRecorder:
             f"the car has not been driven since its first pose on {self._pose_sub.resolved_name}"
         )
         return self._file.save(self._recording.plan(), empty)
-
-    def _on_save(self, _: TriggerRequest) -> TriggerResponse:
-        """Save the drive so far."""
-        try:
-            with self._lock:
-                message = self._save()
-        except WriteError as error:
-            return TriggerResponse(False, f"nothing saved: {error}")
-        rospy.loginfo("%s", message)
-        return TriggerResponse(True, message)
-
-    def _on_clear(self, _: TriggerRequest) -> TriggerResponse:
-        """Begin a new recording; the drive so far is lost unless it is saved."""
-        with self._lock:
-            self._begin_anew()
-        rospy.loginfo("cleared; recording begins with the next command")
-        return TriggerResponse(True, "recording begins with the next command")
 
 
 if __name__ == "__main__":

@@ -7,15 +7,12 @@ drives along it forward, or in reverse if the point is behind, so it turns by at
 import math
 from typing import NamedTuple, Tuple
 
-from mushr_ros_intro.car.bicycle import Pose, curvature
+from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.model import Plan, Row, as_float32
 from mushr_ros_intro.preview.prediction import final_pose
 from mushr_ros_intro.sim.stamps import from_seconds
-
-MAX_DISTANCE = 1000.0
-"""The largest distance of a point from the car [m]; float32 commands miss it by 1e-7 of that."""
 
 _EPSILON = 1e-9
 """A point closer to the car is at the car [m]; closer to its axle line, it is beside it [rad]."""
@@ -62,15 +59,9 @@ def row_to(pose: Pose, point: Tuple[float, float], speed: float, car: Car) -> Ro
         car: with its wheelbase and its steering limits.
 
     Raises:
-        ClickError: the point is where the car is, too far away, or needs too much steering.
+        ClickError: the point is where the car is, or needs too much steering.
     """
     shown = f"({point[0]:.3f}, {point[1]:.3f})"
-    away = math.hypot(point[0] - pose.x, point[1] - pose.y)
-    if away > MAX_DISTANCE:
-        raise ClickError(
-            f"the point {shown} is {away:.0f} m away from the end of the plan; "
-            f"expected at most {MAX_DISTANCE:g} m"
-        )
     arc = arc_to(pose, point)
     speed = as_float32(speed)
     duration = from_seconds(abs(arc.distance) / speed)
@@ -80,10 +71,8 @@ def row_to(pose: Pose, point: Tuple[float, float], speed: float, car: Car) -> Ro
     nearest = car.within_limits(0.0, angle)[1]
     if nearest != angle:
         raise ClickError(
-            f"the point {shown} needs a steering angle of {angle:.4f} rad (a circle of radius "
-            f"{1.0 / abs(arc.curvature):.3f} m); the car's limit on the "
-            f"{'left' if angle > 0.0 else 'right'} is {abs(nearest):.4f} rad "
-            f"(a radius of {_radius(nearest, car)} m)"
+            f"the point {shown} needs a steering angle of {angle:.4f} rad; the car's limit on "
+            f"the {'left' if angle > 0.0 else 'right'} is {abs(nearest):.4f} rad"
         )
     return Row(math.copysign(speed, arc.distance), as_float32(angle), duration, 0)
 
@@ -91,9 +80,3 @@ def row_to(pose: Pose, point: Tuple[float, float], speed: float, car: Car) -> Ro
 def extend(plan: Plan, point: Tuple[float, float], speed: float, car: Car) -> Plan:
     """Return a plan with one more row, which ends at a point; see `row_to`."""
     return plan._replace(rows=(*plan.rows, row_to(final_pose(plan, car), point, speed, car)))
-
-
-def _radius(steering_angle: float, car: Car) -> str:
-    """Return the radius of the circle that a steering angle drives, as text [m]."""
-    bend = abs(curvature(steering_angle, car.wheelbase))
-    return f"{1.0 / bend:.3f}" if bend else "infinite"

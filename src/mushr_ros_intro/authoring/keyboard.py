@@ -2,7 +2,6 @@
 
 import os
 import select
-import sys
 import termios
 import time
 import tty
@@ -95,16 +94,22 @@ class Window:
 class Terminal:
     """The terminal that the node was started in.
 
+    Args:
+        command: starts the node in a terminal, for the error message.
+
     Raises:
         NoKeyboardError: the standard input is not a terminal.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, command: str) -> None:
+        self._input = 0  # the standard input
         try:
-            self._input = sys.stdin.fileno()
             self._settings = termios.tcgetattr(self._input)
-        except (OSError, ValueError, AttributeError, termios.error):
-            raise NoKeyboardError("the standard input is not a terminal") from None
+        except termios.error:
+            raise NoKeyboardError(
+                "no keyboard to drive with: the standard input is not a terminal; set DISPLAY, or "
+                f"start the node in a terminal: {command}"
+            ) from None
         self.is_open = True
         self._keys = Keys()
         print("W, S: drive; A, D: steer; any other key: stop; Ctrl-C: end", flush=True)
@@ -144,13 +149,5 @@ def open_keyboard(title: str, help_text: str, command: str) -> Union[Window, Ter
     try:
         return Window(title, help_text)
     except NoKeyboardError as error:
-        no_window = error
-    try:
-        terminal = Terminal()
-    except NoKeyboardError as no_terminal:
-        raise NoKeyboardError(
-            f"no keyboard to drive with: no window ({no_window}), and {no_terminal}; "
-            f"set DISPLAY, or start the node in a terminal: {command}"
-        ) from None
-    print(f"no window ({no_window}), so keys are read from the terminal", flush=True)
-    return terminal
+        print(f"no window ({error}), so keys are read from the terminal", flush=True)
+    return Terminal(command)

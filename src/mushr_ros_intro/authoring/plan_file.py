@@ -29,11 +29,14 @@ class PlanFile:
         """Write a plan into a new file; return a message with its path and size.
 
         Raises:
-            WriteError: it cannot be written, or it has no rows: the message is then `if_empty`.
+            WriteError: it cannot be written, or it has no rows; `if_empty` is then the reason.
         """
         if plan is None or not plan.rows:
-            raise WriteError(if_empty)
-        path = write_plan(self.folder, self._name, plan.start, plan.rows)
+            raise WriteError(f"nothing saved: {if_empty}")
+        try:
+            path = write_plan(self.folder, self._name, plan.start, plan.rows)
+        except WriteError as error:
+            raise WriteError(f"nothing saved: {error}") from None
         self._saved = plan
         return f"saved {path}; {summary(plan)}"
 

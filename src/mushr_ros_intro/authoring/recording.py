@@ -7,9 +7,8 @@ instants are integer nanoseconds.
 
 import bisect
 import math
-from collections import deque
 from itertools import takewhile, zip_longest
-from typing import Deque, List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Command, InitialPose
@@ -18,9 +17,6 @@ from mushr_ros_intro.sim.stamps import effective_stamp
 
 AT_REST = 1e-3
 """A car that moves less than this between two reported poses stands [m]."""
-
-MAX_POSES = 10_000
-"""Number of reported poses to keep: the first command may arrive later than newer poses."""
 
 
 class Recording:
@@ -41,9 +37,7 @@ class Recording:
         self._since = 0  # the stamp of the initial pose; older events do not count
         self._initial_pose: Optional[Pose] = None
         self._commands: List[Command] = []  # sorted by stamp
-        self._poses: Deque[Tuple[int, Pose]] = deque(maxlen=MAX_POSES)
-        self._first_pose: Optional[int] = None  # its stamp
-        self._before: List[Pose] = []  # the last two poses at or before `begin`
+        self._poses: List[Tuple[int, Pose]] = []
 
     @property
     def begin(self) -> Optional[int]:
@@ -57,10 +51,12 @@ class Recording:
         It does not if it moved between the last two reported poses, except to its initial pose,
         or if there was a command to drive before its pose was reported.
         """
+        begin = self.begin
         first = next(filter(_drives, self._commands), None)
-        if first is None or first.stamp != self.begin:
+        if begin is None or first is None or first.stamp != begin:
             return False
-        earlier, start = self._before[0], self._before[-1]
+        end = self._count_until(begin)
+        earlier, start = self._poses[max(0, end - 2)][1], self._poses[end - 1][1]
         return any(
             start.distance_to(each) <= AT_REST for each in (earlier, self._initial_pose or earlier)
         )
@@ -83,7 +79,6 @@ class Recording:
             takewhile(lambda c: c.stamp < horizon and not self._can_begin(c), self._commands)
         )
         del self._commands[: len(unused)]
-        self._find_start()
         return not any(map(_drives, unused))
 
     def add_pose(self, stamp: int, pose: Pose, now: int) -> None:
@@ -92,9 +87,11 @@ class Recording:
         if stamp < self._since:
             return
         self._poses.append((stamp, pose))
-        if self._first_pose is None:
-            self._first_pose = stamp
-        self._find_start()
+        # Events can still arrive that are older than `now` by the tolerance.
+        begin = self.begin
+        horizon = now - self._tolerance
+        needed = self._count_until(horizon if begin is None else min(begin, horizon))
+        del self._poses[: max(0, needed - 2)]
 
     def place(self, initial_pose: InitialPose, now: int) -> Optional[Plan]:
         """Forget all events before an initial pose, which arrives at `now` [ns].
@@ -106,10 +103,7 @@ class Recording:
         ended = self.plan(before=since)
         self._since, self._initial_pose = since, initial_pose.pose
         self._commands = [each for each in self._commands if each.stamp >= since]
-        self._poses = deque((each for each in self._poses if each[0] >= since), MAX_POSES)
-        self._first_pose = self._poses[0][0] if self._poses else None
-        self._before = []
-        self._find_start()
+        self._poses = [each for each in self._poses if each[0] >= since]
         return ended
 
     def plan(self, before: float = math.inf) -> Optional[Plan]:
@@ -122,21 +116,15 @@ class Recording:
             return None
         commands = [each for each in self._commands if begin <= each.stamp < before]
         rows = _rows(commands, self._timeout)
-        return Plan("", self._before[-1], rows) if rows else None
+        return Plan("", self._poses[self._count_until(begin) - 1][1], rows) if rows else None
 
     def _can_begin(self, command: Command) -> bool:
         """Return whether a drive can begin with a command."""
-        is_pose_known = self._first_pose is not None and self._first_pose <= command.stamp
-        return is_pose_known and _drives(command)
+        return _drives(command) and self._count_until(command.stamp) > 0
 
-    def _find_start(self) -> None:
-        """Find the last two poses at or before `begin`, unless they are no longer kept."""
-        begin = self.begin
-        if begin is None:
-            return
-        end = bisect.bisect_left(self._poses, (begin + 1,))
-        if end:
-            self._before = [self._poses[index][1] for index in range(max(0, end - 2), end)]
+    def _count_until(self, stamp: int) -> int:
+        """Return the number of poses at or before an instant [ns]."""
+        return bisect.bisect_left(self._poses, (stamp + 1,))
 
 
 def _drives(command: Command) -> bool:

@@ -23,13 +23,13 @@ class Finding(NamedTuple):
 
 
 class Fault(Enum):
-    """Why the master or a node cannot be reached."""
+    """Why the master or a node cannot be reached; the text is for the master."""
 
-    MALFORMED = "its address is malformed"
-    UNKNOWN_HOST = "the host name in its address cannot be resolved"
-    REFUSED = "nothing listens at its address"
-    NO_RESPONSE = "it does not respond in time"
-    NOT_ROS = "another program listens at its address"
+    MALFORMED = f"expected is an address such as {DEFAULT_MASTER}"
+    UNKNOWN_HOST = "its host name cannot be resolved"
+    REFUSED = "no master runs there"
+    NO_RESPONSE = "the master there does not respond"
+    NOT_ROS = "the program there is not a ROS master"
 
 
 class Master(NamedTuple):
@@ -109,12 +109,8 @@ class Facts:
     """None in wall-clock time."""
     window: Optional[Tuple[int, int]] = None
     """The time of the nodes when listening began and ended [ns]; None if there was none."""
-    listening_time: float = 0.0
-    """How long the doctor listened at least [s of wall-clock time]."""
     contact: str = ""
     """The pose at which the car touches a wall."""
-    pose: str = ""
-    """The pose of the car; empty if none is published."""
     moves: Optional[bool] = None
     """Whether the pose changed; None if none is published."""
 

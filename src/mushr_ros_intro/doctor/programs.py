@@ -1,5 +1,6 @@
 """Find programs of a package that cannot be started."""
 
+import glob
 import os
 import re
 import shlex
@@ -9,8 +10,6 @@ from typing import List, Optional
 from mushr_ros_intro.doctor.facts import Finding
 
 _SHEBANG_REMEDY = "Make its first line: #!/usr/bin/python3"
-_LIMIT = 100_000
-"""How much of each file is read [bytes]."""
 
 
 def program_findings(folder: str) -> List[Finding]:
@@ -19,9 +18,7 @@ def program_findings(folder: str) -> List[Finding]:
     A program is a file with a shebang line, or a Python file that starts a node or has a main
     part. setup.py and files that cannot be read are left out.
     """
-    if not os.path.isdir(folder):
-        return []
-    paths = (os.path.join(folder, name) for name in sorted(os.listdir(folder)))
+    paths = sorted(glob.glob(os.path.join(glob.escape(folder), "*")))
     found = (_program_finding(path) for path in paths if os.path.isfile(path))
     return [each for each in found if each]
 
@@ -32,7 +29,7 @@ def _program_finding(path: str) -> Optional[Finding]:
         return None
     try:
         with open(path, "rb") as file:
-            text = file.read(_LIMIT)
+            text = file.read(100_000)  # a package may contain large recordings
     except OSError:
         return None
     if not text.startswith(b"#!"):

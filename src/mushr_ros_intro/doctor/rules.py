@@ -14,14 +14,6 @@ from mushr_ros_intro.doctor.facts import (
 )
 from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE
 
-_MASTER_PROBLEMS = {
-    Fault.MALFORMED: f"expected is an address such as {DEFAULT_MASTER}",
-    Fault.UNKNOWN_HOST: "its host name cannot be resolved",
-    Fault.REFUSED: "no master runs there",
-    Fault.NO_RESPONSE: "the master there does not respond",
-    Fault.NOT_ROS: "the program there is not a ROS master",
-}
-
 _CONTINUE = "If it was stopped with Ctrl-Z, type in its terminal: fg"
 
 
@@ -33,19 +25,17 @@ def diagnose(facts: Facts) -> List[Finding]:
     if facts.master.fault:
         return [_no_master(facts.master, facts.master.fault)]
     found = [_dead_node(node, fault) for node, fault in facts.dead.items()]
-    time_faults = _time(facts.clock, set(facts.dead)) if facts.clock else []
-    found += time_faults
-    is_complete = bool(facts.output.subscribers) and (_has_mux(facts) or bool(facts.senders))
-    if not is_complete:
+    if facts.clock:
+        found += _time(facts.clock, set(facts.dead))
+    if not facts.output.subscribers or not (_has_mux(facts) or facts.senders):
         found.append(_not_running(facts))
-    strays = [] if facts.senders else _strays(facts)
-    wrong_types = _wrong_types(facts)
-    found += strays + wrong_types
-    # If time stands still or a node between sender and car is dead, no command arrives.
-    is_explained = bool(time_faults) or not _command_nodes(facts).isdisjoint(facts.dead)
-    if is_complete and not wrong_types and not strays and (facts.senders or not is_explained):
+    found += _wrong_types(facts)
+    if facts.senders:
         found += _commands(facts)
-    found += _stamps(facts)
+        for sender in facts.senders:
+            found += _stamps(sender, facts)
+    else:
+        found += _strays(facts) or ([] if found else [_no_commands(facts)])
     if facts.contact:
         found.append(_contact(facts))
     if not found and facts.moves is False:
@@ -69,7 +59,7 @@ def health(facts: Facts) -> str:
 
 def _no_master(master: Master, fault: Fault) -> Finding:
     """Return why ROS_MASTER_URI cannot be used."""
-    problem = f"ROS_MASTER_URI is {master.uri}, but {_MASTER_PROBLEMS[fault]}"
+    problem = f"ROS_MASTER_URI is {master.uri}, but {fault.value}"
     if master.other:
         return Finding(
             f"{problem}; a master runs on this machine at {master.other}",
@@ -125,15 +115,11 @@ def _time(clock: Clock, dead: Set[str]) -> List[Finding]:
 
 
 def _not_running(facts: Facts) -> Finding:
-    """Return that the car, its mux or both do not run."""
-    if _has_mux(facts):
-        missing, topic = f"the car '{facts.car}' is not running", facts.output.name
-    elif facts.output.subscribers:
-        missing, topic = f"the mux of the car '{facts.car}' is not running", _control_topic(facts)
-    else:
-        missing = f"neither the car '{facts.car}' nor its mux is running"
-        topic = _control_topic(facts)
-    problem = f"{missing}: no node subscribes to {topic}"
+    """Return that the car or its mux does not run."""
+    missing, topic = "the car", facts.output.name
+    if facts.output.subscribers:
+        missing, topic = "the mux of the car", _control_topic(facts)
+    problem = f"{missing} '{facts.car}' is not running: no node subscribes to {topic}"
     remedies = [f"Type: roslaunch mushr_ros_intro sim.launch{_car_argument(facts)}"]
     if facts.other_cars:
         problem += f"; running: {_list(facts.other_cars)}"
@@ -182,9 +168,7 @@ def _wrong_type(topic: Topic, publisher: Publisher) -> Finding:
 
 
 def _commands(facts: Facts) -> List[Finding]:
-    """Find why no command to drive reaches a car that is running."""
-    if not facts.senders:
-        return [_no_commands(facts)]
+    """Find why the commands that are sent do not drive the car."""
     names = list(facts.inputs)
     if facts.active in names:
         higher = names.index(facts.active)
@@ -210,57 +194,48 @@ def _commands(facts: Facts) -> List[Finding]:
 
 
 def _no_commands(facts: Facts) -> Finding:
-    """Return that no node sends commands to a car that is running."""
+    """Return that no node sends commands."""
     silent = [each for topic in facts.inputs.values() for each in topic.publishers]
     if silent:
         return Finding(
-            f"no commands arrived in {facts.listening_time:.1f} s from {_names(silent)}",
+            f"no commands arrived from {_names(silent)}",
             "To drive with keys, hold a key down in the window of keyboard_teleop. Otherwise read "
             "the node's terminal, and check that its loop calls publish",
         )
-    at_rest = f"; the car is at rest at {facts.pose}" if facts.moves is False else ""
     return Finding(
-        f"no node publishes commands: {_control_topic(facts)} has no publisher{at_rest}",
+        f"no node publishes commands: {_control_topic(facts)} has no publisher",
         f"Type: roslaunch mushr_ros_intro path_publisher.launch{_car_argument(facts)} "
         "plan_file:=figure_8",
     )
 
 
-def _stamps(facts: Facts) -> List[Finding]:
+def _stamps(sender: Publisher, facts: Facts) -> List[Finding]:
     """Find commands without a stamp, or with a stamp from another clock."""
-    found = []
-    for sender in facts.senders:
-        if 0 in sender.stamps:
-            found.append(
-                Finding(
-                    f"{sender.node} sends commands with stamp 0, so each one takes effect when it "
-                    "arrives, and the final pose differs from run to run",
-                    "Set msg.header.stamp = rospy.Time.now() before you publish",
-                )
+    if 0 in sender.stamps:
+        return [
+            Finding(
+                f"{sender.node} sends commands with stamp 0, so each one takes effect when it "
+                "arrives, and the final pose differs from run to run",
+                "Set msg.header.stamp = rospy.Time.now() before you publish",
             )
-        elif facts.window:
-            begin, end = facts.window
-            ahead, behind = min(sender.stamps) - end, begin - max(sender.stamps)
-            if max(ahead, behind) > STAMP_TOLERANCE:
-                found.append(_wrong_clock(sender, ahead, behind, facts.clock is not None))
-    return found
-
-
-def _wrong_clock(sender: Publisher, ahead: int, behind: int, is_simulated: bool) -> Finding:
+        ]
+    if not facts.window:
+        return []
+    begin, end = facts.window
+    ahead, behind = min(sender.stamps) - end, begin - max(sender.stamps)
+    if max(ahead, behind) <= STAMP_TOLERANCE:
+        return []
     offset = f"{ahead / NANOSECONDS:.1f} s ahead of"
     if behind > ahead:
         offset = f"{behind / NANOSECONDS:.1f} s behind"
-    problem = f"the stamps of the commands of {sender.node} are {offset}"
-    if is_simulated:
-        return Finding(
-            f"{problem} /clock",
-            "Stamp with rospy.Time.now(), and start the node after use_sim_time is set",
+    clock = "/clock" if facts.clock else "the clock of this machine"
+    remedy = "Stamp with rospy.Time.now(), and start the node after use_sim_time is set"
+    if not facts.clock:
+        remedy = (
+            "Stamp with rospy.Time.now(). If the node does so and runs on another machine, "
+            "synchronise the clocks of both; on each, type: sudo ntpdate pool.ntp.org"
         )
-    return Finding(
-        f"{problem} the clock of this machine",
-        "Stamp with rospy.Time.now(). If the node does so and runs on another machine, synchronise "
-        "the clocks of both; on each, type: sudo ntpdate pool.ntp.org",
-    )
+    return [Finding(f"the stamps of the commands of {sender.node} are {offset} {clock}", remedy)]
 
 
 def _contact(facts: Facts) -> Finding:
@@ -275,13 +250,6 @@ def _has_mux(facts: Facts) -> bool:
     """Return whether an input of the mux has a subscriber."""
     inputs = [each for each in facts.inputs.values() if each.name != facts.output.name]
     return any(each.subscribers for each in inputs)
-
-
-def _command_nodes(facts: Facts) -> Set[str]:
-    """Return the nodes that send, forward or receive commands."""
-    topics = [*facts.inputs.values(), facts.output]
-    publishers = {each.node for topic in topics for each in topic.publishers}
-    return publishers.union(*(topic.subscribers for topic in topics))
 
 
 def _control_topic(facts: Facts) -> str:

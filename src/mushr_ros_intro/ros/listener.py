@@ -3,9 +3,8 @@
 rospy calls the master without a timeout, so its calls run in daemon threads here.
 """
 
-from collections import defaultdict
 from contextlib import suppress
-from typing import Any, DefaultDict, Dict, List, Sequence, Set, Tuple
+from typing import Any, Dict, List, Sequence, Set, Tuple
 
 import rospy
 
@@ -31,25 +30,19 @@ class Listener:
 
     def __init__(self, topics: Sequence[str]) -> None:
         self._headers: Dict[Tuple[str, str], Dict[str, str]] = {}
-        self._messages: DefaultDict[Tuple[str, str], List[bytes]] = defaultdict(list)
+        self._messages: List[Tuple[str, rospy.AnyMsg]] = []
         self._subscribers: List[rospy.Subscriber] = []
         run_with_timeout(lambda: self._start(topics), _START_TIMEOUT)
 
     def _start(self, topics: Sequence[str]) -> None:
         if not rospy.core.is_initialized():
-            rospy.init_node(
-                "doctor",
-                anonymous=True,
-                disable_signals=True,
-                disable_rosout=True,
-                disable_rostime=True,
-            )
-        self._subscribers = [
-            rospy.Subscriber(topic, rospy.AnyMsg, self._on_message, topic) for topic in topics
-        ]
+            options = ("anonymous", "disable_signals", "disable_rosout", "disable_rostime")
+            rospy.init_node("doctor", **dict.fromkeys(options, True))
 
-    def _on_message(self, msg: rospy.AnyMsg, topic: str) -> None:
-        self._messages[topic, msg._connection_header["callerid"]].append(msg._buff)
+        def keep(msg: rospy.AnyMsg, topic: str) -> None:
+            self._messages.append((topic, msg))
+
+        self._subscribers = [rospy.Subscriber(each, rospy.AnyMsg, keep, each) for each in topics]
 
     def connected(self) -> Set[Tuple[str, str]]:
         """Return the topic and the node of each publisher that has ever been connected."""
@@ -66,21 +59,19 @@ class Listener:
 
     def messages(self, topic: str, kind: Any) -> List[Tuple[str, Any]]:
         """Return the node and the message, for each message of a type that came on a topic."""
+        headers = [
+            (msg._connection_header, msg._buff) for each, msg in self._messages if each == topic
+        ]
         return [
-            (node, kind().deserialize(data))
-            for (each, node), messages in list(self._messages.items())
-            if each == topic and self.header(topic, node).get("md5sum") == kind._md5sum
-            for data in list(messages)
+            (header["callerid"], kind().deserialize(data))
+            for header, data in headers
+            if header["md5sum"] == kind._md5sum
         ]
 
     def stop(self) -> None:
         """Unsubscribe."""
-
-        def unsubscribe() -> None:
-            for each in self._subscribers:
-                each.unregister()
-
-        run_with_timeout(unsubscribe, _END_TIMEOUT)
+        self.connected()  # keep the latest headers
+        run_with_timeout(lambda: [each.unregister() for each in self._subscribers], _END_TIMEOUT)
 
 
 def sign_off() -> None:

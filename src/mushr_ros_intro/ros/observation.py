@@ -5,8 +5,8 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Dict, List, Optional, Sequence, Tuple
-from urllib.parse import urlsplit
 
+import rosgraph.network
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Clock as ClockMsg
@@ -32,10 +32,11 @@ from mushr_ros_intro.ros.connections import (
 )
 from mushr_ros_intro.ros.listener import Listener
 from mushr_ros_intro.ros.network import is_local, resolve, run_in_parallel
+from mushr_ros_intro.ros.ros_time import wait_for
 from mushr_ros_intro.sim.mux_config import IDLE, ConfigError, parse_config
 
 _CLOCK_TIMEOUT = 5.5
-"""How long to listen if /clock does not advance [s]; in lock-step it waits 5 s for commands."""
+"""How long to wait until /clock advances [s]; in lock-step it waits 5 s for commands."""
 
 _MUX_INPUTS = ("safety", "teleop", "navigation", "default")
 """The inputs of MuSHR's mux, for a mux without parameters."""
@@ -101,15 +102,14 @@ class Observer:
 
     def _find_master(self) -> Master:
         """Return whether a master responds, and whether there is another one."""
-        host = port = None
-        with suppress(ValueError):
-            parts = urlsplit(self._uri)
-            host, port = parts.hostname, parts.port
-        if not self._uri.startswith("http://") or not host or not port:
+        try:
+            host, port = rosgraph.network.parse_http_host_and_port(self._uri)
+        except ValueError:
             return Master(self._uri, Fault.MALFORMED)
         addresses = resolve(host)
         master = Master(self._uri, is_local=is_local(addresses))
-        if not master.is_local or port != urlsplit(self._default_master).port:
+        default = rosgraph.network.parse_http_host_and_port(self._default_master)
+        if not master.is_local or port != default[1]:
             with suppress(CallError):
                 self._ask(self._default_master, "getPid")
                 master = master._replace(other=self._default_master)
@@ -124,18 +124,17 @@ class Observer:
     def _ask(self, uri: str, method: str, *arguments: Any) -> Any:
         return ask(uri, self._call_timeout, "/doctor", method, *arguments)
 
-    def _parameter(self, name: str, default: Any) -> Any:
-        """Return a parameter's value, or the default if it is not set."""
-        try:
+    def _parameter(self, name: str) -> Any:
+        """Return a parameter's value, None if it is not set."""
+        with suppress(CallError):
             return self._ask(self._uri, "getParam", name)
-        except CallError:
-            return default
+        return None
 
     def _observe_system(self, facts: Facts) -> Facts:
         """Return the facts about a system whose master responds."""
         graph = self._read_graph()
         inputs = self._read_inputs()
-        uses_clock = bool(self._parameter("/use_sim_time", False))
+        uses_clock = bool(self._parameter("/use_sim_time"))
         commands = [*inputs.values(), self._output, self._initial_pose]
         strays, other_cars = self._read_other_topics(graph, commands)
         begin = time.time_ns()
@@ -156,7 +155,7 @@ class Observer:
         muxes = {node for topic in topics.values() for node in topic.subscribers}
         bypassing = tuple(each for each in output.publishers if each.node not in muxes)
         actives = [msg.data for _, msg in heard.messages(self._active, String)]
-        poses = [_pose(msg.pose) for _, msg in heard.messages(self._pose, PoseStamped)]
+        poses = {_pose(msg.pose) for _, msg in heard.messages(self._pose, PoseStamped)}
         contacts = [msg.poses for _, msg in heard.messages(self._collision, PoseArray)]
         return replace(
             facts,
@@ -169,10 +168,8 @@ class Observer:
             active=actives[-1] if actives else IDLE,
             clock=clock,
             window=window,
-            listening_time=self._listening_time,
             contact=_pose(contacts[-1][0]) if contacts and contacts[-1] else "",
-            pose=poses[-1] if poses else "",
-            moves=len(set(poses)) > 1 if poses else None,
+            moves=len(poses) > 1 if poses else None,
         )
 
     def _read_graph(self) -> _Graph:
@@ -202,7 +199,7 @@ class Observer:
         """Return the topics of the mux's inputs by name, by falling priority."""
         inputs = {each: f"input/{each}" for each in _MUX_INPUTS}
         with suppress(ConfigError):
-            config = parse_config(self._parameter(self._mux, None))
+            config = parse_config(self._parameter(self._mux))
             inputs = {each.name: each.topic for each in config.inputs}
         return {
             name: topic if topic.startswith("/") else f"{self._mux}/{topic.lstrip('~')}"
@@ -237,21 +234,11 @@ class Observer:
         expected = {
             (topic, node) for topic in topics for node in graph.live(graph.publishers, topic)
         }
-        needs_clock = uses_clock and bool(graph.live(graph.publishers, "/clock"))
         listener = Listener(topics)
-        began = time.monotonic()
-        while time.monotonic() < began + self._call_timeout:
-            if expected <= listener.connected():
-                break
-            time.sleep(0.02)
-        began = time.monotonic()
-        while True:
-            elapsed = time.monotonic() - began
-            advances = not needs_clock or len(set(_instants(listener))) > 1
-            if elapsed > (self._listening_time if advances else _CLOCK_TIMEOUT):
-                break
-            time.sleep(0.02)
-        listener.connected()
+        wait_for(lambda: expected <= listener.connected(), self._call_timeout)
+        time.sleep(self._listening_time)
+        if uses_clock and graph.live(graph.publishers, "/clock"):
+            wait_for(lambda: len(set(_instants(listener))) > 1, _CLOCK_TIMEOUT)
         listener.stop()
         return listener
 

@@ -166,7 +166,7 @@ class TestDoctor(unittest.TestCase):
         with Driver("/cmd"):
             self.expect(f"the commands of {self.me} have no effect: no node subscribes to /cmd")
         Driver.release("/cmd")
-        self.expect(f"s from {self.me}")
+        self.expect(f"no commands arrived from {self.me}")
 
     def test_another_definition_of_the_type(self):
         wrong = rospy.Publisher(f"{MUX}/input/safety", OtherCommand, queue_size=1)
@@ -237,7 +237,7 @@ class TestDoctor(unittest.TestCase):
             self.expect_healthy()
 
     def test_another_car(self):
-        problem = "neither the car 'car2' nor its mux is running: no node subscribes to /car2/mux/"
+        problem = "the car 'car2' is not running: no node subscribes to /car2/mux/"
         self.expect(problem, car="car2")
         self.expect("; running: car. Type", car="car2")
 

@@ -7,13 +7,12 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.authoring.clicks import MAX_DISTANCE, ClickError, arc_to, extend, row_to
+from mushr_ros_intro.authoring.clicks import ClickError, arc_to, extend, row_to
 from mushr_ros_intro.car.bicycle import ORIGIN, Pose, drive_arc
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.plan.model import Plan, as_float32
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.write import plan_text
-from mushr_ros_intro.preview.prediction import final_pose
 from support.helpers import closed_form
 
 CAR = Car(steering_limit_left=0.34, steering_limit_right=0.25)
@@ -95,32 +94,21 @@ def test_fifty_clicks(start, speed, seed):
         assert math.dist(end_of(start, rows[:count]), clicks[count - 1]) < CLICK_TOLERANCE
 
 
-@pytest.mark.parametrize("bearing", [-1.5, -0.3, 0.0, 1e-7, 1.57])
-def test_the_furthest_click(bearing):
-    start, distance = Pose(1e6, -1e6, 1.0), 0.999 * MAX_DISTANCE
-    x = start.x + distance * math.cos(1.0 + bearing)
-    y = start.y + distance * math.sin(1.0 + bearing)
-    plan = extend(Plan("", start, ()), (x, y), 0.7, CAR)
-    assert math.dist(final_pose(plan, CAR)[:2], (x, y)) < CLICK_TOLERANCE
-
-
 @pytest.mark.parametrize(
     "point, expected",
     [
         (
             (0.0, 1.0),
-            "the point (0.000, 1.000) needs a steering angle of 0.5834 rad (a circle of radius "
-            "0.500 m); the car's limit on the left is 0.3400 rad (a radius of 0.933 m)",
+            "the point (0.000, 1.000) needs a steering angle of 0.5834 rad; "
+            "the car's limit on the left is 0.3400 rad",
         ),
         (
             (0.0, -2.0),
-            "needs a steering angle of -0.3187 rad (a circle of radius 1.000 m); the car's limit "
-            "on the right is 0.2500 rad (a radius of 1.2",
+            "needs a steering angle of -0.3187 rad; the car's limit on the right is 0.2500 rad",
         ),
         ((-0.1, 0.1), "limit on the left"),
         ((0.0, 0.0), "the plan already ends at the point (0.000, 0.000)"),
         ((1e-10, 0.0), "the plan already ends at the point"),
-        ((800.0, 800.0), "is 1131 m away from the end of the plan; expected at most 1000 m"),
     ],
 )
 def test_refused(point, expected):
@@ -134,5 +122,5 @@ def test_the_limit_itself_is_driven():
     row_to(ORIGIN, (0.0, 2.0 * radius * (1.0 + 1e-9)), 1.0, CAR)
     straight = Car(steering_limit_left=0.0, steering_limit_right=0.0)
     assert row_to(ORIGIN, (1.0, 0.0), 1.0, straight).duration == SECOND
-    with pytest.raises(ClickError, match="a radius of infinite m"):
+    with pytest.raises(ClickError, match="is 0.0000 rad"):
         row_to(ORIGIN, (1.0, 0.1), 1.0, straight)

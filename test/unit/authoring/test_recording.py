@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.authoring.recording import MAX_POSES, Recording
+from mushr_ros_intro.authoring.recording import Recording
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest
@@ -182,13 +182,21 @@ def test_place_returns_the_drive_that_it_ends(stamp, ended, after):
     assert sum(each[2] for each in rows(recording.plan())) == after
 
 
-def test_the_start_pose_of_a_long_drive_is_kept():
-    recording = record(STANDING + DRIVE)
-    for k in range(MAX_POSES + 10):
-        recording.add_pose(T0 + (k + 150) * MS, Pose(1.0 * k, 0.0, 0.0), T0 + (k + 150) * MS)
-    recording.add_command(Command(T0 + MAX_POSES * MS, 1.0, 0.0), T0 + MAX_POSES * MS)
-    assert recording.plan().start == (5.0, 0.0, 0.0)
-    assert recording.is_start_exact
+def test_the_start_pose_is_kept_as_long_as_it_can_be_needed():
+    """While the car waits, while it drives, and for a command that is late."""
+    recording = Recording(CAR.command_timeout, STAMP_TOLERANCE)
+
+    def report(*span):
+        for now in range(*(T0 + each * MS for each in span), MS):
+            recording.add_pose(now, Pose(float(now), 0.0, 0.0), now)
+
+    report(0, 3000)
+    for stamp in (2900, 2100):
+        recording.add_command(Command(T0 + stamp * MS, 1.0, 0.0), T0 + 3000 * MS)
+        assert recording.plan().start.x == T0 + stamp * MS
+        assert not recording.is_start_exact
+    report(3000, 6000)
+    assert recording.plan().start.x == T0 + 2100 * MS
 
 
 @pytest.mark.parametrize(
