@@ -83,15 +83,16 @@ def free_distance(grid: Grid, footprint: Footprint, path: Path, length: float) -
         A distance from 0 to `length` [m]; `length` itself if no wall is in the way.
     """
     step = min(0.5 * grid.resolution, _STEP)
-    samples = [number * step for number in range(math.ceil(length / step))] + [length]
-    while not is_free(grid, footprint, path(samples[0])):
-        del samples[0]
-        if not samples:
-            return length
-    hit = _first_hit(grid, footprint, path, samples)
+    last = math.ceil(length / step)
+
+    def sample(number: int) -> Pose:
+        return path(min(number * step, length))
+
+    first = next((n for n in range(last + 1) if is_free(grid, footprint, sample(n))), last)
+    hit = _first_hit(grid, footprint, sample, step, first, last)
     if hit is None:
         return length
-    free, blocked = samples[hit - 1], samples[hit]
+    free, blocked = (hit - 1) * step, min(hit * step, length)
     while blocked - free > TOUCH:
         middle = 0.5 * (free + blocked)
         if is_free(grid, footprint, path(middle)):
@@ -102,38 +103,42 @@ def free_distance(grid: Grid, footprint: Footprint, path: Path, length: float) -
 
 
 def _first_hit(
-    grid: Grid, footprint: Footprint, path: Path, samples: Sequence[float]
+    grid: Grid,
+    footprint: Footprint,
+    sample: Callable[[int], Pose],
+    step: float,
+    low: int,
+    high: int,
 ) -> Optional[int]:
-    """Return the index of the first sample of a path that hits a wall, or None.
+    """Return the number of the first sample of a path that hits a wall, or None.
 
-    The first sample is known to be free. Samples without a wall nearby are skipped together.
+    Samples without a wall nearby are skipped together.
 
     Args:
         grid: the map.
         footprint: the car's body.
-        path: the path of the car.
-        samples: distances along the path, in order [m].
+        sample: the pose of a sample of the path [map frame], by its number.
+        step: the largest distance between two samples [m].
+        low: the number of a sample that is known to be free.
+        high: the number of the last sample to look at.
     """
-    if len(samples) < 2:
+    if low >= high:
         return None
-    middle = grid.to_grid(path(0.5 * (samples[0] + samples[-1])))
-    radius = 0.5 * (samples[-1] - samples[0])
+    between = (low + high) // 2
+    middle = grid.to_grid(sample(between))
+    radius = (high - between) * step
     radius += math.hypot(max(footprint.front, footprint.back), footprint.half_width)
     cells = _occupied(
         grid, middle.x - radius, middle.y - radius, middle.x + radius, middle.y + radius
     )
     if not len(cells):
         return None
-    if len(samples) > _AT_ONCE + 1:
-        half = len(samples) // 2
-        hit = _first_hit(grid, footprint, path, samples[: half + 1])
-        if hit is None:
-            hit = _first_hit(grid, footprint, path, samples[half:])
-            return None if hit is None else half + hit
-        return hit
-    poses = [grid.to_grid(path(distance)) for distance in samples[1:]]
+    if high - low > _AT_ONCE:
+        hit = _first_hit(grid, footprint, sample, step, low, between)
+        return hit or _first_hit(grid, footprint, sample, step, between, high)
+    poses = [grid.to_grid(sample(number)) for number in range(low + 1, high + 1)]
     hits = _hits(cells, grid.resolution, footprint, poses)
-    return 1 + int(hits.argmax()) if hits.any() else None
+    return low + 1 + int(hits.argmax()) if hits.any() else None
 
 
 def _bounds(footprint: Footprint, local: Pose) -> Tuple[float, float, float, float]:

@@ -142,7 +142,7 @@ def test_the_distance_of_a_stop_that_is_repeated_while_the_car_brakes():
 
 
 def test_the_box_of_a_path_on_which_the_steering_angle_changes_slowly():
-    plan, car = parse_plan(b"0, 0, 0\n2, 0.5, 9\n", "my.txt"), Car(steering_rate=0.05)
+    plan, car = parse_plan(b"0, 0, 0\n2, 0.5, 2\n", "my.txt"), Car(steering_rate=0.2)
     poses = [state.pose for state in prediction.trajectory(plan, car, 5_000_000)]
     (left, bottom, _), (right, top, _) = np.min(poses, axis=0), np.max(poses, axis=0)
     report = check(plan, "slow", car)
