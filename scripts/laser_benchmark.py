@@ -33,10 +33,10 @@ def rooms_and_clutter() -> Grid:
 def scans_per_second(seconds: float = 2.0) -> float:
     """Return the number of scans of 720 beams and 10 m per second and core.
 
-    It is the median over rounds of 2048 free poses, after a round that fills the cache.
+    The result is the median over rounds of 2048 free poses, after one round that fills the cache.
 
     Args:
-        seconds: processor time of the measurement [s].
+        seconds: CPU time of the measurement [s].
     """
     grid = rooms_and_clutter()
     dice = np.random.default_rng(2)
