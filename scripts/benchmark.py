@@ -1,7 +1,7 @@
 """Measure the package on this machine; run by scripts/benchmark.
 
-Figures are medians where nothing else is said. They vary from machine to machine, and on a busy
-one; compare those of one run.
+All results are medians unless noted. They depend on the machine and its load, so compare only
+results of the same run.
 """
 
 import json
@@ -39,7 +39,7 @@ PLAN_SECONDS = 22.0
 
 
 def free_port():
-    """Return a port that nobody listens on."""
+    """Return a free port."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
@@ -47,7 +47,7 @@ def free_port():
 
 @contextmanager
 def running(*command):
-    """Run a command meanwhile, and end it and all that it has started."""
+    """Run a command in the context; at the end, end all its processes."""
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
     try:
         yield process
@@ -59,7 +59,7 @@ def running(*command):
 
 @contextmanager
 def simulation(*arguments):
-    """Run the car and the mux under a master of their own meanwhile."""
+    """Run the car, the mux and a new master in the context."""
     port = free_port()
     os.environ["ROS_MASTER_URI"] = f"http://localhost:{port}"
     launch = (
@@ -77,13 +77,13 @@ def simulation(*arguments):
 
 
 def in_a_process(function, *arguments):
-    """Return what `function` prints as JSON in a process of its own, for rospy starts only once."""
+    """Call `function` in a new process, because rospy starts only once; return its JSON output."""
     command = [sys.executable, os.path.abspath(__file__), function, *map(str, arguments)]
     return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
 
 
 def drive_repeatedly(runs):
-    """Drive figure_8 again and again; return the real-time factors and the final poses."""
+    """Drive figure_8 repeatedly; return the real-time factors and the final poses."""
     rospy.init_node("benchmark", disable_rostime=True, disable_signals=True)
     changed = threading.Condition()
     first, poses = [], []
@@ -118,7 +118,7 @@ def drive_repeatedly(runs):
 
 
 def cpu_and_memory(seconds):
-    """Return the CPU seconds a second and the resident memory [MB] of the car and the mux."""
+    """Return the CPU time per second [s] and the resident memory [MB] of the car and the mux."""
     rospy.init_node("benchmark", disable_signals=True)
     master = rosgraph.Master("/benchmark")
     tick = os.sysconf("SC_CLK_TCK")
@@ -225,7 +225,7 @@ def measure():
 
 
 def main():
-    """Print the table, or what one measurement gives."""
+    """Print the table, or the result of one measurement."""
     if len(sys.argv) > 1 and sys.argv[1] in ("drive_repeatedly", "cpu_and_memory", "latencies"):
         print(json.dumps(globals()[sys.argv[1]](*sys.argv[2:])))
         return

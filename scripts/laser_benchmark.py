@@ -36,7 +36,7 @@ def scans_per_second(seconds: float = 2.0) -> float:
     It is the median over rounds of 2048 free poses, after a first round to warm up.
 
     Args:
-        seconds: processor time of the measurement [s].
+        seconds: CPU time of the measurement [s].
     """
     grid = rooms_and_clutter()
     dice = np.random.default_rng(2)

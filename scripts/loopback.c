@@ -1,5 +1,5 @@
-/* Let a server that would listen on every interface listen on the loopback interface only: preloaded
- * by what runs in scripts/, for roscpp, whose XML-RPC server does not care about ROS_HOSTNAME. */
+/* Restrict TCP servers to the loopback interface if they listen on every interface. Scripts preload
+ * this library, because the XML-RPC server of roscpp ignores ROS_HOSTNAME. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <netinet/in.h>

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Choose which of several command inputs drives the car."""
+"""Select one of several command inputs for the car."""
 
 import sys
 import threading
@@ -35,7 +35,7 @@ class AckermannCmdMux:
         self._is_live = threading.Event()
         self._mux = Mux()
         self._time = PresentTime()
-        # When a command of unknown age expires [ns], and until when it does not [s of wall time].
+        # A command of unknown age: when it expires [ns], and its minimum [s of wall-clock time].
         self._unstamped = (-1, 0.0)
         self._frame = ""
         self._announced = ""
@@ -46,7 +46,7 @@ class AckermannCmdMux:
         self._active_pub = rospy.Publisher("~active", String, queue_size=1, latch=True)
         self._announce()
 
-        # Connect the output before offering inputs: a sender that finds an input can rely on it.
+        # Connect the output before the inputs, so that no command of a connected sender is lost.
         wait_until_connected(self._output_pub, "subscribers")
         for each in config.inputs:
             topic = _private(each.topic)
@@ -60,7 +60,7 @@ class AckermannCmdMux:
             )
 
     def run(self) -> None:
-        """Stop the car whenever the last live input expires, until the node is shut down."""
+        """Send a stop whenever the last live input expires, until the node is shut down."""
         while not rospy.is_shutdown():
             if not self._is_live.wait(SHUTDOWN_POLL_PERIOD):
                 continue
@@ -78,17 +78,17 @@ class AckermannCmdMux:
                 )  # if the clock is set back, _read_clock finds it
 
     def _held(self) -> float:
-        """Return for how long no input expires [s of wall-clock time]; needs the lock.
+        """Return the time for which no input may expire [s of wall-clock time]; needs the lock.
 
         The age of a command without a stamp is unknown. In lock-step the clock of this node may be
-        seconds behind that of the sender, and catch up at any moment. So in simulated time such a
-        command is also valid for its timeout in wall-clock time.
+        seconds behind the sender's clock, and then advance suddenly. So in simulated time such a
+        command is valid for at least its timeout in wall-clock time.
         """
         deadline, until = self._unstamped
         return until - time.monotonic() if self._mux.deadline == deadline else 0.0
 
     def _expire(self, now: int) -> None:
-        """Stop the car if the last live input has expired at `now` [ns]; needs the lock."""
+        """Send a stop if the last live input has expired at `now` [ns]; needs the lock."""
         if self._held() > 0.0:
             return
         is_unstamped = self._mux.deadline == self._unstamped[0]

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Simulate the car: a kinematic bicycle that obeys commands and reports its pose."""
+"""Simulate the car: a kinematic bicycle that follows commands and reports its pose."""
 
 import sys
 import threading
@@ -37,12 +37,12 @@ class CarSim:
 
     Subscribes, relative to the car's namespace, to ``initialpose`` and
     ``mux/ackermann_cmd_mux/output``, and to /map. Publishes ``car_pose``, ``odom``,
-    ``joint_states``, /tf, and ``~collision``, latched: the pose at which the car stands against a
-    wall, or no pose.
+    ``joint_states``, /tf, and ``~collision``, latched: the pose of the car if it touches a wall,
+    otherwise no pose.
     """
 
     def __init__(self, keeps_clock: bool) -> None:
-        """Set up the node; it publishes the simulated time if it `keeps_clock`."""
+        """Set up the node; if `keeps_clock`, it publishes /clock."""
         parameters = node.parameters()
         self._car = car_from(parameters)
         pose_period = from_seconds(1.0 / parameters.number("pose_rate", 50.0, "Hz", 0.1, 1000.0))
@@ -56,7 +56,7 @@ class CarSim:
         self._odom_frame = f"{prefix}/odom".lstrip("/")
         self._base_frame = f"{prefix}/base_footprint".lstrip("/")
 
-        # Held while the state or the clock changes; notified of events and services.
+        # The lock of the state and the clock; notified of events and service calls.
         self._changed = threading.Condition()
         self._clock = (
             sim_clock.KeptClock(pose_period, self._changed, factor)
@@ -76,8 +76,8 @@ class CarSim:
     def _advertise(self, queue_size: int) -> None:
         """Create the publishers.
 
-        In wall-clock time a slow subscriber had better lose old states. In simulated time, which
-        may run fast, every state has to arrive.
+        In wall-clock time, a slow subscriber should lose old states rather than get them late. In
+        simulated time, which may run fast, every state has to arrive.
         """
         self._reports = [
             (
@@ -88,7 +88,7 @@ class CarSim:
                 ("car_pose", PoseStamped, conversions.car_pose_to_msg),
                 ("odom", Odometry, self._odometry),
                 ("joint_states", JointState, self._joint_states),
-                # tf2_ros's broadcaster does no more than this, and takes 7 MB.
+                # Not tf2_ros.TransformBroadcaster: it publishes the same, and needs 7 MB.
                 ("/tf", TFMessage, self._transforms),
             )
         ]
@@ -146,24 +146,24 @@ class CarSim:
         return TFMessage(conversions.transforms_to_msgs(state, self._odom_frame, self._base_frame))
 
     def _announce(self, state: State) -> None:
-        """Publish and log it once if the car hit a wall, is free again, or left the map."""
+        """Publish a changed collision; log once if the car hit a wall or left the map."""
         if state.collision != self._announced:
             self._announced = state.collision
             self._collision_pub.publish(conversions.collision_to_msg(state.collision, state.stamp))
             if state.collision:
                 rospy.logwarn(
-                    f"the car hit a wall and stands at {state.collision.pose}; drive it away from "
+                    f"the car hit a wall and stopped at {state.collision.pose}; drive it away from "
                     "the wall, or place it elsewhere"
                 )
         if self._world is None:
             return
         is_on_map = on_map(*self._world, state.pose)
         if self._is_on_map and not is_on_map:
-            rospy.logwarn(f"the car left the map at {state.pose}; there are no walls out there")
+            rospy.logwarn(f"the car left the map at {state.pose}; there are no walls outside")
         self._is_on_map = is_on_map
 
     def _on_map(self, msg: OccupancyGrid) -> None:
-        """Take a map."""
+        """Use a new map."""
         try:
             world = World(conversions.grid_from_msg(msg))
         except conversions.MessageError as error:
@@ -178,7 +178,7 @@ class CarSim:
         rospy.loginfo("the map has %d x %d cells", world.grid.width, world.grid.height)
         if not is_free(*world, state.pose):
             rospy.logwarn(
-                f"the car stands in a wall at {state.pose}; drive it out, or place it elsewhere"
+                f"the car is inside a wall at {state.pose}; drive it out, or place it elsewhere"
             )
 
     def _on_message(self, msg: rospy.Message, read: Callable[[rospy.Message], Event]) -> None:
@@ -199,20 +199,21 @@ class CarSim:
         if event.stamp and abs(event.stamp - now) > self._stamp_tolerance:
             rospy.logwarn_throttle(
                 1.0,
-                f"a message on {topic} is stamped {(event.stamp - now) / NANOSECONDS:+.1f} s from "
-                f"the car's clock; expected at most {STAMP_TOLERANCE / NANOSECONDS:g} s. It is "
-                "applied on arrival; synchronise the clocks of the machines",
+                f"the stamp of a message on {topic} differs by "
+                f"{(event.stamp - now) / NANOSECONDS:+.1f} s from the car's clock; expected at "
+                f"most {STAMP_TOLERANCE / NANOSECONDS:g} s. The message is applied on arrival; "
+                "synchronise the clocks of the machines",
             )
 
     def _accepts(self, event: Event, topic: str) -> bool:
-        """Return whether the car can obey an event; log if it cannot, or not fully."""
+        """Return whether the car accepts an event; log a rejected event or a limited command."""
         if isinstance(event, InitialPose):
             if self._world is None or is_free(*self._world, event.pose):
                 return True
             rospy.logwarn_throttle(
                 1.0,
-                f"refused the initial pose {event.pose} on {topic}: the car would stand in a wall. "
-                "It stays where it is; expected a pose with room for its body",
+                f"rejected the initial pose {event.pose} on {topic}: the car would be inside a "
+                "wall. The car does not move; expected a pose with enough space for its body",
             )
             return False
         asked = (event.speed, event.steering_angle)
@@ -236,7 +237,7 @@ class CarSim:
         return now
 
     def _on_reset(self, _: TriggerRequest) -> TriggerResponse:
-        """Put the car at its start pose, at rest, with its odometry at zero; time goes on."""
+        """Place the car at its start pose, at rest, with its odometry at zero."""
         with self._changed:
             now = self._read_clock()
             self._history = History(self._car, at_rest(now, self._start), self._world)
@@ -247,7 +248,7 @@ class CarSim:
 def main() -> int:
     """Run the node; return its exit status."""
     keeps_clock = sim_clock.has_to_keep_clock()
-    # A node that publishes /clock must not take its own time from it.
+    # A node that publishes /clock must not use /clock as its own time.
     return node.main("car_sim", lambda: CarSim(keeps_clock), disable_rostime=keeps_clock)
 
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Drive a plan: publish its start pose, and then its commands ten times per second."""
+"""Drive a plan: publish its start pose, and then a command ten times per second."""
 
 import sys
 
@@ -20,10 +20,10 @@ class PathPublisher:
     """The tutorial's node.
 
     Publishes the start pose on ``~init_pose_topic`` (geometry_msgs/PoseWithCovarianceStamped) and
-    the commands on ``~control_topic`` (ackermann_msgs/AckermannDriveStamped). Waits for the car to
-    report the start pose on /CAR_NAME/car_pose. Checks the plan before it drives, see `Preview`.
+    the commands on ``~control_topic`` (ackermann_msgs/AckermannDriveStamped). Waits until the car
+    reports the start pose on /CAR_NAME/car_pose. Checks the plan before the drive; see `Preview`.
     Stops the car at the end, on Ctrl-C, on an error, and if ``~active_topic`` shows that another
-    node drives.
+    input drives.
     """
 
     def __init__(self) -> None:
@@ -78,7 +78,7 @@ class PathPublisher:
         self.pub_controls.end(timetable.end)
 
     def send_init_pose(self, stamp: int) -> None:
-        """Publish the start pose, stamped `stamp` [ns]."""
+        """Publish the start pose with the stamp `stamp` [ns]."""
         x, y, theta = self.plan.start
         msg = PoseWithCovarianceStamped()
         msg.header.stamp = conversions.time_from(stamp)
@@ -88,7 +88,7 @@ class PathPublisher:
         self.pub_init_pose.publish(msg)
 
     def send_command(self, row: Row, timetable: Timetable) -> None:
-        """Publish the command of a row ten times per second for as long as the row lasts."""
+        """Publish the command of a row ten times per second for the duration of the row."""
         for due in timetable.instants(row):  # instead of rospy.Rate
             self.pub_controls.publish(Command(due, row.speed, row.steering_angle))
 

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Let a node drive a plan on the simulated car, and judge it: the test node of replay.test."""
+"""Let a node drive a plan with the simulated car, and check it: the test node of replay.test."""
 
 import time
 import unittest
@@ -28,21 +28,21 @@ from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 START_TIMEOUT = 60.0
-"""For the car and the mux, which start at the same time as this node [s of wall-clock time]."""
+"""Timeout for the car and the mux, which start together with this node [s of wall-clock time]."""
 
 DONE_AFTER = 2.5
-"""A node that has sent all commands, and then none for so long, is done [s of wall-clock time]."""
+"""After all commands, a node is done if it sends none for this time [s of wall-clock time]."""
 
 QUIET_AFTER = 0.5
-"""After so long without a command the clock is stepped in real time [s of wall-clock time]."""
+"""Without a command for this time, the clock is stepped in real time [s of wall-clock time]."""
 
 
 def replay() -> Tuple[Replay, List[judge.Check]]:
-    """Carry out the replay that the node's parameters describe.
+    """Run the replay that the node's parameters describe.
 
     Raises:
-        UserError: a parameter or the plan cannot be used, or the replay shows nothing about the
-            node.
+        UserError: a parameter or the plan is invalid, or the replay has failed for another reason
+            than the node.
     """
     parameters = node.parameters()
     plan = read_plan(find_plan(parameters.text("plan_file"), node.package_folder("plans")))
@@ -83,7 +83,7 @@ def replay() -> Tuple[Replay, List[judge.Check]]:
 
 
 def _tolerances(parameters: Parameters, default: judge.Tolerances) -> judge.Tolerances:
-    """Return the tolerances; the value auto stands for the default."""
+    """Return the tolerances; the value auto means the default."""
 
     def tolerance(name: str, unit: str, value: float) -> float:
         is_auto = rospy.get_param(f"~{name}", "auto") == "auto"
@@ -99,17 +99,17 @@ def _tolerances(parameters: Parameters, default: judge.Tolerances) -> judge.Tole
 def _watch(
     candidate: Candidate, observer: ReplayObserver, plan: Plan, patience: float, ours: Set[str]
 ) -> str:
-    """Wait until the node has driven the plan, or has failed to.
+    """Wait until the node has driven the plan, or has failed.
 
     Args:
         candidate: the node.
-        observer: of what it sends.
-        plan: that it has to drive.
-        patience: how long the node, or the car, may be silent [s of wall-clock time].
-        ours: the names of all nodes that publish anything and are not the candidate's.
+        observer: receives the messages of the node and of the car.
+        plan: the plan that the node has to drive.
+        patience: the longest time without a command or a pose [s of wall-clock time].
+        ours: the names of all publishing nodes except those of the candidate.
 
     Returns:
-        How the node failed; empty if it did not.
+        A description of the node's failure; empty if there is none.
 
     Raises:
         ObservationError: the car failed.
@@ -147,11 +147,11 @@ def _watch(
 
 
 def _describe_silence(count: int, expected: int, patience: float, ours: Set[str]) -> str:
-    """Return how a node failed that runs, but sends nothing."""
+    """Return a description of the failure of a node that runs, but sends nothing."""
     if count:
         return (
-            f"the node hangs: {count} of {expected} commands arrived, and then nothing for "
-            f"{patience:g} s, although the node still runs"
+            f"the node hangs: {count} of {expected} commands arrived, and then none for "
+            f"{patience:g} s, although the node is still running"
         )
     others = {name: topics for name, topics in _publishers().items() if name not in ours}
     topics = sorted(set().union(*others.values()) - {"/rosout"})
@@ -162,7 +162,7 @@ def _describe_silence(count: int, expected: int, patience: float, ours: Set[str]
 
 
 def _publishers() -> Dict[str, Set[str]]:
-    """Return the topics that each node publishes, by node."""
+    """Return the topics that each node publishes, by the node's name."""
     topics: Dict[str, Set[str]] = {}
     _, _, (publishers, _, _) = rospy.get_master().getSystemState()
     for topic, names in publishers:
@@ -172,24 +172,24 @@ def _publishers() -> Dict[str, Set[str]]:
 
 
 class ReplayTest(unittest.TestCase):
-    """One test case for each verdict."""
+    """One test case for each check."""
 
     _checks: Optional[Dict[str, judge.Check]] = None
     _error = ""
 
     def setUp(self) -> None:
-        """Do the replay, once for all test cases."""
+        """Run the replay, once for all test cases."""
         cls = type(self)
         if cls._checks is None and not cls._error:
             try:
                 cls._checks = {check.name: check for check in replay()[1]}
             except (UserError, OSError) as error:
-                cls._error = f"there was no replay: {error}"
+                cls._error = f"the replay failed: {error}"
         if cls._error:
             self.fail(cls._error)
 
     def _assert_check(self, name: str) -> None:
-        """Fail if a verdict is bad, otherwise print it."""
+        """Fail if a check has not passed; otherwise print its message."""
         assert self._checks is not None
         check = self._checks[name]
         if not check.passed:
@@ -201,31 +201,31 @@ class ReplayTest(unittest.TestCase):
         self._assert_check("node")
 
     def test_start_pose(self) -> None:
-        """The node sends the plan's start pose, and the car takes it."""
+        """The node sends the plan's start pose, and the car reports it."""
         self._assert_check("start_pose")
 
     def test_commands(self) -> None:
-        """The commands are the plan's, in its order."""
+        """The commands are those of the plan, in its order."""
         self._assert_check("commands")
 
     def test_rate(self) -> None:
-        """Every row has ten commands a second for as long as it lasts."""
+        """Every row has ten commands per second for its duration."""
         self._assert_check("rate")
 
     def test_path(self) -> None:
-        """The driven path is close to the predicted one everywhere."""
+        """The driven path is close to the predicted path everywhere."""
         self._assert_check("path")
 
     def test_final_pose(self) -> None:
-        """The car ends where the prediction does."""
+        """The car ends at the predicted final pose."""
         self._assert_check("final_pose")
 
     def test_rest(self) -> None:
-        """The car stands at the end."""
+        """The car is at rest at the end."""
         self._assert_check("rest")
 
     def test_collision(self) -> None:
-        """The car drives into no wall."""
+        """The car touches no wall."""
         self._assert_check("collision")
 
     def test_map(self) -> None:

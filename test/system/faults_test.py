@@ -356,7 +356,7 @@ class TestFaults(Faults):
                 for each in (plan, late):
                     self.assertEqual(each.wait(), 1, each.output)
                     self.assertNotIn("Traceback", each.output)
-        self.assertIn("the way to the master is cut. The plan is given up", plan.output)
+        self.assertIn("the network to the master is cut. The drive ends", plan.output)
         self.assertIn("car_sim: no master answers", late.output)
 
     @contextlib.contextmanager

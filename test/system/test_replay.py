@@ -55,13 +55,13 @@ REPLAYS = {
         f"{WRONG} crash",
         NO_MAP,
         {"test_node", "test_commands", "test_final_pose", "test_path"},
-        "node: the node ended with the exit status 1; its last words:",
+        "node: the node ended with exit status 1; its last output:",
     ),
     "hang": (
         f"{WRONG} hang",
         NO_MAP + ("patience:=8.0",),
         {"test_node", "test_commands", "test_final_pose", "test_path"},
-        "node: the node hangs: 20 of 50 commands came, and then nothing for 8 s",
+        "node: the node hangs: 20 of 50 commands arrived, and then none for 8 s",
     ),
     "hold_up": (
         f"{WRONG} hold_up",

@@ -1,4 +1,4 @@
-"""Start, watch and end the process of a node that is to be judged."""
+"""Start, watch and end the process of the node in a replay."""
 
 import contextlib
 import os
@@ -14,10 +14,10 @@ import rospkg
 from mushr_ros_intro.errors import UserError
 
 SHOWN_LINES = 15
-"""How many of the last lines of a node's output are quoted."""
+"""Number of lines at the end of the node's output that a message quotes."""
 
 KEPT_OUTPUT = 20_000
-"""How much of a node's output is kept, from its end [bytes]."""
+"""Size of the kept end of a node's output [bytes]."""
 
 
 class CandidateError(UserError):
@@ -25,14 +25,14 @@ class CandidateError(UserError):
 
 
 class Candidate:
-    """The process of a node that is to be judged, with all processes of its group."""
+    """The process of the node in a replay, with all processes of its group."""
 
     def __init__(self, command: str, arguments: List[str]) -> None:
         """Start the node.
 
         Args:
             command: "PACKAGE NODE [ARGUMENT...]".
-            arguments: more arguments, such as remappings.
+            arguments: further arguments, such as remappings.
 
         Raises:
             CandidateError: there is no such node, or it cannot be started.
@@ -61,7 +61,7 @@ class Candidate:
         except OSError as error:
             raise CandidateError(
                 f"{found[0]} cannot be started ({error.strerror}). "
-                "Does its first line name an interpreter that exists?"
+                "Does its first line name an existing interpreter?"
             ) from None
         self._output = b""
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -89,7 +89,7 @@ class Candidate:
         self._reader.join(1.0)
 
     def describe_failure(self) -> str:
-        """Return how the node failed, with the end of its output; empty if its exit status is 0."""
+        """Return why the node failed, with the end of its output; empty if its exit status is 0."""
         status = self._process.wait()
         if status == 0:
             return ""
@@ -98,7 +98,7 @@ class Candidate:
         if status < 0:
             how = f"was killed by signal {signal.Signals(-status).name}"
         lines = self._output.decode(errors="replace").splitlines()[-SHOWN_LINES:]
-        # The message goes into XML, which has no place for control characters.
+        # The message is written to XML, which must not contain control characters.
         shown = ["".join(c for c in line if c.isprintable()) for line in lines]
         output = "; its last output:\n" + "\n".join(shown) if shown else "; it printed nothing"
         return f"the node {how}{output}"

@@ -18,11 +18,12 @@ T = TypeVar("T")
 POSE_TOLERANCE = 1e-3
 """How far the reported pose may differ from the start pose [m, rad]."""
 
-_KEPT_REPORTS = 256  # of which the first one at the start pose is looked for
+_KEPT_REPORTS = 256
+"""Number of kept reports; `wait_until_at` needs the first report at the start pose."""
 
 
 class InitialPoseError(UserError):
-    """The car did not take its initial pose."""
+    """The car did not report the start pose."""
 
 
 class Report(NamedTuple):
@@ -33,7 +34,7 @@ class Report(NamedTuple):
     pose: Pose
     """base_footprint in the map frame."""
     distance: float
-    """Driven since the initial pose was reported, by the poses [m]."""
+    """Driven distance since the car was at the start pose: the sum over the reports [m]."""
 
 
 class CarPose:
@@ -62,18 +63,18 @@ class CarPose:
         wait_until_connected(self._subscriber, "publishers", seconds)
 
     def wait_until_at(self, pose: Pose, since: int, seconds: float) -> int:
-        """Wait until the car reports that it is at its start pose.
+        """Wait until the car reports the start pose.
 
         Args:
             pose: the start pose in the map frame.
             since: the stamp of the initial pose that was sent [ns].
-            seconds: how long to wait [s of wall-clock time].
+            seconds: timeout [s of wall-clock time].
 
         Returns:
             The stamp of the first such report [ns]; `since` if no node publishes the car's pose.
 
         Raises:
-            InitialPoseError: the car does not report it.
+            InitialPoseError: the car does not report the start pose in time.
             rospy.ROSInterruptException: the node is shut down.
         """
         if not self.is_reported():
@@ -92,9 +93,9 @@ class CarPose:
         if report is None:
             last = self.last
             raise InitialPoseError(
-                f"the car did not take the start pose {pose} within {seconds:g} s; {self.topic} "
-                f"reports {last.pose if last else 'nothing'}. Is a wall there, is the clock held, "
-                "or does another node place the car?"
+                f"the car was not at the start pose {pose} within {seconds:g} s; {self.topic} "
+                f"reports {last.pose if last else 'nothing'}. Is the start pose inside a wall, is "
+                "the clock held, or does another node place the car?"
             )
         with self._changed:
             driven = report.distance
@@ -103,9 +104,9 @@ class CarPose:
         return report.stamp
 
     def wait_for(self, find: Callable[[], T], seconds: float) -> T:
-        """Return the first true value of `find`, which is called after each report.
+        """Call `find` after each report, and return its first true value.
 
-        Returns its last value after `seconds` of wall-clock time.
+        After `seconds` of wall-clock time, return the last value of `find`.
 
         Raises:
             rospy.ROSInterruptException: the node is shut down.

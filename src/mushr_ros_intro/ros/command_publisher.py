@@ -1,4 +1,4 @@
-"""Publish commands to a car, and stop it in the end."""
+"""Publish commands to a car, and stop it at the end."""
 
 import math
 import threading
@@ -16,7 +16,7 @@ from mushr_ros_intro.sim.takeover import NOBODY, TakeoverMonitor
 
 
 class TakeoverError(UserError):
-    """Another node drives the car, or nobody can tell."""
+    """Another input drives the car, or the mux does not publish which input drives."""
 
 
 class CommandPublisher:
@@ -29,18 +29,17 @@ class CommandPublisher:
         """Advertise the topic.
 
         Args:
-            topic: for the commands.
-            car_name: of the car; its base frame is the frame of the commands.
-            active_topic: std_msgs/String, where the mux publishes which input drives. If it is
-                given,
-                the node gives up when another input drives the car.
+            topic: the topic of the commands.
+            car_name: the name of the car; its base frame is the frame of the commands.
+            active_topic: the topic on which the mux publishes the input that drives
+                (std_msgs/String). If it is given, the node ends when another input drives the car.
         """
         self._frame = f"{car_name}/base_footprint".lstrip("/")
         self._lock = threading.Lock()
         self._last: Optional[Command] = None
         self._written: Dict[int, int] = {}
         self._is_stopped = False
-        # A stalled machine may let several commands fall due at once, and every one counts.
+        # On a busy machine, several commands can be due at once; none may be lost.
         self._publisher = rospy.Publisher(
             topic, AckermannDriveStamped, queue_size=100, tcp_nodelay=True
         )
@@ -54,18 +53,18 @@ class CommandPublisher:
             self._active_sub = rospy.Subscriber(active_topic, String, self._on_active)
 
     def wait_for_subscriber(self, seconds: float) -> None:
-        """Wait until a node takes the commands; see connections.wait_for_subscriber."""
+        """Wait until a node subscribes to the commands; see connections.wait_for_subscriber."""
         connections.wait_for_subscriber(self._publisher, seconds)
 
     def wait_until_free(self, seconds: float, countdown: float) -> None:
         """Wait until the mux has published which input drives, and then for the countdown.
 
         Args:
-            seconds: how long to wait for the mux [s of wall-clock time].
-            countdown: how long to wait then; logged every second [s of wall-clock time].
+            seconds: timeout for the mux [s of wall-clock time].
+            countdown: time to wait then; logged every second [s of wall-clock time].
 
         Raises:
-            TakeoverError: the mux publishes nothing.
+            TakeoverError: the mux does not publish which input drives.
             rospy.ROSInterruptException: the node is shut down.
         """
         is_known = self._active_sub is None or ros_time.wait_for(
@@ -73,20 +72,20 @@ class CommandPublisher:
         )
         if not is_known:
             raise TakeoverError(
-                f"nothing was published on {self._active_topic} within {seconds:g} s, so "
-                "a takeover would not be noticed. Is the mux running, and is this its topic "
+                f"no message was published on {self._active_topic} within {seconds:g} s, so "
+                "a takeover could not be detected. Is the mux running, and is this its topic "
                 "(rostopic list)?"
             )
         end = time.monotonic() + countdown
         for left in range(math.ceil(countdown), 0, -1):
-            rospy.loginfo("the car drives in %d s; Ctrl-C cancels", left)
+            rospy.loginfo("the car starts to drive in %d s; Ctrl-C cancels", left)
             ros_time.wait_for(lambda: False, end - left + 1 - time.monotonic())  # noqa: B023
 
     def publish(self, command: Command) -> None:
         """Publish a command.
 
         Raises:
-            rospy.ROSInterruptException: the car has been stopped for good.
+            rospy.ROSInterruptException: `stop` has been called.
         """
         with self._lock:
             if self._is_stopped:
@@ -100,7 +99,7 @@ class CommandPublisher:
             self._monitor = self._monitor.rest()
 
     def stop(self) -> None:
-        """Stop the car for good if it has been driven, and wait until the stop has been sent."""
+        """Stop the car if a command has been sent; flush the stop, and refuse later commands."""
         with self._lock:
             if self._last and not self._is_stopped:
                 if self._last.speed or self._last.steering_angle:
@@ -115,7 +114,7 @@ class CommandPublisher:
         self._publisher.publish(conversions.command_to_msg(command, self._frame))
 
     def _on_active(self, msg: String) -> None:
-        """Stop the car and give up if another input drives it."""
+        """Stop the car and end the node if another input drives the car."""
         with self._lock:
             self._active = msg.data
             if self._is_stopped:
@@ -126,15 +125,15 @@ class CommandPublisher:
             node.give_up(TakeoverError(self._takeover()))
 
     def _takeover(self) -> str:
-        """Return the message for a car that has been lost."""
+        """Return the message for a takeover."""
         active = self._monitor.lost_to
-        why = "another node drives the car"
+        why = "another input drives the car"
         if active.lower() in NOBODY:
             why = "the commands did not reach the car in time"
-        text = f"{self._active_topic} is '{active}': {why}. The plan is given up"
+        text = f"{self._active_topic} is '{active}': {why}. The drive ends"
         if not self._last:
             text = (
-                f"{text}. No command has been sent. MuSHR's joystick holds the car unless its "
+                f"{text}. No command has been sent. MuSHR's joystick node sends stops unless its "
                 "button for autonomous driving (RB) is pressed all the time"
             )
         return text

@@ -1,9 +1,9 @@
 """Connections between nodes, as the master and the nodes report them.
 
-ROS connects two nodes some time after they have registered a topic, and messages that are published
-before are lost. If a subscriber and a publisher register at the same moment, rospy may not connect
-them at all: it processes the master's notification, which names the publisher, before the master's
-answer, which does not name it yet. Announcing the publisher again mends that.
+ROS connects two nodes some time after they have registered a topic. Messages that are published
+before that are lost. If a subscriber and a publisher register at the same moment, rospy may not
+connect them at all: it processes the master's notification, which contains the publisher, before
+the master's older answer, which does not contain it. Announcing the publisher again repairs this.
 """
 
 import http.client
@@ -25,11 +25,11 @@ _PING_AFTER = 0.5
 """After this time, nodes that do not respond are ignored [s]."""
 
 _PING_TIMEOUT = 3.0
-"""How long a node may take to respond [s]; a node that is only busy does."""
+"""Timeout for the response of a node [s]; long enough for a busy node."""
 
 
 class CallError(RuntimeError):
-    """A call to the master or to a node failed: it returned an error, or one of the subclasses."""
+    """A call to the master or to a node failed; the subclasses give the reason."""
 
 
 class UnknownHostError(CallError):
@@ -41,11 +41,11 @@ class RefusedError(CallError):
 
 
 class NoResponseError(CallError):
-    """No response came in time."""
+    """There was no response in time."""
 
 
 class NotRosError(CallError):
-    """The response is not one of a ROS master or node."""
+    """The response does not come from a ROS master or node."""
 
 
 class NoSubscriberError(UserError):
@@ -56,7 +56,7 @@ def registered_nodes(topic: str, role: str) -> List[str]:
     """Return the names of the nodes that are registered at a topic.
 
     Args:
-        topic: its full name.
+        topic: the full name of the topic.
         role: "publishers" or "subscribers".
 
     Raises:
@@ -68,7 +68,7 @@ def registered_nodes(topic: str, role: str) -> List[str]:
 
 
 def is_published(topic: str) -> bool:
-    """Return whether a node publishes a topic, as far as the master can tell."""
+    """Return whether a publisher of a topic is registered at the master."""
     try:
         return bool(registered_nodes(topic, "publishers"))
     except (rosgraph.MasterException, OSError):
@@ -79,8 +79,8 @@ def wait_for_subscriber(publisher: rospy.Publisher, seconds: float) -> None:
     """Wait until a node subscribes to a topic, and then until all its subscribers are connected.
 
     Args:
-        publisher: of the topic.
-        seconds: how long to wait for the first subscriber [s of wall-clock time].
+        publisher: the publisher of the topic.
+        seconds: timeout for the first subscriber [s of wall-clock time].
 
     Raises:
         NoSubscriberError: no node subscribes; the message names the topic and the remedy.
@@ -113,8 +113,8 @@ def _no_subscriber(topic: str, seconds: float) -> str:
     if names:
         return (
             f"no node is connected to {topic} after {seconds:g} s, but these nodes are registered: "
-            f"{', '.join(names)}. Do they respond (rosnode ping)? A node that is stopped, for "
-            "example by Ctrl-Z, can block the master"
+            f"{', '.join(names)}. Do they respond (rosnode ping)? A node that is stopped (for "
+            "example with Ctrl-Z) can block the master"
         )
     return (
         f"no node subscribes to {topic} after {seconds:g} s. Is the car running "
@@ -127,12 +127,12 @@ def wait_until_connected(end: Any, role: str, seconds: float = CONNECTION_TIMEOU
 
     Args:
         end: a rospy.Publisher or rospy.Subscriber.
-        role: of the nodes at the other end, "publishers" or "subscribers".
-        seconds: how long to wait [s of wall-clock time].
+        role: the role of the other nodes, "publishers" or "subscribers".
+        seconds: timeout [s of wall-clock time].
 
     Returns:
-        Whether it is connected to all of them, which is true if there are none. False if the node
-        is shut down or the master does not answer.
+        True if it is connected to all of them, or if there are none. False after the timeout, or if
+        this node is shut down or the master does not answer.
     """
     began = announced = time.monotonic()
     while True:
@@ -159,9 +159,9 @@ def wait_until_connected(end: Any, role: str, seconds: float = CONNECTION_TIMEOU
 
 
 def _is_connected(end: Any, role: str, names: Sequence[str]) -> bool:
-    """Return whether `end` has as many connections as there are names.
+    """Return whether `end` is connected to all nodes in `names`.
 
-    A subscriber counts connections that it has only begun to open, so the publishers are asked.
+    A subscriber also counts connections that are not open yet, so each publisher is called.
     """
     if end.get_num_connections() < len(names):
         return False
@@ -189,17 +189,20 @@ def _serves(name: str, topic: str) -> bool:
 
 
 def receivers(uri: str, patience: float, caller: str, topic: str) -> Set[str]:
-    """Return the names of the nodes to which a node reports that it publishes a topic.
+    """Return the names of the nodes to which a node publishes a topic, as it reports.
 
-    Args and raises: as `ask`.
+    Args and raises: as for `ask`.
     """
     links = ask(uri, patience, caller, "getBusInfo")
-    # Each is a number, the node at the other end, the direction, the transport, the topic, ...
+    # Each link has a number, the other node, the direction, the transport, the topic, ...
     return {each[1] for each in links if each[2:5:2] == ["o", topic]}
 
 
 def reannounce(end: Any, role: str) -> None:
-    """Announce the publishers of a topic to its subscribers again; arguments as above."""
+    """Announce the publishers of a topic to its subscribers again.
+
+    Args: as for `wait_until_connected`.
+    """
     master, uri = rosgraph.Master(rospy.get_name()), rospy.get_node_uri()
     try:
         if role == "subscribers":
@@ -209,7 +212,7 @@ def reannounce(end: Any, role: str) -> None:
             with xmlrpc.client.ServerProxy(uri) as node:
                 node.publisherUpdate("/master", end.resolved_name, uris)
     except (rosgraph.MasterException, OSError):
-        return  # the next call to the master reports it
+        return  # the next call to the master reports the error
 
 
 def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) -> Any:
@@ -223,7 +226,7 @@ def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) ->
         arguments: the method's arguments after the caller's name.
 
     Raises:
-        CallError: the call failed; its subclass tells how.
+        CallError: the call failed; the subclasses give the reason.
     """
     try:
         server = xmlrpc.client.ServerProxy(uri, transport=_Transport(patience))

@@ -25,20 +25,20 @@ from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 PACKAGE = "mushr_ros_intro"
 
 SHUTDOWN_TIMEOUT = 10.0
-"""How long a node may take to end [s]; roslaunch waits 15 s, a call to the master takes 5 s."""
+"""Timeout for the end of a node [s]; roslaunch waits 15 s, a call to the master may take 5 s."""
 
 _ends: "SimpleQueue[Tuple[str, Optional[int]]]" = SimpleQueue()
-"""Why the node has to end, and with which exit status, if that is known.
+"""The reason for the end of the node, and the exit status if it is known.
 
-A SimpleQueue, because it is the only queue that a signal handler may use.
+A SimpleQueue, because no other queue may be used in a signal handler.
 """
 
 
 def main(name: str, node_class: Callable[[], Any], **options: Any) -> int:
     """Run a node and return its exit status.
 
-    The node runs in a thread of its own, because a signal interrupts the main thread wherever it
-    is: also while it holds a lock that the shutdown needs.
+    The node runs in its own thread. A signal handler runs in the main thread, which therefore must
+    not hold a lock that the shutdown needs.
 
     Args:
         name: the node's name, unless the command line sets another.
@@ -47,7 +47,7 @@ def main(name: str, node_class: Callable[[], Any], **options: Any) -> int:
         options: for rospy.init_node.
 
     Returns:
-        0 if `run` returned or was interrupted, 1 if the node failed; the reason has been logged.
+        0 if `run` returned or was interrupted; 1 if the node failed, after the reason was logged.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _: _ends.put((f"signal {received}", None)))
@@ -55,7 +55,7 @@ def main(name: str, node_class: Callable[[], Any], **options: Any) -> int:
     rospy.on_shutdown(lambda: _ends.put(("shut down", None)))
     threading.Thread(target=_run, args=[node_class], daemon=True).start()
     reason, status = _ends.get()
-    # In a thread, because rospy's shutdown waits for locks that a node may hold for ever.
+    # In a thread, because rospy's shutdown may wait for ever for a lock that the node holds.
     threading.Thread(target=rospy.signal_shutdown, args=[reason], daemon=True).start()
     deadline = time.monotonic() + SHUTDOWN_TIMEOUT
     with suppress(Empty):
@@ -76,7 +76,7 @@ def give_up(error: UserError) -> None:
 
 
 def _run(node_class: Callable[[], Any]) -> None:
-    """Run a node, and log why it failed."""
+    """Run a node; if it fails, log the reason."""
     status = 1
     try:
         node_class().run()
@@ -98,7 +98,7 @@ def _run(node_class: Callable[[], Any]) -> None:
 
 
 def _fail(reason: str) -> int:
-    """Log why the node failed, and return its exit status."""
+    """Log the reason of a failure, and return the exit status."""
     rospy.logfatal("%s: %s", rospy.get_name(), reason)
     return 1
 
@@ -111,9 +111,9 @@ def init_node(name: str, **options: Any) -> None:
         options: for rospy.init_node.
 
     Raises:
-        SystemExit: no master answers; the message is for the terminal.
+        SystemExit: the master does not answer; the exception has a message for the user.
     """
-    # The garbage collector then skips what has been imported: a node ends 0.05 s sooner.
+    # The garbage collector then skips all imported objects: a node ends 0.05 s sooner.
     gc.freeze()
     rospy_fixes.apply_before_init_node()
     no_master = (
@@ -127,7 +127,7 @@ def init_node(name: str, **options: Any) -> None:
     except (TimeoutError, ConnectionError):
         sys.exit(no_master)
     if not rospy.rostime.is_wallclock():
-        # rospy can lose its own subscription to /clock: this one brings it back.
+        # rospy may not connect its own subscription to /clock; a second subscription repairs this.
         clock = rospy.Subscriber("/clock", Clock)
         wait_until_connected(clock, "publishers")
         clock.unregister()
@@ -147,7 +147,7 @@ def parameters() -> Parameters:
 
 
 def simulated_car_parameters(car_name: str) -> Parameters:
-    """Return the parameters of a simulated car; there are none if no such car has been started."""
+    """Return the parameters of a simulated car; they are empty if it has never been started."""
     name = f"/{car_name}/car_sim"
     return Parameters(rospy.get_param(name, {}), f"{name}/")
 

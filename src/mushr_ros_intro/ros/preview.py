@@ -1,4 +1,4 @@
-"""Check a plan, show its predicted path, and compare the driven end with the prediction."""
+"""Check a plan, publish its predicted path, and compare the final pose with the prediction."""
 
 import math
 import os
@@ -42,7 +42,7 @@ MAX_PATH_POSES = 10_000
 SPREAD_RUNS = 1000
 SPREAD_SEED = 1
 MAX_SPREAD_COMMANDS = 20_000
-"""The spread of a plan with more commands is not shown: it would take more than seconds."""
+"""For a plan with more commands, the spread is not published, because it takes too long."""
 
 
 class StrictError(UserError):
@@ -50,22 +50,23 @@ class StrictError(UserError):
 
 
 class Preview:
-    """What is known of a plan before it is driven.
+    """The check and the prediction of a plan before the drive.
 
-    Publishes, latched, ``~predicted_path`` (nav_msgs/Path); with ``~spread``, ``~spread_poses``
-    (geometry_msgs/PoseArray) and ``~spread_ellipses`` (visualization_msgs/MarkerArray).
+    Publishes ``~predicted_path`` (nav_msgs/Path) and, with ``~spread``, ``~spread_poses``
+    (geometry_msgs/PoseArray) and ``~spread_ellipses`` (visualization_msgs/MarkerArray). All
+    topics are latched.
     """
 
     def __init__(self, parameters: Parameters, car_name: str, is_placed: bool) -> None:
         """Read the plan.
 
         Args:
-            parameters: of the node: plan_file, car, max_speed, strict, spread.
-            car_name: of the car.
+            parameters: the parameters plan_file, car, max_speed, strict and spread of the node.
+            car_name: the name of the car.
             is_placed: whether the car is placed at the start pose.
 
         Raises:
-            ParameterError, PlanError: a parameter or the plan cannot be used.
+            ParameterError, PlanError: a parameter or the plan is invalid.
         """
         self._car_name = car_name
         self._is_placed = is_placed
@@ -84,7 +85,7 @@ class Preview:
         name = parameters.text("plan_file", expected=expected)
         path = find_plan(name, package_folder("plans"))
         self.plan, changes = slowed(read_plan(path), max_speed)
-        """The plan as it is driven, no row faster than ~max_speed."""
+        """The plan with its speeds limited to ~max_speed."""
         _warn(changes)
         self._pub_path = rospy.Publisher("~predicted_path", Path, queue_size=1, latch=True)
         if self._shows_spread:
@@ -105,7 +106,7 @@ class Preview:
 
         Raises:
             StrictError: the plan has faults, and ~strict is set.
-            ParameterError: the simulated car's parameters cannot be used.
+            ParameterError: a parameter of the simulated car is invalid.
         """
         profile = self._profile or simulated_car_parameters(self._car_name)
         self._car = car_from(profile)
@@ -124,15 +125,15 @@ class Preview:
             self._publish_spread(profile)
 
     def _publish_spread(self, profile: Parameters) -> None:
-        """Publish where cars with random errors end, and pass on the way."""
+        """Publish the spread of drives with random errors: final poses, ellipses on the path."""
         car = car_from(profile.with_values(noise=True))
         commands = prediction.count_commands(self.plan)
         if not (car.speed_noise or car.steering_noise):
-            rospy.loginfo("this car has no noise, so there is no spread to show")
+            rospy.loginfo("the spread is not published: this car has no noise")
             return
         if commands > MAX_SPREAD_COMMANDS:
             rospy.logwarn(
-                "the spread is not shown: the plan has %d commands; expected at most %d",
+                "the spread is not published: the plan has %d commands; expected at most %d",
                 commands,
                 MAX_SPREAD_COMMANDS,
             )
@@ -146,8 +147,8 @@ class Preview:
         self._pub_spread.publish(conversions.poses_to_msg(poses, ros_time.now()))
         self._pub_ellipses.publish(conversions.ellipses_to_msg(ellipses, ros_time.now()))
         rospy.loginfo(
-            "%d cars with random errors end %.2f m (root mean square) from the plan's end; their "
-            "95 %% ellipse is %.2f m long and %.2f m wide",
+            "spread of %d drives with random errors: the final positions are %.2f m (root mean "
+            "square) from the predicted one; their 95 %% ellipse is %.2f m long and %.2f m wide",
             SPREAD_RUNS,
             result.rms_errors[-1],
             2.0 * ellipses[-1][1],
@@ -155,7 +156,7 @@ class Preview:
         )
 
     def compare_end(self, car_pose: CarPose, end: int) -> None:
-        """Log where the car stopped and where it should have stopped.
+        """Log the predicted final pose and the reached final pose.
 
         Args:
             car_pose: the car's reported pose.
@@ -183,7 +184,7 @@ class Preview:
         rest = end + self._rest - self.plan.duration + SETTLING
 
         def has_settled() -> bool:
-            # A command that arrives late is inserted into the car's history, and changes the pose.
+            # A late command is inserted into the car's history, and can still change the pose.
             last = car_pose.last
             if last is None:
                 return False
@@ -221,13 +222,13 @@ def _read_map() -> Optional[Grid]:
 
 
 def _warn(faults: Sequence[Fault]) -> None:
-    """Log faults, a bounded number of them."""
+    """Log a bounded number of faults as warnings."""
     for line in _lines(faults):
         rospy.logwarn("%s", line)
 
 
 def _lines(faults: Sequence[Fault]) -> List[str]:
-    """Return faults as lines, a bounded number of them."""
+    """Return a bounded number of faults as lines."""
     lines = [str(fault) for fault in faults[:SHOWN_FAULTS]]
     if len(faults) > SHOWN_FAULTS:
         lines.append(f"... and {len(faults) - SHOWN_FAULTS} more")

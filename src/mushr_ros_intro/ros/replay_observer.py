@@ -1,4 +1,4 @@
-"""Observe a node that drives the simulated car, and pass on what it sends."""
+"""Record the messages of a node that drives the simulated car, and forward them to the car."""
 
 import contextlib
 import threading
@@ -26,34 +26,33 @@ COLLISIONS = "/car/car_sim/collision"
 MAP = "/map_metadata"
 
 INITIAL_POSE_TIMEOUT = 0.3
-"""How long the first command waits for the initial pose [s of wall-clock time]."""
+"""Longest wait of the first command for the initial pose [s of wall-clock time]."""
 
 STEP = 0.02
-"""Between two steps of a clock that is held [s of wall-clock time]; as between two poses."""
+"""Time between two steps of a held clock [s of wall-clock time]; equal to the pose period."""
 
 
 class ObservationError(UserError):
-    """A replay that shows nothing about the node, because something else is wrong."""
+    """A failed replay that is not the node's fault."""
 
 
 class ReplayObserver:
-    """Receives everything that a verdict needs.
+    """Records the messages of the node and of the car.
 
     The node is started with its command topic and its initial pose topic remapped to topics of this
-    process, which passes the messages on. So every message that is judged reaches the car: also if
-    the node's queue is short and the machine is busy, or the node sends before the car is
-    connected.
+    process, which forwards the messages. So every recorded message reaches the car, even if the
+    machine is busy and the node's queue is short, or if the node sends before the car is connected.
 
-    This process holds the car's clock, and steps it in real time, until the node has sent
-    something, and again from `take_clock` on. So a delay of this process also delays the node's
-    clock, and a car that comes to rest without further commands costs no patience of the clock.
+    This process holds the car's clock and steps it in real time until the first message of the
+    node, and again after `take_clock`. So a delay of this process also delays the node's clock, and
+    the clock does not wait for commands after the last one.
     """
 
     def __init__(self, patience: float) -> None:
         """Subscribe, and wait until the car and the mux are connected.
 
         Raises:
-            ObservationError: they are not within `patience` [s of wall-clock time].
+            ObservationError: they are not connected within `patience` [s of wall-clock time].
         """
         self._lock = threading.Lock()
         self._sent: List[Sent] = []
@@ -65,7 +64,7 @@ class ReplayObserver:
         self._holds_clock.set()
         self._is_placed = threading.Event()
         self.last_message = time.monotonic()
-        """When the node sent its last message [s, monotonic wall-clock time]."""
+        """When the node sent its last message [s of monotonic wall-clock time]."""
 
         self._commands_pub, self._initial_pose_pub = (
             rospy.Publisher(topic, kind, queue_size=1000, tcp_nodelay=True)
@@ -95,7 +94,7 @@ class ReplayObserver:
             f"{INITIAL_POSES}:={self._initial_pose_sub.resolved_name}",
             f"{CONTROL}:={commands.resolved_name}",
         ]
-        """Arguments for the node that is to be observed."""
+        """Arguments for the node."""
         threading.Thread(target=self._step_clock, daemon=True).start()
 
     def take_clock(self) -> None:
@@ -103,12 +102,12 @@ class ReplayObserver:
         self._holds_clock.set()
 
     def _step_clock(self) -> None:
-        """Step the car's clock as long as it is held."""
+        """Step the car's clock while it is held."""
         step, resume = (
             rospy.ServiceProxy(f"/car/car_sim/{name}", Trigger, persistent=True)
             for name in ("step", "resume")
         )
-        # If the car has died, no pose arrives, which is reported elsewhere.
+        # If the car has died, no pose arrives; the test node reports this.
         with contextlib.suppress(rospy.ServiceException, rospy.ROSException):
             while not rospy.is_shutdown():
                 step()
@@ -118,9 +117,9 @@ class ReplayObserver:
                     self._holds_clock.wait()
 
     def _on_command(self, msg: AckermannDriveStamped) -> None:
-        """Note a command and pass it on unchanged.
+        """Record a command and forward it unchanged.
 
-        The first command waits for the initial pose, which the node sends before, but over another
+        The first command waits for the initial pose, which the node sends earlier over another
         connection.
         """
         if self._initial_pose_sub.get_num_connections() and not self.count_commands():
@@ -137,7 +136,7 @@ class ReplayObserver:
             self._holds_clock.clear()
 
     def _on_initial_pose(self, msg: PoseWithCovarianceStamped) -> None:
-        """Note an initial pose and pass it on unchanged."""
+        """Record an initial pose and forward it unchanged."""
         try:
             pose = conversions.pose_from_msg(msg.pose.pose)
         except conversions.MessageError:
@@ -150,17 +149,17 @@ class ReplayObserver:
         self._is_placed.set()
 
     def _on_pose(self, msg: PoseStamped) -> None:
-        """Note a pose of the car."""
+        """Record a pose of the car."""
         with self._lock:
             self._poses.append((msg.header.stamp.to_nsec(), conversions.pose_from_msg(msg.pose)))
 
     def _on_collision(self, msg: PoseArray) -> None:
-        """Note where the car hit a wall; without a pose the car is free."""
+        """Record the pose of a collision; an empty message means that there is none."""
         with self._lock:
             self._collisions += map(conversions.pose_from_msg, msg.poses)
 
     def _on_map(self, msg: MapMetaData) -> None:
-        """Note the size of the map."""
+        """Record the size of the map."""
         self._map = msg
 
     def count_poses(self) -> int:
@@ -179,10 +178,10 @@ class ReplayObserver:
             return self._sent[-1].time - self._sent[0].time if self._sent else 0
 
     def stands(self, timeout: int) -> bool:
-        """Return whether the car stands and no command is valid any more.
+        """Return whether the car is at rest and its last command has expired.
 
         Args:
-            timeout: how long the car obeys a command [ns].
+            timeout: how long a command is valid after its stamp [ns].
         """
         with self._lock:
             last = self._sent[-1].time if self._sent else 0
@@ -191,12 +190,12 @@ class ReplayObserver:
         return stamp > last + 2 * timeout and all(each == pose for each in recent)
 
     def replay(self, plan: Plan, car: Car, outcome: str) -> Replay:
-        """Return all that has been observed.
+        """Return the recorded messages.
 
         Args:
-            plan: that the node had to drive.
-            car: that it drove.
-            outcome: how the node itself failed; empty if it did not.
+            plan: the plan that the node had to drive.
+            car: the car.
+            outcome: a description of the node's failure; empty if there is none.
         """
         with self._lock:
             size, origin = (0.0, 0.0), None
@@ -221,7 +220,7 @@ class ReplayObserver:
 def _subscribe(
     topic: str, kind: Any, callback: Callable[[rospy.Message], None]
 ) -> rospy.Subscriber:
-    """Subscribe to a topic whose messages must not be delayed."""
+    """Subscribe to a topic without delay (TCP_NODELAY)."""
     return rospy.Subscriber(topic, kind, callback, tcp_nodelay=True)
 
 
@@ -229,7 +228,8 @@ def wait_for(condition: Callable[[], Any], what: str, seconds: float) -> None:
     """Wait until a condition is true.
 
     Raises:
-        ObservationError: it is not within `seconds` of wall-clock time; the message names `what`.
+        ObservationError: the condition is still false after `seconds` of wall-clock time; the
+            message contains `what`.
     """
     if not ros_time.wait_for(condition, seconds):
         raise ObservationError(f"waited {seconds:g} s for {what}")

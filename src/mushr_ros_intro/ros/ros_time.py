@@ -1,4 +1,4 @@
-"""ROS time, which may be simulated, and waiting."""
+"""Read ROS time, which may be simulated, and wait for it."""
 
 import time
 from typing import Callable, TypeVar
@@ -17,22 +17,22 @@ T = TypeVar("T")
 
 
 class ClockError(UserError):
-    """There is no clock, the clock jumped, or a node could not keep up with it."""
+    """There is no clock, the clock jumped, or the node is too late."""
 
 
 POLL_PERIOD = 0.01
-"""Between two looks at a condition [s of wall-clock time]."""
+"""Period at which a condition is checked [s of wall-clock time]."""
 
 _SHUTDOWN_POLL_PERIOD = 0.5  # [s of wall-clock time]
 
 
 def now() -> int:
-    """Return the present [ns]."""
+    """Return the current ROS time [ns]."""
     return rospy.get_rostime().to_nsec()
 
 
 def is_simulated() -> bool:
-    """Return whether this node takes its time from /clock."""
+    """Return whether this node uses the time on /clock."""
     return not rospy.rostime.is_wallclock()
 
 
@@ -47,15 +47,15 @@ def received_stamp(stamp: int) -> int:
 
 
 def sleep_until(due: int, since: int) -> None:
-    """Sleep until `due` [ns], or until simulated time is before `since`.
+    """Sleep until `due` [ns], or until simulated time is set back to before `since`.
 
-    rospy.sleep takes a duration and adds it to the present that it reads itself. If the clock has
-    moved since the caller read it, rospy.sleep oversleeps; in lock-step, where the clock waits for
-    this very node, it never returns.
+    rospy.sleep reads the clock itself and adds the duration. If the clock has advanced since the
+    caller read it, rospy.sleep sleeps too long. In lock-step, the clock waits for this node, so
+    rospy.sleep would never return.
 
     Args:
         due: the instant [ns].
-        since: the present that the caller has read [ns].
+        since: the time that the caller has read [ns].
 
     Raises:
         rospy.ROSInterruptException: the node is shut down.
@@ -72,7 +72,9 @@ def sleep_until(due: int, since: int) -> None:
 
 
 def wait_for(condition: Callable[[], T], seconds: float) -> T:
-    """Return the first true value of `condition`, or its last value after `seconds` of wall time.
+    """Call `condition` repeatedly, and return its first true value.
+
+    After `seconds` of wall-clock time, return the last value of `condition`.
 
     Raises:
         rospy.ROSInterruptException: the node is shut down.
@@ -88,13 +90,13 @@ def wait_for(condition: Callable[[], T], seconds: float) -> T:
 
 
 def wait_for_clock(seconds: float) -> None:
-    """Wait until there is a time, which in simulated time another node has to publish.
+    """Wait for the first message on /clock if time is simulated.
 
     Args:
-        seconds: how long to wait [s of wall-clock time].
+        seconds: timeout [s of wall-clock time].
 
     Raises:
-        ClockError: there is none, or this node uses another one than the nodes started since.
+        ClockError: /clock is not published, or use_sim_time was set after this node had started.
         rospy.ROSInterruptException: the node is shut down.
     """
     if not is_simulated() and rospy.get_param("/use_sim_time", False):

@@ -1,6 +1,6 @@
-"""Every workaround for rospy and the libraries below it. Nothing else patches anything.
+"""All workarounds for rospy and its libraries.
 
-Each function names the symptom, and the lines of rospy (1.16) that cause it.
+Each docstring describes the symptom, and the cause in rospy 1.16. No other module patches rospy.
 """
 
 import errno
@@ -20,7 +20,7 @@ from mushr_ros_intro.sim.stamps import CALL_TIMEOUT
 
 
 def apply_before_init_node() -> None:
-    """Apply the fixes that have to be in place when rospy.init_node is called."""
+    """Apply the fixes that are needed before rospy.init_node is called."""
     limit_calls()
     write_logs_somewhere()
     forget_log_parameter()
@@ -28,11 +28,11 @@ def apply_before_init_node() -> None:
 
 
 def limit_calls(seconds: float = CALL_TIMEOUT) -> None:
-    """Let calls to the master and to other nodes fail after `seconds`.
+    """Limit the duration of calls to the master and to other nodes to `seconds`.
 
-    Symptom: if the network to the master is cut, a node hangs for minutes, also at its end. Even a
-        log line calls the master. Cause: rospy's XML-RPC clients have no timeout (rospy/core.py,
-        xmlrpcapi).
+    Symptom: if the network to the master is cut, a node hangs for minutes, also during shutdown,
+    because even a log line calls the master.
+    Cause: rospy's XML-RPC clients have no timeout (xmlrpcapi in rospy/core.py).
     """
     transport = xmlrpc.client.Transport
     make_connection, single_request = transport.make_connection, transport.single_request
@@ -47,7 +47,7 @@ def limit_calls(seconds: float = CALL_TIMEOUT) -> None:
     def make_limited_request(*arguments: Any, **options: Any) -> Any:
         try:
             return single_request(*arguments, **options)
-        except socket.timeout:  # it has no errno, which rospy reads when a node unregisters
+        except socket.timeout:  # has no errno, but rospy reads errno when a node unregisters
             raise OSError(errno.ETIMEDOUT, f"no answer within {seconds:g} s") from None
 
     transport.make_connection = make_limited_connection  # type: ignore
@@ -55,10 +55,10 @@ def limit_calls(seconds: float = CALL_TIMEOUT) -> None:
 
 
 def write_logs_somewhere() -> None:
-    """Let rospy log into the temporary folder if its own folder cannot be written.
+    """Let rospy write its log to the temporary folder if the log folder is not writable.
 
-    Symptom: with a read-only or full home a node prints nothing, not even its errors. Cause:
-    rospy.core.configure_logging gives up on all log handlers, the terminal's included.
+    Symptom: if the home directory is read-only or full, a node prints nothing, not even errors.
+    Cause: rospy.core.configure_logging then sets up no log handler, not even for the terminal.
     """
     folder = rospkg.get_log_dir()
     try:
@@ -71,11 +71,11 @@ def write_logs_somewhere() -> None:
 
 
 def forget_log_parameter() -> None:
-    """Keep rospy from subscribing to a parameter with the first line of a node's log.
+    """Prevent the subscription to a parameter by the first log line of a node.
 
-    Symptom: a node that has ended stays known to the master. When the next node of its name starts,
-    the master shuts down whatever listens at the old address by then. Cause: rospy does not
-    unsubscribe the parameter at shutdown (rospy/impl/rosout.py).
+    Symptom: a node that has ended is still registered at the master. When a node with the same name
+    starts, the master shuts down the node that now has the old address, which is another node.
+    Cause: rospy does not unsubscribe from the parameter at shutdown (rospy/impl/rosout.py).
     """
     cache = rospy.impl.paramserver.get_param_server_cache()
     cache.set("/rosout_disable_topics_generation", False)
@@ -94,9 +94,9 @@ class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):
 def end_server_with_node() -> None:
     """Let a node's XML-RPC server end when the node is shut down.
 
-    Symptom: at its end each node uses a whole core for half a second. Cause:
-        rosgraph.xmlrpc.shutdown closes the server's socket, and serve_forever polls the closed
-        socket without a pause.
+    Symptom: during shutdown, each node uses a whole core for half a second.
+    Cause: rosgraph.xmlrpc.shutdown closes the server's socket, and serve_forever polls the closed
+    socket without a pause.
     """
     rosgraph.xmlrpc.ThreadingXMLRPCServer = _Server
 
@@ -110,13 +110,14 @@ def count_written(publisher: rospy.Publisher) -> Dict[int, int]:
 def flush(publisher: rospy.Publisher, before: Dict[int, int], seconds: float = 1.0) -> None:
     """Wait until the last message of a publisher has been written to its connections.
 
-    Symptom: the last message before a node ends is lost. Cause: rospy queues messages for a thread
-    per connection (QueuedConnection in rospy/topics.py) and drops the queues at shutdown.
+    Symptom: the last message of a node is lost.
+    Cause: rospy has a queue and a thread for each connection (QueuedConnection in
+    rospy/topics.py), and discards the queues at shutdown.
 
     Args:
-        publisher: that sent the message.
-        before: what `count_written` returned before the message was published.
-        seconds: how long to wait at most [s].
+        publisher: the publisher of the message.
+        before: the result of `count_written` before the message was published.
+        seconds: timeout [s].
     """
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:

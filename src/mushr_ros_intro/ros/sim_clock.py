@@ -1,4 +1,4 @@
-"""The clocks by which the simulated car reports its pose."""
+"""The clocks of the simulated car: its own simulated clock, or ROS time."""
 
 import threading
 import time
@@ -19,14 +19,17 @@ Evaluate = Callable[[Sequence[int]], List[State]]
 Publish = Callable[[List[State]], None]
 
 HOLD_POLL_PERIOD = 0.05
-"""Between two looks at a clock that is held [s of wall-clock time]."""
+"""Period of the checks while the clock is held [s of wall-clock time]."""
 
 MAX_DELAY = 0.1
-"""A clock that falls further behind than this does not catch up [s of wall-clock time]."""
+"""If the clock is later than this, it does not catch up [s of wall-clock time]."""
 
 
 def has_to_keep_clock() -> bool:
-    """Return whether time is simulated and no live node publishes /clock. Needs no rospy node."""
+    """Return whether time is simulated and no live node publishes /clock.
+
+    This function can be called before rospy.init_node.
+    """
     master = rosgraph.get_master_uri()
     try:
         if not ask(master, CALL_TIMEOUT, "car_sim", "getParam", "/use_sim_time"):
@@ -39,7 +42,7 @@ def has_to_keep_clock() -> bool:
 
 
 class FollowedClock:
-    """ROS time, which other nodes or the machine keep.
+    """ROS time: the clock of the machine, or /clock from another node.
 
     Args:
         pose_period: between two reports of the pose [ns].
@@ -53,12 +56,12 @@ class FollowedClock:
         self.description = "from /clock" if ros_time.is_simulated() else "wall-clock"
 
     def read(self) -> int:
-        """Return the present [ns]; it runs back only if the clock is set back. Needs the lock."""
+        """Return the time [ns]; it decreases only if the clock is set back. Needs the lock."""
         self._time.update(ros_time.now())
         return self._time.now
 
     def hear(self, event: Event) -> None:
-        """Take note of an event; this clock does not wait for any."""
+        """Do nothing, because this clock does not wait for events."""
 
     def reset(self) -> None:
         """Forget all events."""
@@ -74,12 +77,13 @@ class FollowedClock:
 
 
 class KeptClock:
-    """Simulated time that this node keeps: publishes /clock, and offers ~pause, ~resume and ~step.
+    """The simulated clock of this node; publishes /clock, and offers ~pause, ~resume and ~step.
 
-    See `sim/clock.py` for how far it runs. Other args as for FollowedClock.
+    `sim/clock.py` computes the limit of the clock.
 
     Args:
-        real_time_factor: how fast the time runs; 0 for lock-step, as fast as the commands come.
+        pose_period, changed: as for FollowedClock.
+        real_time_factor: speed relative to wall-clock time; 0 is lock-step with the commands.
     """
 
     def __init__(
@@ -90,25 +94,26 @@ class KeptClock:
         self._factor = real_time_factor
         self._now = int(time.time()) * NANOSECONDS
         self._next_pose = self._now + pose_period
-        self._anchor = (time.monotonic(), self._now)  # the real-time factor applies from here
+        # The real-time factor applies from this wall-clock time [s] and this simulated time [ns].
+        self._anchor = (time.monotonic(), self._now)
         self._stream = Stream()
         self._is_paused = False
         self._has_to_step = False
         self.description = f"simulated, {real_time_factor:g} times real time"
         if real_time_factor == 0.0:
             self.description = "simulated, in lock-step with the commands"
-        # Simulated time may run fast, and every tick and pose has to arrive.
+        # Simulated time may run fast, and no message may be lost.
         self._clock_pub = rospy.Publisher("/clock", Clock, queue_size=10_000, tcp_nodelay=True)
         rospy.Service("~pause", Trigger, lambda _: self._control(True))
         rospy.Service("~resume", Trigger, lambda _: self._control(False))
         rospy.Service("~step", Trigger, lambda _: self._control(True, step=True))
 
     def read(self) -> int:
-        """Return the present [ns]; needs the lock."""
+        """Return the time [ns]; needs the lock."""
         return self._now
 
     def hear(self, event: Event) -> None:
-        """Take note of an event, which applies at its stamp; needs the lock."""
+        """Add an event, which applies at its stamp; needs the lock."""
         self._stream = self._stream.hear(
             event,
             self._now,
@@ -126,11 +131,11 @@ class KeptClock:
     def run(self, evaluate: Evaluate, publish: Publish) -> None:
         """Advance the clock until the node is shut down.
 
-        The states are published just before the clock passes them.
+        The states are published just before the clock advances past them.
 
         Args:
-            evaluate: returns the states at rising instants [ns]; called with the lock.
-            publish: publishes them; called without the lock.
+            evaluate: returns the states at increasing instants [ns]; called with the lock.
+            publish: publishes states; called without the lock.
         """
         while not rospy.is_shutdown():
             with self._changed:
@@ -147,7 +152,7 @@ class KeptClock:
             self._clock_pub.publish(Clock(clock=conversions.time_from(target)))
 
     def _next_target(self) -> Optional[int]:
-        """Return the instant to which the clock moves now [ns]; None after a wait.
+        """Return the instant to which the clock advances now [ns]; None after a wait.
 
         Needs the lock.
         """
@@ -170,7 +175,7 @@ class KeptClock:
         return target
 
     def _limit(self, wall: float) -> Optional[int]:
-        """Return how far the clock may run [ns], None if it runs freely; needs the lock."""
+        """Return the limit of the clock [ns], None if it runs freely; needs the lock."""
         if self._is_paused:
             return self._now
         stream = self._stream
@@ -181,7 +186,7 @@ class KeptClock:
             if self._factor == 0.0 and stream.drives and stream.patience == CLOCK_PATIENCE:
                 rospy.logwarn(
                     "no command arrived within %g s of wall-clock time after a command to drive; "
-                    "the clock goes on",
+                    "the clock continues",
                     stream.patience,
                 )
         return None
@@ -190,7 +195,7 @@ class KeptClock:
         """Hold the clock or release it; return the time."""
         with self._changed:
             if not (self._is_paused and is_paused):
-                self._stream = self._stream.renew(time.monotonic())  # no event is late meanwhile
+                self._stream = self._stream.renew(time.monotonic())  # the wait begins again
             self._is_paused, self._has_to_step = is_paused, step
             self._changed.notify_all()
             while self._has_to_step and not rospy.is_shutdown():

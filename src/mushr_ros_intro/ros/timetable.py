@@ -1,4 +1,4 @@
-"""When each command of a plan is due, and waiting until then."""
+"""Compute the due time of each command of a plan, and wait for it."""
 
 import time
 from contextlib import suppress
@@ -19,16 +19,16 @@ from mushr_ros_intro.sim.stamps import (
 )
 
 LOG_PERIOD = 0.5
-"""Between two progress lines at least [s of wall-clock time]; simulated time may run fast."""
+"""Minimum time between two progress lines [s of wall-clock time]; simulated time may run fast."""
 
 
 class Timetable:
     """The due times of one drive of a plan [ns].
 
-    In simulated time each command is sent one period before it is due, and the drive begins up to
-    0.9 s ahead of the clock. The simulated car lets its clock run up to the newest stamp, so a
-    stamp ahead of the clock keeps the clock from passing a command that has not been sent. In
-    wall-clock time nothing is sent early.
+    In simulated time, each command is sent one period before it is due, and the drive begins up to
+    0.9 s ahead of the clock. The simulated clock does not pass the newest stamp that is ahead of
+    it, so it never passes a command that has not been sent yet. In wall-clock time, commands are
+    not sent early.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -41,15 +41,15 @@ class Timetable:
         self.due = 0
         """When the next command is due [ns]."""
         self.end = 0
-        """When the plan ends and the car has to stop [ns]."""
+        """When the plan ends [ns]; the stamp of the stop."""
 
     def begin(self) -> int:
-        """Return the stamp for the initial pose [ns]; later than the end of the last drive.
+        """Return the stamp for the initial pose [ns]; it is later than the end of the last drive.
 
         Raises:
             rospy.ROSInterruptException: the node is shut down.
         """
-        # The clock is there only after the car has received the stop of the last drive.
+        # Then the car has received the stop of the last drive.
         ros_time.sleep_until(self.end, ros_time.now())
         self._row = 0
         return max(ros_time.now() + self._begin_lead, self.end + 1)
@@ -60,14 +60,14 @@ class Timetable:
         Raises:
             rospy.ROSInterruptException: the node is shut down.
         """
-        # In simulated time the car's report reaches this node before the clock reaches its stamp.
+        # In simulated time, the car's report arrives before the clock reaches the report's stamp.
         ros_time.sleep_until(stamp, ros_time.now())
         self.due = max(stamp + COMMAND_PERIOD, ros_time.now())
         self._next_line = self.due
         self.end = self.due + self._plan.duration
 
     def instants(self, row: Row) -> Iterator[int]:
-        """Yield the instants at which the commands of the next row are due [ns], in time.
+        """Yield the due time of each command of the next row [ns] when it has to be sent.
 
         Raises:
             ClockError: see `wait_until`.
@@ -84,9 +84,8 @@ class Timetable:
         """Sleep until a command that is due at `due` [ns] has to be sent.
 
         Raises:
-            ClockError: that is more than 1 s past or ahead. The rest of the plan would not be
-                driven
-                as planned.
+            ClockError: the clock differs from that instant by more than 1 s, so the rest of the
+                plan would be wrong.
             rospy.ROSInterruptException: the node is shut down.
         """
         wake = due - self._lead
@@ -95,13 +94,13 @@ class Timetable:
             early = wake - now
             if abs(early) > STAMP_TOLERANCE:
                 raise ros_time.ClockError(
-                    f"a command was to be sent {early / NANOSECONDS:+.1f} s from now. Either the "
-                    "clock was set, this machine stood still, or the network to the master is cut. "
-                    "The plan is given up"
+                    f"a command has to be sent {early / NANOSECONDS:+.1f} s from now; expected at "
+                    "most 1 s. Either the clock was set, this machine was suspended, or the "
+                    "network to the master is cut. The drive ends"
                 )
             if early <= 0:
                 return
-            ros_time.sleep_until(wake, now)  # if the clock is set back, the next look finds it
+            ros_time.sleep_until(wake, now)  # returns early if the clock is set back
 
     def _log_progress(self, row: Row, due: int) -> None:
         """Log the present row once per second of the plan, and call the master."""

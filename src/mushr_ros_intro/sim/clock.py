@@ -1,14 +1,13 @@
-"""Decide how far the simulated clock may run, so that no command arrives too late.
+"""Compute the limit of the simulated clock, so that no command arrives too late.
 
-1. The clock never passes the newest stamp that was ahead of it. Such a stamp is a promise: the
-   sender
-   sends nothing older afterwards.
-2. In lock-step (real-time factor 0), a command without such a stamp lets the clock run one period
-   further. The period is learned from the stamps.
-3. After an initial pose, the clock runs until the car has reported that pose, because the sender
-   may
-   wait for the report.
-4. If nothing arrives for a while of wall-clock time, the clock runs freely until the next event.
+1. The clock never passes the newest stamp that was ahead of it. Such a stamp is a promise: no later
+   message of the sender has an older stamp.
+2. In lock-step (real-time factor 0), after a command whose stamp is not ahead, the limit is one
+   period after the stamp. The period is learned from the stamps.
+3. After an initial pose, the limit is the time at which the car reports that pose, because the
+   sender may wait for the report.
+4. If no event arrives within the patience [s of wall-clock time], the clock runs freely until the
+   next event.
 
 Stamps are integer nanoseconds of simulated time; `wall` is monotonic wall-clock time in seconds.
 """
@@ -29,34 +28,33 @@ STEP_TOLERANCE = 0.1
 """Relative difference up to which two steps between commands count as equal."""
 
 MAX_PERIOD = 2 * NANOSECONDS
-"""Commands further apart than this belong to two streams [ns]."""
-
+"""A longer step between two commands begins a new stream [ns]."""
 
 LONG_STEP = NANOSECONDS // 2
-"""After a longer step between two commands, the patience is as at first [ns]."""
+"""A longer step between two commands resets the patience [ns]."""
 
 
 class Stream(NamedTuple):
-    """The events (commands and initial poses) that have reached the car, as far as they matter."""
+    """A summary of the events (commands and initial poses) that have reached the car."""
 
     limit: int = 0
-    """How far the clock may run [ns]; never decreases."""
+    """The limit of the clock [ns]; never decreases."""
     newest: Optional[int] = None
     """Stamp of the newest command since the initial pose [ns]."""
     step: int = 0
-    """Between the stamps of the newest two commands [ns]; 0 if unknown."""
+    """Step between the stamps of the newest two commands [ns]; 0 if unknown."""
     period: int = COMMAND_PERIOD
-    """Between the stamps of commands, as far as it is known [ns]."""
+    """Learned period of the commands [ns]."""
     drives: bool = False
-    """Whether the newest command drives the car."""
+    """Whether the newest command is not a stop."""
     patience: float = CLOCK_PATIENCE
-    """How long to wait for the next event [s]."""
+    """Longest wait for the next event after a command to drive [s of wall-clock time]."""
     deadline: float = -math.inf
-    """Until when the clock waits [s of wall-clock time]."""
+    """End of the wait [s of monotonic wall-clock time]."""
 
     @property
     def wait(self) -> float:
-        """How long the clock waits for the next event [s]; a stop ends most plans."""
+        """Longest wait for the next event [s of wall-clock time]; shorter after a stop."""
         is_at_rest = self.newest is not None and not self.drives
         return min(self.patience, CLOCK_PATIENCE_AT_REST) if is_at_rest else self.patience
 
@@ -66,11 +64,11 @@ class Stream(NamedTuple):
 
     @property
     def is_expired(self) -> bool:
-        """Whether the clock waits for nothing until the next event."""
+        """Whether the clock runs freely until the next event."""
         return self.deadline == -math.inf
 
     def expire(self) -> "Stream":
-        """Return the stream after a wait in vain: the next wait is half as long."""
+        """Return the stream after a wait without an event: the next wait is half as long."""
         patience = max(MIN_CLOCK_PATIENCE, self.patience / 2.0)
         return self._replace(patience=patience, deadline=-math.inf)
 
@@ -95,7 +93,7 @@ class Stream(NamedTuple):
             stream = Stream(limit=max(self.limit, next_report), deadline=wall + CLOCK_PATIENCE)
             return stream if is_ahead or lock_step else Stream(self.limit)
         if self.newest is not None and event.stamp < self.newest:
-            return self.renew(wall)  # late or out of order; the newest command still counts
+            return self.renew(wall)  # late or out of order; the newest command stays the same
         if not (is_ahead or lock_step):
             return self._replace(newest=event.stamp, deadline=-math.inf)
 
@@ -104,10 +102,10 @@ class Stream(NamedTuple):
         drives = event.speed != 0.0 or event.steering_angle != 0.0
         continues = known.newest is not None and step <= (1.0 + STEP_TOLERANCE) * known.period
         if not (is_ahead or drives or continues):
-            return self  # a stop by the mux: nothing follows from it
+            return self  # a stop by the mux, which is not part of the stream
 
         period = known.period
-        # A busy machine delivers the first messages at odd times, so only a repeated step counts.
+        # On a busy machine, the first steps may be irregular, so only a repeated step counts.
         if (
             known.newest is not None
             and step > 0

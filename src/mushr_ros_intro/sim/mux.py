@@ -1,8 +1,8 @@
-"""Decide which of several command inputs drives the car.
+"""Select one of several command inputs for the car.
 
-Each input has a priority and a timeout. A command passes unless an input of higher priority is
-live: the input has sent a command less than its timeout ago. All instants are the stamps of
-commands [ns], so the decision does not depend on when a busy machine delivers them.
+Each input has a priority and a timeout. An input is live until its timeout after its last command.
+A command passes unless an input of higher priority is live. All instants are stamps of commands
+[ns], so the selection does not depend on the time at which the commands arrive.
 """
 
 from typing import NamedTuple, Optional, Tuple
@@ -11,20 +11,20 @@ from mushr_ros_intro.sim.mux_config import IDLE, Input
 
 
 class Mux(NamedTuple):
-    """The state of a mux. Begin with Mux(); each method returns the state that follows."""
+    """The state of a mux. Begin with Mux(); each method returns the next state."""
 
     expires: Tuple[Tuple[Input, int], ...] = ()
-    """Each live input, and when its last command expires [ns]."""
+    """Each live input, and the instant at which its last command expires [ns]."""
     active: str = IDLE
     """The name of the input that drives, or idle."""
 
     def command(self, source: Input, stamp: int, slack: int = 0) -> Tuple["Mux", bool]:
-        """Take a command from `source`, and return whether it passes.
+        """Return the state after a command, and whether the command passes.
 
         Args:
-            source: the input.
-            stamp: of the command [ns].
-            slack: how much later than after the input's timeout the command expires [ns].
+            source: the input of the command.
+            stamp: the stamp of the command [ns].
+            slack: time that is added to the input's timeout for this command [ns].
         """
         passes = not any(
             other.priority > source.priority and stamp < until for other, until in self.expires
@@ -35,15 +35,14 @@ class Mux(NamedTuple):
 
     @property
     def deadline(self) -> Optional[int]:
-        """When the last live input expires if no command comes before [ns]; None if idle."""
+        """When the last live input expires if no command arrives [ns]; None if idle."""
         return max((until for _, until in self.expires), default=None)
 
     def expire(self, now: int) -> Tuple["Mux", Optional[int]]:
-        """Let time pass until `now` [ns].
+        """Return the state at `now` [ns].
 
-        Returns:
-            The state that follows; and when the car has to stop [ns] if the last live input has
-            expired, otherwise None.
+        Also return the instant at which the car has to stop [ns] if the last live input has
+        expired, otherwise None.
         """
         deadline = self.deadline
         if deadline is None or now < deadline:
@@ -51,5 +50,8 @@ class Mux(NamedTuple):
         return Mux(), deadline
 
     def restart(self, now: int) -> "Mux":
-        """Let every live input expire at `now` [ns], because the clock was set back."""
+        """Return the state in which every live input expires at `now` [ns].
+
+        For a clock that was set back.
+        """
         return self._replace(expires=tuple((each, now) for each, _ in self.expires))

@@ -1,4 +1,4 @@
-"""Read the configuration of a mux, in the form of MuSHR's ackermann_cmd_mux."""
+"""Read the configuration of a mux, in the format of MuSHR's ackermann_cmd_mux."""
 
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
@@ -15,9 +15,9 @@ class Input(NamedTuple):
     name: str
     topic: str
     timeout: int
-    """How long the input stays live after a command [ns]."""
+    """Time after a command for which the input is live [ns]."""
     priority: int
-    """The higher one wins."""
+    """The live input with the highest priority drives."""
     short_desc: str
 
 
@@ -27,23 +27,23 @@ class Config(NamedTuple):
     inputs: Tuple[Input, ...]
     """In the order of decreasing priority."""
     publisher: str
-    """The topic for the commands of the input that drives."""
+    """The topic of the forwarded commands."""
 
 
 class ConfigError(UserError):
-    """A mux configuration that cannot be used; the message names every fault."""
+    """An invalid mux configuration; the message lists all faults."""
 
 
 def parse_config(raw: Any) -> Config:
-    """Read a configuration in the form of MuSHR's ackermann_cmd_mux.
+    """Read a configuration in the format of MuSHR's ackermann_cmd_mux.
 
     Args:
         raw: ``{"subscribers": [{"name", "topic", "timeout" [s], "priority", "short_desc"}, ...],
-            "publisher": topic}``; short_desc may be left out.
+            "publisher": topic}``; short_desc is optional.
 
     Raises:
-        ConfigError: keys are missing or unknown, values are of the wrong kind, or two inputs
-            share a name, a topic or a priority, or one has the topic of the publisher.
+        ConfigError: keys are missing or unknown, values have the wrong type, two inputs have the
+            same name, topic or priority, or an input has the topic of the publisher.
     """
     faults: List[str] = []
     if not isinstance(raw, dict):
@@ -84,7 +84,7 @@ def parse_config(raw: Any) -> Config:
 
 
 def _parse_input(entry: Any, where: str, faults: List[str]) -> Optional[Input]:
-    """Read one entry of the list of inputs; add what is wrong with it to `faults`."""
+    """Read one entry of the list of inputs; add its faults to `faults`."""
     before = len(faults)
     if not isinstance(entry, dict):
         faults.append(f"{where} is {entry!r}; expected name, topic, timeout and priority")

@@ -1,26 +1,26 @@
-"""Find out from what the mux publishes whether another node has taken over the car."""
+"""Detect that another input has taken over the car."""
 
 from typing import NamedTuple
 
 from mushr_ros_intro.sim.mux_config import IDLE
 
 NOBODY = (IDLE, "default")
-"""The active inputs, in lower case, while nobody drives: MuSHR's `default` gets stops only."""
+"""The active inputs, in lower case, if no input drives: MuSHR's `default` gets only stops."""
 
 
 class TakeoverMonitor(NamedTuple):
-    """The state of a sender's claim to the car.
+    """The monitor of a node that sends commands to one input of the mux.
 
-    The car is lost for good if another input drives it. It is also lost if no input drives it after
-    the sender's input did, because the commands arrived too late.
+    The car is lost if another input drives. It is also lost if no input drives after the sender's
+    input has driven, because the commands arrived too late. A lost car stays lost.
     """
 
     ours: str
     """The name of the sender's input, such as navigation; case does not matter."""
     had: bool = False
-    """Whether the sender's input drives the car."""
+    """Whether the sender's input has driven the car."""
     lost_to: str = ""
-    """The active input when the car was lost; empty before."""
+    """The active input at which the car was lost; empty if it is not lost."""
 
     def hear(self, active: str, is_sending: bool) -> "TakeoverMonitor":
         """Return the state after the mux published `active`."""
@@ -32,5 +32,5 @@ class TakeoverMonitor(NamedTuple):
         return self._replace(lost_to=active.strip() or IDLE)
 
     def rest(self) -> "TakeoverMonitor":
-        """Return the state after a plan's stop: until its next command, the car may be idle."""
+        """Return the state after the stop of a plan; the mux may then be idle."""
         return self._replace(had=False)

@@ -170,7 +170,7 @@ class TestClock(unittest.TestCase):
             self.runs_on(2.0, "while the client stood still")
             driver.send_signal(signal.SIGCONT)
             self.assertEqual(driver.wait(PATIENCE), 1, driver.output)
-            self.assertIn("stood still", driver.output)
+            self.assertIn("was suspended", driver.output)
         self.runs_on(0.5, "after its stop")
 
     def test_a_recorder_that_stands_still(self):

@@ -82,7 +82,7 @@ class TestPathPublisher(RosTestCase):
             wait_for(lambda: (rospy.Time.now() - stopped).to_sec() > 1.5, "time to pass")
             publisher.send_signal(signal.SIGCONT)
             self.assertEqual(publisher.wait(), 1, publisher.output)
-        self.assertIn("stood still", publisher.output)
+        self.assertIn("was suspended", publisher.output)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
 
     def test_loop(self):
@@ -160,7 +160,7 @@ class TestPathPublisher(RosTestCase):
         topics = (f"_control_topic:={CONTROL}", "_init_pose_topic:=/initialpose")
         with node("path_publisher.py", *options, *topics) as publisher:
             self.assertEqual(publisher.wait(), 1, publisher.output)
-        self.assertIn("did not take the start pose", publisher.output)
+        self.assertIn("was not at the start pose", publisher.output)
         self.assertGreater(len(ghost.calls["requestTopic"]), 1)
         self.assertEqual(self.commands.messages, [])
 
@@ -205,7 +205,7 @@ class TestPathPublisher(RosTestCase):
             # slalom starts at the origin, so the car must be elsewhere
             self.assertEqual(publisher.wait(), 1, publisher.output)
         wrong.unregister()
-        self.assertIn("did not take the start pose (0.0000 m", publisher.output)
+        self.assertIn("was not at the start pose (0.0000 m", publisher.output)
         self.assertEqual(self.commands.messages, [])
 
 

@@ -109,7 +109,9 @@ class TestRealCar(unittest.TestCase):
         ellipses = Recording(NAME + "/spread_ellipses", MarkerArray)
         plan = self.plan("1,2,0.5\n0.5,0.1\n0.8,-0.1,3\n")
         output = self.drive(f"_plan_file:={plan}", "_spread:=true")
-        self.assertIn("1000 cars with random errors end 0.", output)
+        self.assertIn(
+            "spread of 1000 drives with random errors: the final positions are 0.", output
+        )
         wait_for(lambda: cloud.last and ellipses.last, "the spread")
         poses = np.array([planar(pose) for pose in cloud.last.poses])
         self.assertEqual(poses.shape, (1000, 3))
@@ -137,7 +139,7 @@ class TestRealCar(unittest.TestCase):
         plan = self.plan("1,2,3\n0.5,0.1\n0,0\n")
         output = self.drive(f"_plan_file:={plan}", "_strict:=true", "_spread:=true", "_car:=ideal")
         self.assertEqual(WARNINGS.findall(output), [])
-        self.assertIn("this car has no noise, so there is no spread to show", output)
+        self.assertIn("the spread is not published: this car has no noise", output)
         self.assertIn("the car drove 0.", output)
         self.assertEqual(cloud.messages, [])
 
@@ -154,11 +156,11 @@ class TestRealCar(unittest.TestCase):
             (["_active_topic:=5"], ["parameter ~active_topic is 5; expected text"]),
             (
                 ["_active_topic:=/nobody", "_subscriber_timeout:=3.0", "_send_init_pose:=false"],
-                ["nothing was published on /nobody within 3 s"],
+                ["no message was published on /nobody within 3 s"],
             ),
             (
                 ["/map:=/broken_map", f"_plan_file:={in_wall}", "_subscriber_timeout:=3.0"],
-                ["not checked against the map on /broken_map: ", "did not take the start pose"],
+                ["not checked against the map on /broken_map: ", "was not at the start pose"],
             ),
         ]
         nodes = [
@@ -186,7 +188,7 @@ class TestRealCar(unittest.TestCase):
         self.assertIn("process has finished cleanly", launch.output)
         warning = "rows 1 to 2 ask for -1.5 to 2 m/s; the largest speed allowed is 1 m/s"
         self.assertIn(f"{plan}:2:1: {warning}", launch.output)
-        self.assertIn("the car drives in 1 s", launch.output)
+        self.assertIn("the car starts to drive in 1 s", launch.output)
         self.assertIn("should stand 1.00 m ahead of its start, 0.00 m to the left", launch.output)
         self.assertEqual(self.placements.messages, [])
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
@@ -198,7 +200,7 @@ class TestRealCar(unittest.TestCase):
         plan = self.plan("1,2,0.5\n0.5,0.3,2500\n")
         arguments = (f"_plan_file:={plan}", "_countdown:=60", "_car:=ideal")
         with node("path_publisher.py", *arguments) as driver:
-            wait_for(lambda: "the car drives in 60 s" in driver.output, "the countdown")
+            wait_for(lambda: "the car starts to drive in 60 s" in driver.output, "the countdown")
             path = wait_for(lambda: self.paths.last, "the predicted path")
             driver.send_signal(signal.SIGINT)
             self.assertEqual(driver.wait(), 0, driver.output)
@@ -224,7 +226,7 @@ class TestRealCar(unittest.TestCase):
             self.assertEqual(driver.wait(), 1, driver.output)
         teleop.unregister()
         self.assertEqual(driver.output.count("FATAL"), 1, driver.output)
-        self.assertIn("active is 'teleop': another node drives the car", driver.output)
+        self.assertIn("active is 'teleop': another input drives the car", driver.output)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         self.assertEqual([m.drive.speed for m in self.commands.messages].count(0.0), 1)
         self.assertLess(len(self.commands.messages), 9000)
@@ -246,7 +248,7 @@ class TestRealCar(unittest.TestCase):
         """Its names are others, it gets stops by default, and its joystick has the car at first."""
         mux = rospy.Publisher("/active", String, queue_size=10, latch=True)
         output = self.drive_under(mux, "Teleoperation")
-        self.assertIn("/active is 'Teleoperation': another node drives the car", output)
+        self.assertIn("/active is 'Teleoperation': another input drives the car", output)
         self.assertIn("(RB) is pressed", output)
         self.assertEqual(self.commands.messages, [])
         output = self.drive_under(mux, "Default", "Navigation", "Default")

@@ -60,7 +60,7 @@ class TestWalls(RosTestCase):
         # Tests run in the order of their names. Without the map there are no walls.
         def is_refused():
             self.placements.publish(placement(rospy.Time.now(), 49.9, 0.0, 0.0))
-            return self.warnings("refused")
+            return self.warnings("rejected")
 
         wait_for(is_refused, "the car to have the map")
 
@@ -106,9 +106,9 @@ class TestWalls(RosTestCase):
             return self.warnings("(49.3")  # repeated, because there is at most one warning a second
 
         warning = wait_for(refusals, "the warning")[0]
-        self.assertIn("refused", warning)
+        self.assertIn("rejected", warning)
         self.assertIn(
-            "refused the initial pose (49.3000 m, 0.5000 m, 0.2500 rad) on /initialpose", warning
+            "rejected the initial pose (49.3000 m, 0.5000 m, 0.2500 rad) on /initialpose", warning
         )
         self.assert_pose(self.poses.pose_at_rest(rospy.Time.now()), (1.0, 2.0, 3.0))
 
@@ -122,7 +122,7 @@ class TestWalls(RosTestCase):
     def test_a_car_that_starts_in_a_wall(self):
         arguments = ("__name:=stuck", "__ns:=other", "_x:=49.3", "_y:=3.0")
         with node("car_sim.py", *arguments) as car:
-            wait_for(lambda: "stands in a wall at (49.3000 m, 3.0" in car.output, "the warning")
+            wait_for(lambda: "is inside a wall at (49.3000 m, 3.0" in car.output, "the warning")
 
 
 if __name__ == "__main__":
