@@ -14,7 +14,7 @@ Parameters, all private:
 """
 
 import math
-from typing import Any, Callable, Dict, Tuple
+from typing import Any
 
 import rospy
 import tf2_ros
@@ -29,14 +29,7 @@ from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.ros.conversions import MessageError, pose_from_msg
 from mushr_ros_intro.ros.node_test_case import NodeTestCase, main
 
-_TYPES: Dict[str, Tuple[Any, Callable[[Any], PoseMsg]]] = {
-    "geometry_msgs/PoseStamped": (PoseStamped, lambda msg: msg.pose),
-    "geometry_msgs/PoseWithCovarianceStamped": (
-        PoseWithCovarianceStamped,
-        lambda msg: msg.pose.pose,
-    ),
-    "nav_msgs/Odometry": (Odometry, lambda msg: msg.pose.pose),
-}
+_TYPES = {kind._type: kind for kind in (PoseStamped, PoseWithCovarianceStamped, Odometry)}
 
 
 class PoseTest(NodeTestCase):
@@ -98,8 +91,11 @@ class PoseTest(NodeTestCase):
         )
         if found not in _TYPES:
             self.fail(f"{topic} has the type {found}; expected one of {', '.join(_TYPES)}")
-        message_class, pose_of = _TYPES[found]
-        self.subscribe(topic, message_class, lambda msg: self._take(msg.header, pose_of(msg)))
+        self.subscribe(
+            topic,
+            _TYPES[found],
+            lambda msg: self._take(msg.header, getattr(msg.pose, "pose", msg.pose)),
+        )
 
     def _listen_to_tf(self) -> None:
         """Collect the poses of the transform."""

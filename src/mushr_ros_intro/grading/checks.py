@@ -11,7 +11,7 @@ from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.car.bicycle import Pose, compose, drive_arc, inverse
+from mushr_ros_intro.car.bicycle import Pose, compose, inverse
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 
@@ -173,36 +173,30 @@ def odometry_faults(
 def _motion_fault(one: Motion, other: Motion, position: float, angle: float) -> str:
     """Return how two odometry messages contradict each other; empty if they do not.
 
-    Between them the child frame moves along an arc. Its speed and its turn rate are between those
-    of the two messages.
+    The twist that moves the child frame from one pose to the other must be between those of the two
+    messages. It is the logarithm of the motion; see Lynch and Park, "Modern Robotics", section 3.3.
     """
     seconds = (other.stamp - one.stamp) / NANOSECONDS
     moved = compose(inverse(one.pose), other.pose)
     turn = math.remainder(moved.theta, math.tau)
-    distance = math.copysign(math.hypot(moved.x, moved.y), moved.x)  # of the chord
-    distance /= math.sin(turn / 2.0) / (turn / 2.0) if turn else 1.0  # of the arc
-    where = f"in the {seconds:g} s before {other.stamp / NANOSECONDS:.3f}"
-    speeds = sorted((one.speed, other.speed))
-    rates = sorted((one.turn_rate, other.turn_rate))
-    lateral = max(one.lateral_speed, other.lateral_speed, key=abs)
-    if not speeds[0] * seconds - position <= distance <= speeds[1] * seconds + position:
-        return (
-            f"{where} the pose moves by {distance:.6g} m, which is {distance / seconds:.6g} m/s; "
-            f"the twist says {_range(speeds)} m/s"
-        )
-    if not rates[0] * seconds - angle <= turn <= rates[1] * seconds + angle:
-        return (
-            f"{where} the pose turns by {turn:.6g} rad, which is {turn / seconds:.6g} rad/s; "
-            f"the twist says {_range(rates)} rad/s"
-        )
-    if abs(lateral) * seconds > position:
-        side = "left" if lateral > 0.0 else "right"
-        return f"{where} the twist says {abs(lateral):.6g} m/s to the {side}; expected none"
-    # The direction of the chord is known exactly only if the turn rate is constant.
-    slack = position + abs(distance) * (rates[1] - rates[0]) * seconds
-    end = drive_arc(one.pose, distance, turn / distance if distance else 0.0)
-    if end.distance_to(other.pose) > slack:
-        return f"{where} the pose moves sideways to {other.pose}; expected {end}"
+    half = 0.5 * turn
+    scale = half / math.tan(half) if half else 1.0
+    ahead, left = scale * moved.x + half * moved.y, scale * moved.y - half * moved.x
+    # A turn rate that changes on the way also moves the child frame sideways.
+    slack = position + abs(ahead) * abs(other.turn_rate - one.turn_rate) * seconds
+    for name, unit, change, tolerance, rates in (
+        ("to the left", "m", left, slack, (one.lateral_speed, other.lateral_speed)),
+        ("ahead", "m", ahead, position, (one.speed, other.speed)),
+        ("counter-clockwise", "rad", turn, angle, (one.turn_rate, other.turn_rate)),
+    ):
+        low, high = sorted(rates)
+        if not low * seconds - tolerance <= change <= high * seconds + tolerance:
+            twist = f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
+            return (
+                f"in the {seconds:g} s before {other.stamp / NANOSECONDS:.3f} the pose moves by "
+                f"{change:.6g} {unit} {name}, which is {change / seconds:.6g} {unit}/s; "
+                f"the twist says {twist} {unit}/s"
+            )
     return ""
 
 
@@ -221,12 +215,6 @@ def pose_fault(pose: Pose, wanted: Pose, position: float, angle: Optional[float]
     message = f"the pose {pose} is {distance:.3g} m and {turn:.3g} rad from {wanted}"
     tolerances = f"{position:g} m" if angle is None else f"{position:g} m and {angle:g} rad"
     return f"{message}; tolerance {tolerances}"
-
-
-def _range(values: Sequence[float]) -> str:
-    """Return two values as text, or one if they are equal."""
-    low, high = values
-    return f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
 
 
 def _counted(number: int) -> str:

@@ -1,7 +1,7 @@
 """The values of a plan: a start pose and rows of commands."""
 
 import struct
-from typing import NamedTuple, Sequence, Tuple
+from typing import List, NamedTuple, Sequence, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
@@ -82,17 +82,18 @@ class Fault(NamedTuple):
         return f"{self.path}:{self.line}:{self.column}: {self.text}"
 
 
+def fault_lines(faults: Sequence[Fault], shown: int = 20) -> List[str]:
+    """Return the first few faults as lines of text, and the number of the others."""
+    more = len(faults) - shown
+    return [*map(str, faults[:shown]), *([f"... and {more} more faults"] if more > 0 else [])]
+
+
 class PlanError(UserError):
     """A plan file that cannot be driven, with all its faults in ``faults``."""
 
-    SHOWN = 20
-
     def __init__(self, faults: Sequence[Fault]):
         self.faults = tuple(faults)
-        lines = [str(fault) for fault in self.faults[: self.SHOWN]]
-        if len(self.faults) > self.SHOWN:
-            lines.append(f"... and {len(self.faults) - self.SHOWN} more faults")
-        super().__init__("\n".join(lines))
+        super().__init__("\n".join(fault_lines(faults)))
 
 
 def as_float32(value: float) -> float:

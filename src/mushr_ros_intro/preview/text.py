@@ -3,16 +3,13 @@
 import math
 from typing import Any, Dict, Iterator, Optional, Sequence
 
-from mushr_ros_intro.plan.model import Fault, shortest_decimal
+from mushr_ros_intro.plan.model import Fault, fault_lines, shortest_decimal
 from mushr_ros_intro.preview.report import Report
 from mushr_ros_intro.preview.spread import Errors, Spread
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 SHOWN_ROWS = 40
 """Of a longer plan only the first and the last rows are shown."""
-
-SHOWN_FAULTS = 20
-"""Of more faults only so many are shown, and the number of the others."""
 
 
 def as_text(report: Report, spread: Optional[Spread] = None) -> Iterator[str]:
@@ -93,10 +90,7 @@ def _counted(count: int, thing: str) -> str:
 
 def verdict(faults: Sequence[Fault]) -> Iterator[str]:
     """Yield the faults, and their number."""
-    for fault in faults[:SHOWN_FAULTS]:
-        yield str(fault)
-    if len(faults) > SHOWN_FAULTS:
-        yield f"... and {len(faults) - SHOWN_FAULTS} more faults"
+    yield from fault_lines(faults)
     yield _counted(len(faults), "fault") if faults else "no faults"
 
 

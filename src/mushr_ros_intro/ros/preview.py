@@ -2,7 +2,7 @@
 
 import math
 import os
-from typing import List, Optional, Sequence
+from typing import Optional, Sequence
 
 import rosgraph
 import rospy
@@ -17,12 +17,11 @@ from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.find import find_plan, read_plan
-from mushr_ros_intro.plan.model import Fault
+from mushr_ros_intro.plan.model import Fault, fault_lines
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview.limits import slowed
 from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.preview.spread import spread
-from mushr_ros_intro.preview.text import SHOWN_FAULTS
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.car_pose import POSE_TOLERANCE, CarPose
 from mushr_ros_intro.ros.connections import is_published
@@ -113,7 +112,7 @@ class Preview:
         grid = _read_map() if self._is_placed else None
         report = check(self.plan, self._profile_name, self._car, "", grid)
         if report.faults and self._is_strict:
-            faults = "\n".join(_lines(report.faults))
+            faults = "\n".join(fault_lines(report.faults))
             raise StrictError(f"~strict is set and the plan has faults; it is not driven\n{faults}")
         _warn(report.faults)
         self._world = World(grid) if grid and report.hit else None
@@ -223,13 +222,5 @@ def _read_map() -> Optional[Grid]:
 
 def _warn(faults: Sequence[Fault]) -> None:
     """Log a bounded number of faults as warnings."""
-    for line in _lines(faults):
+    for line in fault_lines(faults):
         rospy.logwarn("%s", line)
-
-
-def _lines(faults: Sequence[Fault]) -> List[str]:
-    """Return a bounded number of faults as lines."""
-    lines = [str(fault) for fault in faults[:SHOWN_FAULTS]]
-    if len(faults) > SHOWN_FAULTS:
-        lines.append(f"... and {len(faults) - SHOWN_FAULTS} more")
-    return lines

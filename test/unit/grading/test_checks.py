@@ -94,18 +94,18 @@ def changed(change):
         (lambda _, each: {"theta": math.remainder(each.pose.theta, math.tau)}, ""),
         (
             lambda _, each: {"speed": 0.1 * each.speed},
-            "in the 0.1 s before 0.100 the pose moves by 0.1 m, which is 1 m/s; "
+            "in the 0.1 s before 0.100 the pose moves by 0.1 m ahead, which is 1 m/s; "
             "the twist says 0.1 m/s",
         ),
         (
             lambda _, each: {"turn_rate": 0.5 * each.turn_rate},
-            "in the 0.1 s before 0.100 the pose turns by 0.05 rad, which is 0.5 rad/s; "
-            "the twist says 0.25 rad/s",
+            "in the 0.1 s before 0.100 the pose moves by 0.05 rad counter-clockwise, which is "
+            "0.5 rad/s; the twist says 0.25 rad/s",
         ),
-        (lambda _, each: {"lateral_speed": 0.1}, "the twist says 0.1 m/s to the left; expected"),
-        (lambda k, _: {"lateral_speed": -0.1 * (k == 0)}, "the twist says 0.1 m/s to the right"),
-        (lambda _, each: {"theta": each.pose.theta + 0.3}, "the pose moves sideways to (0.9"),
-        (lambda k, each: {"x": each.pose.x - 3.0 * (k > 0)}, "the pose moves by 3"),
+        (lambda _, each: {"lateral_speed": 0.1}, " m to the left, which is "),
+        (lambda _, each: {"lateral_speed": -0.1}, " m/s; the twist says -0.1 m/s"),
+        (lambda _, each: {"theta": each.pose.theta + 0.1}, " m to the left, which is -0.0998334"),
+        (lambda k, each: {"x": each.pose.x - 3.0 * (k > 0)}, " m to the left, which is "),
     ],
 )
 def test_odometry(change, fault):
