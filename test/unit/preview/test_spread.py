@@ -142,7 +142,7 @@ def test_mean_and_covariance_are_those_in_closed_form(name, errors):
 @pytest.mark.parametrize(
     "errors, deviation",
     [
-        (Errors(speed_scale=0.03), 0.03 * 20.0),
+        (Errors(speed_scale=0.1), 0.1 * 20.0),
         (Errors(speed=0.1), 0.1 * 0.1 * math.sqrt(100)),
     ],
 )
