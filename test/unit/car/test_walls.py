@@ -117,8 +117,8 @@ def test_a_car_that_starts_in_a_wall_can_drive():
         assert state.collision is None
 
 
-def test_a_late_map_applies_to_the_whole_history():
-    events = held(2.0, 0.1, 0, 900)
+@pytest.mark.parametrize("events", [held(2.0, 0.1, 0, 900), [(0, 6.0, 0.1)]])
+def test_a_late_map_applies_to_the_whole_history(events):
     made = history(Pose(48.5, 3.0, 0.0), *events, world=None)
     assert at(made, 1000).pose.x > WALL
     made.build(SANDBOX)

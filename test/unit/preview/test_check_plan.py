@@ -476,6 +476,8 @@ def test_json(tmp_path):
     assert parking["rows"]["line"] == [4, 5, 6, 7, 8, 9, 10, None]
     assert len(set(map(len, parking["rows"].values()))) == 1
     assert parking["ends_at_rest"] is False
+    for name in ("speed", "steering_angle"):
+        assert parking["rows"][name][-1] == 0.0, name  # the stop
     assert parking["spread"]["runs"] == 50
     assert len(parking["spread"]["sampled"]["covariance"][-1]) == 3
     report = report_on("parallel_parking")

@@ -105,7 +105,7 @@ def test_without_errors_an_ideal_car_ends_where_the_single_car_ends(rows):
 @pytest.mark.parametrize(
     "errors, deviations",
     [
-        (Errors(speed_scale=0.03), (0.03 * 20.0, 0.0, 0.0)),
+        (Errors(speed_scale=0.1), (0.1 * 20.0, 0.0, 0.0)),
         (Errors(speed=0.1), (0.1 * 0.1 * math.sqrt(100), 0.0, 0.0)),
         (Errors(start_position=0.05), (0.05, 0.05, 0.0)),
         (Errors(start_heading=0.001), (0.0, 20.0 * 0.001, 0.001)),
