@@ -1,7 +1,8 @@
-"""What several of the rostests need: recording topics, waiting with a deadline, the closed form."""
+"""Tools of the tests: record topics, wait with a deadline, start processes, the closed form."""
 
 import cmath
 import contextlib
+import glob
 import importlib.util
 import math
 import os
@@ -14,6 +15,7 @@ import tempfile
 import threading
 import time
 import unittest
+import weakref
 from urllib.parse import urlsplit
 
 import rosgraph.xmlrpc
@@ -33,8 +35,35 @@ ANGLE_TOLERANCE = 1e-6
 LEAD = rospy.Duration(0.3)
 """How far ahead of the clock the tests stamp their first message: time to send the rest."""
 
-PATIENCE = 30.0
-"""[s] How long to wait for what should come at once: a busy machine is not a failure."""
+PATIENCE = 60.0
+"""[s] The time limit of a wait for what an idle machine does at once."""
+
+LOG_LINES = 30
+"""How many lines of each log a failure shows."""
+
+_processes = weakref.WeakSet()
+
+
+class Failure(AssertionError):
+    """A failure whose message ends with the logs of the nodes."""
+
+    def __init__(self, message):
+        super().__init__(f"{message}{logs()}")
+
+
+def logs():
+    """Return the last lines of what each process of the test has written.
+
+    Includes the nodes that the launch file of a rostest has started.
+    """
+    outputs = {process.command: process.output for process in _processes}
+    if rospy.core.is_initialized():
+        folder = os.path.join(rospkg.get_log_dir(), rospy.get_param("/run_id", ""))
+        for path in glob.glob(f"{folder}/*-[0-9]*.log"):
+            with open(path, errors="replace") as file:
+                outputs[os.path.basename(path)] = file.read()
+    tails = {name: "\n".join(text.splitlines()[-LOG_LINES:]) for name, text in outputs.items()}
+    return "".join(f"\n--- {name}:\n{tail}" for name, tail in sorted(tails.items()))
 
 
 def float32(value):
@@ -102,16 +131,16 @@ def at(begin, seconds):
 
 
 def wait_for(condition, what, patience=PATIENCE):
-    """Return the first true value of `condition`; fail with `what` was waited for after a while."""
+    """Return the first true value of `condition`; fail after `patience` [s] without one."""
     deadline = time.monotonic() + patience
     while True:
         value = condition()
         if value:
             return value
         if rospy.is_shutdown():
-            raise AssertionError(f"shut down while waiting for {what}")
+            raise Failure(f"shut down while waiting for {what}")
         if time.monotonic() > deadline:
-            raise AssertionError(f"waited {patience:g} s for {what}")
+            raise Failure(f"waited {patience:g} s for {what}")
         time.sleep(0.01)
 
 
@@ -123,7 +152,12 @@ def free_port():
 
 
 class RosTestCase(unittest.TestCase):
-    """A test case with a temporary folder for plans, and with a check of poses."""
+    """A test case with a temporary folder for plans, and with a check of poses.
+
+    The message of a failure includes the logs of the nodes.
+    """
+
+    failureException = Failure
 
     def setUp(self):
         self.folder = tempfile.mkdtemp()
@@ -353,6 +387,7 @@ class Process:
     """A command that a test starts, watches and ends."""
 
     def __init__(self, *command, **environment):
+        self.command = " ".join(map(os.path.basename, command))
         self._process = subprocess.Popen(
             command,
             stdout=subprocess.PIPE,
@@ -363,6 +398,7 @@ class Process:
         self._lines = []
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
+        _processes.add(self)
 
     def _read(self):
         for line in self._process.stdout:
@@ -390,7 +426,7 @@ class Process:
             status = self._process.wait(patience)
         except subprocess.TimeoutExpired:
             self.end()
-            raise AssertionError(f"no end after {patience:g} s: {self.output}") from None
+            raise Failure(f"no end of {self.command} after {patience:g} s") from None
         self._reader.join(5.0)
         return status
 

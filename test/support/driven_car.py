@@ -1,0 +1,95 @@
+"""The base class of the tests that inject faults while the car drives."""
+
+import math
+
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from std_msgs.msg import String
+
+from mushr_ros_intro.ros.connections import wait_until_connected
+from support.helpers import (
+    Recording,
+    RosTestCase,
+    at,
+    closed_form,
+    command,
+    node,
+    placement,
+    planar,
+    publisher,
+    wait_for,
+)
+
+MUX = "/car/mux/ackermann_cmd_mux"
+TIMEOUT = 0.2
+"""[s] How long the mux and the car obey a command."""
+LEAD = 0.4
+"""[s] How far ahead of the clock the tests stamp their first message."""
+ROWS = [(2.0, 0.3, 0.1), (-1.0, -0.2, 0.1), (1.5, 0.1, TIMEOUT)]
+"""[m/s, rad, s]"""
+
+
+def start_car(**environment):
+    """Start the car and its mux."""
+    return (
+        node("car_sim.py", "__ns:=/car", "initialpose:=/initialpose", **environment),
+        node("ackermann_cmd_mux.py", "__ns:=/car/mux", **environment),
+    )
+
+
+class DrivenCarTestCase(RosTestCase):
+    """A test case with recordings of a car's topics.
+
+    It starts the car and its mux, unless `starts_car` is False because the launch file does.
+    """
+
+    starts_car = True
+
+    @classmethod
+    def setUpClass(cls):
+        cls.nodes = cls.car, cls.mux = start_car() if cls.starts_car else (None, None)
+        cls.poses = Recording("/car/car_pose", PoseStamped).connected()
+        cls.output = Recording(f"{MUX}/output", AckermannDriveStamped).connected()
+        cls.active = Recording(f"{MUX}/active", String).connected()
+        cls.placements = publisher("/initialpose", PoseWithCovarianceStamped)
+        cls.inputs = {
+            name: publisher(f"{MUX}/input/{name}", AckermannDriveStamped)
+            for name in ("teleop", "navigation")
+        }
+
+    @classmethod
+    def tearDownClass(cls):
+        for each in filter(None, cls.nodes):
+            each.end()
+
+    def setUp(self):
+        super().setUp()
+        self.poses.clear()
+        self.output.clear()
+
+    def place(self, *pose, offset=0.0):
+        """Place the car with a stamp `offset` [s] from now, and wait until it reports the pose."""
+        self.placements.publish(placement(at(rospy.Time.now(), offset), *pose))
+        self.poses.shows(pose, rospy.Time())
+
+    def assert_recovered(self):
+        """Fail unless the nodes run, the car stands, and a plan ends where it should."""
+        for each in filter(None, self.nodes):
+            self.assertTrue(each.running)
+        for each in (self.placements, self.inputs["navigation"]):
+            self.assertTrue(wait_until_connected(each, "subscribers"))
+        self.poses.pose_at_rest(rospy.Time.now())
+        self.place(1.0, 2.0, 0.5)
+        stamp = at(rospy.Time.now(), LEAD)
+        for speed, angle, _ in ROWS:
+            self.inputs["navigation"].publish(command(stamp, speed, angle))
+            stamp = at(stamp, 0.1)
+        pose = self.poses.pose_at_rest(at(stamp, TIMEOUT))
+        self.assert_pose(pose, closed_form((1.0, 2.0, 0.5), ROWS))
+        for msg in self.poses.messages:
+            self.assertTrue(all(map(math.isfinite, planar(msg.pose))))
+
+    def count(self, speed):
+        """Return how many commands of a speed [m/s] the mux has passed."""
+        return sum(msg.drive.speed == speed for msg in self.output.messages)

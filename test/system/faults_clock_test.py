@@ -1,0 +1,209 @@
+#!/usr/bin/python3
+"""Check the car with a /clock that stands, jumps, or comes from an unresponsive node."""
+
+import contextlib
+import math
+import os
+import threading
+import time
+
+import rospy
+import rostest
+from ackermann_msgs.msg import AckermannDriveStamped
+from rosgraph_msgs.msg import Clock
+
+from support.driven_car import MUX, TIMEOUT, DrivenCarTestCase
+from support.helpers import (
+    POSITION_TOLERANCE,
+    Ghost,
+    Recording,
+    Relay,
+    at,
+    closed_form,
+    command,
+    float32,
+    is_stop,
+    node,
+    planar,
+    publisher,
+    wait_for,
+)
+
+
+def wait_seconds(seconds):
+    """Wait for some seconds of wall-clock time [s]."""
+    end = time.monotonic() + seconds
+    wait_for(lambda: time.monotonic() > end, f"{seconds:g} s to pass")
+
+
+def busy_time(process):
+    """Return the CPU time of a process [s]."""
+    with open(f"/proc/{process.pid}/stat") as file:
+        fields = file.read().rsplit(")", 1)[1].split()
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
+class OtherClock:
+    """A publisher of /clock, which makes the car keep no clock."""
+
+    STEP = rospy.Duration(0, 10_000_000)
+
+    def __init__(self):
+        self._publisher = rospy.Publisher("/clock", Clock, queue_size=100, tcp_nodelay=True)
+        self._lock = threading.Lock()
+        self._now = rospy.Time(1000)
+        self._stands = False
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self):
+        while not rospy.is_shutdown():
+            with self._lock:
+                if not self._stands:
+                    self._now += self.STEP
+                    with contextlib.suppress(rospy.ROSException):  # closed at the end
+                        self._publisher.publish(Clock(clock=self._now))
+            time.sleep(self.STEP.to_sec())
+
+    def set(self, stands=False, jump=0.0):
+        """Hold or release the clock, and move it by `jump` [s]."""
+        with self._lock:
+            self._now = at(self._now, jump)
+            self._stands = stands
+
+
+class TestClockFaults(DrivenCarTestCase):
+
+    drives = 0
+
+    @classmethod
+    def setUpClass(cls):
+        cls.clock = OtherClock()
+        super().setUpClass()
+
+    def test_a_node_that_is_not_connected_with_the_clock(self):
+        """The node asks again for the connection, which rospy sometimes does not."""
+        ghost = Ghost(publishes=["/clock"])
+        self.addCleanup(ghost.end)
+        asked = ghost.calls["requestTopic"]
+        wait_for(lambda: len(asked) >= 3, "the test, the car and the mux to ask")
+        with node("plan_recorder.py", f"_folder:={self.folder}"):
+            wait_for(lambda: len(asked) >= 5, "the node to ask, and to ask again")
+
+    @contextlib.contextmanager
+    def driving(self, text, *arguments):
+        """Drive a plan; yield the node after three commands, and wait for its end."""
+        self.__class__.drives += 1  # parameters of an earlier name stay on the master
+        name = f"__name:=driver_{self.drives}"
+        with node(
+            "path_publisher.py", f"_plan_file:={self.plan(text)}", name, *arguments
+        ) as driver:
+            wait_for(lambda: self.count(1.0) >= 3, "three commands")
+            yield driver
+            driver.wait()
+
+    def hold_stop(self, message):
+        """Hold a stop, which has the new time, until the car's clock has jumped too."""
+        if is_stop(message):
+            now = rospy.Time.now()
+            wait_for(
+                lambda: abs((self.poses.last.header.stamp - now).to_sec()) < 5.0,
+                "the car's clock to jump",
+            )
+
+    def test_commands_without_stamps(self):
+        """A command holds for its timeout by the wall clock too: the mux's clock may be late."""
+        inputs = (
+            "[{name: late, topic: input/late, timeout: 5.0, priority: 1}, "
+            "{name: quick, topic: input/quick, timeout: 0.2, priority: 2}]"
+        )
+        arguments = ("__name:=patient", f"_subscribers:={inputs}", "_publisher:=output")
+        with node("ackermann_cmd_mux.py", *arguments) as patient:
+            output = Recording("/patient/output", AckermannDriveStamped).connected()
+            self.addCleanup(output.subscriber.unregister)
+            late, quick = (
+                publisher(f"/patient/input/{name}", AckermannDriveStamped)
+                for name in ("late", "quick")
+            )
+
+            def send(stamp, speed, sender=late):
+                sender.publish(command(stamp, speed, 0.0))
+                wait_for(lambda: output.last and output.last.drive.speed == speed, f"{speed} m/s")
+
+            send(rospy.Time(0), 1.0)
+            send(rospy.Time(0), 1.5, quick)  # expires sooner, and shortens nothing
+            self.clock.set(jump=20.0)
+            before = busy_time(patient)
+            wait_seconds(1.0)
+            self.assertLess(busy_time(patient) - before, 0.5)
+            began = time.monotonic()
+            send(rospy.Time(0), 2.0)
+            self.clock.set(jump=20.0)
+            wait_for(lambda: output.last.drive.speed == 0.0, "the stop")
+            self.assertGreaterEqual(time.monotonic(), began + 5.0)
+            # Commands with stamps pass by their stamps, also right after one without.
+            send(rospy.Time(0), 3.0)
+            first, second = (at(rospy.Time.now(), seconds) for seconds in (10.0, 20.0))
+            send(first, 4.0)
+            send(second, 5.0)
+            none = rospy.Time(0)
+            self.assertEqual(
+                [(msg.header.stamp, msg.drive.speed) for msg in output.messages],
+                [(none, 1.0), (none, 1.5), (none, 2.0), (none, 0.0), (none, 3.0)]
+                + [(first, 4.0), (at(first, 5.0), 0.0), (second, 5.0)],
+            )
+
+    def test_the_clock_stands(self):
+        """The plan stands too, without CPU load, and goes on with the clock."""
+        with self.driving("1,-1,0.5\n1.0,0.2,1.5\n") as driver:
+            self.clock.set(stands=True)
+            self.addCleanup(self.clock.set)
+            before = list(map(busy_time, self.nodes))
+            wait_seconds(0.5)
+            after = list(map(busy_time, self.nodes))
+            self.assertTrue(driver.running)
+            self.clock.set()
+        self.assertEqual(driver.wait(), 0)
+        self.assertLess(max(map(float.__sub__, after, before)), 0.25)
+        pose = self.poses.pose_at_rest(self.output.last.header.stamp)
+        self.assert_pose(pose, closed_form((1.0, -1.0, 0.5), [(1.0, 0.2, 1.5)]))
+        self.assert_recovered()
+
+    def test_the_clock_jumps(self):
+        """The plan is given up with a message, and the car stops when its last command expires."""
+        for seconds in (10.0, -10.0):
+            self.setUp()
+            topic = f"/stops_held/{'ahead' if seconds > 0.0 else 'back'}"
+            navigation = f"{MUX}/input/navigation"
+            relay = Relay(topic, navigation, AckermannDriveStamped, self.hold_stop)
+            self.addCleanup(relay.end)
+            with self.driving("1,-1,0.5\n1.0,0.2,60\n", f"_control_topic:={topic}") as driver:
+                self.clock.set(stands=True)
+                wait_seconds(2.0)  # until the car has received each command that was sent
+                self.clock.set(jump=seconds)
+            self.assertEqual(driver.wait(), 1)
+            self.assertIn("the clock was set", driver.output)
+            now = rospy.Time.now()
+            far = [m for m in self.poses.messages if abs((m.header.stamp - now).to_sec()) > 5.0]
+            self.poses.clear()
+            pose = self.poses.pose_at_rest(now)
+            # It is on its circle, and its heading is proportional to the driven time.
+            reported, seconds_driven = (
+                (angle - 0.5) * 0.33 / math.tan(float32(0.2))
+                for angle in (planar(far[-1].pose)[2], pose[2])
+            )
+            self.assert_pose(pose, closed_form((1.0, -1.0, 0.5), [(1.0, 0.2, seconds_driven)]))
+            rows = [msg for msg in self.output.messages if msg.drive.speed]
+            until = (rows[-1].header.stamp - rows[0].header.stamp).to_sec() + TIMEOUT
+            self.assertGreaterEqual(seconds_driven, reported - POSITION_TOLERANCE)
+            if seconds < 0.0:  # at once, but for commands under way
+                self.assertLess(seconds_driven, until + POSITION_TOLERANCE)
+            else:
+                self.assertAlmostEqual(seconds_driven, until, delta=POSITION_TOLERANCE)
+            self.assert_recovered()
+        for process in self.nodes:
+            self.assertIn("the clock was set back", process.output)
+
+
+if __name__ == "__main__":
+    rospy.init_node("faults_clock_test")
+    rostest.rosrun("mushr_ros_intro", "faults_clock", TestClockFaults)

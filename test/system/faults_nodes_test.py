@@ -1,0 +1,119 @@
+#!/usr/bin/python3
+"""Check the car after nodes have died or stood still, and without a master."""
+
+import contextlib
+import os
+import re
+import signal
+import xmlrpc.client
+
+import rosgraph
+import rospy
+import rostest
+
+from support.driven_car import MUX, TIMEOUT, DrivenCarTestCase, start_car
+from support.helpers import POSITION_TOLERANCE, Process, at, free_port, kill, node, planar, wait_for
+
+COMPARISON = re.compile(r"the car drove (\S+) m .* difference (\S+) m")
+
+
+def pid_of(name):
+    """Return the process id of a node, or None if the node does not answer."""
+    with contextlib.suppress(OSError, rosgraph.MasterError):
+        api = xmlrpc.client.ServerProxy(rosgraph.Master("/faults").lookupNode(name))
+        return api.getPid("/faults")[2]
+
+
+class TestNodeFaults(DrivenCarTestCase):
+    starts_car = False  # roslaunch starts it
+
+    def wait_until_it_drives(self):
+        """Wait until the car moves, from now on."""
+        self.poses.clear()
+        wait_for(lambda: len({planar(m.pose) for m in self.poses.messages}) > 5, "the car to drive")
+
+    def test_respawn(self):
+        """After roslaunch has restarted a car and a mux that died, the plan goes on."""
+        path = self.plan("1,-1,0.5\n1.0,0.2,60\n")
+        with node("path_publisher.py", f"_plan_file:={path}") as plan:
+            for name in ("/car/car_sim", MUX):
+                self.wait_until_it_drives()
+                killed = pid_of(name)
+                kill(name, killed)
+                wait_for(lambda n=name, k=killed: pid_of(n) not in (None, k), f"a new {name}")
+            self.wait_until_it_drives()
+            plan.send_signal(signal.SIGINT)
+            self.assertEqual(plan.wait(), 0)
+            self.assertNotIn("Traceback", plan.output)
+        self.assert_recovered()
+
+    def test_a_node_stands_still_at_the_end(self):
+        """Late messages are applied at their stamps, and path_publisher waits for the result."""
+        path = self.plan("1,-1,0.5\n0.5,0.2,1\n")
+        for name in ("/path_publisher", MUX, "/car/car_sim"):
+            self.output.clear()
+            with node("path_publisher.py", f"_plan_file:={path}") as plan:
+                wait_for(lambda: self.count(0.5) >= 8, "eight commands")
+                pid = pid_of(name)
+                os.kill(pid, signal.SIGSTOP)
+                resume = at(self.output.messages[0].header.stamp, 1.3)
+                wait_for(lambda resume=resume: rospy.Time.now() > resume, "the end of the plan")
+                os.kill(pid, signal.SIGCONT)
+                self.assertEqual(plan.wait(), 0)
+            driven, difference = map(float, COMPARISON.search(plan.output).groups())
+            # Until the stop arrives, the reports may show the car moving on, for as long as a
+            # command is obeyed, and then back.
+            self.assertGreaterEqual(driven, 0.5)
+            self.assertLessEqual(driven, 0.5 + 2.0 * 0.5 * TIMEOUT)
+            self.assertLess(difference, POSITION_TOLERANCE)
+        self.assert_recovered()
+
+    def test_the_master_dies(self):
+        """The plan is driven to its end, and Ctrl-C works, in a home that cannot be written."""
+        with self.other_master() as (core, plan, _):
+            core.send_signal(signal.SIGKILL)
+            self.assertEqual(plan.wait(), 0)
+        driven, difference = map(float, COMPARISON.search(plan.output).groups())
+        self.assertEqual(driven, 0.03)
+        self.assertLess(difference, POSITION_TOLERANCE)
+
+    def test_the_master_does_not_answer(self):
+        """As on a cut network: the plan is driven to its end, no node starts, Ctrl-C works."""
+        with self.other_master() as (core, plan, environment):
+            core.send_signal(signal.SIGSTOP)
+            with node("car_sim.py", "__name:=late", **environment) as late:
+                self.assertEqual(plan.wait(), 0)
+                self.assertEqual(late.wait(), 1)
+            for each in (plan, late):
+                self.assertNotIn("Traceback", each.output)
+        self.assertIn("car_sim: no master answers", late.output)
+
+    @contextlib.contextmanager
+    def other_master(self):
+        """Drive a plan with a master of its own; check that all nodes end on Ctrl-C."""
+        port = free_port()
+        uri = f"http://localhost:{port}"
+        environment = {"ROS_MASTER_URI": uri, "ROS_LOG_DIR": "/proc/nowhere"}
+        with Process("rosmaster", "--core", "-p", str(port), **environment) as core:
+            master = rosgraph.Master("/faults", uri)
+            wait_for(master.is_online, "the other master")
+            master.setParam(MUX, rospy.get_param(MUX))
+            nodes = start_car(**environment)
+            for each in nodes:
+                self.addCleanup(each.end)
+            # So slow that the effect of a late message is below the last printed digit.
+            path = self.plan("1,-1,0.5\n0.02,0.2,1.5\n")
+            with node("path_publisher.py", f"_plan_file:={path}", **environment) as plan:
+                wait_for(lambda: "row 1 of 1" in plan.output, "the plan to be driven")
+                yield core, plan, environment
+            for each in nodes:
+                each.send_signal(signal.SIGINT)
+            for each in nodes:
+                self.assertEqual(each.wait(), 0)
+                self.assertNotIn("Traceback", each.output)
+            core.send_signal(signal.SIGCONT)  # a stopped process cannot end
+
+
+if __name__ == "__main__":
+    rospy.init_node("faults_nodes_test")
+    rostest.rosrun("mushr_ros_intro", "faults_nodes", TestNodeFaults)
