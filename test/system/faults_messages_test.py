@@ -142,7 +142,9 @@ class TestMessageFaults(DrivenCarTestCase):
         self.active.clear()
         sender = rospy.Publisher(f"{MUX}/input/safety", String, queue_size=1)
         receiver = Recording("/car/joint_states", String)
-        wait_for(lambda: "topic types do not match" in self.car.output, "the report of the wrong type")
+        wait_for(
+            lambda: "topic types do not match" in self.car.output, "the report of the wrong type"
+        )
         self.assertIn("/car/joint_states", self.car.output)
         sender.publish(String(data="stop"))
         self.assert_recovered()
