@@ -7,21 +7,20 @@ from typing import Callable, List, Optional, Sequence
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
-from nav_msgs.msg import OccupancyGrid, Odometry
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
-from tf2_msgs.msg import TFMessage
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.history import History
-from mushr_ros_intro.car.model import Contact, Event, InitialPose, State, at_rest, halted
+from mushr_ros_intro.car.model import Event, InitialPose, State, at_rest, halted
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.plan.model import MAX_COORDINATE
 from mushr_ros_intro.ros import conversions, node, sim_clock
 from mushr_ros_intro.ros.connections import wait_until_connected
+from mushr_ros_intro.ros.state_publisher import StatePublisher
 from mushr_ros_intro.sim.stamps import (
     NANOSECONDS,
     SIMULATED_STAMP_TOLERANCE,
@@ -29,16 +28,14 @@ from mushr_ros_intro.sim.stamps import (
     effective_stamp,
     from_seconds,
 )
-from mushr_ros_intro.world.footprint import is_free, on_map
+from mushr_ros_intro.world.footprint import is_free
 
 
 class CarSim:
     """The simulated car as a node.
 
     Subscribes, relative to the car's namespace, to ``initialpose`` and
-    ``mux/ackermann_cmd_mux/output``, and to /map. Publishes ``car_pose``, ``odom``,
-    ``joint_states``, /tf, and ``~collision``, latched: the pose of the car if it touches a wall,
-    otherwise no pose.
+    ``mux/ackermann_cmd_mux/output``, and to /map. For what it publishes see `StatePublisher`.
     """
 
     def __init__(self, keeps_clock: bool) -> None:
@@ -52,10 +49,6 @@ class CarSim:
             parameters.number("y", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE),
             parameters.number("theta", 0.0, "rad", -1e3, 1e3),
         )
-        prefix = rospy.get_namespace().strip("/")
-        self._odom_frame = f"{prefix}/odom".lstrip("/")
-        self._base_frame = f"{prefix}/base_footprint".lstrip("/")
-
         # The lock of the state and the clock; notified of events and service calls.
         self._changed = threading.Condition()
         self._clock = (
@@ -68,32 +61,8 @@ class CarSim:
         self._now = self._clock.read()
         self._history = History(self._car, at_rest(self._now, self._start))
         self._world: Optional[World] = None
-        self._announced: Optional[Contact] = None
-        self._is_on_map = True
-        self._advertise(queue_size=10_000 if keeps_clock else 1)
+        self._publisher = StatePublisher(self._car, self._now, loses_states=not keeps_clock)
         self._subscribe()
-
-    def _advertise(self, queue_size: int) -> None:
-        """Create the publishers.
-
-        In wall-clock time, a slow subscriber should lose old states rather than get them late. In
-        simulated time, which may run fast, every state has to arrive.
-        """
-        self._reports = [
-            (
-                rospy.Publisher(topic, kind, queue_size=queue_size, tcp_nodelay=True),
-                convert,
-            )
-            for topic, kind, convert in (
-                ("car_pose", PoseStamped, conversions.car_pose_to_msg),
-                ("odom", Odometry, self._odometry),
-                ("joint_states", JointState, self._joint_states),
-                # Not tf2_ros.TransformBroadcaster: it publishes the same, and needs 7 MB.
-                ("/tf", TFMessage, self._transforms),
-            )
-        ]
-        self._collision_pub = rospy.Publisher("~collision", PoseArray, queue_size=10, latch=True)
-        self._collision_pub.publish(conversions.collision_to_msg(None, self._now))
 
     def _subscribe(self) -> None:
         """Create the subscribers and services."""
@@ -121,46 +90,12 @@ class CarSim:
         """Report the car's state until the node is shut down."""
         # A node that receives the car's pose can rely on the car receiving commands.
         wait_until_connected(self._command_sub, "publishers")
-        self._clock.run(self._evaluate, self._publish)
+        self._clock.run(self._evaluate, self._publisher.publish)
 
     def _evaluate(self, instants: Sequence[int]) -> List[State]:
         """Return the car's state at instants [ns]; needs the lock."""
         self._read_clock()
         return [self._history.state_at(instant) for instant in instants]
-
-    def _publish(self, states: List[State]) -> None:
-        """Publish states on every topic that has a subscriber."""
-        for state in states:
-            for publisher, convert in self._reports:
-                if publisher.get_num_connections():
-                    publisher.publish(convert(state))
-            self._announce(state)
-
-    def _odometry(self, state: State) -> Odometry:
-        return conversions.odometry_to_msg(state, self._car, self._odom_frame, self._base_frame)
-
-    def _joint_states(self, state: State) -> JointState:
-        return conversions.joint_states_to_msg(state, self._car)
-
-    def _transforms(self, state: State) -> TFMessage:
-        return TFMessage(conversions.transforms_to_msgs(state, self._odom_frame, self._base_frame))
-
-    def _announce(self, state: State) -> None:
-        """Publish a changed collision; log once if the car hit a wall or left the map."""
-        if state.collision != self._announced:
-            self._announced = state.collision
-            self._collision_pub.publish(conversions.collision_to_msg(state.collision, state.stamp))
-            if state.collision:
-                rospy.logwarn(
-                    f"the car hit a wall and stopped at {state.collision.pose}; drive it away from "
-                    "the wall, or place it elsewhere"
-                )
-        if self._world is None:
-            return
-        is_on_map = on_map(*self._world, state.pose)
-        if self._is_on_map and not is_on_map:
-            rospy.logwarn(f"the car left the map at {state.pose}; there are no walls outside")
-        self._is_on_map = is_on_map
 
     def _on_map(self, msg: OccupancyGrid) -> None:
         """Use a new map."""
@@ -172,7 +107,7 @@ class CarSim:
         is_free(*world, self._start)  # fills the map's caches before the lock is taken
         with self._changed:
             now = self._read_clock()
-            self._world = world
+            self._world = self._publisher.world = world
             self._history.build(world)
             state = self._history.state_at(now)
         rospy.loginfo("the map has %d x %d cells", world.grid.width, world.grid.height)
