@@ -61,8 +61,8 @@ def map_fault(
 def _until_repeated(piece: Piece, seconds: float, car: Car, diagonal: float) -> float:
     """Return how long the car takes to pass every point of a piece [s].
 
-    That is `seconds`, the duration of the piece, or less at a constant speed and steering angle: the
-    time for a full circle, or for the longest arc that stays on a map with this diagonal [m].
+    That is `seconds`, the duration of the piece, or less at a constant speed and steering angle:
+    the time for a full circle, or for the longest arc on a map with this diagonal [m].
     """
     if piece.acceleration or piece.steering_rate:
         return seconds
