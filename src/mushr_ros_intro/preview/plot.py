@@ -136,26 +136,17 @@ def _draw_commands(axes: Any, report: Report, states: List[State]) -> None:
     rows = report.plan.rows
     begins = [step.begin / NANOSECONDS for step in report.steps]
     times = [state.stamp / NANOSECONDS for state in states]
-    right_axes = axes.twinx()
-    has_ramps = report.rest > report.plan.duration
-    for side, name, asked, done, color in (
-        (axes, "speed [m/s]", [row.speed for row in rows], [s.speed for s in states], "C0"),
-        (
-            right_axes,
-            "steering angle [rad]",
-            [row.steering_angle for row in rows],
-            [s.steering_angle for s in states],
-            "C1",
-        ),
+    for side, field, unit, color in (
+        (axes, "speed", "m/s", "C0"),
+        (axes.twinx(), "steering_angle", "rad", "C1"),
     ):
-        width, line = (1.0, "--") if has_ramps else (1.8, "-")
-        side.step(begins, [*asked, asked[-1]], where="post", ls=line, color=color, lw=width)
-        if has_ramps:
-            side.plot(times, done, color=color, lw=1.8)
-        side.set_ylabel(name, color=color)
+        asked = [getattr(row, field) for row in rows]
+        side.step(begins, [*asked, asked[-1]], where="post", ls="--", color=color, lw=1.0)
+        side.plot(times, [getattr(state, field) for state in states], color=color, lw=1.8)
+        side.set_ylabel(f"{field.replace('_', ' ')} [{unit}]", color=color)
         side.tick_params(axis="y", colors=color)
         side.margins(y=0.15)
     if len(rows) <= _MAX_ARROWS:
         for begin in begins:
             axes.axvline(begin, color="grey", lw=0.4)
-    axes.set_xlabel("time [s]" + ("   (dashed: asked for; solid: done)" if has_ramps else ""))
+    axes.set_xlabel("time [s]   (dashed: asked for; solid: done)")

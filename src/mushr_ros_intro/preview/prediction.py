@@ -6,7 +6,6 @@ cannot disagree. All stamps count from the first command of the plan [ns].
 
 import math
 from collections import deque
-from itertools import accumulate
 from typing import Iterable, Iterator, NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose
@@ -105,25 +104,11 @@ def states_at(
     walls.
     """
     legs = drive(plan, car, world)
-    leg: Optional[Leg] = Leg(0, at_rest(0, plan.start), 0)
+    leg = Leg(0, at_rest(0, plan.start), 0)
     for instant in instants:
-        while leg is not None and instant >= leg.end:
-            state = leg.state
-            leg = next(legs, None)
-        if leg is not None:
-            state = leg.state
-        yield advance(state, max(instant, state.stamp), car)
-
-
-def row_poses(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Pose]:
-    """Yield the start pose of the plan, and the pose at the end of each row, in the map frame.
-
-    A car with limits may still move at the end of the last row.
-    """
-    yield plan.start
-    row_ends = accumulate(row.duration for row in plan.rows)
-    for state in states_at(plan, car, row_ends, world):
-        yield state.pose
+        while instant >= leg.end and leg.row < len(plan.rows):
+            leg = next(legs)
+        yield advance(leg.state, max(instant, leg.state.stamp), car)
 
 
 def rest(plan: Plan, car: Car, world: Optional[World] = None) -> Tuple[int, Pose]:

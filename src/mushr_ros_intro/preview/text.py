@@ -66,13 +66,12 @@ def _summary(report: Report) -> Iterator[str]:
         f"bounding box    x {_near(left)} to {_near(right)} m, y {_near(bottom)} to {_near(top)} m"
         " (of the rear axle)"
     )
-    radius = "none, it drives straight" if math.isinf(report.radius) else f"{report.radius:.3f} m"
-    yield f"turning radius  {radius if math.isinf(report.radius) else 'at least ' + radius}"
+    is_straight = math.isinf(report.radius)
+    radius = "none, it drives straight" if is_straight else f"at least {report.radius:.3f} m"
+    yield f"turning radius  {radius}"
     last, rolls = plan.rows[-1].speed, report.steps[-1].distance
-    if last == 0.0:
-        rest = "yes"
-    else:
-        rest = f"no, the last row asks for {last:g} m/s; path_publisher then sends a stop"
+    rest = f"no, the last row asks for {last:g} m/s; path_publisher then sends a stop"
+    rest = rest if last else "yes"
     if rolls > 0.0:
         rest += f", and the car rolls on for {rolls:.3f} m"
     yield f"ends at rest    {rest}"

@@ -32,11 +32,12 @@ def map_fault(
     if not is_free(grid, footprint, plan.start):
         return plan.fault(-1, 0, "the start pose is in a wall, at least in part"), None
     world = World(_fenced(grid), footprint)
+    diagonal = math.hypot(grid.width, grid.height) * grid.resolution
     for leg in drive(plan, car):
         for piece, seconds in leg.pieces(leg.end):
             if piece.speed == 0.0 == piece.acceleration:
                 continue
-            seconds = _until_repeated(piece, seconds, car)
+            seconds = _until_repeated(piece, seconds, car, diagonal)
             free = free_time(piece, seconds, car, world)
             if free == seconds:
                 continue
@@ -57,15 +58,17 @@ def map_fault(
     return None, None
 
 
-def _until_repeated(piece: Piece, seconds: float, car: Car) -> float:
+def _until_repeated(piece: Piece, seconds: float, car: Car, diagonal: float) -> float:
     """Return how long the car takes to pass every point of a piece [s].
 
-    That is `seconds`, the duration of the piece, or the time for one full circle if it is shorter.
+    That is `seconds`, the duration of the piece, or less at a constant speed and steering angle:
+    the time for a full circle, or for the longest arc on a map with this diagonal [m].
     """
-    turn_rate = abs(piece.speed * curvature(piece.steering_angle, car.wheelbase))
-    if piece.acceleration or piece.steering_rate or not turn_rate:
+    if piece.acceleration or piece.steering_rate:
         return seconds
-    return min(seconds, math.tau / turn_rate)
+    bend = abs(curvature(piece.steering_angle, car.wheelbase))
+    radius = min(1.0 / bend, diagonal) if bend else diagonal
+    return min(seconds, math.tau * radius / abs(piece.speed))
 
 
 def _fenced(grid: Grid) -> Grid:

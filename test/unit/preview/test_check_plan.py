@@ -51,7 +51,8 @@ def car_named(name):
 
 def checked(text, car="ideal", grid=None):
     plan = parse_plan(text.encode(), "my.txt")
-    return check(plan, car, car_named(car), "the map" if grid else "", grid)
+    name, car = (car, car_named(car)) if isinstance(car, str) else ("slow", car)
+    return check(plan, name, car, "the map" if grid else "", grid)
 
 
 def faults(text, car="ideal", grid=None):
@@ -77,8 +78,8 @@ def walled(free_to=5.0):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_report_agrees_with_the_prediction(name, car):
     report, quiet = report_on(name, car), car_named(car)
-    poses = list(prediction.row_poses(report.plan, quiet))[1:]
-    assert [step.pose for step in report.steps[:-1]] == poses
+    states = prediction.states_at(report.plan, quiet, [step.end for step in report.steps[:-1]])
+    assert [step.pose for step in report.steps[:-1]] == [state.pose for state in states]
     assert (report.rest, report.final_pose) == prediction.rest(report.plan, quiet)
     assert [step.begin for step in report.steps[1:]] == [step.end for step in report.steps[:-1]]
     assert report.steps[-1].begin == report.plan.duration
@@ -106,12 +107,15 @@ def test_the_figures_of_figure_8():
         min_size=1,
         max_size=5,
     ),
-    st.sampled_from(["ideal", "mushr_tx2"]),
+    st.sampled_from([car_named("ideal"), car_named("mushr_tx2")]),
 )
-@example([(1.625, 0.2468, 7.3)], "mushr_tx2")  # it ends with its wheels turned, along an axis
-def test_the_box_is_that_of_the_path(rows, car_name):
+@example([(2.0, 0.5, 9)], Car(steering_rate=0.05))
+@example(
+    [(1.625, 0.2468, 7.3)], car_named("mushr_tx2")
+)  # it ends with its wheels turned, along an axis
+def test_the_box_is_that_of_the_path(rows, car):
     text = "1, 2, 3\n" + "".join("{:.6f}, {:.6f}, {}\n".format(*row) for row in rows)
-    report, car = checked(text, car_name), car_named(car_name)
+    report = checked(text, car)
     poses = [state.pose for state in prediction.trajectory(report.plan, car, 5_000_000)]
     (left, bottom, _), (right, top, _) = np.min(poses, axis=0), np.max(poses, axis=0)
     assert report.box == pytest.approx((left, right, bottom, top), abs=BOX)
@@ -126,8 +130,7 @@ def test_the_box_of_a_circle_in_one_row(seconds):
 
 def test_the_distance_there_and_back_counts_twice():
     """From 1 m/s forward to 1 m/s in reverse the speed passes through zero."""
-    plan = parse_plan(b"0, 0, 0\n1, 0, 1\n-1, 0, 1\n", "my.txt")
-    report = check(plan, "slow", Car(acceleration=2.0))
+    report = checked("0, 0, 0\n1, 0, 1\n-1, 0, 1\n", Car(acceleration=2.0))
     assert [step.distance for step in report.steps] == pytest.approx([0.75, 0.25 + 0.25, 0.25])
     assert [step.pose.x for step in report.steps] == pytest.approx([0.75, 0.75, 0.5])
     assert report.box == pytest.approx((0.0, 1.0, 0.0, 0.0))
@@ -136,23 +139,13 @@ def test_the_distance_there_and_back_counts_twice():
 
 def test_the_distance_of_a_stop_that_is_repeated_while_the_car_brakes():
     """At 1 m/s^2 it stops from 1 m/s in 1 s and 0.5 m."""
-    plan = parse_plan(b"0, 0, 0\n1, 0, 4\n0, 0, 0.5\n0, 0, 3\n", "my.txt")
-    report = check(plan, "slow", Car(acceleration=1.0))
+    report = checked("0, 0, 0\n1, 0, 4\n0, 0, 0.5\n0, 0, 3\n", Car(acceleration=1.0))
     assert [step.distance for step in report.steps] == pytest.approx([3.5, 0.375, 0.125, 0.0])
-
-
-def test_the_box_of_a_path_on_which_the_steering_angle_changes_slowly():
-    plan, car = parse_plan(b"0, 0, 0\n2, 0.5, 2\n", "my.txt"), Car(steering_rate=0.2)
-    poses = [state.pose for state in prediction.trajectory(plan, car, 5_000_000)]
-    (left, bottom, _), (right, top, _) = np.min(poses, axis=0), np.max(poses, axis=0)
-    report = check(plan, "slow", car)
-    assert report.box == pytest.approx((left, right, bottom, top), abs=BOX)
 
 
 def test_a_command_that_expires_before_the_next_one():
     """It is good for 0.05 s of each 0.1 s."""
-    plan = parse_plan(b"0,0,0\n1,0\n", "my.txt")
-    report = check(plan, "forgetful", Car(command_timeout=50_000_000))
+    report = checked("0,0,0\n1,0\n", Car(command_timeout=50_000_000))
     assert len(report.steps) == 2
     assert report.length == pytest.approx(0.5)
     assert report.final_pose.x == pytest.approx(0.5)
@@ -170,8 +163,7 @@ def test_the_smallest_radius_is_that_of_the_largest_steering_angle_on_the_way():
 
 def test_noise_is_left_out():
     text = "0,0,0\n1,0,9\n"
-    car = Car(speed_noise=0.2, steering_noise=0.1)
-    report = check(parse_plan(text.encode(), "my.txt"), "noisy", car, "the map", walled())
+    report = checked(text, Car(speed_noise=0.2, steering_noise=0.1), walled())
     assert report._replace(car_name="ideal") == checked(text, grid=walled())
 
 
@@ -303,7 +295,7 @@ def test_a_wall_is_hit_where_the_simulated_car_hits_it(rows, car_name):
 
 
 @pytest.mark.parametrize("car", ["ideal", "mushr_nano"])
-@pytest.mark.parametrize("angle", [0.0, 0.1, -0.3, 0.6])
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.1, -0.3, 0.6])
 def test_a_row_of_years_hits_the_same_walls_as_a_row_of_a_minute(angle, car):
     """It takes no longer to check, because a full circle has no new points."""
     years = faults(f"0,0,0\n0.5, {angle}, 1e9\n", car, walled())
@@ -438,10 +430,11 @@ def test_a_plan_that_does_not_exist():
 @pytest.mark.parametrize(
     "arguments, text",
     [
+        (["long.txt", "--runs", "100"], "so fewer --runs"),
         ([], "the following arguments are required: PLAN"),
         (["circle", "--car", "tank"], "invalid choice: 'tank'"),
         (["circle", "--map", "moon"], "moon: no such map; expected the path of a yaml file"),
-        (["circle", "--map", "package.xml"], "expected a map's yaml file"),
+        (["circle", "--map", os.path.join(PACKAGE, "package.xml")], "expected a map's yaml file"),
         (["circle", "--runs", "1"], "--runs: '1'; expected a whole number from 2 to 100000"),
         (["circle", "--seed", "-1"], "--seed: '-1'; expected a whole number from 0"),
         (["circle", "slalom", "--plot", "a.png"], "--plot draws one plan; expected one PLAN"),
@@ -449,18 +442,12 @@ def test_a_plan_that_does_not_exist():
         (["circle", "--plot", "a.mp3"], "expected such as figure_8.png"),
     ],
 )
-def test_bad_usage_ends_with_status_2(arguments, text):
-    result = run(*arguments)
+def test_bad_usage_ends_with_status_2(arguments, text, tmp_path):
+    (tmp_path / "long.txt").write_text("0,0,0\n1,0,1e9\n")
+    result = run(*arguments, cwd=str(tmp_path))
     assert result.returncode == 2
     assert text in result.stderr
     assert "Traceback" not in result.stderr
-
-
-def test_too_many_commands_times_runs_are_refused(tmp_path):
-    (tmp_path / "long.txt").write_text("0,0,0\n1,0,1e9\n")
-    result = run("long.txt", "--runs", "100", cwd=str(tmp_path))
-    assert result.returncode == 2
-    assert "so fewer --runs" in result.stderr
 
 
 def test_json(tmp_path):

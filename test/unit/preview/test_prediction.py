@@ -75,15 +75,15 @@ def test_a_straight_line_is_exact():
     plan = plan_named("straight_line")
     assert prediction.rest(plan, Car()) == (11 * SECOND, (46.0, 0.0, 0.0))
     assert prediction.length(plan) == 46.0
-    assert [pose.x for pose in prediction.row_poses(plan, Car())] == [
-        *(0, 2, 5, 9, 14, 20, 26, 32, 37, 41, 44, 46)
-    ]
+    states = prediction.states_at(plan, Car(), range(0, 12 * SECOND, SECOND))
+    xs = (0, 2, 5, 9, 14, 20, 26, 32, 37, 41, 44, 46)
+    assert [state.pose for state in states] == [(x, 0.0, 0.0) for x in xs]
 
 
 def test_rows_have_durations_and_go_in_reverse():
     plan = plan_of("1,2,0\n2,0,0.25\n-4,0,0.5\n0,0.3,9\n")
-    xs = [1.0, 1.5, -0.5, -0.5]
-    assert list(prediction.row_poses(plan, Car())) == [(x, 2.0, 0.0) for x in xs]
+    states = prediction.states_at(plan, Car(), [0, SECOND // 4, 3 * SECOND // 4, 10 * SECOND])
+    assert [state.pose for state in states] == [(x, 2.0, 0.0) for x in (1.0, 1.5, -0.5, -0.5)]
     assert prediction.length(plan) == 2.5
     assert prediction.count_commands(plan) == 3 + 5 + 90
 
@@ -98,11 +98,6 @@ def test_a_car_with_limits_comes_to_rest_after_the_end():
 def test_a_car_that_is_at_rest_already_comes_to_rest_at_the_end():
     plan, car = plan_of("0,0,0\n0.5,0\n0,0\n0,0\n"), Car(acceleration=2.5)
     assert prediction.rest(plan, car) == (3 * SECOND, pytest.approx((0.5, 0, 0)))
-
-
-def test_a_command_that_expires_before_the_next_one_stops_the_car():
-    car = Car(command_timeout=SECOND // 20)
-    assert prediction.final_pose(plan_of("0,0,0\n1,0\n"), car).x == pytest.approx(0.5)
 
 
 def test_a_wall_stops_the_car():
@@ -165,13 +160,6 @@ def test_every_car_drives_as_predicted(name, profile, noise, walls):
     assert trajectory[-1].speed == last.speed == 0.0
     assert trajectory[-1].pose == pytest.approx(last.pose, abs=DRIVEN)
     assert prediction.rest(plan, car, world) == (trajectory[-1].stamp, trajectory[-1].pose)
-
-    ends = np.cumsum([0, *(row.duration for row in plan.rows)]).tolist()
-    expected = [state.pose for state in states if state.stamp in ends]
-    rows = list(prediction.row_poses(plan, car, world))
-    assert len(rows) == len(expected) == len(ends)
-    for one, other in zip(rows, expected):
-        assert one == pytest.approx(other, abs=DRIVEN)
 
 
 def test_noise_of_the_steering_angle_alone_is_drawn_for_each_command():
