@@ -18,7 +18,6 @@ from support.helpers import (
     placement,
     planar,
     publisher,
-    wait_for,
 )
 
 MUX = "/car/mux/ackermann_cmd_mux"

@@ -72,7 +72,6 @@ class OtherClock:
 
 
 class TestClockFaults(DrivenCarTestCase):
-
     drives = 0
 
     @classmethod

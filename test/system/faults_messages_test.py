@@ -33,7 +33,7 @@ MEMORY = 10_000_000
 
 
 def driven(messages, until):
-    """Return the rows (speed, angle, seconds) of a car that obeys these commands until an instant."""
+    """Return the driven rows (speed, angle, seconds) of a car that obeys these commands."""
     stamps = sorted({msg.header.stamp: msg.drive for msg in messages}.items())
     stamps = [(stamp, drive) for stamp, drive in stamps if stamp < until]
     ends = [stamp for stamp, _ in stamps[1:]] + [until]
@@ -142,7 +142,9 @@ class TestMessageFaults(DrivenCarTestCase):
         self.active.clear()
         sender = rospy.Publisher(f"{MUX}/input/safety", String, queue_size=1)
         receiver = Recording("/car/joint_states", String)
-        wait_for(lambda: "topic types do not match" in self.car.output, "the report of the wrong type")
+        wait_for(
+            lambda: "topic types do not match" in self.car.output, "the report of the wrong type"
+        )
         self.assertIn("/car/joint_states", self.car.output)
         sender.publish(String(data="stop"))
         self.assert_recovered()
