@@ -44,7 +44,7 @@ LOG_LINES = 30
 _processes = weakref.WeakSet()
 
 
-class LoggedError(AssertionError):
+class LoggedAssertionError(AssertionError):
     """A failure whose message ends with the logs of the nodes."""
 
     def __init__(self, message):
@@ -138,9 +138,9 @@ def wait_for(condition, what, patience=PATIENCE):
         if value:
             return value
         if rospy.is_shutdown():
-            raise LoggedError(f"shut down while waiting for {what}")
+            raise LoggedAssertionError(f"shut down while waiting for {what}")
         if time.monotonic() > deadline:
-            raise LoggedError(f"waited {patience:g} s for {what}")
+            raise LoggedAssertionError(f"waited {patience:g} s for {what}")
         time.sleep(0.01)
 
 
@@ -157,7 +157,7 @@ class RosTestCase(unittest.TestCase):
     The message of a failure includes the logs of the nodes.
     """
 
-    failureException = LoggedError
+    failureException = LoggedAssertionError
 
     def setUp(self):
         self.folder = tempfile.mkdtemp()
@@ -387,7 +387,7 @@ class Process:
     """A command that a test starts, watches and ends."""
 
     def __init__(self, *command, **environment):
-        self.command = " ".join(map(os.path.basename, command))
+        self.command = " ".join(map(os.path.basename, command)).split("\n")[0]
         self._process = subprocess.Popen(
             command,
             stdout=subprocess.PIPE,
@@ -426,7 +426,7 @@ class Process:
             status = self._process.wait(patience)
         except subprocess.TimeoutExpired:
             self.end()
-            raise LoggedError(f"no end of {self.command} after {patience:g} s") from None
+            raise LoggedAssertionError(f"no end of {self.command} after {patience:g} s") from None
         self._reader.join(5.0)
         return status
 

@@ -33,7 +33,7 @@ MEMORY = 10_000_000
 
 
 def driven(messages, until):
-    """Return the rows (speed, angle, seconds) that a car has driven by an instant."""
+    """Return the driven rows (speed, angle, seconds) of a car that obeys these commands."""
     stamps = sorted({msg.header.stamp: msg.drive for msg in messages}.items())
     stamps = [(stamp, drive) for stamp, drive in stamps if stamp < until]
     ends = [stamp for stamp, _ in stamps[1:]] + [until]

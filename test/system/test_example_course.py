@@ -8,13 +8,11 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from support.helpers import Process, angle_between, closed_form
+from support.helpers import PATIENCE, Process, angle_between, closed_form
 from support.paths import PACKAGE
 
 COURSE = os.path.join(PACKAGE, "examples", "example_course")
 PARKING = os.path.join(COURSE, "plans", "parking.txt")
-PATIENCE = 120.0
-"""[s] How long a test of the course may take on a busy machine."""
 
 
 def rostest(folder, name, *arguments):
@@ -24,7 +22,7 @@ def rostest(folder, name, *arguments):
         "ROS_TEST_RESULTS_DIR": f"{folder}/{name}",
     }
     with Process("rostest", "example_course", name, *arguments, **environment) as run:
-        status = run.wait(PATIENCE)
+        status = run.wait(2 * PATIENCE)
     (path,) = glob.glob(f"{folder}/{name}/example_course/rosunit-*.xml")
     cases = ElementTree.parse(path).getroot().iter("testcase")
     return status, {case.get("name"): case.findtext("failure") for case in cases}

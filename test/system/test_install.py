@@ -2,17 +2,14 @@
 
 import os
 import signal
-import socket
 import subprocess
 
 import pytest
 
-from support import paths
+from support.helpers import PATIENCE, free_port
+from support.paths import CHECKOUT
 
-PACKAGE = paths.CHECKOUT
 NOETIC = "/opt/ros/noetic"
-PATIENCE = 120
-"""[s] How long a build, or the drive of a short plan, may take on a busy machine."""
 
 
 def shell(script, folder, **variables):
@@ -41,7 +38,7 @@ def run(script, folder, **variables):
     """Return the output of a script that has to succeed."""
     process = shell(script, folder, **variables)
     try:
-        output, _ = process.communicate(timeout=PATIENCE)
+        output, _ = process.communicate(timeout=2 * PATIENCE)
     except subprocess.TimeoutExpired:
         os.killpg(process.pid, signal.SIGKILL)
         raise AssertionError(f"no end: {process.communicate()[0]}") from None
@@ -54,9 +51,9 @@ def folder(tmp_path_factory):
     """Return the folder of a workspace of which only the install space is left."""
     folder = tmp_path_factory.mktemp("workspace")
     (folder / "src").mkdir()
-    (folder / "src" / "mushr_ros_intro").symlink_to(PACKAGE)
+    (folder / "src" / "mushr_ros_intro").symlink_to(CHECKOUT)
     if not any(os.path.isdir(f"{root}/share/ackermann_msgs") for root in (NOETIC, "/usr")):
-        (folder / "src" / "ackermann_msgs").symlink_to(f"{PACKAGE}/underlay/ackermann_msgs")
+        (folder / "src" / "ackermann_msgs").symlink_to(f"{CHECKOUT}/underlay/ackermann_msgs")
     options = "-DPYTHON_EXECUTABLE=/usr/bin/python3 -DCATKIN_ENABLE_TESTING=OFF"
     run(f"catkin_make {options} install && rm -r build devel src", folder)
     return folder
@@ -74,9 +71,7 @@ def test_modules_and_files_are_in_the_install_space(folder):
 
 def test_roslaunch_drives(folder):
     (folder / "short.txt").write_text("1, 2, 0\n1.0, 0.1, 0.2\n")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     variables = {"ROS_MASTER_URI": f"http://localhost:{port}"}
     launch = f"source install/setup.bash; exec roslaunch -p {port} "
     simulation = shell(f"{launch} mushr_ros_intro sim.launch >sim.log", folder, **variables)
@@ -85,5 +80,5 @@ def test_roslaunch_drives(folder):
         output = run(f"{launch} --wait mushr_ros_intro {plan}", folder, **variables)
     finally:
         os.killpg(simulation.pid, signal.SIGINT)
-        messages, _ = simulation.communicate(timeout=PATIENCE)
+        messages, _ = simulation.communicate(timeout=2 * PATIENCE)
     assert "difference" in output, output + messages

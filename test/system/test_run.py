@@ -1,4 +1,4 @@
-"""Check scripts/run: from anywhere, in an odd environment, on loopback only, leaving no trace."""
+"""Check scripts/run: in any folder and environment, on loopback only, and without leftovers."""
 
 import contextlib
 import glob
@@ -6,18 +6,12 @@ import os
 import re
 import signal
 import subprocess
-import time
 import uuid
 
 import pytest
 
-from support import paths
-
-CHECKOUT = paths.CHECKOUT
-PATIENCE = 60.0
-"""[s] How long a step of the script may take on a busy machine."""
-POSITION_TOLERANCE = 1e-6
-"""[m] What the package promises between where the car stops and the closed form."""
+from support.helpers import PATIENCE, POSITION_TOLERANCE, wait_for
+from support.paths import CHECKOUT
 
 pytestmark = pytest.mark.skipif(
     not os.path.exists(f"{CHECKOUT}/build/.workspace/sources"),
@@ -26,7 +20,7 @@ pytestmark = pytest.mark.skipif(
 
 
 class Run:
-    """The script at work on a plan of some seconds, in an environment that would mislead ROS."""
+    """The script while it drives a plan, in an environment with wrong settings for ROS."""
 
     def __init__(self, folder, seconds):
         self.mark = f"MARK={uuid.uuid4()}"
@@ -59,19 +53,19 @@ class Run:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                # Whoever runs the tests in the background has it ignored.
+                # A shell ignores it in background processes.
                 preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
             )
 
     def wait_for_text(self, text):
-        deadline = time.monotonic() + PATIENCE
-        while text not in self.log.read_text():
-            assert time.monotonic() < deadline, f"waited for {text}: {self.log.read_text()}"
-            assert self.process.poll() is None, self.log.read_text()
-            time.sleep(0.01)
+        wait_for(
+            lambda: text in self.log.read_text() or self.process.poll() is not None,
+            f"{text!r}",
+        )
+        assert text in self.log.read_text()
 
     def processes(self):
-        """Return the folders in /proc of all that the script has started and that still runs."""
+        """Return the folders in /proc of the processes that the script has started."""
         found = []
         for path in glob.glob("/proc/[0-9]*/environ"):
             with contextlib.suppress(OSError), open(path, "rb") as file:  # ended, another user's
@@ -80,7 +74,7 @@ class Run:
         return found
 
     def listening(self):
-        """Return the addresses on which these processes wait for TCP, as /proc writes them."""
+        """Return the TCP addresses on which these processes listen, in the format of /proc."""
         files = set()
         for process in self.processes():
             for path in glob.glob(f"{process}/fd/*"):
@@ -96,7 +90,7 @@ class Run:
 
 @pytest.fixture
 def run(tmp_path):
-    """Return what starts the script for a number of seconds; nothing of it outlives the test."""
+    """Return a function that starts the script with a plan of some seconds."""
     started = []
 
     def start(seconds):
@@ -121,9 +115,10 @@ def test_a_drive(run):
     assert script.processes() == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("moment", ["starting", "row 1 of 1"])
-def test_an_end_before_time(run, number, moment):
+@pytest.mark.parametrize(
+    "number, moment", [(signal.SIGTERM, "starting"), (signal.SIGINT, "row 1 of 1")]
+)
+def test_interrupted(run, number, moment):
     script = run(100.0)
     script.wait_for_text(moment)
     script.process.send_signal(number)

@@ -1,28 +1,25 @@
 #!/usr/bin/python3
-"""Check the mux: priorities, timeouts, the stop, the latched winner, and bad configurations."""
-
-import unittest
+"""Check the mux: priorities, timeouts, the stop, the latched active input, a bad configuration."""
 
 import rospy
 import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
-from support.helpers import Recording, node, publisher, wait_for
+from support.helpers import LEAD, Recording, RosTestCase, at, command, node, publisher, wait_for
 
 MUX = "/car/mux/ackermann_cmd_mux"
 TIMEOUT = 0.2
 """[s] Of each input, in the default configuration."""
-LEAD = 0.3
-"""[s] How far ahead of the clock the tests stamp their first message: time to send the rest."""
 
 
-class TestMux(unittest.TestCase):
+class TestMux(RosTestCase):
     def setUp(self):
+        super().setUp()
         self.output = Recording(f"{MUX}/output", AckermannDriveStamped).connected()
         self.active = Recording(f"{MUX}/active", String).connected()
-        # rospy registers a publisher before it latches, and a connection stays as it was made: one
-        # of the mux's first moment tells no later subscriber of this process. So each test has one.
+        # A connection that was made before the mux first latched gets no latched message, so each
+        # test makes its own.
         self.addCleanup(self.active.subscriber.unregister)
         self.inputs = {
             name: publisher(f"{MUX}/input/{name}", AckermannDriveStamped)
@@ -30,30 +27,26 @@ class TestMux(unittest.TestCase):
         }
         wait_for(lambda: self.active.last and self.active.last.data == "idle", "an idle mux")
         self.output.clear()
-        self.begin = rospy.Time.now() + rospy.Duration(LEAD)
+        self.begin = rospy.Time.now() + LEAD
 
     def tearDown(self):
-        # That the mux is idle comes on a topic of its own, and may be here before the stop.
+        # The topic "active" can be faster than the stop.
         if self.output.messages:
             wait_for(lambda: self.output.last.drive.speed == 0.0, "the stop")
 
     def send(self, name, seconds, speed):
         """Send a command on an input, stamped `seconds` after the test's beginning."""
-        msg = AckermannDriveStamped()
-        msg.header.stamp = self.begin + rospy.Duration.from_sec(seconds)
-        msg.header.frame_id = "car/base_footprint"
-        msg.drive.speed = speed
-        self.inputs[name].publish(msg)
+        self.inputs[name].publish(command(at(self.begin, seconds), speed, 0.0))
 
     def sent(self):
-        """Return what has come out, as (seconds, speed)."""
+        """Return the commands that the mux has passed, as (seconds, speed)."""
         return [
             (round((m.header.stamp - self.begin).to_sec(), 9), m.drive.speed)
             for m in self.output.messages
         ]
 
     def expect(self, *commands):
-        """Wait until just these commands have come out."""
+        """Wait until the mux has passed these commands and no others."""
         wait_for(lambda: len(self.sent()) >= len(commands), f"{commands}, got {self.sent()}")
         expected = [(round(seconds, 9), speed) for seconds, speed in commands]
         self.assertEqual(self.sent(), expected)
@@ -63,7 +56,7 @@ class TestMux(unittest.TestCase):
         self.expect((0.0, 1.0))
         self.send("teleop", 0.05, 2.0)
         self.expect((0.0, 1.0), (0.05, 2.0))
-        wait_for(lambda: self.active.last.data == "teleop", "teleop to win")
+        wait_for(lambda: self.active.last.data == "teleop", "teleop to drive")
         self.send("navigation", 0.1, 3.0)  # teleop is live
         self.send("navigation", 0.24, 4.0)  # and still is
         self.send("navigation", 0.25, 5.0)  # and no longer is
@@ -74,7 +67,7 @@ class TestMux(unittest.TestCase):
         self.send("safety", 0.5, 0.0)
         expected = [(0.0, 1.0), (0.05, 2.0), (0.25, 5.0), (0.45, 7.0), (0.5, 0.0)]
         self.expect(*expected)
-        wait_for(lambda: self.active.last.data == "safety", "safety to win")
+        wait_for(lambda: self.active.last.data == "safety", "safety to drive")
         self.expect(*expected, (0.5 + TIMEOUT, 0.0))
 
     def test_one_stop_when_the_last_live_input_times_out(self):
@@ -98,22 +91,22 @@ class TestMux(unittest.TestCase):
         self.assertEqual(got.header.stamp, rospy.Time(0))
         self.assertEqual(got.drive, msg.drive)
 
-    def test_what_is_not_finite_does_not_pass(self):
+    def test_commands_that_are_not_finite_do_not_pass(self):
         self.send("safety", 0.0, float("nan"))
         self.send("safety", 0.05, float("inf"))
         self.send("navigation", 0.1, 1.0)
         self.expect((0.1, 1.0), (0.1 + TIMEOUT, 0.0))
 
-    def test_late_subscriber_hears_the_winner(self):
+    def test_a_late_subscriber_gets_the_active_input(self):
         late = Recording(f"{MUX}/active", String).connected()
-        wait_for(lambda: late.last, "the latched winner")
+        wait_for(lambda: late.last, "the latched name")
         self.assertEqual(late.last.data, "idle")
 
     def test_a_bad_configuration(self):
         entry = {"name": "a", "topic": "input/a", "timeout": 0.2, "priority": 1}
         rospy.set_param("/bad", {"subscribers": [entry]})
         with node("ackermann_cmd_mux.py", "__name:=bad") as process:
-            self.assertEqual(process.wait(), 1, process.output)
+            self.assertEqual(process.wait(), 1)
         self.assertIn("/bad: the mux's configuration lacks the key 'publisher'", process.output)
         self.assertNotIn("Traceback", process.output)
 

@@ -5,7 +5,6 @@ import itertools
 import math
 import random
 import socket
-import unittest
 
 import rospy
 import rostest
@@ -20,12 +19,11 @@ from std_msgs.msg import Empty
 from mushr_ros_intro.ros import sim_clock
 from mushr_ros_intro.ros.connections import wait_until_connected
 from support.helpers import (
-    ANGLE_TOLERANCE,
     LEAD,
     POSITION_TOLERANCE,
     Ghost,
     Recording,
-    angle_between,
+    RosTestCase,
     at,
     closed_form,
     command,
@@ -41,18 +39,15 @@ ROWS = [(2.0, 0.3), (1.0, -0.2), (-1.5, 0.25), (3.0, 0.0), (0.5, 1.2), (2.5, -0.
 """[m/s, rad] One command every 0.1 s."""
 
 
-class TestCarSim(unittest.TestCase):
+class TestCarSim(RosTestCase):
     def setUp(self):
+        super().setUp()
         self.poses = Recording("/car/car_pose", PoseStamped).connected()
         self.commands = publisher("/car/mux/ackermann_cmd_mux/output", AckermannDriveStamped)
         self.placements = publisher("/initialpose", PoseWithCovarianceStamped)
 
-    def assert_pose(self, got, expected):
-        self.assertLess(math.hypot(got[0] - expected[0], got[1] - expected[1]), POSITION_TOLERANCE)
-        self.assertLess(angle_between(got[2], expected[2]), ANGLE_TOLERANCE)
-
     def place(self, x=0.0, y=0.0, theta=0.0):
-        """Put the car somewhere, and wait until it says that it is there."""
+        """Place the car, and wait until it reports the pose."""
         stamp = rospy.Time.now()
         self.placements.publish(placement(stamp, x, y, theta))
         self.poses.shows((x, y, theta), stamp)
@@ -68,7 +63,7 @@ class TestCarSim(unittest.TestCase):
         return self.rest_after(at(begin, 0.1 * (len(ROWS) - 1)))
 
     def test_0_start_pose(self):
-        # Tests run in the order of their names, so here nobody has placed the car yet.
+        # Tests run in the order of their names, so the car is at its own start pose.
         self.assert_pose(planar(self.poses.after(rospy.Time(0)).pose), (1.0, -2.0, 0.5))
 
     def test_in_order_late_twice_and_out_of_order(self):
@@ -85,7 +80,7 @@ class TestCarSim(unittest.TestCase):
         self.place()
         begin = rospy.Time.now() + rospy.Duration(0.1)
         wait_for(lambda: rospy.Time.now() > at(begin, 0.4), "time to pass")
-        # The car already stands there again, and has to go back in time.
+        # The car has reported later poses at rest, so it has to recompute them.
         self.commands.publish(command(at(begin, 0.1), 2.0, 0.3))
         self.placements.publish(placement(begin, 5.0, 5.0, 1.0))
         wait_for(lambda: planar(self.poses.last.pose)[1] > 4.0, "the car to be placed")
@@ -111,19 +106,16 @@ class TestCarSim(unittest.TestCase):
             )
             self.assertLessEqual(moved, 2.0 * seconds + POSITION_TOLERANCE, "odometry jumped")
 
-    def test_a_placement_forgets_the_command(self):
-        self.place()
-        begin = rospy.Time.now() + LEAD
-        self.commands.publish(command(begin, 2.0, 0.0))
-        self.placements.publish(placement(at(begin, 0.05), 7.0, 8.0, 0.0))
-        self.assert_pose(self.rest_after(begin), (7.0, 8.0, 0.0))
-
-    def test_command_timeout(self):
+    def test_a_command_ends_at_its_timeout_or_at_an_initial_pose(self):
         self.place()
         begin = rospy.Time.now() + LEAD
         self.commands.publish(command(begin, 2.0, 0.4))
         expected = closed_form((0.0, 0.0, 0.0), [(2.0, 0.4, 0.2)])
         self.assert_pose(self.rest_after(begin), expected)
+        begin = rospy.Time.now() + LEAD
+        self.commands.publish(command(begin, 2.0, 0.0))
+        self.placements.publish(placement(at(begin, 0.05), 7.0, 8.0, 0.0))
+        self.assert_pose(self.rest_after(begin), (7.0, 8.0, 0.0))
 
     def test_stamps_that_mean_now(self):
         log = Recording("/rosout", Log).connected()
@@ -174,7 +166,7 @@ class TestCarSim(unittest.TestCase):
         turn_rate = speed * math.tan(angle) / 0.33
 
         driving = [m for m in odometry.messages if begin < m.header.stamp < at(begin, 0.7)]
-        # Where the first command comes late, the car stands until then.
+        # If the first command is late, the car stands until then.
         driving = list(itertools.dropwhile(lambda m: not m.twist.twist.linear.x, driving))
         self.assertGreater(len(driving), 10)
         for one, other in zip(driving, driving[1:]):
@@ -187,7 +179,7 @@ class TestCarSim(unittest.TestCase):
             expected = closed_form(planar(one.pose.pose), [(speed, angle, seconds)])
             self.assert_pose(planar(other.pose.pose), expected)
 
-        # On a busy machine a report may be left out for the next one.
+        # On a busy machine the car can skip reports.
         poses = {m.header.stamp: m.pose for m in self.poses.messages}
         joints = {m.header.stamp: m for m in joints.messages}
         complete = [m for m in driving if m.header.stamp in poses and m.header.stamp in joints]
@@ -218,7 +210,7 @@ class TestCarSim(unittest.TestCase):
         listener.unregister()
 
     def test_a_subscriber_that_was_not_told_of_a_publisher(self):
-        """Which now and then happens to rospy: it is told again, whichever end waits."""
+        """It is told again, at either end; rospy sometimes does not."""
         told = rospy.Publisher("/told", Empty, queue_size=1)
         ghost = Ghost(subscribes=["/told"])
         self.addCleanup(ghost.end)
@@ -234,7 +226,7 @@ class TestCarSim(unittest.TestCase):
         wait_for(lambda: len(ghost.calls["requestTopic"]) >= 2, "the subscriber to ask again")
 
     def test_a_subscriber_that_is_not_yet_connected(self):
-        """It counts a connection that the publisher has not answered; that is not good enough."""
+        """A connection that the publisher has not answered does not count, as it does in rospy."""
         with socket.create_server(("127.0.0.1", 0)) as server:
             ghost = Ghost(publishes=["/begun"], port=server.getsockname()[1])
             self.addCleanup(ghost.end)
@@ -244,8 +236,8 @@ class TestCarSim(unittest.TestCase):
         there = rospy.Subscriber("/car/car_pose", PoseStamped)
         self.assertTrue(wait_until_connected(there, "publishers"))
 
-    def test_a_publisher_that_does_not_say_whether_it_is_connected(self):
-        """It is not waited for, or a node would hang at its start with it."""
+    def test_a_publisher_that_does_not_answer(self):
+        """The wait ends, so that no node hangs at its start."""
         with socket.create_server(("127.0.0.1", 0)) as server:
             ghost = Ghost(publishes=["/silent"], port=server.getsockname()[1], silence=60.0)
             self.addCleanup(ghost.end)
@@ -253,8 +245,8 @@ class TestCarSim(unittest.TestCase):
             wait_for(lambda: silent.get_num_connections() == 1, "the subscriber to connect")
             self.assertFalse(wait_until_connected(silent, "publishers", seconds=1.0))
 
-    def test_a_node_that_is_gone_without_signing_off(self):
-        """The master goes on naming it, but nobody waits for it."""
+    def test_a_node_that_died_without_unregistering(self):
+        """The master still lists it, but no publisher waits for it."""
         left = rospy.Publisher("/left", Empty, queue_size=1)
         ghost = Ghost(subscribes=["/left"])
         self.addCleanup(ghost.end)
@@ -262,8 +254,8 @@ class TestCarSim(unittest.TestCase):
         ghost.die()
         self.assertTrue(wait_until_connected(left, "subscribers"))
 
-    def test_who_keeps_the_clock(self):
-        """The car does where time is simulated and nobody who is alive publishes /clock."""
+    def test_whether_the_car_keeps_the_clock(self):
+        """It does if time is simulated and no live node publishes /clock."""
         has_to_keep_it = sim_clock.has_to_keep_clock
         self.assertFalse(has_to_keep_it())
         self.addCleanup(rospy.delete_param, "/use_sim_time")
@@ -279,7 +271,7 @@ class TestCarSim(unittest.TestCase):
 
     def test_bad_parameters(self):
         with node("car_sim.py", "__name:=bad", "_track:=wide") as car:
-            self.assertEqual(car.wait(), 1, car.output)
+            self.assertEqual(car.wait(), 1)
             self.assertIn("parameter ~track is 'wide'; expected", car.output)
             self.assertNotIn("Traceback", car.output)
 

@@ -20,6 +20,7 @@ from support.helpers import (
     RosTestCase,
     at,
     closed_form,
+    float32,
     kill,
     node,
     planar,
@@ -158,7 +159,7 @@ class TestLockStep(TestAnyFactor):
     def test_a_recorder_that_stands_still(self):
         """The recorded times are those of the car, not of the recorder."""
         rows = ((1.0, 0.2, 3.5), (-1.0, 0.1, 4.25), (0.5, 0.0, 3.0))
-        expected = [(*row[:2], from_seconds(row[2])) for row in rows]
+        expected = [(*map(float32, row[:2]), from_seconds(row[2])) for row in rows]
         obeyed = Recording(OUTPUT, AckermannDriveStamped).connected()
         path = self.plan_of(*rows)
         with node("plan_recorder.py", f"_folder:={self.folder}") as recorder:

@@ -5,7 +5,7 @@ import time
 
 import pytest
 import rospy
-from rospy.rostime import _set_rostime, switch_to_wallclock
+from rospy.rostime import switch_to_wallclock
 
 from mushr_ros_intro.plan.model import Plan, Row
 from mushr_ros_intro.ros import ros_time
@@ -17,18 +17,7 @@ from support.helpers import PATIENCE, wait_for
 SECOND = 1_000_000_000
 
 
-def set_clock(stamp):
-    _set_rostime(rospy.Time(0, stamp))
-
-
-@pytest.fixture(autouse=True)
-def clock(monkeypatch):
-    """Set the clock to 5 s, in a node that is not shut down."""
-    monkeypatch.setattr("rospy.rostime._rostime_initialized", True)
-    monkeypatch.setattr("rospy.is_shutdown", lambda: False)
-    set_clock(5 * SECOND)
-    yield
-    switch_to_wallclock()
+pytestmark = pytest.mark.usefixtures("set_clock")
 
 
 class Sleeper:
@@ -60,7 +49,7 @@ def test_no_sleep_if_the_instant_is_past(due):
     assert not Sleeper(due, now=due - SECOND // 10).is_interrupted()
 
 
-def test_a_timetable_does_not_oversleep_if_the_clock_moves_after_its_look(monkeypatch):
+def test_a_timetable_does_not_oversleep_if_the_clock_moves_after_its_look(monkeypatch, set_clock):
     """In lock-step that clock waits for the command."""
     plan = Plan("plan.txt", (0.0, 0.0, 0.0), (Row(1.0, 0.0, COMMAND_PERIOD, 2),))
     timetable = Timetable(plan)
@@ -82,7 +71,7 @@ def test_no_sleep_if_the_caller_has_seen_a_later_present():
     assert not Sleeper(7 * SECOND, now=6 * SECOND).is_interrupted()
 
 
-def test_sleep_ends_when_the_clock_is_there():
+def test_sleep_ends_when_the_clock_is_there(set_clock):
     sleeper = Sleeper(6 * SECOND)
     for stamp in (5 * SECOND, 6 * SECOND - 1):
         set_clock(stamp)
@@ -91,7 +80,7 @@ def test_sleep_ends_when_the_clock_is_there():
     assert not sleeper.is_interrupted()
 
 
-def test_no_move_of_the_clock_is_missed(monkeypatch):
+def test_no_move_of_the_clock_is_missed(monkeypatch, set_clock):
     """The sleeper looks at the clock, and the clock moves before it sleeps."""
     look = rospy.get_rostime
     looks = []
@@ -111,7 +100,7 @@ def test_no_move_of_the_clock_is_missed(monkeypatch):
     movers[0].join()
 
 
-def test_sleep_ends_if_the_clock_is_set_back():
+def test_sleep_ends_if_the_clock_is_set_back(set_clock):
     sleeper = Sleeper(6 * SECOND)
     assert sleeper.sleeps()
     set_clock(5 * SECOND - 1)

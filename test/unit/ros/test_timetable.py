@@ -2,7 +2,7 @@
 
 import pytest
 import rospy
-from rospy.rostime import _set_rostime, switch_to_wallclock
+from rospy.rostime import switch_to_wallclock
 
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.ros.ros_time import ClockError
@@ -15,23 +15,12 @@ BEGIN = 5 * SECOND
 PLAN = parse_plan(b"0,0,0\n1,0,0.25\n2,0,0.1\n3,0,0.05\n", "plan.txt")
 
 
-def set_clock(stamp):
-    _set_rostime(rospy.Time(0, stamp))
+pytestmark = pytest.mark.usefixtures("set_clock")
 
 
-@pytest.fixture(autouse=True)
-def clock(monkeypatch):
-    """Simulate the time, in a node that is not shut down."""
-    monkeypatch.setattr("rospy.rostime._rostime_initialized", True)
-    monkeypatch.setattr("rospy.is_shutdown", lambda: False)
-    set_clock(BEGIN)
-    yield
-    switch_to_wallclock()
-
-
-def drive(timetable, begin):
+def drive(timetable, set_clock):
     """Return the due times of each row, with a clock that follows them."""
-    rows = []
+    rows, begin = [], timetable.due
     for row in PLAN.rows:
         rows.append([])
         for due in timetable.instants(row):
@@ -66,25 +55,25 @@ def test_the_first_command_is_due_one_period_after_the_report_or_now(stamp, firs
     assert timetable.end == first + PLAN.duration
 
 
-def test_every_row_begins_when_the_last_one_ends():
+def test_every_row_begins_when_the_last_one_ends(set_clock):
     timetable = Timetable(PLAN)
     timetable.start_after(BEGIN)
-    assert drive(timetable, timetable.due) == [[0, 100, 200], [250], [350]]
+    assert drive(timetable, set_clock) == [[0, 100, 200], [250], [350]]
     assert timetable.due == timetable.end
 
 
-def test_the_next_drive_begins_after_the_end_of_the_last_one():
+def test_the_next_drive_begins_after_the_end_of_the_last_one(set_clock):
     timetable = Timetable(PLAN)
     timetable.start_after(BEGIN)
-    drive(timetable, timetable.due)
+    drive(timetable, set_clock)
     set_clock(timetable.end)
     assert timetable.begin() == timetable.end + MAX_LEAD
     timetable.start_after(timetable.end)
-    assert drive(timetable, timetable.due) == [[0, 100, 200], [250], [350]]
+    assert drive(timetable, set_clock) == [[0, 100, 200], [250], [350]]
 
 
 @pytest.mark.parametrize("offset", [0, 1, STAMP_TOLERANCE])
-def test_a_command_is_sent_one_period_early_and_up_to_a_second_late(offset):
+def test_a_command_is_sent_one_period_early_and_up_to_a_second_late(offset, set_clock):
     timetable = Timetable(PLAN)
     timetable.start_after(BEGIN)
     set_clock(timetable.due - COMMAND_PERIOD + offset)
@@ -92,7 +81,7 @@ def test_a_command_is_sent_one_period_early_and_up_to_a_second_late(offset):
 
 
 @pytest.mark.parametrize("offset", [STAMP_TOLERANCE + 1, -STAMP_TOLERANCE - 1])
-def test_a_clock_that_jumps_ends_the_plan(offset):
+def test_a_clock_that_jumps_ends_the_plan(offset, set_clock):
     timetable = Timetable(PLAN)
     timetable.start_after(BEGIN)
     set_clock(timetable.due - COMMAND_PERIOD + offset)

@@ -3,7 +3,6 @@
 import copy
 
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -118,35 +117,3 @@ def test_any_configuration_is_read_or_refused(raw, publisher, entry):
             assert parse_config(each).inputs
         except ConfigError as error:
             assert str(error)
-
-
-scraps = ["subscribers:", "publisher:", "name:", "topic:", "timeout:", "priority:", "short_desc:"]
-scraps += [
-    "\n",
-    "\n  - ",
-    "\n    ",
-    " a",
-    " a/b",
-    " 0.2",
-    " .nan",
-    " 1e400",
-    " -1",
-    " 9",
-    " [",
-    " {",
-]
-scraps += ["]", "}", ",", " &a", " *a", " !!int", " |", "'", " ~", " yes", " 1:30", " 0x1f", "#"]
-
-
-@given(
-    st.binary(max_size=60) | st.lists(st.sampled_from(scraps)).map(lambda e: "".join(e).encode())
-)
-def test_any_yaml_is_a_configuration_or_refused(data):
-    try:
-        raw = yaml.safe_load(data)
-    except Exception:
-        return  # it is roslaunch that reads the file, and says so
-    try:
-        assert parse_config(raw).inputs
-    except ConfigError as error:
-        assert "expected" in str(error)
