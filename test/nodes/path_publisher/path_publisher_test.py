@@ -127,7 +127,7 @@ class TestPathPublisher(RosTestCase):
             # The car does not stand at the start of slalom, the origin.
             (
                 ["_plan_file:=slalom", "_init_pose_topic:=/wrong_initialpose"],
-                "did not take the start pose (0.0000 m",
+                "was not at the start pose (0.0000 m",
             ),
             (
                 [
@@ -135,7 +135,7 @@ class TestPathPublisher(RosTestCase):
                     f"_control_topic:={CONTROL}",
                     "_init_pose_topic:=/initialpose",
                 ],
-                "did not take the start pose",
+                "was not at the start pose",
             ),
         ]
         common = ("_plan_file:=circle", "_subscriber_timeout:=3.0")

@@ -97,7 +97,9 @@ class TestRealCar(RosTestCase):
         ellipses = Recording(NAME + "/spread_ellipses", MarkerArray)
         plan = self.plan("1,2,0.5\n0.5,0.1\n0.8,-0.1,3\n")
         output = self.drive(f"_plan_file:={plan}", "_strict:=true", "_spread:=true")
-        self.assertIn("1000 cars with random errors end 0.", output)
+        self.assertIn(
+            "spread of 1000 drives with random errors: the final positions are 0.", output
+        )
         wait_for(lambda: cloud.last and ellipses.last, "the spread")
         poses = np.array([planar(pose) for pose in cloud.last.poses])
         self.assertEqual(poses.shape, (1000, 3))
@@ -197,7 +199,7 @@ class TestRealCar(RosTestCase):
             self.assertEqual(driver.wait(), 1)
         teleop.unregister()
         self.assertEqual(driver.output.count("FATAL"), 1)
-        self.assertIn("active is 'teleop': another node drives the car", driver.output)
+        self.assertIn("active is 'teleop': another input drives the car", driver.output)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         self.assertEqual([m.drive.speed for m in self.commands.messages].count(0.0), 1)
         self.assertLess(len(self.commands.messages), 9000)
