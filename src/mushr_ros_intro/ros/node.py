@@ -24,7 +24,7 @@ from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 
 PACKAGE = "mushr_ros_intro"
 
-SHUTDOWN_TIMEOUT = 10.0
+SHUTDOWN_TIMEOUT = 14.0
 """Timeout for the end of a node [s]; roslaunch waits 15 s, a call to the master may take 5 s."""
 
 _ends: "SimpleQueue[Tuple[str, Optional[int]]]" = SimpleQueue()

@@ -136,7 +136,7 @@ def test_a_node_that_does_not_end_is_ended(master, run):
         wait_for(lambda: "runs" in process.output, "the node")
         process.send_signal(signal.SIGINT)
         assert process.wait() == 1, process.output
-    assert "made: the node did not end within 10 s" in process.output
+    assert "made: the node did not end within 14 s" in process.output
 
 
 @pytest.mark.parametrize(
