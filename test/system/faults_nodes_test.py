@@ -78,14 +78,15 @@ class TestNodeFaults(DrivenCarTestCase):
         self.assertLess(difference, POSITION_TOLERANCE)
 
     def test_the_master_does_not_answer(self):
-        """As on a cut network: the plan is driven to its end, no node starts, Ctrl-C works."""
+        """As on a cut network: the drive ends, no node starts, and Ctrl-C works."""
         with self.other_master() as (core, plan, environment):
             core.send_signal(signal.SIGSTOP)
             with node("car_sim.py", "__name:=late", **environment) as late:
-                self.assertEqual(plan.wait(), 0)
+                self.assertEqual(plan.wait(), 1)
                 self.assertEqual(late.wait(), 1)
             for each in (plan, late):
                 self.assertNotIn("Traceback", each.output)
+        self.assertIn("the network to the master is cut. The drive ends", plan.output)
         self.assertIn("car_sim: no master answers", late.output)
 
     @contextlib.contextmanager

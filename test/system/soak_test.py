@@ -55,7 +55,7 @@ class Drive:
         self._late = collections.deque(maxlen=100)
         self._unjudged = collections.deque()
         self._plan = plan
-        self._cycle = plan.duration + PERIOD  # the stop, and from there to the next first command
+        self._laps = []  # when the first command of each lap is due [ns]
         self._read()
         topic = f"/{car}/mux/ackermann_cmd_mux"
         options = {"tcp_nodelay": True}
@@ -83,12 +83,21 @@ class Drive:
 
     def _expected(self, index):
         """Return the stamp, speed and steering angle of a command, counted from the first."""
-        rounds, index = divmod(index, len(self._told))
+        lap, index = divmod(index, len(self._told))
         due, speed, steering_angle = self._told[index]
-        return (self.first + rounds * self._cycle + due, speed, steering_angle)
+        return (self._laps[lap] + due, speed, steering_angle)
+
+    def _begin_lap(self, index, stamp):
+        """Note when a lap begins, with its first command on either topic."""
+        lap, place = divmod(index, len(self._told))
+        if lap == len(self._laps):
+            if place or (lap and stamp < self._laps[-1] + self._plan.duration + PERIOD):
+                self._blame(f"command {index} at {stamp} begins a lap too early")
+            self._laps.append(stamp)
 
     def _check(self, what, index, msg):
         found = (msg.header.stamp.to_nsec(), msg.drive.speed, msg.drive.steering_angle)
+        self._begin_lap(index, found[0])
         expected = self._expected(index)
         if found != expected:
             self._blame(f"{what} {index} is {found}, expected {expected}")
@@ -121,6 +130,7 @@ class Drive:
             while self._expected(self.passed)[0] < msg.header.stamp.to_nsec():
                 self.passed += 1
         is_stop = msg.drive.speed == msg.drive.steering_angle == 0.0
+        self._begin_lap(self.passed, msg.header.stamp.to_nsec())
         if is_stop and self._expected(self.passed)[1] and rospy.rostime.is_wallclock():
             self.stops += 1  # this machine stood still for longer than a command is good for
             return
@@ -141,15 +151,18 @@ class Drive:
 
     def _judge(self, stamp, found):
         """See whether a pose is where the plan has the car, as long as no command was late."""
-        offset = (stamp - self.first) % self._cycle
-        expected = self._starts[0]
-        if offset < self._plan.duration:
-            index = self._row_at(offset)
+        lap = bisect.bisect_right(self._laps, stamp) - 1
+        offset = stamp - self._laps[lap]
+        if offset > self._plan.duration:  # between two laps: at the end, or placed again
+            if abs(complex(*found[:2]) - complex(*self._starts[-1][:2])) > ROUNDING:
+                expected = self._starts[0]
+            else:
+                expected = self._starts[-1]
+        else:
+            index = min(self._row_at(offset), len(self._plan.rows) - 1)
             row, begin = self._plan.rows[index], self._begins[index]
             driven = (row.speed, row.steering_angle, (offset - begin) / 1e9)
             expected = closed_form(self._starts[index], [driven])
-        if offset == self._plan.duration:
-            return  # then the car is placed again, of which it may have heard or not
         if rospy.rostime.is_wallclock() and (self._is_news(offset) or self._is_missing(stamp)):
             self.unsure += 1
             return
