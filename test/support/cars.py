@@ -1,8 +1,20 @@
-"""Histories of simulated cars, from short descriptions of their events."""
+"""The cars and plans of the package, plans from text, and histories of simulated cars."""
+
+import os
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Command, InitialPose
+from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.plan.find import read_plan
+from mushr_ros_intro.plan.parse import parse_plan
+from support.paths import PACKAGE, PLANS
+
+FOLDER = os.path.join(PACKAGE, "config", "cars")
+PROFILES = {name: read_profile(os.path.join(FOLDER, f"{name}.yaml")) for name in names_in(FOLDER)}
+CARS = {name: car_from(Parameters(values)) for name, values in PROFILES.items()}
+PLAN_NAMES = sorted(entry[:-4] for entry in os.listdir(PLANS))
 
 MS = 1_000_000
 SECOND = 1000 * MS
@@ -13,6 +25,14 @@ BEGIN = 1_700_000_000 * SECOND
 
 ROUNDING = 1e-12
 """[m, rad, m/s] For some operations on doubles of the size of 10."""
+
+
+def plan_named(name):
+    return read_plan(os.path.join(PLANS, f"{name}.txt"))
+
+
+def plan_of(text):
+    return parse_plan(text.encode(), "my.txt")
 
 
 def history_of(car, start, *events, world=None):

@@ -6,8 +6,8 @@ from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.grading.judge import default_tolerances, judge, verdict
 from mushr_ros_intro.grading.replay import Replay, Sent
-from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview.prediction import states_at
+from support import cars
 from support.helpers import float32
 
 SECOND = 1_000_000_000
@@ -22,7 +22,7 @@ START = (1.0, 2.0, 0.5)
 def plan_of(start, rows):
     """Return a plan of rows of (speed, steering angle, seconds)."""
     lines = [start, *rows]
-    return parse_plan("\n".join(", ".join(map(str, line)) for line in lines).encode(), "plan.txt")
+    return cars.plan_of("\n".join(", ".join(map(str, line)) for line in lines))
 
 
 PLAN = plan_of(START, ROWS)

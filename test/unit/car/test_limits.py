@@ -1,7 +1,6 @@
 """Cars with limits, ramps and noise, against numerical integration in fine steps."""
 
 import math
-import os
 import statistics
 
 import numpy as np
@@ -13,18 +12,11 @@ from mushr_ros_intro.car.bicycle import ORIGIN, Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car, Command, at_rest
 from mushr_ros_intro.car.motion import advance, apply
-from mushr_ros_intro.car.profile import car_from, names_in, read_profile
-from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.world.footprint import Footprint, is_free
 from mushr_ros_intro.world.map_file import read_map
-from support.cars import BEGIN, MS, ROUNDING, SECOND, at, history_of
+from support.cars import BEGIN, CARS, MS, ROUNDING, SECOND, at, history_of
 from support.paths import PACKAGE
 
-PROFILES = os.path.join(PACKAGE, "config", "cars")
-CARS = {
-    name: car_from(Parameters(read_profile(os.path.join(PROFILES, f"{name}.yaml"))))
-    for name in names_in(PROFILES)
-}
 NANO = CARS["mushr_nano"]
 STANDING = at_rest(0, ORIGIN)
 
@@ -153,7 +145,7 @@ def test_a_reversal_goes_through_standstill():
     assert advance(state, 9 * SECOND, NANO).pose.x == pytest.approx(0.1)
 
 
-SANDBOX = World(read_map(os.path.join(PACKAGE, "maps", "sandbox.yaml")))
+SANDBOX = World(read_map(f"{PACKAGE}/maps/sandbox.yaml"))
 STOP = 49.4 - Footprint().front
 """[m] The x coordinate at which the wall of the sandbox stops a car that drives along x."""
 

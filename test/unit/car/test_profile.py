@@ -1,7 +1,6 @@
 """The profiles of cars: the shipped ones, and errors in others."""
 
 import math
-import os
 
 import pytest
 from hypothesis import given
@@ -10,13 +9,9 @@ from hypothesis import strategies as st
 from mushr_ros_intro.car.bicycle import ORIGIN
 from mushr_ros_intro.car.model import Car, Command, at_rest
 from mushr_ros_intro.car.motion import advance, apply
-from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.car.profile import car_from, read_profile
 from mushr_ros_intro.parameters import ParameterError, Parameters
-from support.paths import PACKAGE
-
-FOLDER = os.path.join(PACKAGE, "config", "cars")
-PROFILES = {name: read_profile(os.path.join(FOLDER, f"{name}.yaml")) for name in names_in(FOLDER)}
-CARS = {name: car_from(Parameters(values)) for name, values in PROFILES.items()}
+from support.cars import CARS, PROFILES
 
 
 def test_profiles():

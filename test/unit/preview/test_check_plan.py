@@ -3,23 +3,18 @@
 import json
 import math
 import os
-import subprocess
 import sys
 
 import numpy as np
 import pytest
-import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.find import read_plan
 from mushr_ros_intro.plan.model import PlanError, as_float32
-from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview.limits import slowed
 from mushr_ros_intro.preview.report import check
@@ -28,14 +23,16 @@ from mushr_ros_intro.preview.text import as_json, as_text
 from mushr_ros_intro.world.footprint import Footprint
 from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.map_file import read_map
+from support.cars import CARS, PLAN_NAMES, plan_named, plan_of
+from support.helpers import Process
 from support.paths import PACKAGE
 
-PLANS = os.path.join(PACKAGE, "plans")
+sys.path.append(os.path.join(PACKAGE, "src"))
+
+import check_plan  # noqa: E402
+
 BROKEN = os.path.join(PACKAGE, "test", "fixtures", "broken_plans")
 PROGRAM = os.path.join(PACKAGE, "src", "check_plan.py")
-
-NAMES = sorted(entry[:-4] for entry in os.listdir(PLANS))
-CARS = ("ideal", "mushr_nano", "mushr_tx2", "racecar_mit")
 
 SAME = 1e-9
 """[m, rad, s] Between closed forms and sums of doubles."""
@@ -44,24 +41,17 @@ BOX = 2e-4
 """[m] Of a bounding box, with 1e-4 for each side of the comparison."""
 
 
-def car_named(name):
-    with open(os.path.join(PACKAGE, "config", "cars", name + ".yaml"), encoding="utf-8") as file:
-        return car_from(Parameters(yaml.safe_load(file), ""))
-
-
 def checked(text, car="ideal", grid=None):
-    plan = parse_plan(text.encode(), "my.txt")
-    name, car = (car, car_named(car)) if isinstance(car, str) else ("slow", car)
-    return check(plan, name, car, "the map" if grid else "", grid)
+    name, car = (car, CARS[car]) if isinstance(car, str) else ("slow", car)
+    return check(plan_of(text), name, car, "the map" if grid else "", grid)
 
 
 def faults(text, car="ideal", grid=None):
     return [str(fault) for fault in checked(text, car, grid).faults]
 
 
-def report_on(name, car="ideal", grid=None):
-    plan = read_plan(os.path.join(PLANS, name + ".txt"))
-    return check(plan, car, car_named(car), "the map" if grid else "", grid)
+def report_on(name, car="ideal"):
+    return check(plan_named(name), car, CARS[car], "", None)
 
 
 def walled(free_to=5.0):
@@ -75,9 +65,9 @@ def walled(free_to=5.0):
 
 
 @pytest.mark.parametrize("car", CARS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", PLAN_NAMES)
 def test_the_report_agrees_with_the_prediction(name, car):
-    report, quiet = report_on(name, car), car_named(car)
+    report, quiet = report_on(name, car), CARS[car]
     states = prediction.states_at(report.plan, quiet, [step.end for step in report.steps[:-1]])
     assert [step.pose for step in report.steps[:-1]] == [state.pose for state in states]
     assert (report.rest, report.final_pose) == prediction.rest(report.plan, quiet)
@@ -107,12 +97,10 @@ def test_the_figures_of_figure_8():
         min_size=1,
         max_size=5,
     ),
-    st.sampled_from([car_named("ideal"), car_named("mushr_tx2")]),
+    st.sampled_from([CARS["ideal"], CARS["mushr_tx2"]]),
 )
 @example([(2.0, 0.5, 9)], Car(steering_rate=0.05))
-@example(
-    [(1.625, 0.2468, 7.3)], car_named("mushr_tx2")
-)  # it ends with its wheels turned, along an axis
+@example([(1.625, 0.2468, 7.3)], CARS["mushr_tx2"])  # ends with wheels turned, along an axis
 def test_the_box_is_that_of_the_path(rows, car):
     text = "1, 2, 3\n" + "".join("{:.6f}, {:.6f}, {}\n".format(*row) for row in rows)
     report = checked(text, car)
@@ -121,11 +109,11 @@ def test_the_box_is_that_of_the_path(rows, car):
     assert report.box == pytest.approx((left, right, bottom, top), abs=BOX)
 
 
-@pytest.mark.parametrize("seconds", [7, 100, 1e9])
-def test_the_box_of_a_circle_in_one_row(seconds):
+def test_the_box_of_a_circle_in_one_row():
     radius = 0.33 / math.tan(as_float32(0.3))
     expected = (-radius, radius, 0.0, 2.0 * radius)
-    assert checked(f"0,0,0\n1,0.3,{seconds}\n").box == pytest.approx(expected, abs=SAME)
+    for seconds in (7, 100, 1e9):
+        assert checked(f"0,0,0\n1,0.3,{seconds}\n").box == pytest.approx(expected, abs=SAME)
 
 
 def test_the_distance_there_and_back_counts_twice():
@@ -135,10 +123,7 @@ def test_the_distance_there_and_back_counts_twice():
     assert [step.pose.x for step in report.steps] == pytest.approx([0.75, 0.75, 0.5])
     assert report.box == pytest.approx((0.0, 1.0, 0.0, 0.0))
     assert report.length == pytest.approx(1.5)
-
-
-def test_the_distance_of_a_stop_that_is_repeated_while_the_car_brakes():
-    """At 1 m/s^2 it stops from 1 m/s in 1 s and 0.5 m."""
+    # A stop is repeated while the car brakes: at 1 m/s^2, from 1 m/s in 1 s and 0.5 m.
     report = checked("0, 0, 0\n1, 0, 4\n0, 0, 0.5\n0, 0, 3\n", Car(acceleration=1.0))
     assert [step.distance for step in report.steps] == pytest.approx([3.5, 0.375, 0.125, 0.0])
 
@@ -156,7 +141,7 @@ def test_the_smallest_radius_is_that_of_the_largest_steering_angle_on_the_way():
     text = "0,0,0\n0,0.4\n1,-0.1\n"
     assert checked(text).radius == pytest.approx(0.33 / math.tan(as_float32(0.1)))
     nano = checked(text, "mushr_nano").radius
-    wheelbase = car_named("mushr_nano").wheelbase
+    wheelbase = CARS["mushr_nano"].wheelbase
     assert nano == pytest.approx(wheelbase / math.tan(as_float32(0.4)))
     assert checked("0,0,0\n0,0.4\n1,0\n").radius == math.inf
 
@@ -190,20 +175,17 @@ def test_the_table():
     ]
 
 
-def test_numbers_that_round_to_zero_have_no_minus_sign():
+def test_special_lines_of_the_table():
+    # Numbers that round to zero have no minus sign.
     text = "\n".join(as_text(checked("0,0,0\n-0.0004,0\n0.0044,0\n")))
     assert "final pose      x 0.004 m, y 0.000 m" in text
     assert "bounding box    x 0.000 to 0.004 m" in text
-
-
-def test_long_tables_and_lists_of_faults_are_cut():
+    # Long tables and lists of faults are cut.
     text = list(as_text(checked("0, 0, 0\n" + "1, 0.1\n9, 0.1\n" * 500, "mushr_tx2")))
     assert "    ... 960 more rows ..." in text
     assert text[-2:] == ["... and 480 more faults", "500 faults"]
     assert len(text) < 90
-
-
-def test_a_car_with_ramps_has_a_line_for_its_stop():
+    # A car with ramps has a line for its stop.
     text = "\n".join(as_text(checked("0, 0, 0\n0.5, 0\n", "mushr_nano")))
     assert "\n   stop    0.00    0.0000      0.20     0.050    0.000" in text
     assert "and the car rolls on for 0.050 m" in text
@@ -239,8 +221,7 @@ def test_plans_within_the_limits(rows, car):
 
 
 def test_a_plan_is_slowed_down_with_a_fault_for_each_run_of_rows():
-    text = b"0,0,0\n# slow\n0.5, 0.1\n 2, 0\n-3, 0.2, 0.5\n-1, 0\n1.5,0\n"
-    plan = parse_plan(text, "my.txt")
+    plan = plan_of("0,0,0\n# slow\n0.5, 0.1\n 2, 0\n-3, 0.2, 0.5\n-1, 0\n1.5,0\n")
     slow, changes = slowed(plan, 1.0)
     assert [row.speed for row in slow.rows] == [0.5, 1.0, -1.0, -1.0, 1.0]
     assert [row[1:] for row in slow.rows] == [row[1:] for row in plan.rows]
@@ -251,7 +232,7 @@ def test_a_plan_is_slowed_down_with_a_fault_for_each_run_of_rows():
         "my.txt:7:1: row 5 asks for 1.5 m/s; the largest speed allowed is 1 m/s, and that is sent",
     ]
     assert slowed(plan, math.inf) == (plan, [])
-    at_the_limit = parse_plan(b"0,0,0\n0.3,0\n", "my.txt")  # 0.3 rounds up as a float32
+    at_the_limit = plan_of("0,0,0\n0.3,0\n")  # 0.3 rounds up as a float32
     assert slowed(at_the_limit, 0.3) == (at_the_limit, [])
 
 
@@ -285,7 +266,7 @@ def test_a_wall_ahead():
     ],
 )
 def test_a_wall_is_hit_where_the_simulated_car_hits_it(rows, car_name):
-    grid, car = walled(), car_named(car_name)
+    grid, car = walled(), CARS[car_name]
     report = checked(f"0, 0, 0.3\n{rows}\n", car_name, grid)
     trajectory = prediction.trajectory(report.plan, car, 100_000_000, World(grid))
     contact = next(state.collision for state in trajectory if state.collision)
@@ -343,7 +324,7 @@ def test_the_car_leaves_the_map(heading, where):
 def test_the_car_leaves_a_turned_map_in_reverse():
     """The tail ends 0.9 m behind the rear axle."""
     turned = Grid(np.zeros((40, 80), np.int8), 0.1, Pose(2.0, -4.0, 0.5 * math.pi))
-    plan = parse_plan(b"0,0,1.5707963\n-1,0,9\n", "my.txt")
+    plan = plan_of("0,0,1.5707963\n-1,0,9\n")
     long_tail = Footprint(front=0.05, back=0.9, half_width=0.1)
     report = check(plan, "ideal", Car(), "the map", turned, long_tail)
     (fault,) = report.faults
@@ -378,38 +359,48 @@ def test_the_text_on_the_spread():
 # The program ------------------------------------------------------------------------------------
 
 
-def run(*arguments, cwd=PACKAGE):
-    return subprocess.run(
-        [sys.executable, PROGRAM, *arguments],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+@pytest.fixture(name="run")
+def _run(monkeypatch, capsys, tmp_path):
+    """Return a function that runs the program in a folder; it returns (status, output, errors)."""
+
+    def run(*arguments, folder=tmp_path):
+        monkeypatch.setattr("signal.signal", lambda *_: None)  # SIGPIPE would end pytest
+        monkeypatch.chdir(folder)
+        monkeypatch.setenv("PWD", str(folder))
+        monkeypatch.setattr(sys, "argv", ["check_plan.py", *arguments])
+        try:
+            status = check_plan.main()
+        except SystemExit as end:
+            status = end.code
+        return (status, *capsys.readouterr())
+
+    return run
 
 
 def test_a_plan_without_faults_ends_with_status_0():
-    result = run("figure_8", "--map", "sandbox")
-    assert (result.returncode, result.stderr) == (0, "")
-    first = result.stdout.split("\n")[0]
+    with Process(PROGRAM, "figure_8", "--map", "sandbox") as result:
+        assert result.wait() == 0
+    first = result.output.split("\n")[0]
     assert "plans/figure_8.txt: 22 rows, on the ideal car, on the map " in first
-    assert result.stdout.endswith("\nno faults\n")
+    assert result.output.endswith("\nno faults\n")
 
 
-def test_one_plan_with_faults_among_others_ends_with_status_1(tmp_path):
+def test_one_plan_with_faults_among_others_ends_with_status_1(run, tmp_path):
     (tmp_path / "fast.txt").write_text("0,0,0\n0.5,0\n6.6,0\n")
-    result = run("circle", "fast.txt", "--car=mushr_tx2", cwd=str(tmp_path))
-    assert (result.returncode, result.stderr) == (1, "")
-    assert "circle.txt: 1 row, on the mushr_tx2 car\n" in result.stdout
-    assert "\nfast.txt:3:1: row 2 asks for 6.6 m/s; the mushr_tx2 does 1.625 m/s" in result.stdout
+    status, output, errors = run("circle", "fast.txt", "figure_9", "--car=mushr_tx2")
+    assert (status, errors) == (1, "")
+    assert "circle.txt: 1 row, on the mushr_tx2 car\n" in output
+    assert "\nfast.txt:3:1: row 2 asks for 6.6 m/s; the mushr_tx2 does 1.625 m/s" in output
+    assert "\nfigure_9:1:1: no such plan file; expected the path of a file, or" in output
+    assert ", figure_8, " in output.split("figure_9")[1]
 
 
-def test_every_fault_of_broken_plans_is_printed():
+def test_every_fault_of_broken_plans_is_printed(run):
     names = sorted(os.listdir(BROKEN))
     paths = [os.path.join("test", "fixtures", "broken_plans", name) for name in names]
-    result = run(*paths)
-    assert (result.returncode, result.stderr) == (1, "")
-    parts = result.stdout.split("\n\n")
+    status, output, errors = run(*paths, folder=PACKAGE)
+    assert (status, errors) == (1, "")
+    parts = output.split("\n\n")
     assert len(parts) == len(names) >= 20
     for path, part in zip(paths, parts):
         with pytest.raises(PlanError) as caught:
@@ -418,13 +409,6 @@ def test_every_fault_of_broken_plans_is_printed():
             assert f"{path}:{fault.line}:{fault.column}: {fault.text}" in part
         count = len(caught.value.faults)
         assert part.strip().endswith("1 fault" if count == 1 else f"{count} faults")
-
-
-def test_a_plan_that_does_not_exist():
-    result = run("figure_9")
-    assert result.returncode == 1
-    assert result.stdout.startswith("figure_9:1:1: no such plan file; expected the path of a file")
-    assert "figure_8" in result.stdout
 
 
 @pytest.mark.parametrize(
@@ -442,21 +426,18 @@ def test_a_plan_that_does_not_exist():
         (["circle", "--plot", "a.mp3"], "expected such as figure_8.png"),
     ],
 )
-def test_bad_usage_ends_with_status_2(arguments, text, tmp_path):
+def test_bad_usage_ends_with_status_2(run, arguments, text, tmp_path):
     (tmp_path / "long.txt").write_text("0,0,0\n1,0,1e9\n")
-    result = run(*arguments, cwd=str(tmp_path))
-    assert result.returncode == 2
-    assert text in result.stderr
-    assert "Traceback" not in result.stderr
+    status, _, errors = run(*arguments)
+    assert status == 2
+    assert text in errors
 
 
-def test_json(tmp_path):
+def test_json(run, tmp_path):
     (tmp_path / "bad.txt").write_text("0,0\n")
-    result = run(
-        "parallel_parking", "bad.txt", "--json", "--map=rooms", "--runs=50", cwd=str(tmp_path)
-    )
-    assert result.returncode == 1
-    parking, bad = json.loads(result.stdout)
+    status, output, _ = run("parallel_parking", "bad.txt", "--json", "--map=rooms", "--runs=50")
+    assert status == 1
+    parking, bad = json.loads(output)
     assert bad["faults"][0]["line"] == 1
     assert parking["faults"] == []
     assert parking["length"] == pytest.approx(3.35, abs=1e-6)
@@ -471,19 +452,18 @@ def test_json(tmp_path):
     assert parking["final_pose"] == as_json(report)["final_pose"]
 
 
-def test_the_same_seed_gives_the_same_output():
+def test_the_same_seed_gives_the_same_output(run):
     arguments = ("slalom", "--car", "mushr_nano", "--runs", "500", "--seed")
-    outputs = [run(*arguments, seed).stdout for seed in ("1", "1", "2")]
+    _, outputs, _ = zip(*(run(*arguments, seed) for seed in ("1", "1", "2")))
     assert outputs[0] == outputs[1] != outputs[2]
     assert "spread of 500 runs, seed 1" in outputs[0]
 
 
-def test_plot(tmp_path):
-    path = str(tmp_path / "out.png")
-    result = run("slalom", "--plot", path, "--map", "race_loop", "--car=mushr_nano", "--runs=200")
-    assert (result.returncode, result.stderr) == (1, "")
-    with open(path, "rb") as file:
-        head = file.read(24)
+def test_plot(run, tmp_path):
+    options = ("--plot=out.png", "--map=race_loop", "--car=mushr_nano", "--runs=200")
+    status, _, errors = run("slalom", *options)
+    assert (status, errors) == (1, "")
+    head = (tmp_path / "out.png").read_bytes()[:24]
     assert head.startswith(b"\x89PNG\r\n\x1a\n")
     width, height = (int.from_bytes(head[at : at + 4], "big") for at in (16, 20))
     assert width > 500 and height > 500

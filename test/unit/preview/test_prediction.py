@@ -2,11 +2,9 @@
 
 import cmath
 import math
-import os
 
 import numpy as np
 import pytest
-import yaml
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
@@ -14,14 +12,10 @@ from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.plan.find import read_plan
-from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.world.footprint import Footprint
 from mushr_ros_intro.world.grid import Grid
-from support.paths import PLANS
-
-SECOND = 1_000_000_000
+from support.cars import PLAN_NAMES, PROFILES, SECOND, plan_named, plan_of
 
 FLOAT32 = 1e-9
 """[m] The digits to which the expected pose of float32 commands is known."""
@@ -36,14 +30,6 @@ WALLS = World(
     Grid(np.pad(np.zeros((40, 40), np.int8), 1, constant_values=100), 0.1, Pose(-2.1, -2.1, 0.0))
 )
 """A room of 4 m by 4 m around the origin."""
-
-
-def plan_named(name):
-    return read_plan(os.path.join(PLANS, name + ".txt"))
-
-
-def plan_of(text):
-    return parse_plan(text.encode(), "plan")
 
 
 # Closed forms -----------------------------------------------------------------------------------
@@ -88,15 +74,12 @@ def test_rows_have_durations_and_go_in_reverse():
     assert prediction.count_commands(plan) == 3 + 5 + 90
 
 
-def test_a_car_with_limits_comes_to_rest_after_the_end():
+def test_when_a_car_with_limits_comes_to_rest():
     plan, car = plan_of("0,0,0\n0.5,0\n"), Car(acceleration=2.5)
     assert prediction.rest(plan, car) == (12 * SECOND // 10, pytest.approx((0.5, 0, 0)))
     stamps = [state.stamp for state in prediction.trajectory(plan, car, SECOND // 2)]
     assert stamps == [0, SECOND // 2, SECOND, 12 * SECOND // 10]
-
-
-def test_a_car_that_is_at_rest_already_comes_to_rest_at_the_end():
-    plan, car = plan_of("0,0,0\n0.5,0\n0,0\n0,0\n"), Car(acceleration=2.5)
+    plan = plan_of("0,0,0\n0.5,0\n0,0\n0,0\n")  # it is at rest before the end
     assert prediction.rest(plan, car) == (3 * SECOND, pytest.approx((0.5, 0, 0)))
 
 
@@ -128,13 +111,11 @@ def driven(car, plan, world):
     return [state._replace(stamp=state.stamp - 1000 * SECOND) for state in states]
 
 
-@pytest.mark.parametrize("profile", ["ideal", "mushr_nano", "mushr_tx2", "racecar_mit"])
-@pytest.mark.parametrize("name", sorted(entry[:-4] for entry in os.listdir(PLANS)))
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("name", PLAN_NAMES)
 @pytest.mark.parametrize("noise, walls", [(False, False), (True, False), (False, True)])
 def test_every_car_drives_as_predicted(name, profile, noise, walls):
-    with open(os.path.join(PLANS, "..", "config", "cars", f"{profile}.yaml")) as file:
-        values = yaml.safe_load(file)
-    car = car_from(Parameters({**values, "noise": noise, "seed": 3}, "~"))
+    car = car_from(Parameters({**PROFILES[profile], "noise": noise, "seed": 3}, "~"))
     world = WALLS if walls else None
     plan = plan_named(name)
     states = driven(car, plan, world)
@@ -150,9 +131,8 @@ def test_every_car_drives_as_predicted(name, profile, noise, walls):
         assert (one.collision is None) == (other.collision is None)
 
     trajectory = list(prediction.trajectory(plan, car, SECOND // 100, world))
-    assert [state.stamp for state in trajectory[:-1]] == [
-        number * SECOND // 100 for number in range(len(trajectory) - 1)
-    ]
+    stamps = [number * SECOND // 100 for number in range(len(trajectory) - 1)]
+    assert [state.stamp for state in trajectory[:-1]] == stamps
     at = {state.stamp: state for state in states}
     for state in trajectory[:-1]:
         if state.stamp in at:

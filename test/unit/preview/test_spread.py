@@ -1,7 +1,6 @@
 """Many cars at once: against the single car, and against closed forms."""
 
 import math
-import os
 
 import numpy as np
 import pytest
@@ -9,12 +8,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.plan.find import read_plan
-from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview import spread as module
 from mushr_ros_intro.preview.spread import Errors, ellipse, sample, spread
-from support.paths import PLANS
+from support.cars import PLAN_NAMES, plan_named, plan_of
 
 ROUNDING = 1e-11
 """[m, rad] Between one arc per row and one per command, in doubles."""
@@ -41,16 +38,6 @@ CARS = [IDEAL, NANO, NANO._replace(steering_rate=math.inf), NANO._replace(accele
 ALL = Errors(0.02, 0.01, 0.05, 0.03, 0.05, 0.02)
 NOISE = Errors(speed=0.05, steering_angle=0.02)
 
-NAMES = sorted(entry[:-4] for entry in os.listdir(PLANS))
-
-
-def plan_named(name):
-    return read_plan(os.path.join(PLANS, name + ".txt"))
-
-
-def plan_of(*rows, start="0, 0, 0"):
-    return parse_plan("\n".join((start, *rows)).encode(), "plan")
-
 
 def drive(plan, errors, runs=1, seed=1, instants=(), car=IDEAL):
     """Return the poses (instants and end, runs, 3); the instants are in s."""
@@ -69,7 +56,7 @@ def assert_is(values, mean, deviation):
 
 
 @pytest.mark.parametrize("car", CARS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", PLAN_NAMES)
 def test_without_errors_every_car_is_where_the_single_car_is(name, car):
     plan = plan_named(name)
     ends = np.cumsum([row.duration for row in plan.rows])[:-1].tolist()
@@ -77,9 +64,8 @@ def test_without_errors_every_car_is_where_the_single_car_is(name, car):
     assert poses.shape == (len(plan.rows), 3, 3)
     states = prediction.states_at(plan, car, ends)
     expected = [*(state.pose for state in states), prediction.final_pose(plan, car)]
-    assert np.abs(poses - np.array(expected)[:, None]).max() <= (
-        ROUNDING if car == IDEAL else RAMPS
-    )
+    largest = np.abs(poses - np.array(expected)[:, None]).max()
+    assert largest <= (ROUNDING if car == IDEAL else RAMPS)
 
 
 @given(
@@ -94,7 +80,7 @@ def test_without_errors_every_car_is_where_the_single_car_is(name, car):
 @example([(2.0, 1e-8, 22)])
 @example([(2.0, 0.0099, 22)])
 def test_without_errors_an_ideal_car_ends_where_the_single_car_ends(rows):
-    plan = plan_of(*("{:.9f}, {:.9f}, {}".format(*row) for row in rows), start="1, 2, 3")
+    plan = plan_of("1, 2, 3\n" + "".join("{:.9f}, {:.9f}, {}\n".format(*row) for row in rows))
     expected = np.array(prediction.final_pose(plan, IDEAL))
     assert np.abs(drive(plan, Errors())[0, 0] - expected).max() <= ROUNDING
 
@@ -124,7 +110,7 @@ def test_without_errors_an_ideal_car_ends_where_the_single_car_ends(rows):
 @pytest.mark.parametrize("car", [IDEAL, Car(acceleration=100.0, steering_rate=100.0)])
 def test_straight_ahead_the_spread_is_known(errors, deviations, car):
     """100 commands of 0.1 s at 2 m/s are 20 m; a steep ramp delays both start and end."""
-    poses = drive(plan_of("2, 0, 10"), errors, runs=RUNS, car=car)[0]
+    poses = drive(plan_of("0, 0, 0\n2, 0, 10"), errors, runs=RUNS, car=car)[0]
     for values, mean, deviation in zip(poses.T, (20.0, 0.0, 0.0), deviations):
         if deviation:
             assert_is(values, mean, deviation)
@@ -135,24 +121,25 @@ def test_straight_ahead_the_spread_is_known(errors, deviations, car):
 def test_errors_of_speed_and_steering_angle_are_independent():
     """Their product has the mean zero, between runs and between commands."""
     for errors in (Errors(0.02, 1e-3), Errors(speed=0.1, steering_angle=1e-3)):
-        x, _, theta = drive(plan_of("2, 0, 1"), errors, runs=RUNS)[0].T
+        x, _, theta = drive(plan_of("0, 0, 0\n2, 0, 1"), errors, runs=RUNS)[0].T
         assert abs(np.corrcoef(x, theta)[0, 1]) <= SIGMAS / math.sqrt(RUNS)
 
 
 def test_errors_are_added_after_the_command_has_been_cut_to_the_limits():
-    car = Car(speed_limit=6.6)
-    x = drive(plan_of("9, 0, 2"), Errors(speed_scale=0.02), runs=RUNS, car=car)[-1, :, 0]
+    plan, car = plan_of("0, 0, 0\n9, 0, 2"), Car(speed_limit=6.6)
+    x = drive(plan, Errors(speed_scale=0.02), runs=RUNS, car=car)[-1, :, 0]
     assert_is(x, 13.2, 0.02 * 13.2)
 
 
 def test_a_car_that_stands_has_no_errors():
-    poses = drive(plan_of("0, 0.3, 5"), NOISE, runs=100)
+    poses = drive(plan_of("0, 0, 0\n0, 0.3, 5"), NOISE, runs=100)
     assert (poses == 0.0).all()
 
 
 def test_a_car_that_brakes_gets_no_new_errors():
     slow = Car(acceleration=0.5)
-    poses = drive(plan_of("2, 0, 1", "0, 0, 3"), NOISE, 100, instants=(1, 2, 3), car=slow)
+    plan = plan_of("0, 0, 0\n2, 0, 1\n0, 0, 3")
+    poses = drive(plan, NOISE, 100, instants=(1, 2, 3), car=slow)
     assert len(np.unique(poses[0, :, 2])) == 100
     assert (poses[:, :, 2] == poses[0, :, 2]).all()
     assert (np.diff(poses[:, :, 0], axis=0) >= 0.0).all()
@@ -187,7 +174,7 @@ def test_the_result_is_the_mean_and_covariance_of_the_sample():
 
 
 def test_the_planned_poses_and_distances_are_those_of_the_car_without_errors():
-    plan = plan_of("2, 0, 3", "-2, 0.1, 2")
+    plan = plan_of("0, 0, 0\n2, 0, 3\n-2, 0.1, 2")
     car = Car(acceleration=2.0, speed_noise=0.05)
     result = spread(plan, car, 2, 1)
     assert result.seconds.tolist() == pytest.approx([0.5 * number for number in range(1, 11)])
@@ -202,7 +189,7 @@ def test_the_planned_poses_and_distances_are_those_of_the_car_without_errors():
 
 def test_an_error_of_the_speed_grows_with_the_distance(monkeypatch):
     monkeypatch.setattr(module, "RUN_ERRORS", Errors(speed_scale=0.02))
-    result = spread(plan_of("1, 0, 20"), Car(speed_noise=1e-9), 4000, 1)
+    result = spread(plan_of("0, 0, 0\n1, 0, 20"), Car(speed_noise=1e-9), 4000, 1)
     assert result.growth == pytest.approx(1.0, abs=1e-3)
     assert result.rms_errors / result.distances == pytest.approx(0.02, rel=SIGMAS / math.sqrt(8000))
 
@@ -215,7 +202,7 @@ def test_without_noise_there_is_no_spread():
 
 
 def test_the_instants_are_ends_of_commands():
-    result = spread(plan_of(*["1, 0, 0.25", "1, 0, 0.3"] * 2), IDEAL, 2, 1)
+    result = spread(plan_of("0, 0, 0\n" + 2 * "1, 0, 0.25\n1, 0, 0.3\n"), IDEAL, 2, 1)
     expected = [0.2, 0.35, 0.55, 0.75, 0.9, 1.1]  # each second one of 12 commands
     assert result.seconds.tolist() == pytest.approx(expected)
 

@@ -52,12 +52,9 @@ def test_a_stamp_ahead_of_the_clock_is_a_promise(lock_step):
     assert stream.holds(1.0) and stream.limit == 6 * SECOND
 
 
-def test_a_stamp_of_the_present_allows_one_period_in_lock_step():
+def test_a_stamp_of_the_present_allows_one_period_in_lock_step_only():
     stream = now(go(5 * SECOND))
     assert stream.holds(0.0) and stream.limit == 5 * SECOND + COMMAND_PERIOD
-
-
-def test_a_stamp_of_the_present_does_not_hold_a_clock_that_is_not_in_lock_step():
     event = (go(5 * SECOND), 5 * SECOND, 0.0)
     assert not listen(event, lock_step=False).holds(0.0)
     promise = listen((go(5 * SECOND), 4 * SECOND, 0.0), lock_step=False)
@@ -88,9 +85,11 @@ def test_the_period_is_learned_from_two_equal_steps(period, times):
     assert now(go(stamps[-1]), stream=stream).limit == 5 * SECOND + 3 * period
 
 
-def test_a_period_shorter_than_that_of_a_plan_is_learned_too():
+def test_a_short_period_is_learned_too_and_a_dropped_command_changes_none():
     stamps = [5 * SECOND + k * SECOND // 50 for k in range(8)]
     assert now(*map(go, stamps)).limit == stamps[-1] + SECOND // 50
+    stamps = [5 * SECOND + k * SECOND // 5 for k in (0, 1, 2, 4)]
+    assert now(*map(go, stamps)).limit == stamps[-1] + SECOND // 5
 
 
 @pytest.mark.parametrize("late, is_equal", [(10, True), (40, False)])
@@ -98,11 +97,6 @@ def test_steps_are_equal_within_a_tenth(late, is_equal):
     stamps = [stamp * SECOND // 1000 for stamp in (5000, 5250, 5500 + late)]
     step = (250 + late) * SECOND // 1000
     assert now(*map(go, stamps)).limit == stamps[-1] + (step if is_equal else COMMAND_PERIOD)
-
-
-def test_a_dropped_command_changes_no_period():
-    stamps = [5 * SECOND + k * SECOND // 5 for k in (0, 1, 2, 4)]
-    assert now(*map(go, stamps)).limit == stamps[-1] + SECOND // 5
 
 
 def test_a_long_gap_resets_the_patience_and_a_longer_one_the_period():
@@ -134,9 +128,7 @@ def test_a_stop_in_time_belongs_to_the_stream():
     assert stream.wait == CLOCK_PATIENCE_AT_REST
     again = now(go(stamp + COMMAND_PERIOD), stream=stream)
     assert again.wait == CLOCK_PATIENCE
-
-
-def test_steering_at_rest_counts_as_driving():
+    # Steering at rest counts as driving.
     steer = Command(5 * SECOND, 0.0, 0.3)
     assert now(steer).wait == CLOCK_PATIENCE and now(steer).drives
 
@@ -176,9 +168,7 @@ def test_each_wait_in_vain_halves_the_patience_of_a_stream_without_promises():
         waits.append(stream.wait)
         stream = now(go(5 * SECOND + number * LONG_STEP), stream=stream.expire())
     assert waits == [5.0, 2.5, 1.25, 0.625, 0.3125, MIN_CLOCK_PATIENCE, MIN_CLOCK_PATIENCE]
-
-
-def test_a_promise_resets_the_patience():
+    # A promise resets it.
     stream = now(go(5 * SECOND)).expire()
     assert listen((go(6 * SECOND), 5 * SECOND, 0.0), stream=stream).wait == CLOCK_PATIENCE
 

@@ -53,9 +53,7 @@ def test_a_late_command_does_not_shorten_the_hold_of_a_newer_one():
     mux, verdicts = passed((TELEOP, 100), (TELEOP, 50))
     assert verdicts == [True, True] and mux.deadline == 300 * MS
     assert passed((TELEOP, 100), (TELEOP, 50), (PLAN, 299))[1][-1] is False
-
-
-def test_a_command_of_unknown_age_expires_later():
+    # One of unknown age holds longer.
     mux, passes = Mux().command(TELEOP, 100 * MS, slack=50 * MS)
     assert passes and mux.deadline == 350 * MS
 

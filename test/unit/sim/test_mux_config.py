@@ -14,21 +14,17 @@ MS = 1_000_000
 TELEOP = Input("teleop", "input/teleop", 200 * MS, 5, "keys")
 PLAN = Input("plan", "input/plan", 300 * MS, 1, "")
 
+KEYS = {"topic": "input/teleop", "timeout": 0.2, "priority": 5.0, "short_desc": "keys"}
 GOOD = {
     "subscribers": [
         {"name": "plan", "topic": "input/plan", "timeout": 0.3, "priority": 1},
-        {
-            "name": "teleop",
-            "topic": "input/teleop",
-            "timeout": 0.2,
-            "priority": 5.0,
-            "short_desc": "keys",
-        },
+        {"name": "teleop", **KEYS},
     ],
     "publisher": "output",
 }
 
 MISSING = object()
+NAN, INF = float("nan"), float("inf")
 
 
 def test_inputs_are_sorted_by_priority():
@@ -52,16 +48,8 @@ def test_inputs_are_sorted_by_priority():
         ("timeout", 0, "subscribers[1] has the timeout 0; expected seconds, 1e-9 to 1e6"),
         ("timeout", -1.0, "subscribers[1] has the timeout -1.0; expected seconds, 1e-9 to 1e6"),
         ("timeout", 2e6, "subscribers[1] has the timeout 2000000.0; expected seconds, 1e-9 to 1e6"),
-        (
-            "timeout",
-            float("nan"),
-            "subscribers[1] has nan for the key 'timeout'; expected a number",
-        ),
-        (
-            "timeout",
-            float("inf"),
-            "subscribers[1] has inf for the key 'timeout'; expected a number",
-        ),
+        ("timeout", NAN, "subscribers[1] has nan for the key 'timeout'; expected a number"),
+        ("timeout", INF, "subscribers[1] has inf for the key 'timeout'; expected a number"),
         ("priority", MISSING, "subscribers[1] lacks the key 'priority'; expected a number"),
         ("priority", True, "subscribers[1] has True for the key 'priority'; expected a number"),
         ("priority", 1.5, "subscribers[1] has the priority 1.5; expected a whole number"),
