@@ -70,8 +70,7 @@ def faults_of(path):
 
 def rows_of(text):
     """Return the rows of a plan that starts at the origin and goes on with `text`."""
-    data = text if isinstance(text, bytes) else text.encode()
-    return parse_plan(b"0,0,0\n" + data, "plan").rows
+    return parse_plan(f"0,0,0\n{text}".encode(), "plan").rows
 
 
 @pytest.mark.parametrize("name", sorted(FAULTS))
@@ -153,21 +152,12 @@ def test_forms_of_the_same_plan(text, mark):
     assert plan.path == "plan"
 
 
-@pytest.mark.parametrize(
-    "text, expected",
-    [
-        ("fast, 0, 1e-9\n", "speed is 'fast'"),  # the shortest and the longest duration are good
-        ("fast, 0, 1e9\n", "speed is 'fast'"),
-        ("\ufeff0,0,0\n1,0\n".encode("utf-16-le"), "the file is UTF-16; expected UTF-8"),
-        ("\ufeff0,0,0\n1,0\n".encode("utf-16-be"), "the file is UTF-16; expected UTF-8"),
-    ],
-)
-def test_single_faults(text, expected):
-    data = text if isinstance(text, bytes) else b"0,0,0\n" + text.encode()
+@pytest.mark.parametrize("code", ["utf-16-le", "utf-16-be"])
+def test_utf_16(code):
     with pytest.raises(PlanError) as caught:
-        parse_plan(data, "plan")
+        parse_plan("\ufeff0,0,0\n1,0\n".encode(code), "plan")
     (fault,) = caught.value.faults
-    assert fault.text.startswith(expected)
+    assert fault.text.startswith("the file is UTF-16; expected UTF-8")
 
 
 def test_rows_and_the_start_pose_know_their_line_and_columns():
@@ -196,7 +186,6 @@ def test_the_shortest_decimal_has_the_same_float32(value):
 
 def test_durations_are_whole_nanoseconds():
     for text, expected in {
-        "0.25": 250_000_000,
         "0.58": 580_000_000,
         "0.1": 100_000_000,
         "1e-9": 1,
@@ -214,11 +203,6 @@ def test_the_plans_of_the_tutorial_are_shipped_byte_for_byte():
     }.items():
         with open(os.path.join(PLANS, name + ".txt"), "rb") as file:
             assert file.read().decode() == "\n".join(expected) + "\n"
-
-
-@pytest.mark.parametrize("name", sorted(os.listdir(PLANS)))
-def test_every_shipped_plan_is_good(name):
-    assert read_plan(os.path.join(PLANS, name)).rows
 
 
 numbers = ["0", "1", "2.0", "0.09", "-.5", "1e3", "1e400", "nan", "+", ".", "x", "_", "\u0661"]
@@ -242,23 +226,15 @@ def check_verdict(data):
     content = [line for line in text.split("\n") if line.split("#")[0].strip()]
     assert len(content) == 1 + len(plan.rows) >= 2, "a line was left out"
     assert all(abs(value) <= 1e6 for value in plan.start)
-    for row in plan.rows:
-        assert (
-            abs(row.speed) <= 1e3
-            and abs(row.steering_angle) <= as_float32(1.57)
-            and row.duration >= 1
-        )
+    for speed, steering_angle, duration, *_ in plan.rows:
+        assert abs(speed) <= 1e3 and abs(steering_angle) <= as_float32(1.57) and duration >= 1
 
 
-@given(st.binary(max_size=200))
-def test_any_bytes_are_a_plan_or_a_plan_error(data):
+@given(st.binary(max_size=200), nearly_plans)
+def test_any_bytes_are_a_plan_or_a_plan_error(data, text):
     check_verdict(data)
-
-
-@given(nearly_plans)
-def test_near_plans_are_a_plan_or_a_plan_error(data):
-    check_verdict(data)
-    check_verdict(b"0,0,0\n1,0\n" + data)
+    check_verdict(text)
+    check_verdict(b"0,0,0\n1,0\n" + text)
 
 
 ends = st.sampled_from(["\n", "\r\n", " \n", " # 1, 2\n", "\n\n", "\n\t# caf\u00e9\r\n"])
@@ -266,22 +242,21 @@ DAYS = 10**15
 """Longest duration drawn [ns]; up to here a float of seconds is good to a nanosecond."""
 
 
-@given(
-    st.tuples(*[st.floats(-1e6, 1e6)] * 3),
-    st.lists(
-        st.tuples(st.floats(-1e3, 1e3), st.floats(-1.57, 1.57), st.integers(1, DAYS), ends),
-        min_size=1,
-        max_size=8,
-    ),
-)
-def test_a_plan_has_the_numbers_of_its_file(start, rows):
+lines = st.tuples(st.floats(-1e3, 1e3), st.floats(-1.57, 1.57), st.integers(1, DAYS), ends)
+
+
+@given(st.tuples(*[st.floats(-1e6, 1e6)] * 3), st.lists(lines, min_size=1, max_size=8))
+@example((0.0, 0.0, 0.0), [(1.1094741225242617, -1.1094741225242617, 1, "\n")])
+def test_a_plan_has_the_numbers_of_its_file_and_when_written(start, rows):
     text = "{!r}, {!r}, {!r}\n".format(*start)
     for speed, angle, duration, end in rows:
         text += f"{speed!r},{angle!r} , {duration // SECOND}.{duration % SECOND:09d}{end}"
-    plan = parse_plan(text.encode(), "plan")
-    assert plan.start == start
+    written = plan_text(start, [Row(*row[:3], 0) for row in rows])
     expected = [(as_float32(v), as_float32(angle), duration) for v, angle, duration, _ in rows]
-    assert [row[:3] for row in plan.rows] == expected
+    for each in (text, written):
+        plan = parse_plan(each.encode(), "plan")
+        assert plan.start == start
+        assert [row[:3] for row in plan.rows] == expected
 
 
 @pytest.fixture
@@ -340,24 +315,6 @@ def test_text_of_a_plan():
     )
 
 
-coordinates = st.floats(-1e6, 1e6)
-written_rows = st.builds(
-    Row, st.floats(-1e3, 1e3), st.floats(-1.57, 1.57), st.integers(1, 10**15), st.just(0)
-)
-
-
-@given(st.tuples(*[coordinates] * 3), st.lists(written_rows, min_size=1, max_size=5))
-@example((0.0, 0.0, 0.0), [Row(1.1094741225242617, -1.1094741225242617, 1, 0)])
-def test_a_written_plan_is_read_again(start, rows):
-    plan = parse_plan(plan_text(start, rows).encode(), "p")
-    assert plan.start == start
-    for got, row in zip(plan.rows, rows):
-        assert got.speed == as_float32(row.speed)
-        assert got.steering_angle == as_float32(row.steering_angle)
-        assert got.duration == row.duration
-    assert len(plan.rows) == len(rows)
-
-
 def test_no_file_is_overwritten(tmp_path):
     (tmp_path / "mine_2.txt").mkdir()
     paths = [write_plan(str(tmp_path), "mine.txt", (0, 0, x), ROWS) for x in range(3)]
@@ -394,15 +351,11 @@ def test_an_incomplete_file_is_removed(tmp_path):
     assert os.listdir(str(tmp_path)) == []
 
 
-@pytest.mark.parametrize(
-    "row, expected",
-    [
+def test_plans_that_could_not_be_read_are_not_written(tmp_path):
+    for row, expected in (
         (Row(1.0, 1.5705, SECOND, 0), "mine.txt:4:6: steering angle '1.5705' is out of range"),
         (Row(1.0, 0.0, 10**19, 0), "duration '10000000000.0' is out of range"),
-    ],
-)
-def test_plans_that_could_not_be_read_are_not_written(tmp_path, row, expected):
-    with pytest.raises(WriteError) as caught:
-        write_plan(str(tmp_path), "mine.txt", (0, 0, 0), [row])
-    assert expected in str(caught.value)
+    ):
+        with pytest.raises(WriteError, match=expected):
+            write_plan(str(tmp_path), "mine.txt", (0, 0, 0), [row])
     assert os.listdir(str(tmp_path)) == []

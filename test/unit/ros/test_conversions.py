@@ -27,7 +27,8 @@ ROUNDING = 1e-15
 """[rad] Relative to a heading within half a turn, through a quaternion and back: some ulps."""
 
 STAMP = 1_700_000_000_123_456_789
-NOT_FINITE = [float("nan"), float("inf"), -float("inf")]
+NOT_FINITE = [math.nan, math.inf, -math.inf]
+ZERO = {"x": 0.0, "y": 0.0, "z": 0.0}
 
 stamps = st.integers(0, 2**32 * 10**9 - 1)
 poses = st.builds(Pose, st.floats(-1e6, 1e6), st.floats(-1e6, 1e6), st.floats(-1e3, 1e3))
@@ -54,7 +55,6 @@ def pose_msg(**fields):
 
 
 def test_the_messages_are_the_real_ones():
-    assert AckermannDrive._md5sum == "3512e91b48d69674a0e86fadf1ea8231"
     assert AckermannDriveStamped._md5sum == "1fd5d7f58889cefd44d29f6653240d0c"
 
 
@@ -63,10 +63,9 @@ def test_a_command_comes_back_as_float32(stamp, speed, angle, rates):
     command = Command(stamp, speed, angle, *rates)
     msg = travelled(conversions.command_to_msg(command, "car/base_footprint"))
     assert msg.header.frame_id == "car/base_footprint"
-    assert (msg.drive.acceleration, msg.drive.steering_angle_velocity) == tuple(
-        map(as_float32, rates)
-    )
-    expected = Command(stamp, *map(as_float32, (speed, angle, *rates)))
+    rounded = tuple(map(as_float32, rates))
+    assert (msg.drive.acceleration, msg.drive.steering_angle_velocity) == rounded
+    expected = Command(stamp, as_float32(speed), as_float32(angle), *rounded)
     assert conversions.command_from_msg(msg) == expected
 
 
@@ -84,38 +83,33 @@ def test_a_placement_comes_back(stamp, pose):
     assert abs(off) <= 4 * ROUNDING * max(math.pi, abs(pose.theta))
 
 
-@pytest.mark.parametrize(
-    "field", ["steering_angle", "steering_angle_velocity", "speed", "acceleration", "jerk"]
-)
 @pytest.mark.parametrize("value", NOT_FINITE)
-def test_a_command_that_is_not_finite_is_refused(field, value):
-    with pytest.raises(MessageError, match="is not finite; expected finite numbers"):
-        conversions.command_from_msg(travelled(command_msg(**{field: value})))
+def test_what_is_not_finite_is_refused(value):
+    refused = pytest.raises(MessageError, match="is not finite; expected finite numbers")
+    for field in AckermannDrive.__slots__:
+        with refused:
+            conversions.command_from_msg(travelled(command_msg(**{field: value})))
+    for field in ("x", "y", "z", "qx", "qy", "qz", "qw"):
+        with refused:
+            conversions.pose_from_msg(pose_msg(**{field: value}))
+    for field in ("x", "y", "z"):
+        with refused:
+            conversions.point_from_msg(PointStamped(point=Point(**{**ZERO, field: value})))
 
 
 @pytest.mark.parametrize(
-    "fields, expected",
+    "field, value, expected",
     [
-        ({"speed": 1e30}, "speed is 1e+30 m/s; expected at most 1000 m/s"),
-        ({"speed": -1001.0}, "speed is -1001 m/s; expected at most 1000 m/s"),
-        ({"steering_angle": math.pi / 2}, "steering angle 1.5708 is a right angle or more"),
-        (
-            {"steering_angle": -30.0},
-            "steering angle -30 is a right angle or more; expected radians",
-        ),
+        ("speed", 1e30, "speed is 1e+30 m/s; expected at most 1000 m/s"),
+        ("speed", -1001.0, "speed is -1001 m/s; expected at most 1000 m/s"),
+        ("steering_angle", math.pi / 2, "steering angle 1.5708 is a right angle or more"),
+        ("steering_angle", -30.0, "steering angle -30 is a right angle or more; expected radians"),
     ],
 )
-def test_a_command_out_of_range_is_refused(fields, expected):
+def test_a_command_out_of_range_is_refused(field, value, expected):
     with pytest.raises(MessageError) as caught:
-        conversions.command_from_msg(travelled(command_msg(**fields)))
+        conversions.command_from_msg(travelled(command_msg(**{field: value})))
     assert str(caught.value).startswith(expected)
-
-
-@pytest.mark.parametrize("field", ["x", "y", "z", "qx", "qy", "qz", "qw"])
-@pytest.mark.parametrize("value", NOT_FINITE)
-def test_a_pose_that_is_not_finite_is_refused(field, value):
-    with pytest.raises(MessageError, match="is not finite; expected finite numbers"):
-        conversions.pose_from_msg(pose_msg(**{field: value}))
 
 
 @pytest.mark.parametrize(
@@ -137,20 +131,11 @@ def test_a_pose_without_meaning_is_refused(fields, expected):
 
 
 @pytest.mark.parametrize("length", [0.01, 1.0, 100.0])
-def test_the_yaw_does_not_depend_on_the_quaternions_length(length):
-    msg = pose_msg(qz=length * math.sin(0.4), qw=length * math.cos(0.4))
-    assert conversions.pose_from_msg(msg).theta == pytest.approx(0.8, abs=ROUNDING)
-
-
-def test_the_yaw_is_that_of_the_x_axis_on_a_slope():
-    """Pitched by 0.5 rad and then turned by 2 rad about the vertical."""
-    turn, pitch = 1.0, 0.25
-    msg = pose_msg(
-        qx=-math.sin(turn) * math.sin(pitch),
-        qy=math.cos(turn) * math.sin(pitch),
-        qz=math.sin(turn) * math.cos(pitch),
-        qw=math.cos(turn) * math.cos(pitch),
-    )
+def test_the_yaw_is_that_of_the_x_axis_on_a_slope(length):
+    """Pitched by 0.5 rad and then turned by 2 rad about the vertical, at any length."""
+    (sin, cos), (up, ahead) = ((math.sin(each), math.cos(each)) for each in (1.0, 0.25))
+    parts = {"qx": -sin * up, "qy": cos * up, "qz": sin * ahead, "qw": cos * ahead}
+    msg = pose_msg(**{name: length * part for name, part in parts.items()})
     assert conversions.pose_from_msg(msg).theta == pytest.approx(2.0, abs=ROUNDING)
 
 
@@ -171,9 +156,8 @@ def test_a_placement_is_in_the_map(frame, good):
 
 def moving():
     """Return the state of a car that was placed, and has driven a bend since."""
-    state = advance(
-        apply(at_rest(0, Pose(1.0, 2.0, 0.5)), Command(0, 2.0, 0.3), Car()), 10**8, Car()
-    )
+    state = apply(at_rest(0, Pose(1.0, 2.0, 0.5)), Command(0, 2.0, 0.3), Car())
+    state = advance(state, 10**8, Car())
     state = apply(state, InitialPose(10**8, Pose(-3.0, 4.0, -1.0)), Car())
     state = apply(state, Command(10**8, 1.5, -0.4), Car())
     return advance(state, 2 * 10**8, Car())._replace(stamp=STAMP)
@@ -245,14 +229,9 @@ def test_pose_odometry_and_transforms_tell_the_same():
 def test_joint_states_are_mushrs():
     msg = conversions.joint_states_to_msg(moving(), Car())
     joints = dict(zip(msg.name, msg.position))
-    assert sorted(joints) == [
-        "back_left_wheel_throttle",
-        "back_right_wheel_throttle",
-        "front_left_wheel_steer",
-        "front_left_wheel_throttle",
-        "front_right_wheel_steer",
-        "front_right_wheel_throttle",
-    ]
+    assert len(joints) == 6
+    for side in ("left", "right"):
+        assert {f"front_{side}_wheel_steer", f"front_{side}_wheel_throttle"} < set(joints)
     assert msg.header.stamp.to_nsec() == STAMP
     assert joints["front_right_wheel_steer"] < -0.4 < joints["front_left_wheel_steer"] < 0.0
     back = joints["back_left_wheel_throttle"] + joints["back_right_wheel_throttle"]
@@ -261,9 +240,8 @@ def test_joint_states_are_mushrs():
 
 def sample_grid():
     """Return a map with one cell of every value, no two rows alike, and its origin turned."""
-    return Grid(
-        np.arange(-128, 128).astype(np.int8).reshape(16, 16)[:, :-1], 0.05, Pose(-3, 4, 2.5)
-    )
+    cells = np.arange(-128, 128).astype(np.int8).reshape(16, 16)
+    return Grid(cells[:, :-1], 0.05, Pose(-3, 4, 2.5))
 
 
 @pytest.mark.parametrize("kind", [OccupancyGrid, numpy_msg(OccupancyGrid)])
@@ -327,10 +305,6 @@ def test_a_point_is_read_or_refused():
 
     for frame in ("map", "/map", ""):
         assert read(1.5, -2.5, 0.3, frame) == (1.5, -2.5)
-    for value in NOT_FINITE:
-        for numbers in ((value, 0.0, 0.0), (0.0, value, 0.0), (0.0, 0.0, value)):
-            with pytest.raises(MessageError, match="not finite"):
-                read(*numbers)
     with pytest.raises(MessageError, match="1e.06 m at most"):
         read(0.0, -1.1e6)
     with pytest.raises(MessageError, match="in the frame 'car/odom'; expected 'map'"):

@@ -1,5 +1,6 @@
 """Test how a node starts, fails, is interrupted, and ends."""
 
+import contextlib
 import os
 import signal
 import sys
@@ -56,21 +57,24 @@ ENDS = {
     "raises a UserError": ("        raise UserError('plan.txt:1:1: wrong')", 1, "wrong"),
     "raises another error": ("        {}['key']", 1, "KeyError: 'key'"),
     "loses the master": ("        raise TimeoutError('no answer')", 1, "master does not answer"),
-    "gives up": (
-        "        node.give_up(UserError('taken over'))\n        rospy.spin()",
-        1,
-        "taken over",
-    ),
+    "gives up": ("        node.give_up(UserError('gone'))\n        rospy.spin()", 1, "gone"),
 }
+
+
+@contextlib.contextmanager
+def running_master():
+    """Start a master; yield its process and its address."""
+    port = free_port()
+    uri = f"http://localhost:{port}"
+    with Process("rosmaster", "--core", "-p", str(port), ROS_MASTER_URI=uri) as process:
+        wait_for(rosgraph.Master("/test_node", uri).is_online, "the master")
+        yield process, uri
 
 
 @pytest.fixture(scope="module")
 def master():
     """Start a master; return its address."""
-    port = free_port()
-    uri = f"http://localhost:{port}"
-    with Process("rosmaster", "--core", "-p", str(port), ROS_MASTER_URI=uri):
-        wait_for(rosgraph.Master("/test_node", uri).is_online, "the master")
+    with running_master() as (_, uri):
         yield uri
 
 
@@ -80,18 +84,11 @@ def start(run, master, **environment):
     return Process(sys.executable, "-c", program, ROS_MASTER_URI=master, **environment)
 
 
-@pytest.mark.parametrize(
-    "name, number",
-    [
-        ("calls", signal.SIGINT),
-        ("publishes", signal.SIGTERM),
-        ("waits", signal.SIGINT),
-        ("logs", signal.SIGTERM),
-    ],
-)
-def test_a_signal_ends_a_node(master, name, number):
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_signal_ends_a_node(master, name):
     """It also unregisters the node, or the master would shut down another at its address."""
     seen = rosgraph.Master("/test_node", master)
+    number = signal.SIGINT if name in ("calls", "waits") else signal.SIGTERM
     with start(PROGRAMS[name], master) as process:
         wait_for(lambda: name in process.output, name)
         assert "/made" in str(seen.getSystemState())
@@ -165,17 +162,11 @@ def test_a_node_logs_if_its_home_cannot_be_written(master, tmp_path):
     assert os.listdir(tmp_path / f"ros_log_{os.getuid()}")
 
 
-def test_a_silent_master_ends_a_node(master):
-    run = "    def run(self):\n        print('runs', flush=True)\n"
-    run += "        time.sleep(1.0)\n        rospy.get_param('/nothing', None)"
-    port = free_port()
-    uri = f"http://localhost:{port}"
-    with Process("rosmaster", "--core", "-p", str(port), ROS_MASTER_URI=uri) as silent:
-        wait_for(rosgraph.Master("/test_node", uri).is_online, "the master")
-        with start(run, uri) as process:
-            wait_for(lambda: "runs" in process.output, "the node")
-            silent.send_signal(signal.SIGSTOP)
-            assert process.wait() == 1, process.output
-            silent.send_signal(signal.SIGCONT)
+def test_a_silent_master_ends_a_node():
+    with running_master() as (silent, uri), start(PROGRAMS["calls"], uri) as process:
+        wait_for(lambda: "calls" in process.output, "the node")
+        silent.send_signal(signal.SIGSTOP)
+        assert process.wait() == 1, process.output
+        silent.send_signal(signal.SIGCONT)
     assert "the master does not answer" in process.output
     assert "Traceback" not in process.output

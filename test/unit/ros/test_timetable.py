@@ -29,11 +29,9 @@ def drive(timetable, set_clock):
     return rows
 
 
-def test_an_initial_pose_is_as_far_ahead_of_a_simulated_clock_as_is_obeyed():
+def test_the_stamp_of_an_initial_pose():
+    """As far ahead of a simulated clock as is obeyed; in wall-clock time, the present."""
     assert Timetable(PLAN).begin() == BEGIN + MAX_LEAD
-
-
-def test_in_wall_clock_time_an_initial_pose_is_stamped_with_the_present():
     switch_to_wallclock()
     before = rospy.get_rostime().to_nsec()
     assert before <= Timetable(PLAN).begin() <= rospy.get_rostime().to_nsec()
@@ -55,17 +53,11 @@ def test_the_first_command_is_due_one_period_after_the_report_or_now(stamp, firs
     assert timetable.end == first + PLAN.duration
 
 
-def test_every_row_begins_when_the_last_one_ends(set_clock):
+def test_every_row_and_every_drive_begins_when_the_last_one_ends(set_clock):
     timetable = Timetable(PLAN)
     timetable.start_after(BEGIN)
     assert drive(timetable, set_clock) == [[0, 100, 200], [250], [350]]
     assert timetable.due == timetable.end
-
-
-def test_the_next_drive_begins_after_the_end_of_the_last_one(set_clock):
-    timetable = Timetable(PLAN)
-    timetable.start_after(BEGIN)
-    drive(timetable, set_clock)
     set_clock(timetable.end)
     assert timetable.begin() == timetable.end + MAX_LEAD
     timetable.start_after(timetable.end)
