@@ -76,12 +76,9 @@ def test_poses_compose(one, two, three):
     assert close(compose(compose(one, two), three), compose(one, compose(two, three)))
 
 
-def test_compose_by_hand():
+def test_poses_by_hand():
     assert close(compose(Pose(1, 2, math.pi / 2), Pose(3, 4, 0.5)), (-3, 5, math.pi / 2 + 0.5))
     assert close(inverse(Pose(1, 2, math.pi / 2)), (-2, 1, -math.pi / 2))
-
-
-def test_a_pose_is_printed_with_a_heading_from_minus_pi_to_pi():
     assert str(Pose(1.0, -2.5, 3.0)) == "(1.0000 m, -2.5000 m, 3.0000 rad)"
     assert str(Pose(0.0, 0.0, 4.0)) == "(0.0000 m, 0.0000 m, -2.2832 rad)"
 

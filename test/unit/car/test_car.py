@@ -107,9 +107,7 @@ def test_an_event_from_before_the_history_applies_at_its_beginning():
     made = history((-500, 2.0, 0.0))
     assert at(made, 100).speed == 2.0 and at(made, 200).speed == 0.0
     assert at(made, -1000).stamp == BEGIN
-
-
-def test_an_event_ahead_of_the_clock_applies_at_its_stamp():
+    # One ahead of the clock applies at its stamp.
     made = History(CAR, START)
     made.add(Command(BEGIN + 500 * MS, 2.0, 0.0), BEGIN)
     assert at(made, 499) == START._replace(stamp=BEGIN + 499 * MS)
@@ -206,15 +204,9 @@ def test_each_wheel_rolls_in_its_direction_and_does_not_slip(speed, angle):
     state = driving(speed, angle)
     before, now, after = (advance(state, BEGIN + tick * MS, CAR) for tick in (99, 100, 101))
     left, right = front_wheel_angles(angle, CAR)
-    for place, (forward, aside, pointing) in enumerate(
-        [
-            (CAR.wheelbase, CAR.track / 2, left),
-            (CAR.wheelbase, -CAR.track / 2, right),
-            (0.0, CAR.track / 2, 0.0),
-            (0.0, -CAR.track / 2, 0.0),
-        ]
-    ):
-        wheel = Pose(forward, aside, pointing)
+    half = CAR.track / 2
+    front = Pose(CAR.wheelbase, half, left), Pose(CAR.wheelbase, -half, right)
+    for place, wheel in enumerate([*front, Pose(0.0, half, 0.0), Pose(0.0, -half, 0.0)]):
         mount = inverse(compose(now.pose, wheel))
         ahead = compose(mount, compose(after.pose, wheel))
         behind = compose(mount, compose(before.pose, wheel))

@@ -229,9 +229,8 @@ def test_only_commands_to_drive_change_the_noise_of_later_ones(events):
 
 def test_each_command_to_drive_has_its_own_noise_which_depends_on_the_seed():
     assert noisy_end(*DRIVE, seed=1) == noisy_end(*DRIVE, seed=1) != noisy_end(*DRIVE, seed=2)
-    drive = history_of(
-        NOISY, at_rest(BEGIN, ORIGIN), (0, 1e3, 0.0), (100, 0.2, 0.0), (200, 0.2, 0.0)
-    )
+    events = ((0, 1e3, 0.0), (100, 0.2, 0.0), (200, 0.2, 0.0))
+    drive = history_of(NOISY, at_rest(BEGIN, ORIGIN), *events)
     assert len({at(drive, offset).steering_angle for offset in (90, 190, 290)}) == 3
 
 

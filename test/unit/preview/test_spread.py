@@ -35,6 +35,9 @@ NANO = Car(
 )
 CARS = [IDEAL, NANO, NANO._replace(steering_rate=math.inf), NANO._replace(acceleration=math.inf)]
 
+WALK = 0.2 / 0.33 * 1e-4 * math.sqrt(sum((k + 0.5) ** 2 for k in range(100)))
+"""[rad] Of random steering angles of 1e-4 rad, one per 0.2 m, summed up over 100 commands."""
+
 ALL = Errors(0.02, 0.01, 0.05, 0.03, 0.05, 0.02)
 NOISE = Errors(speed=0.05, steering_angle=0.02)
 
@@ -97,14 +100,7 @@ def test_without_errors_an_ideal_car_ends_where_the_single_car_ends(rows):
         (Errors(start_heading=0.001), (0.0, 20.0 * 0.001, 0.001)),
         # A constant angle is a parabola; a random one adds up to a random walk of the heading.
         (Errors(steering_offset=1e-4), (0.0, 20.0**2 / 2 / 0.33 * 1e-4, 20.0 / 0.33 * 1e-4)),
-        (
-            Errors(steering_angle=1e-4),
-            (
-                0.0,
-                0.2**2 / 0.33 * 1e-4 * math.sqrt(sum((k + 0.5) ** 2 for k in range(100))),
-                0.2 / 0.33 * 1e-4 * math.sqrt(100),
-            ),
-        ),
+        (Errors(steering_angle=1e-4), (0.0, WALK * 0.2, 0.2 / 0.33 * 1e-4 * math.sqrt(100))),
     ],
 )
 @pytest.mark.parametrize("car", [IDEAL, Car(acceleration=100.0, steering_rate=100.0)])

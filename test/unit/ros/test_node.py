@@ -118,22 +118,19 @@ def test_exit_status(master, name):
     assert ("Traceback" in process.output) == (name == "raises another error")
 
 
-@pytest.mark.parametrize(
-    "run",
-    [
-        "time.sleep(60.0)",
-        # What rospy does if the master ends while a node registers a topic.
-        "rospy.topics.get_topic_manager().lock.acquire()\n        rospy.spin()",
-    ],
-)
-def test_a_node_that_does_not_end_is_ended(master, run):
-    with start(
-        f"    def run(self):\n        print('runs', flush=True)\n        {run}", master
-    ) as process:
-        wait_for(lambda: "runs" in process.output, "the node")
-        process.send_signal(signal.SIGINT)
-        assert process.wait() == 1, process.output
-    assert "made: the node did not end within 14 s" in process.output
+def test_nodes_that_do_not_end_are_ended(master):
+    """One sleeps; one does what rospy does if the master ends while a node registers a topic."""
+    sleep = "time.sleep(60.0)"
+    locked = "rospy.topics.get_topic_manager().lock.acquire()\n        rospy.spin()"
+    run = "    def run(self):\n        print('runs', flush=True)\n        "
+    with start(run + sleep, master) as one, running_master() as (_, uri):
+        with start(run + locked, uri) as other:
+            for process in (one, other):
+                wait_for(lambda p=process: "runs" in p.output, "the node")
+                process.send_signal(signal.SIGINT)
+            for process in (one, other):
+                assert process.wait() == 1, process.output
+                assert "made: the node did not end within 14 s" in process.output
 
 
 @pytest.mark.parametrize(
