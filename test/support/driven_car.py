@@ -8,17 +8,9 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_msgs.msg import String
 
 from mushr_ros_intro.ros.connections import wait_until_connected
-from support.helpers import (
-    Recording,
-    RosTestCase,
-    at,
-    closed_form,
-    command,
-    node,
-    placement,
-    planar,
-    publisher,
-)
+from support.geometry import closed_form, planar
+from support.helpers import Recording, RosTestCase, node, publisher
+from support.messages import at, command, placement
 
 MUX = "/car/mux/ackermann_cmd_mux"
 TIMEOUT = 0.2

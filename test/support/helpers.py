@@ -1,6 +1,5 @@
-"""Tools of the tests: record topics, wait with a deadline, start processes, the closed form."""
+"""Tools of the tests: record topics, wait with a deadline, start processes."""
 
-import cmath
 import contextlib
 import glob
 import importlib.util
@@ -9,7 +8,6 @@ import os
 import shutil
 import signal
 import socket
-import struct
 import subprocess
 import tempfile
 import threading
@@ -18,22 +16,16 @@ import unittest
 import weakref
 from urllib.parse import urlsplit
 
-import rosgraph.xmlrpc
+import rosgraph
 import roslib.packages
 import rospkg
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from mushr_ros_intro.ros.connections import reannounce, receivers
-
-POSITION_TOLERANCE = 1e-6
-"""[m] What the package promises; the sums of 1e-16 that are behind it reach about 1e-12."""
-ANGLE_TOLERANCE = 1e-6
-"""[rad] Likewise."""
-
-LEAD = rospy.Duration(0.3)
-"""How far ahead of the clock the tests stamp their first message: time to send the rest."""
+from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between, planar
+from support.messages import placement
 
 PATIENCE = 60.0
 """[s] The time limit of a wait for what an idle machine does at once."""
@@ -64,70 +56,6 @@ def logs():
                 outputs[os.path.basename(path)] = file.read()
     tails = {name: "\n".join(text.splitlines()[-LOG_LINES:]) for name, text in outputs.items()}
     return "".join(f"\n--- {name}:\n{tail}" for name, tail in sorted(tails.items()))
-
-
-def float32(value):
-    """Return `value` as it travels in an AckermannDrive."""
-    return struct.unpack("f", struct.pack("f", value))[0]
-
-
-def closed_form(start, rows, wheelbase=0.33):
-    """Return the pose (x, y, theta) at the end of `rows` of (speed, steering angle, seconds).
-
-    Written in complex numbers, with the turning centre, and so not as the car does it.
-    """
-    position, heading = complex(start[0], start[1]), start[2]
-    for speed, steering_angle, duration in rows:
-        speed, steering_angle = float32(speed), float32(steering_angle)
-        turn_rate = speed * math.tan(steering_angle) / wheelbase
-        if turn_rate == 0.0:
-            position += speed * duration * cmath.exp(1j * heading)
-        else:
-            turned = heading + turn_rate * duration
-            centre = position + 1j * speed / turn_rate * cmath.exp(1j * heading)
-            position = centre - 1j * speed / turn_rate * cmath.exp(1j * turned)
-            heading = turned
-    return position.real, position.imag, heading
-
-
-def yaw_of(quaternion):
-    """Return the yaw [rad] of a rotation about the z axis."""
-    return 2.0 * math.atan2(quaternion.z, quaternion.w)
-
-
-def planar(pose):
-    """Return the (x, y, theta) of a geometry_msgs/Pose on the ground."""
-    return pose.position.x, pose.position.y, yaw_of(pose.orientation)
-
-
-def angle_between(one, other):
-    """Return the size of the angle [rad] between two headings."""
-    return abs(math.remainder(one - other, math.tau))
-
-
-def command(stamp, speed, steering_angle):
-    """Return a command."""
-    msg = AckermannDriveStamped()
-    msg.header.stamp = stamp
-    msg.header.frame_id = "car/base_footprint"
-    msg.drive.speed, msg.drive.steering_angle = speed, steering_angle
-    return msg
-
-
-def placement(stamp, x, y, theta, frame="map"):
-    """Return a message that places the car."""
-    msg = PoseWithCovarianceStamped()
-    msg.header.stamp = stamp
-    msg.header.frame_id = frame
-    msg.pose.pose.position.x, msg.pose.pose.position.y = x, y
-    msg.pose.pose.orientation.z = math.sin(theta / 2.0)
-    msg.pose.pose.orientation.w = math.cos(theta / 2.0)
-    return msg
-
-
-def at(begin, seconds):
-    """Return the instant `seconds` after another."""
-    return begin + rospy.Duration.from_sec(seconds)
 
 
 def wait_for(condition, what, patience=PATIENCE):
@@ -176,6 +104,23 @@ class RosTestCase(unittest.TestCase):
         self.assertLessEqual(distance, tolerance, f"{got} is not {expected}")
         turn = angle_between(got[2], expected[2])
         self.assertLessEqual(turn, tolerance, f"{got} is not {expected}")
+
+    def assert_refused(self, *cases):
+        """Start nodes at once, by name, arguments and the messages that each must end with.
+
+        Each must log one fatal message, and end with status 1.
+        """
+        started = [
+            (node(name, f"__name:=refused_{number}", *arguments), messages)
+            for number, (name, arguments, *messages) in enumerate(cases)
+        ]
+        for process, messages in started:
+            with process:
+                self.assertEqual(process.wait(), 1, process.output)
+                self.assertEqual(process.output.count("[FATAL]"), 1, process.output)
+                self.assertNotIn("Traceback", process.output)
+                for message in messages:
+                    self.assertIn(message, process.output)
 
 
 class Recording:
@@ -265,6 +210,22 @@ def publisher(topic, kind, **options):
     return made
 
 
+class CarTestCase(RosTestCase):
+    """A test case with the poses of the car, and with publishers of what it obeys."""
+
+    def setUp(self):
+        super().setUp()
+        self.poses = Recording("/car/car_pose", PoseStamped).connected()
+        self.commands = publisher("/car/mux/ackermann_cmd_mux/output", AckermannDriveStamped)
+        self.placements = publisher("/initialpose", PoseWithCovarianceStamped)
+
+    def place(self, x=0.0, y=0.0, theta=0.0):
+        """Place the car, and wait until it reports the pose."""
+        stamp = rospy.Time.now()
+        self.placements.publish(placement(stamp, x, y, theta))
+        self.poses.shows((x, y, theta), stamp)
+
+
 class Relay:
     """Passes the messages of a topic on to another; `before` is called with each message first."""
 
@@ -282,11 +243,6 @@ class Relay:
         self._publisher.unregister()
 
 
-def is_stop(message):
-    """Return whether a command tells the car to stand with straight wheels."""
-    return not message.drive.speed and not message.drive.steering_angle
-
-
 def wait_for_recorder(name):
     """Wait until what a plan_recorder needs to hear reaches it."""
     master = rosgraph.Master(rospy.get_name())
@@ -300,58 +256,6 @@ def wait_for_recorder(name):
         return name in receivers(uri, PATIENCE, rospy.get_name(), topics[sender])
 
     wait_for(lambda: all(map(hears, topics)), f"{name} to listen")
-
-
-class Ghost:
-    """A node that the master knows, and that connects with nobody, whatever it is told.
-
-    Who asks for what it publishes is sent to a `port` of this machine, or nowhere. Who asks
-    whether it is connected is told nothing, or where there is a `silence` [s], then yes.
-    """
-
-    def __init__(self, subscribes=(), publishes=(), port=None, silence=0.0):
-        self.calls = {"publisherUpdate": [], "requestTopic": []}
-        self._ended = threading.Event()
-        self._silence = silence
-        self._server = rosgraph.xmlrpc.ThreadingXMLRPCServer(("127.0.0.1", 0), log_requests=False)
-        self._uri = f"http://localhost:{self._server.server_address[1]}/"
-        self._master = rosgraph.Master("/ghost")
-        self._subscribes, self._publishes = subscribes, publishes
-        self._server.register_function(lambda *_: (1, "", os.getpid()), "getPid")
-        if silence:
-            self._server.register_function(self._say_it_is_connected, "getBusInfo")
-        offer = (1, "", ["TCPROS", "localhost", port]) if port else (0, "no", 0)
-        for name, answer in (("publisherUpdate", (1, "", 0)), ("requestTopic", offer)):
-            self._server.register_function(self._answer(name, answer), name)
-        threading.Thread(target=self._server.serve_forever, daemon=True).start()
-        for topic in subscribes:
-            self._master.registerSubscriber(topic, "*", self._uri)
-        for topic in publishes:
-            self._master.registerPublisher(topic, "*", self._uri)
-
-    def _answer(self, name, answer):
-        def take(_, *arguments):
-            self.calls[name].append(list(arguments))
-            return answer
-
-        return take
-
-    def _say_it_is_connected(self, caller):
-        self._ended.wait(self._silence)
-        return 1, "", [[1, caller, "o", "TCPROS", topic, True, ""] for topic in self._publishes]
-
-    def die(self):
-        """Answer no more; the master is not told."""
-        self._ended.set()
-        self._server.shutdown()
-        self._server.server_close()
-
-    def end(self):
-        for topic in self._subscribes:
-            self._master.unregisterSubscriber(topic, self._uri)
-        for topic in self._publishes:
-            self._master.unregisterPublisher(topic, self._uri)
-        self.die()
 
 
 ENDING = 5.0

@@ -8,7 +8,7 @@ from mushr_ros_intro.grading.judge import default_tolerances, judge, verdict
 from mushr_ros_intro.grading.replay import Replay, Sent
 from mushr_ros_intro.preview.prediction import states_at
 from support import cars
-from support.helpers import float32
+from support.geometry import float32
 
 SECOND = 1_000_000_000
 TENTH = SECOND // 10

@@ -4,8 +4,8 @@ import sys
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
+from geometry import planar
 from geometry_msgs.msg import PoseStamped
-from helpers import planar
 
 
 def tell(what, msg, *numbers):

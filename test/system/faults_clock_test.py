@@ -13,21 +13,10 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from rosgraph_msgs.msg import Clock
 
 from support.driven_car import MUX, TIMEOUT, DrivenCarTestCase
-from support.helpers import (
-    POSITION_TOLERANCE,
-    Ghost,
-    Recording,
-    Relay,
-    at,
-    closed_form,
-    command,
-    float32,
-    is_stop,
-    node,
-    planar,
-    publisher,
-    wait_for,
-)
+from support.geometry import POSITION_TOLERANCE, closed_form, float32, planar
+from support.ghost import Ghost
+from support.helpers import Recording, Relay, node, publisher, wait_for
+from support.messages import at, command, is_stop
 
 
 def wait_seconds(seconds):

@@ -16,17 +16,9 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import String
 
 from support.driven_car import LEAD, MUX, TIMEOUT, DrivenCarTestCase
-from support.helpers import (
-    ANGLE_TOLERANCE,
-    Recording,
-    at,
-    closed_form,
-    command,
-    node,
-    placement,
-    planar,
-    wait_for,
-)
+from support.geometry import ANGLE_TOLERANCE, closed_form, planar
+from support.helpers import Recording, node, wait_for
+from support.messages import at, command, placement
 
 MEMORY = 10_000_000
 """[bytes] How much a node may grow: some queued messages, and a growing heap."""

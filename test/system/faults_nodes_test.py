@@ -12,7 +12,9 @@ import rospy
 import rostest
 
 from support.driven_car import MUX, TIMEOUT, DrivenCarTestCase, start_car
-from support.helpers import POSITION_TOLERANCE, Process, at, free_port, kill, node, planar, wait_for
+from support.geometry import POSITION_TOLERANCE, planar
+from support.helpers import Process, free_port, kill, node, wait_for
+from support.messages import at
 
 COMPARISON = re.compile(r"the car drove (\S+) m .* difference (\S+) m")
 

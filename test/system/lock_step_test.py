@@ -19,7 +19,8 @@ from std_srvs.srv import Trigger
 
 from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.sim.stamps import CLOCK_PATIENCE_AT_REST
-from support.helpers import PATIENCE, Recording, Relay, RosTestCase, is_stop, node, wait_for
+from support.helpers import PATIENCE, Recording, Relay, RosTestCase, node, wait_for
+from support.messages import is_stop
 from support.paths import PLANS
 
 PROMISED = 1e-9

@@ -18,7 +18,8 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped
 
 from mushr_ros_intro.plan.find import read_plan
-from support.helpers import angle_between, closed_form, float32, node, planar, wait_for
+from support.geometry import angle_between, closed_form, float32, planar
+from support.helpers import node, wait_for
 
 PERIOD = 100_000_000
 """[ns] Between commands."""

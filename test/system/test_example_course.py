@@ -8,7 +8,8 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from support.helpers import PATIENCE, Process, angle_between, closed_form
+from support.geometry import angle_between, closed_form
+from support.helpers import PATIENCE, Process
 from support.paths import PACKAGE
 
 COURSE = os.path.join(PACKAGE, "examples", "example_course")

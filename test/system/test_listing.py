@@ -14,17 +14,8 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
-from support.helpers import (
-    ANGLE_TOLERANCE,
-    PATIENCE,
-    POSITION_TOLERANCE,
-    Process,
-    Recording,
-    angle_between,
-    closed_form,
-    free_port,
-    wait_for,
-)
+from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between, closed_form
+from support.helpers import PATIENCE, Process, Recording, free_port, wait_for
 from support.paths import PACKAGE, PLANS
 
 EXAMPLE = os.path.join(PACKAGE, "examples", "my_ros_intro")
@@ -36,6 +27,8 @@ PERIOD = 100_000_000
 """[ns] Between two commands."""
 START = (1.0, 2.0, 2.5)
 
+ELSEWHERE = ("_init_pose_topic:=/elsewhere", f"_control_topic:={CONTROL}2")
+
 # Each fault: the plan, or None for no file; more arguments of the node; what its message says.
 FAULTS = {
     "word": ("0,0,0\n\n2.0,fast\n", (), "plan.txt:3: '2.0,fast'; expected speed, steering angle"),
@@ -43,11 +36,7 @@ FAULTS = {
     "start pose": ("# start\n0,0  # theta\n", (), "plan.txt:2: '0,0'; expected x, y, theta"),
     "no file": (None, (), "No such file or directory: "),
     "no car": ("0,0,0\n1,0\n", ("_control_topic:=/nobody",), "for a subscriber of /nobody"),
-    "no placement": (
-        "9,8,7\n1,0\n",
-        ("_init_pose_topic:=/elsewhere", f"_control_topic:={CONTROL}2"),
-        "for the car to be at the start pose 9.0, 8.0, 7.0",
-    ),
+    "no placement": ("9,8,7\n1,0\n", ELSEWHERE, "to be at the start pose 9.0, 8.0, 7.0"),
 }
 
 
@@ -129,9 +118,8 @@ def test_real_time(car, tmp_path):
     rows = [(2.0, 0.09, 1.0), (3.0, -0.15, 0.25), (-1.0, 0.3, 0.3)]
     plan = tmp_path / "plan.txt"
     plan.write_text("# comment\n\n1, 2, 2.5\n2.0, 0.09\n3.0, -0.15, 0.25  # short\n-1,0.3,0.3\n\n")
-    with Process(
-        "roslaunch", "my_ros_intro", "my_path_publisher.launch", f"plan_file:={plan}"
-    ) as publisher:
+    launch = ("roslaunch", "my_ros_intro", "my_path_publisher.launch", f"plan_file:={plan}")
+    with Process(*launch) as publisher:
         assert publisher.wait() == 0, publisher.output
     car.wait_for_stop()
     car.assert_is_at(closed_form(START, rows))
@@ -157,28 +145,22 @@ def test_interrupted(car, tmp_path):
     car.assert_is_at(closed_form(START, [(1.0, 0.2, seconds)]))
 
 
-@pytest.fixture(scope="module")
-def refusals(sim, tmp_path_factory):
-    """Start every faulty run at once; return their exit statuses and outputs."""
+def test_refused(sim, tmp_path):
+    """A fault is one line with the reason, and exit status 1."""
     Recording("/elsewhere", PoseWithCovarianceStamped)
     Recording(f"{CONTROL}2", AckermannDriveStamped)
     processes = {}
     for number, (name, (plan, arguments, _)) in enumerate(FAULTS.items()):
-        path = tmp_path_factory.mktemp("fault") / "plan.txt"
+        path = tmp_path / str(number) / "plan.txt"
+        path.parent.mkdir()
         if plan is not None:
             path.write_text(plan)
         own_name = f"__name:=faulty_{number}"
         processes[name] = Process(sys.executable, NODE, f"_plan_file:={path}", own_name, *arguments)
-    return {name: (each.wait(), each.output) for name, each in processes.items()}
-
-
-@pytest.mark.parametrize("name", FAULTS)
-def test_refused(refusals, name):
-    """A fault is one line with the reason, and exit status 1."""
-    status, output = refusals[name]
-    assert status == 1, output
-    assert FAULTS[name][2] in output
-    assert "Traceback" not in output
+    for name, each in processes.items():
+        assert each.wait() == 1, name
+        assert FAULTS[name][2] in each.output, name
+        assert "Traceback" not in each.output, name
 
 
 def test_is_a_students():

@@ -13,7 +13,8 @@ import sys
 import pytest
 import roslib.packages
 
-from support.helpers import POSITION_TOLERANCE, Process, closed_form, wait_for
+from support.geometry import POSITION_TOLERANCE, closed_form
+from support.helpers import Process, wait_for
 from support.paths import PACKAGE
 
 WITNESS = os.path.join(PACKAGE, "test", "support", "witness.py")
@@ -95,11 +96,8 @@ class Network:
     def printed(self, what):
         """Return what the witness has printed: [(stamp [ns], [number, ...]), ...]."""
         lines = [line.split() for line in self._witness.output.split("\n")[:-1]]
-        return [
-            (int(line[1]), [float.fromhex(number) for number in line[2:]])
-            for line in lines
-            if line[0] == what
-        ]
+        found = [line[1:] for line in lines if line[0] == what]
+        return [(int(stamp), list(map(float.fromhex, numbers))) for stamp, *numbers in found]
 
     def publisher(self, rows, *interpreter):
         """Start path_publisher on the laptop."""
@@ -189,10 +187,8 @@ def test_a_cut_in_mid_plan(network):
     assert network.printed("pose")[-1][1] == pytest.approx(expected, abs=POSITION_TOLERANCE)
 
     # The publisher gives up while the network is cut.
-    wait_for(
-        lambda: "the network to the master is cut" in publisher.output,
-        "the publisher to give up",
-    )
+    cut = "the network to the master is cut"
+    wait_for(lambda: cut in publisher.output, "the publisher to give up")
     assert network.printed("pose")[-1][1] == pytest.approx(expected, abs=POSITION_TOLERANCE)
 
     ip("-n", network.car.name, "link", "set", DEVICE, "up")

@@ -14,60 +14,33 @@ PLAN = "1,2,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n0.5,0.0\n"
 LISTING = "mushr_ros_intro listing.py"
 WRONG = "mushr_ros_intro wrong_listing.py"
 
-EVERY_CHECK = {
-    "test_collision",
-    "test_commands",
-    "test_final_pose",
-    "test_map",
-    "test_node",
-    "test_path",
-    "test_rate",
-    "test_rest",
-    "test_start_pose",
-}
-
-NEVER_DROVE = {
-    "test_commands",
-    "test_final_pose",
-    "test_node",
-    "test_path",
-    "test_rate",
-    "test_rest",
-    "test_start_pose",
-}
+STOPPED = {"test_node", "test_commands", "test_final_pose", "test_path"}
+NEVER_DROVE = STOPPED | {"test_rate", "test_rest", "test_start_pose"}
+EVERY_CHECK = NEVER_DROVE | {"test_collision", "test_map"}
 
 EXACT = ("position_tolerance:=1e-9", "angle_tolerance:=1e-9", "path_tolerance:=1e-9")
 """[m, rad] Prediction and car differ by the rounding of sums of 1e-16."""
 REPORTED = ("report:=report",)
 NO_MAP = ("map:=none",)
+NO_STOP = "everything is right, but the node sends no stop at the end"
 
 # Name: the publisher (or the default), more arguments, the failed test cases, the report.
 REPLAYS = {
     "ours": (None, EXACT + REPORTED, set(), "everything is right"),
-    "listing": (
-        LISTING,
-        NO_MAP,
-        set(),
-        "everything is right, but the node sends no stop at the end",
-    ),
+    "listing": (LISTING, NO_MAP, set(), NO_STOP),
     "crash": (
         f"{WRONG} crash",
         NO_MAP,
-        {"test_node", "test_commands", "test_final_pose", "test_path"},
+        STOPPED,
         "node: the node ended with exit status 1; its last output:",
     ),
     "hang": (
         f"{WRONG} hang",
         NO_MAP + ("patience:=8.0",),
-        {"test_node", "test_commands", "test_final_pose", "test_path"},
+        STOPPED,
         "node: the node hangs: 20 of 50 commands arrived, and then none for 8 s",
     ),
-    "hold_up": (
-        f"{WRONG} hold_up",
-        NO_MAP,
-        set(),
-        "everything is right, but the node sends no stop at the end",
-    ),
+    "hold_up": (f"{WRONG} hold_up", NO_MAP, set(), NO_STOP),
     "silent": (
         f"{WRONG} silent",
         NO_MAP + ("patience:=8.0",),
@@ -132,9 +105,8 @@ def test_verdict(replays, name):
 
 def test_last_output(replays):
     """The output of a node that crashes is quoted without the characters that XML cannot hold."""
-    assert "IndexError: list index out of range [0m" in replays[1]["crash"][1].findtext(
-        "system-out"
-    )
+    output = replays[1]["crash"][1].findtext("system-out")
+    assert "IndexError: list index out of range [0m" in output
 
 
 def test_files(replays):

@@ -10,7 +10,8 @@ import uuid
 
 import pytest
 
-from support.helpers import PATIENCE, POSITION_TOLERANCE, wait_for
+from support.geometry import POSITION_TOLERANCE
+from support.helpers import PATIENCE, wait_for
 from support.paths import CHECKOUT
 
 pytestmark = pytest.mark.skipif(

@@ -13,11 +13,9 @@ from support.paths import PACKAGE
 
 URDF = os.path.join(PACKAGE, "urdf", "mushr_car.urdf")
 
-STEER = {f"front_{side}_wheel_steer": "0 0 1" for side in ("left", "right")}
-THROTTLE = {
-    f"{end}_wheel_throttle": "0 1 0"
-    for end in ("front_left", "front_right", "back_left", "back_right")
-}
+SIDES = ("left", "right")
+STEER = {f"front_{side}_wheel_steer": "0 0 1" for side in SIDES}
+THROTTLE = {f"{end}_{side}_wheel_throttle": "0 1 0" for end in ("front", "back") for side in SIDES}
 
 ROUNDING = 1e-9
 """Of sums of the model's decimal numbers [m]."""
@@ -70,9 +68,8 @@ def test_size(robot):
             radius = robot.find(f"link[@name='{link}']//cylinder").get("radius")
             assert float(radius) == car.wheel_radius
     assert position(robot, "base_link") == pytest.approx([0.158, 0.0, 0.0947], abs=ROUNDING)
-    assert position(robot, "laser_link") == pytest.approx(
-        [0.158 - 0.0353, 0.0, 0.0947 + 0.1078], abs=ROUNDING
-    )
+    laser = [0.158 - 0.0353, 0.0, 0.0947 + 0.1078]
+    assert position(robot, "laser_link") == pytest.approx(laser, abs=ROUNDING)
 
 
 def test_prefix():

@@ -15,19 +15,17 @@ from std_srvs.srv import Trigger
 
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.sim.stamps import from_seconds
+from support.geometry import closed_form, float32, planar
 from support.helpers import (
     Recording,
     RosTestCase,
-    at,
-    closed_form,
-    float32,
     kill,
     node,
-    planar,
     publisher,
     wait_for,
     wait_for_recorder,
 )
+from support.messages import at
 
 COMMANDS = "/car/mux/ackermann_cmd_mux/input/navigation"
 OUTPUT = "/car/mux/ackermann_cmd_mux/output"
@@ -58,13 +56,11 @@ class TestAnyFactor(RosTestCase):
 
     def wait_until_clock_stands(self):
         """Wait until the clock has stood for half a second."""
-        seen = []
+        seen = {}
 
         def stands():
-            last = self.poses.last.header.stamp
-            if not seen or seen[-1][0] != last:
-                seen.append((last, time.monotonic()))
-            return time.monotonic() > seen[-1][1] + 0.5
+            since = seen.setdefault(self.poses.last.header.stamp, time.monotonic())
+            return time.monotonic() > since + 0.5
 
         wait_for(stands, "the clock to wait for the client")
 

@@ -22,7 +22,9 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 from mushr_ros_intro.doctor.rules import diagnose
 from mushr_ros_intro.ros.observation import Observer
-from support.helpers import Ghost, Process, Recording, free_port, node, publisher, wait_for
+from support.ghost import Ghost
+from support.helpers import Process, Recording, free_port, node, publisher, wait_for
+from support.messages import command, placement
 
 DOCTOR = os.path.join(roslib.packages.get_pkg_dir("mushr_ros_intro"), "src", "doctor.py")
 MUX = "/car/mux/ackermann_cmd_mux"
@@ -57,9 +59,7 @@ class Driver:
 
     def _drive(self):
         while not self._ends.wait(0.05):
-            msg = AckermannDriveStamped()
-            msg.header.stamp, msg.drive.speed = self._stamp(), self._speed
-            self._publisher.publish(msg)
+            self._publisher.publish(command(self._stamp(), self._speed, 0.0))
 
     def __enter__(self):
         self._thread.start()
@@ -105,9 +105,6 @@ class TestDoctor(unittest.TestCase):
         except AssertionError as error:
             raise AssertionError(f"{error}; got {found}") from None
 
-    def expect_healthy(self):
-        self.expect()
-
     def unregister(self, name):
         """Remove a node's registrations, as rosnode cleanup does."""
         master, caller = rosgraph.Master("/doctor_test"), rosgraph.Master(name)
@@ -130,7 +127,7 @@ class TestDoctor(unittest.TestCase):
         # Healthy, blocked by another input, stopped, killed, unregistered.
         Driver.release(NAVIGATION)
         with node("path_publisher.py", "_plan_file:=circle", "_loop:=true") as process:
-            self.expect_healthy()
+            self.expect()
             with Process(sys.executable, DOCTOR) as doctor:
                 self.assertEqual(doctor.wait(), 0, doctor.output)
             expected = "no fault found: /path_publisher sends commands, and the car moves\n"
@@ -161,7 +158,7 @@ class TestDoctor(unittest.TestCase):
         with Driver(NAVIGATION, 1.0, lambda: rospy.Time.now() - rospy.Duration(9)):
             self.expect("s behind the clock of this machine")
         with Driver(f"{MUX}/output"):
-            self.expect_healthy()
+            self.expect()
         Driver.release(f"{MUX}/output")
         with Driver("/cmd"):
             self.expect(f"the commands of {self.me} have no effect: no node subscribes to /cmd")
@@ -224,17 +221,14 @@ class TestDoctor(unittest.TestCase):
     def test_wall(self):
         collisions = Recording("/car/car_sim/collision", PoseArray).connected()
         placements = publisher("/initialpose", PoseWithCovarianceStamped)
-        msg = PoseWithCovarianceStamped()
-        msg.pose.pose.position.x, msg.pose.pose.orientation.w = 48.9, 1.0
-        placements.publish(msg)
+        placements.publish(placement(rospy.Time(), 48.9, 0.0, 0.0))
         with Driver(NAVIGATION):
             wait_for(lambda: collisions.last and collisions.last.poses, "the wall")
             collisions.subscriber.unregister()  # in one process, a topic has one type
             self.expect("the car touches a wall at (49.0200 m, 0.0000 m, 0.0000 rad)")
-        msg.pose.pose.position.x = 0.0
-        placements.publish(msg)
+        placements.publish(placement(rospy.Time(), 0.0, 0.0, 0.0))
         with Driver(NAVIGATION):
-            self.expect_healthy()
+            self.expect()
 
     def test_another_car(self):
         problem = "the car 'car2' is not running: no node subscribes to /car2/mux/"

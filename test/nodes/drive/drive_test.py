@@ -13,16 +13,8 @@ import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
-from support.helpers import (
-    Process,
-    Recording,
-    RosTestCase,
-    closed_form,
-    float32,
-    node,
-    planar,
-    wait_for,
-)
+from support.geometry import closed_form, float32, planar
+from support.helpers import Process, Recording, RosTestCase, node, wait_for
 
 PERIOD = 100_000_000
 """[ns] Between two commands of a row."""
@@ -70,14 +62,10 @@ class TestDrive(RosTestCase):
         if name in TUTORIAL:
             arguments = ("path_publisher.launch", f"car_name:={name}", f"plan_file:={name}")
             return Process("roslaunch", "mushr_ros_intro", *arguments)
-        return node(
-            "path_publisher.py",
-            f"__ns:=/{name}",
-            f"_car_name:={name}",
-            f"_plan_file:={name}",
-            f"_control_topic:=/{name}/mux/ackermann_cmd_mux/input/navigation",
-            f"_init_pose_topic:=/{name}/initialpose",
-        )
+        arguments = (f"__ns:=/{name}", f"_car_name:={name}", f"_plan_file:={name}")
+        control = f"_control_topic:=/{name}/mux/ackermann_cmd_mux/input/navigation"
+        start = f"_init_pose_topic:=/{name}/initialpose"
+        return node("path_publisher.py", *arguments, control, start)
 
     def setUp(self):
         super().setUp()
@@ -91,16 +79,13 @@ class TestDrive(RosTestCase):
             self.assert_pose(self.poses[name].pose_at_rest(stop), closed_form(start, rows))
 
     def test_start_pose_comes_first(self):
-        for name in self.plans:
+        """The car is there when the first command applies."""
+        for name, (start, _) in self.plans.items():
             (placement,) = self.starts[name].messages
             self.assertEqual(placement.header.frame_id, "map", name)
             first = self.commands[name].messages[0].header.stamp
             self.assertGreater(placement.header.stamp.to_nsec(), 0, name)
             self.assertLessEqual(placement.header.stamp, first, name)
-
-    def test_the_car_is_at_the_start_when_the_first_command_applies(self):
-        for name, (start, _) in self.plans.items():
-            first = self.commands[name].messages[0].header.stamp
             before = [m for m in self.poses[name].messages if m.header.stamp <= first]
             self.assert_pose(planar(before[-1].pose), start)
 
@@ -118,12 +103,10 @@ class TestDrive(RosTestCase):
             begin = messages[0].header.stamp.to_nsec()
             expected, due = [], 0
             for speed, steering_angle, seconds in rows:
-                duration = round(seconds * 1e9)
-                expected += [
-                    (due + offset, float32(speed), float32(steering_angle))
-                    for offset in range(0, duration, PERIOD)
-                ]
-                due += duration
+                end = due + round(seconds * 1e9)
+                told = float32(speed), float32(steering_angle)
+                expected += [(stamp, *told) for stamp in range(due, end, PERIOD)]
+                due = end
             expected.append((due, 0.0, 0.0))
             got = [
                 (m.header.stamp.to_nsec() - begin, m.drive.speed, m.drive.steering_angle)

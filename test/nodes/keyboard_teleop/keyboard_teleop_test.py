@@ -16,7 +16,8 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
 from support.display import Display, require
-from support.helpers import PATIENCE, Process, Recording, float32, wait_for
+from support.geometry import float32
+from support.helpers import PATIENCE, Process, Recording, wait_for
 
 NODE = (*roslib.packages.find_node("mushr_ros_intro", "keyboard_teleop.py"), "__ns:=/car")
 TOPIC = "/car/mux/ackermann_cmd_mux/input/teleop"

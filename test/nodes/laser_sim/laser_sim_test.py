@@ -2,7 +2,6 @@
 """Check laser_sim; the test publishes the poses of the car."""
 
 import math
-import unittest
 
 import rospy
 import rostest
@@ -10,7 +9,8 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import LaserScan
 
 from mushr_ros_intro.errors import UserError
-from support.helpers import Recording, module, node, private_parameters, publisher, wait_for
+from support.helpers import Recording, RosTestCase, module, private_parameters, publisher, wait_for
+from support.messages import placement
 
 HALF_TRACK = 1.4
 """[m] Distance of the walls from the middle of race_loop's straight."""
@@ -24,10 +24,11 @@ LOST_DIGITS = 3e-6
 """[rad] angle_min is pi with six digits."""
 
 
-class TestLaserSim(unittest.TestCase):
+class TestLaserSim(RosTestCase):
     begin = 1_000_000
 
     def setUp(self):
+        super().setUp()
         self.scans = Recording("/car/scan", LaserScan).connected()
         self.noisy = Recording("/noisy/scan", LaserScan).connected()
         self.poses = publisher("/car/car_pose", PoseStamped)
@@ -37,11 +38,8 @@ class TestLaserSim(unittest.TestCase):
         self.stamp = rospy.Time(TestLaserSim.begin)
 
     def report(self, stamp, x, y, theta):
-        msg = PoseStamped()
-        msg.header.stamp, msg.header.frame_id = stamp, "map"
-        msg.pose.position.x, msg.pose.position.y = x, y
-        msg.pose.orientation.z, msg.pose.orientation.w = math.sin(theta / 2), math.cos(theta / 2)
-        self.poses.publish(msg)
+        placed = placement(stamp, x, y, theta)
+        self.poses.publish(PoseStamped(header=placed.header, pose=placed.pose.pose))
 
     def scan_of(self, x, y, theta):
         """Return both scans at a pose, which is published until the lasers have their map."""
@@ -67,9 +65,8 @@ class TestLaserSim(unittest.TestCase):
         self.assertEqual(noisy.header.frame_id, "noisy/laser_link")
         self.assertEqual(len(scan.ranges), 720)
         self.assertAlmostEqual(scan.angle_min, -3.14159, delta=LOST_DIGITS)
-        self.assertAlmostEqual(
-            scan.angle_max, scan.angle_min + 719 * scan.angle_increment, delta=1e-5
-        )
+        last = scan.angle_min + 719 * scan.angle_increment
+        self.assertAlmostEqual(scan.angle_max, last, delta=1e-5)
         self.assertAlmostEqual(scan.range_max, 10.0)
         right, left = scan.ranges[2 * BEAM], scan.ranges[6 * BEAM]
         self.assertAlmostEqual(right, HALF_TRACK + 0.4, delta=EXACT)
@@ -128,10 +125,7 @@ class TestLaserSim(unittest.TestCase):
             with private_parameters(parameters), self.assertRaises(UserError) as caught:
                 laser_sim.LaserSim()
             self.assertIn(expected, str(caught.exception))
-        with node("laser_sim.py", "__name:=bad", "_beams:=0") as laser:
-            self.assertEqual(laser.wait(), 1, laser.output)
-            self.assertIn("parameter ~beams is 0; expected", laser.output)
-            self.assertNotIn("Traceback", laser.output)
+        self.assert_refused(("laser_sim.py", ["_beams:=0"], "parameter ~beams is 0; expected"))
 
 
 if __name__ == "__main__":

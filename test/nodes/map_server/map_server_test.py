@@ -1,20 +1,14 @@
 #!/usr/bin/python3
 """Check the topics, the service and the errors of map_server."""
 
-import os
-import shutil
-import tempfile
-import unittest
-
-import rospkg
 import rospy
 import rostest
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap
 
-from support.helpers import PATIENCE, Process, Recording, node, wait_for, yaw_of
-
-PACKAGE = rospkg.RosPack().get_path("mushr_ros_intro")
+from support.geometry import yaw_of
+from support.helpers import PATIENCE, Process, Recording, RosTestCase, node, wait_for
+from support.paths import FIXTURES
 
 CELLS = (100, 100, 0, -1, 0, 100, 0, 0, 0, 0, 0, 0, 100, 0, -1)
 """The cells of test/fixtures/maps/asymmetric.png, row by row from the bottom."""
@@ -23,7 +17,7 @@ ROUNDING = 1e-12
 """[m, rad] Of a pose that goes through a quaternion."""
 
 
-class TestMapServer(unittest.TestCase):
+class TestMapServer(RosTestCase):
     def assert_is_the_map(self, msg):
         self.assertEqual(msg.header.frame_id, "hall")
         self.assertEqual(tuple(msg.data), CELLS)
@@ -63,45 +57,31 @@ class TestMapServer(unittest.TestCase):
             self.assertEqual((msg.info.width, msg.info.height), (1000, 1000))
             self.assertEqual(msg.header.frame_id, "map")
             self.assertTrue(other.running)
-        folder = os.path.join(PACKAGE, "test", "fixtures")
+        folder = FIXTURES
         command = "rosrun mushr_ros_intro map_server.py __name:=by_path __ns:=third"
         with Process("bash", "-c", f"cd '{folder}' && {command} _map_file:=maps/asymmetric.yaml"):
             third = Recording("/third/map", OccupancyGrid)
             self.assertEqual(tuple(wait_for(lambda: third.last, "the map").data), CELLS)
 
-    def refusal(self, *arguments):
-        """Check that the server ends with one fatal message; return its output."""
-        self.refusals += 1  # for a new name, because the master keeps parameters
-        name = f"bad_{self.refusals}"
-        with node("map_server.py", f"__name:={name}", *arguments) as server:
-            self.assertEqual(server.wait(), 1, server.output)
-            fatal = [line for line in server.output.splitlines() if "[FATAL]" in line]
-            self.assertEqual(len(fatal), 1, server.output)
-            self.assertNotIn("Traceback", server.output)
-            self.assertIn(f"/{name}: ", fatal[0])
-            return server.output
-
     def test_bad_maps_and_parameters(self):
-        self.refusals = 0
-        folder = tempfile.mkdtemp()
-        self.addCleanup(shutil.rmtree, folder)
-        path = os.path.join(folder, "broken.yaml")
-        with open(path, "w") as file:
-            file.write("image: none.png\nresolution: .nan\n")
-        output = self.refusal(f"_map_file:={path}")
-        self.assertIn(f"{path}: resolution is nan; expected a number", output)
-        self.assertIn("(Is a directory)", self.refusal(f"_map_file:={folder}"))
-        output = self.refusal("_map_file:=no_such_map")
-        self.assertIn(
-            "no such map; expected the path of a yaml file, or the name of one in", output
+        path = self.plan("image: none.png\nresolution: .nan\n", "broken.yaml")
+        no_map = "no such map; expected the path of a yaml file, or the name of one in"
+        self.assert_refused(
+            *(
+                ("map_server.py", [f"_map_file:={value}"], *said)
+                for value, *said in (
+                    (path, f"/refused_0: {path}: resolution is nan; expected a number"),
+                    (self.folder, "(Is a directory)"),
+                    ("no_such_map", no_map, "race_loop, rooms, sandbox"),
+                    (7, "parameter ~map_file is 7; expected the name or"),
+                )
+            ),
+            ("map_server.py", [], "parameter ~map_file is not set"),
+            (
+                *("map_server.py", ["_map_file:=sandbox", "_frame_id:=''"]),
+                "parameter ~frame_id is ''; expected text",
+            ),
         )
-        self.assertIn("race_loop, rooms, sandbox", output)
-        self.assertIn("parameter ~map_file is not set", self.refusal())
-        self.assertIn(
-            "parameter ~map_file is 7; expected the name or", self.refusal("_map_file:=7")
-        )
-        output = self.refusal("_map_file:=sandbox", "_frame_id:=''")
-        self.assertIn("parameter ~frame_id is ''; expected text", output)
 
 
 if __name__ == "__main__":

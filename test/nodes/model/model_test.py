@@ -11,7 +11,8 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from tf.transformations import euler_from_quaternion
 from tf2_msgs.msg import TFMessage
 
-from support.helpers import PATIENCE, command, publisher, wait_for
+from support.helpers import PATIENCE, publisher, wait_for
+from support.messages import command
 
 ROUNDING = 1e-6
 """[m, rad] robot_state_publisher rounds rotations."""

@@ -14,7 +14,8 @@ from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import String
 
-from support.helpers import Recording, RosTestCase, command, node, placement, publisher, wait_for
+from support.helpers import Recording, RosTestCase, node, publisher, wait_for
+from support.messages import command, placement
 
 FLOATS = [math.nan, math.inf, -math.inf, 3e38, 1e30, -1e30, 1e6, -0.0, 1e-45, 5e-324, 1e308]
 INTEGERS = {"uint": [0, 1, 2**31, 2**32 - 1], "int": [0, 1, -1, 127, -128]}

@@ -10,15 +10,9 @@ import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
-from support.helpers import (
-    Ghost,
-    Process,
-    Recording,
-    RosTestCase,
-    closed_form,
-    node,
-    wait_for,
-)
+from support.geometry import closed_form
+from support.ghost import Ghost
+from support.helpers import Process, Recording, RosTestCase, node, wait_for
 from support.paths import FIXTURES
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
@@ -33,23 +27,15 @@ class TestPathPublisher(RosTestCase):
         self.placements = Recording("/initialpose", PoseWithCovarianceStamped)
         self.poses = Recording("/car/car_pose", PoseStamped).connected()
 
-    def wait_for_commands(self, count):
-        wait_for(lambda: len(self.commands.messages) >= count, f"{count} commands")
-
     def assert_rests_at(self, expected):
         last = self.commands.last.header.stamp
         self.assert_pose(self.poses.pose_at_rest(last + rospy.Duration(COMMAND_TIMEOUT)), expected)
-
-    def driven_until_stopped(self, commands):
-        """Return where commands like those of the test's plan have taken the car."""
-        seconds = (commands[-1].header.stamp - commands[0].header.stamp).to_sec()
-        return closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)])
 
     def test_interrupted(self):
         """After Ctrl-C the last message is a stop, and the car obeys it."""
         path = self.plan("0,0,0\n1.0,0.2,60\n")
         with node("path_publisher.py", f"_plan_file:={path}") as publisher:
-            self.wait_for_commands(5)
+            wait_for(lambda: len(self.commands.messages) >= 5, "five commands")
             publisher.send_signal(signal.SIGINT)
             self.assertEqual(publisher.wait(), 0)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
@@ -95,15 +81,8 @@ class TestPathPublisher(RosTestCase):
         rospy.set_param("/path_publisher/send_init_pose", False)  # of an earlier drive
         # So slow that the effect of a late message is below the last printed digit.
         self.plan("3,4,1\n0.02,0.1,1\n", "mine.txt")
-        with Process(
-            *(
-                "roslaunch",
-                "mushr_ros_intro",
-                "path_publisher.launch",
-                "plan_file:=mine.txt",
-            ),
-            PWD=self.folder,
-        ) as publisher:
+        launch = ("roslaunch", "mushr_ros_intro", "path_publisher.launch", "plan_file:=mine.txt")
+        with Process(*launch, PWD=self.folder) as publisher:
             self.assertEqual(publisher.wait(), 0)
         self.assertIn("the car drove 0.02 m", publisher.output)
         self.assert_rests_at(closed_form((3.0, 4.0, 1.0), [(0.02, 0.1, 1.0)]))
@@ -115,39 +94,23 @@ class TestPathPublisher(RosTestCase):
         wrong = rospy.Subscriber("/wrong_initialpose", PoseWithCovarianceStamped)
         self.addCleanup(wrong.unregister)
         broken = os.path.join(FIXTURES, "broken_plans", "not_a_number.txt")
-        cases = [
-            ([f"_plan_file:={broken}"], f"{broken}:"),
-            (["_plan_file:=figure_9"], "circle, closed_figure_8, figure_8"),
-            (["_loop:=maybe"], "parameter ~loop is 'maybe'"),
-            (["_init_pose_topic:=/nowhere"], "no node subscribes to /nowhere"),
-            (
-                ["_control_topic:=/told_late"],
-                "nodes are registered: /ghost. Do they respond",
-            ),
+        other_car = ("_car_name:=ghost", f"_control_topic:={CONTROL}")
+        cases = {
+            f"{broken}:": [f"_plan_file:={broken}"],
+            "circle, closed_figure_8, figure_8": ["_plan_file:=figure_9"],
+            "parameter ~loop is 'maybe'": ["_loop:=maybe"],
+            "no node subscribes to /nowhere": ["_init_pose_topic:=/nowhere"],
+            "nodes are registered: /ghost. Do they respond": ["_control_topic:=/told_late"],
             # The car does not stand at the start of slalom, the origin.
-            (
-                ["_plan_file:=slalom", "_init_pose_topic:=/wrong_initialpose"],
-                "was not at the start pose (0.0000 m",
-            ),
-            (
-                [
-                    "_car_name:=ghost",
-                    f"_control_topic:={CONTROL}",
-                    "_init_pose_topic:=/initialpose",
-                ],
-                "was not at the start pose",
-            ),
-        ]
+            "was not at the start pose (0.0000 m": [
+                *("_plan_file:=slalom", "_init_pose_topic:=/wrong_initialpose")
+            ],
+            "was not at the start pose": [*other_car, "_init_pose_topic:=/initialpose"],
+        }
         common = ("_plan_file:=circle", "_subscriber_timeout:=3.0")
-        nodes = [
-            node("path_publisher.py", f"__name:=refused_{index}", *common, *arguments)
-            for index, (arguments, _) in enumerate(cases)
-        ]
-        for process, (_, message) in zip(nodes, cases):
-            with process:
-                self.assertEqual(process.wait(), 1)
-                self.assertIn(message, process.output)
-                self.assertNotIn("Traceback", process.output)
+        self.assert_refused(
+            *(("path_publisher.py", [*common, *each], said) for said, each in cases.items())
+        )
         self.assertEqual(self.commands.messages, [])
         # It announces itself again to a subscriber, and asks a publisher again, that do not answer.
         for calls in ghost.calls.values():

@@ -10,7 +10,8 @@ import rospy
 import rostest
 from nav_msgs.msg import Path
 
-from support.helpers import Process, Recording, RosTestCase, node, planar, wait_for
+from support.geometry import planar
+from support.helpers import Process, Recording, RosTestCase, node, wait_for
 
 PROMISED = 1e-9
 """[m, rad] Difference between the predicted and the final pose."""
@@ -25,14 +26,9 @@ DIFFERENCE = re.compile(r"difference (\S+) m, (\S+) rad")
 @contextlib.contextmanager
 def car(*arguments):
     """Run a car in lock-step."""
-    options = (
-        "use_sim_time:=true",
-        "real_time_factor:=0",
-        "map:=none",
-        "laser:=false",
-        "model:=false",
-    )
-    with Process("roslaunch", "mushr_ros_intro", "sim.launch", *options, *arguments) as launch:
+    options = ("use_sim_time:=true", "real_time_factor:=0", "map:=none", "laser:=false")
+    command = ("roslaunch", "mushr_ros_intro", "sim.launch", *options, "model:=false")
+    with Process(*command, *arguments) as launch:
         try:
             # Without the launch file's parameters path_publisher would run in wall-clock time.
             wait_for(lambda: rospy.has_param("/car/car_sim/seed"), "the car's parameters")

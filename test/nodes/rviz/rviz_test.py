@@ -13,7 +13,8 @@ from nav_msgs.msg import Odometry
 from PIL import ImageGrab
 
 from support.display import Display, require
-from support.helpers import PATIENCE, Process, Recording, RosTestCase, node, planar, wait_for
+from support.geometry import planar
+from support.helpers import PATIENCE, Process, Recording, RosTestCase, node, wait_for
 
 PLAN = "44.0, 44.0, 0.0\n1.5, 0.2, 2.0\n0.0, 0.0, 0.1\n"
 """Near a corner of the default map, so that walls and the laser scan are in the picture."""

@@ -3,40 +3,25 @@
 
 import rospy
 import rostest
-from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseArray
 from rosgraph_msgs.msg import Log
 
-from support.helpers import (
-    LEAD,
-    POSITION_TOLERANCE,
-    Recording,
-    RosTestCase,
-    at,
-    closed_form,
-    command,
-    node,
-    placement,
-    planar,
-    publisher,
-    wait_for,
-)
+from support.geometry import POSITION_TOLERANCE, closed_form, planar
+from support.helpers import CarTestCase, Recording, node, wait_for
+from support.messages import LEAD, at, command, placement
 
 STOP = 49.4 - 0.38
 """[m] The x coordinate at which the sandbox's wall stops a car that drives along x."""
 
 
-class TestWalls(RosTestCase):
+class TestWalls(CarTestCase):
     def setUp(self):
         super().setUp()
-        self.poses = Recording("/car/car_pose", PoseStamped).connected()
         self.collisions = Recording("/car/car_sim/collision", PoseArray).connected()
         # rospy registers a publisher before it latches. A subscriber that connects in between never
         # gets the latched message, and shares its connection with later ones: so unregister it.
         self.addCleanup(self.collisions.subscriber.unregister)
         self.log = Recording("/rosout", Log).connected()
-        self.commands = publisher("/car/mux/ackermann_cmd_mux/output", AckermannDriveStamped)
-        self.placements = publisher("/initialpose", PoseWithCovarianceStamped)
         wait_for(lambda: self.collisions.last, "the latched collision")
 
     def warnings(self, word):
@@ -44,9 +29,7 @@ class TestWalls(RosTestCase):
 
     def place(self, x, y, theta):
         """Place the car, and wait until it reports that pose."""
-        stamp = rospy.Time.now()
-        self.placements.publish(placement(stamp, x, y, theta))
-        self.poses.shows((x, y, theta), stamp)
+        super().place(x, y, theta)
         wait_for(lambda: not self.collisions.last.poses, "no contact")
 
     def drive(self, speed, steering_angle, count, order=1):
@@ -105,11 +88,8 @@ class TestWalls(RosTestCase):
             self.placements.publish(placement(rospy.Time.now(), 49.3, 0.5, 0.25))
             return self.warnings("(49.3")  # repeated, because there is at most one warning a second
 
-        warning = wait_for(refusals, "the warning")[0]
-        self.assertIn("rejected", warning)
-        self.assertIn(
-            "rejected the initial pose (49.3000 m, 0.5000 m, 0.2500 rad) on /initialpose", warning
-        )
+        expected = "rejected the initial pose (49.3000 m, 0.5000 m, 0.2500 rad) on /initialpose"
+        self.assertIn(expected, wait_for(refusals, "the warning")[0])
         self.assert_pose(self.poses.pose_at_rest(rospy.Time.now()), (1.0, 2.0, 3.0))
 
     def test_off_the_map(self):

@@ -13,7 +13,7 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.plan.model import Plan, as_float32
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.write import plan_text
-from support.helpers import closed_form
+from support.geometry import closed_form
 
 CAR = Car(steering_limit_left=0.34, steering_limit_right=0.25)
 

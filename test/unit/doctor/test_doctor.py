@@ -95,16 +95,9 @@ def test_modules_that_are_not_found(module, python, is_sourced, words):
     assert words in fault
 
 
-@pytest.mark.parametrize(
-    "arguments, words",
-    [
-        (["--bogus"], "unrecognized arguments: --bogus"),
-        (["--car", "a car"], "'a car'; expected the name of a car"),
-    ],
-)
-def test_wrong_arguments(arguments, words, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["doctor.py", *arguments])
+def test_wrong_arguments(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["doctor.py", "--car", "a car"])
     with pytest.raises(SystemExit) as end:
         doctor.main()
     assert end.value.code == 2
-    assert words in capsys.readouterr().err
+    assert "'a car'; expected the name of a car" in capsys.readouterr().err

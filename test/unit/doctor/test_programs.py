@@ -42,7 +42,4 @@ def test_no_finding(tmp_path, name, text):
     path.write_text(text)
     path.chmod(0o755 if text.startswith("#!") else 0o644)
     assert program_findings(str(tmp_path)) == []
-
-
-def test_a_folder_that_does_not_exist(tmp_path):
     assert program_findings(str(tmp_path / "none")) == []

@@ -38,6 +38,7 @@ def without_mux(bypass=None):
     return {"output": inputs(bypass=bypass)["output"], "navigation": Topic("/nav", TYPE, MD5)}
 
 
+RUNNING = Clock((CAR,), True)
 OUTPUT = Topic(f"{MUX}/output", TYPE, MD5, (Publisher(MUX, TYPE, MD5),), (CAR,))
 HEALTHY = Facts(
     "car",
@@ -48,6 +49,9 @@ HEALTHY = Facts(
     active="navigation",
     window=(NOW, NOW + S),
     moves=True,
+)
+TWO_KEYBOARDS = Topic(
+    "/t", TYPE, MD5, (Publisher("/quiet", TYPE, MD5), KEYS._replace(stamps=(NOW,))), (MUX,)
 )
 NO_PUBLISHER = {"inputs": inputs(None, None), "moves": False}
 
@@ -167,19 +171,7 @@ def test_master(master, problem, remedy):
             "rosnode kill /car/teleop",
         ),
         (
-            {
-                "inputs": {
-                    **inputs(),
-                    "teleop": Topic(
-                        "/t",
-                        TYPE,
-                        MD5,
-                        (Publisher("/quiet", TYPE, MD5), KEYS._replace(stamps=(NOW,))),
-                        (MUX,),
-                    ),
-                },
-                "active": "teleop",
-            },
+            {"inputs": {**inputs(), "teleop": TWO_KEYBOARDS}, "active": "teleop"},
             "is in use by /car/teleop, so the commands of /path_publisher do not reach the car",
             "rosnode kill /car/teleop",
         ),
@@ -199,10 +191,7 @@ def test_master(master, problem, remedy):
             "ntpdate",
         ),
         (
-            {
-                "inputs": inputs(PLAN._replace(stamps=(NOW - 3 * S // 2,))),
-                "clock": Clock((CAR,), True),
-            },
+            {"inputs": inputs(PLAN._replace(stamps=(NOW - 3 * S // 2,))), "clock": RUNNING},
             "the commands of /path_publisher are 1.5 s behind /clock",
             "after use_sim_time is set",
         ),
@@ -230,7 +219,7 @@ def test_finding(changes, problem, remedy):
     [
         {"active": "idle"},  # between two commands
         {"moves": None},  # the pose is not published
-        {"clock": Clock((CAR,), True)},
+        {"clock": RUNNING},
         {"inputs": inputs(PLAN._replace(stamps=(NOW - S, NOW + 2 * S)))},  # within the tolerance
         {"inputs": inputs(PLAN._replace(stamps=(NOW - 5 * S, NOW)))},  # one was late
         {"inputs": inputs(PLAN._replace(speeds=(0.0, -0.1)))},
@@ -255,12 +244,9 @@ def test_effects_of_a_dead_node_are_left_out(node):
     assert finding.startswith(f"{node} has died")
 
 
-def test_effects_of_a_paused_clock_are_left_out():
+def test_effects_of_a_paused_clock_are_left_out_but_commands_are_judged():
     (finding,) = findings(inputs=inputs(SILENT), clock=Clock((CAR,)), moves=False)
     assert finding.startswith("time stands still")
-
-
-def test_commands_are_judged_although_the_clock_is_paused():
     slow = inputs(PLAN._replace(speeds=(0.0,)))
     clock, speed = findings(inputs=slow, clock=Clock((CAR,)), moves=False)
     assert clock.startswith("time stands still")

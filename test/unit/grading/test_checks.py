@@ -77,6 +77,9 @@ def drive(speeds, rates):
 MOTIONS = drive([1.0, 1.0, 2.0, 2.0, -1.5, -1.5, 0.0, 0.0], [0.5, 0.5, 3.0, 3.0, -1, -1, 0, 0])
 
 
+MOVES = "in the 0.1 s before 0.100 the pose moves by"
+
+
 def changed(change):
     """Return the drive with fields and pose changed as `change(number, motion)` says."""
     motions = []
@@ -94,13 +97,11 @@ def changed(change):
         (lambda _, each: {"theta": math.remainder(each.pose.theta, math.tau)}, ""),
         (
             lambda _, each: {"speed": 0.1 * each.speed},
-            "in the 0.1 s before 0.100 the pose moves by 0.1 m ahead, which is 1 m/s; "
-            "the twist says 0.1 m/s",
+            f"{MOVES} 0.1 m ahead, which is 1 m/s; the twist says 0.1 m/s",
         ),
         (
             lambda _, each: {"turn_rate": 0.5 * each.turn_rate},
-            "in the 0.1 s before 0.100 the pose moves by 0.05 rad counter-clockwise, which is "
-            "0.5 rad/s; the twist says 0.25 rad/s",
+            f"{MOVES} 0.05 rad counter-clockwise, which is 0.5 rad/s; the twist says 0.25 rad/s",
         ),
         (lambda _, each: {"lateral_speed": 0.1}, " m to the left, which is "),
         (lambda _, each: {"lateral_speed": -0.1}, " m/s; the twist says -0.1 m/s"),

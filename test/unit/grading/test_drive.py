@@ -8,7 +8,7 @@ import pytest
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.grading.replay import drive, frechet_distance
 from mushr_ros_intro.preview.prediction import final_pose
-from support.helpers import closed_form
+from support.geometry import closed_form
 from support.recorded import BEGIN, PLAN, ROWS, SECOND, START, plan_of, replay
 
 ROUNDING = 1e-9

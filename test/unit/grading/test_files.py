@@ -8,7 +8,7 @@ import pytest
 
 from mushr_ros_intro.grading.files import write
 from mushr_ros_intro.grading.judge import default_tolerances, judge
-from support.helpers import closed_form
+from support.geometry import closed_form
 from support.recorded import PLAN, ROWS, START, replay
 
 

@@ -123,14 +123,15 @@ def test_nodes_that_do_not_end_are_ended(master):
     sleep = "time.sleep(60.0)"
     locked = "rospy.topics.get_topic_manager().lock.acquire()\n        rospy.spin()"
     run = "    def run(self):\n        print('runs', flush=True)\n        "
-    with start(run + sleep, master) as one, running_master() as (_, uri):
-        with start(run + locked, uri) as other:
-            for process in (one, other):
-                wait_for(lambda p=process: "runs" in p.output, "the node")
-                process.send_signal(signal.SIGINT)
-            for process in (one, other):
-                assert process.wait() == 1, process.output
-                assert "made: the node did not end within 14 s" in process.output
+    with running_master() as (_, uri), contextlib.ExitStack() as stack:
+        programs = ((run + sleep, master), (run + locked, uri))
+        started = [stack.enter_context(start(*each)) for each in programs]
+        for process in started:
+            wait_for(lambda p=process: "runs" in p.output, "the node")
+            process.send_signal(signal.SIGINT)
+        for process in started:
+            assert process.wait() == 1, process.output
+            assert "made: the node did not end within 14 s" in process.output
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,58 @@
+"""A node that the master knows, and that connects with nobody."""
+
+import os
+import threading
+
+import rosgraph.xmlrpc
+
+
+class Ghost:
+    """A node that the master knows, and that connects with nobody, whatever it is told.
+
+    Who asks for what it publishes is sent to a `port` of this machine, or nowhere. Who asks
+    whether it is connected is told nothing, or where there is a `silence` [s], then yes.
+    """
+
+    def __init__(self, subscribes=(), publishes=(), port=None, silence=0.0):
+        self.calls = {"publisherUpdate": [], "requestTopic": []}
+        self._ended = threading.Event()
+        self._silence = silence
+        self._server = rosgraph.xmlrpc.ThreadingXMLRPCServer(("127.0.0.1", 0), log_requests=False)
+        self._uri = f"http://localhost:{self._server.server_address[1]}/"
+        self._master = rosgraph.Master("/ghost")
+        self._subscribes, self._publishes = subscribes, publishes
+        self._server.register_function(lambda *_: (1, "", os.getpid()), "getPid")
+        if silence:
+            self._server.register_function(self._say_it_is_connected, "getBusInfo")
+        offer = (1, "", ["TCPROS", "localhost", port]) if port else (0, "no", 0)
+        for name, answer in (("publisherUpdate", (1, "", 0)), ("requestTopic", offer)):
+            self._server.register_function(self._answer(name, answer), name)
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+        for topic in subscribes:
+            self._master.registerSubscriber(topic, "*", self._uri)
+        for topic in publishes:
+            self._master.registerPublisher(topic, "*", self._uri)
+
+    def _answer(self, name, answer):
+        def take(_, *arguments):
+            self.calls[name].append(list(arguments))
+            return answer
+
+        return take
+
+    def _say_it_is_connected(self, caller):
+        self._ended.wait(self._silence)
+        return 1, "", [[1, caller, "o", "TCPROS", topic, True, ""] for topic in self._publishes]
+
+    def die(self):
+        """Answer no more; the master is not told."""
+        self._ended.set()
+        self._server.shutdown()
+        self._server.server_close()
+
+    def end(self):
+        for topic in self._subscribes:
+            self._master.unregisterSubscriber(topic, self._uri)
+        for topic in self._publishes:
+            self._master.unregisterPublisher(topic, self._uri)
+        self.die()
