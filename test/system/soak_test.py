@@ -3,6 +3,7 @@
 
 import bisect
 import collections
+import math
 import os
 import signal
 import sys
@@ -58,18 +59,17 @@ class Drive:
         self._plan = plan
         self._laps = []  # when the first command of each lap is due [ns]
         self._read()
-        topic = f"/{car}/mux/ackermann_cmd_mux"
-        options = {"tcp_nodelay": True}
-        rospy.Subscriber(
-            f"{topic}/input/navigation", AckermannDriveStamped, self._on_command, **options
-        )
-        rospy.Subscriber(f"{topic}/output", AckermannDriveStamped, self._on_passed, **options)
-        rospy.Subscriber(f"/{car}/car_pose", PoseStamped, self._on_pose, **options)
+        mux = f"/{car}/mux/ackermann_cmd_mux"
+        for topic, kind, take in (
+            (f"{mux}/input/navigation", AckermannDriveStamped, self._on_command),
+            (f"{mux}/output", AckermannDriveStamped, self._on_passed),
+            (f"/{car}/car_pose", PoseStamped, self._on_pose),
+        ):
+            rospy.Subscriber(topic, kind, take, tcp_nodelay=True)
 
     def _read(self):
         """Note when each row of the plan begins, where the car is then, and what it is told."""
-        self._begins, self._starts, begin = [], [tuple(self._plan.start)], 0
-        self._told = []
+        self._begins, self._starts, self._told, begin = [], [tuple(self._plan.start)], [], 0
         for row in self._plan.rows:
             self._begins.append(begin)
             told = (float32(row.speed), float32(row.steering_angle))
@@ -157,10 +157,8 @@ class Drive:
         lap = bisect.bisect_right(self._laps, stamp) - 1
         offset = stamp - self._laps[lap]
         if offset > self._plan.duration:  # between two laps: at the end, or placed again
-            if abs(complex(*found[:2]) - complex(*self._starts[-1][:2])) > ROUNDING:
-                expected = self._starts[0]
-            else:
-                expected = self._starts[-1]
+            is_at_end = math.dist(found[:2], self._starts[-1][:2]) <= ROUNDING
+            expected = self._starts[-1 if is_at_end else 0]
         else:
             index = min(self._row_at(offset), len(self._plan.rows) - 1)
             row, begin = self._plan.rows[index], self._begins[index]
@@ -169,11 +167,7 @@ class Drive:
         if rospy.rostime.is_wallclock() and (self._is_news(offset) or self._is_missing(stamp)):
             self.unsure += 1
             return
-        error = max(
-            abs(found[0] - expected[0]),
-            abs(found[1] - expected[1]),
-            angle_between(found[2], expected[2]),
-        )
+        error = max(math.dist(found[:2], expected[:2]), angle_between(found[2], expected[2]))
         self.poses += 1
         self.worst = max(self.worst, error)
         if error > ROUNDING:

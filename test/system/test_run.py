@@ -59,10 +59,7 @@ class Run:
             )
 
     def wait_for_text(self, text):
-        wait_for(
-            lambda: text in self.log.read_text() or self.process.poll() is not None,
-            f"{text!r}",
-        )
+        wait_for(lambda: text in self.log.read_text() or self.process.poll() is not None, text)
         assert text in self.log.read_text()
 
     def processes(self):

@@ -66,22 +66,15 @@ class TestMapServer(RosTestCase):
     def test_bad_maps_and_parameters(self):
         path = self.plan("image: none.png\nresolution: .nan\n", "broken.yaml")
         no_map = "no such map; expected the path of a yaml file, or the name of one in"
-        self.assert_refused(
-            *(
-                ("map_server.py", [f"_map_file:={value}"], *said)
-                for value, *said in (
-                    (path, f"/refused_0: {path}: resolution is nan; expected a number"),
-                    (self.folder, "(Is a directory)"),
-                    ("no_such_map", no_map, "race_loop, rooms, sandbox"),
-                    (7, "parameter ~map_file is 7; expected the name or"),
-                )
-            ),
-            ("map_server.py", [], "parameter ~map_file is not set"),
-            (
-                *("map_server.py", ["_map_file:=sandbox", "_frame_id:=''"]),
-                "parameter ~frame_id is ''; expected text",
-            ),
+        cases = (
+            ([f"_map_file:={path}"], f"{path}: resolution is nan; expected a number"),
+            ([f"_map_file:={self.folder}"], "(Is a directory)"),
+            (["_map_file:=no_such_map"], no_map, "race_loop, rooms, sandbox"),
+            (["_map_file:=7"], "parameter ~map_file is 7; expected the name or"),
+            ([], "parameter ~map_file is not set"),
+            (["_map_file:=sandbox", "_frame_id:=''"], "~frame_id is ''; expected text"),
         )
+        self.assert_refused(*(("map_server.py", *case) for case in cases))
 
 
 if __name__ == "__main__":

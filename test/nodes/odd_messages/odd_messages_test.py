@@ -14,6 +14,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import String
 
+from support.driven_car import start_car
 from support.helpers import Recording, RosTestCase, node, publisher, wait_for
 from support.messages import command, placement
 
@@ -50,10 +51,6 @@ def numbers_in(msg):
             elif isinstance(value[0], (int, float)):
                 setattr(msg, name, list(value))
                 yield from ((getattr(msg, name), index, kind) for index in (0, len(value) - 1))
-
-
-def value_of(owner, field):
-    return owner[field] if isinstance(owner, list) else getattr(owner, field)
 
 
 def odd_messages(good):
@@ -95,11 +92,9 @@ def good_messages():
 
 class TestOddMessages(RosTestCase):
     def test_any_number_in_any_message(self):
-        car = ("__ns:=/car", "initialpose:=/initialpose")
         nodes = [
-            node("car_sim.py", *car),
+            *start_car(),
             node("laser_sim.py", "__ns:=/car"),
-            node("ackermann_cmd_mux.py", "__ns:=/car/mux"),
             node("click_planner.py", f"_folder:={self.folder}"),
             node("plan_recorder.py", f"_folder:={self.folder}"),
         ]
@@ -131,7 +126,7 @@ class TestOddMessages(RosTestCase):
                 if msg._connection_header["callerid"] == rospy.get_name():
                     continue
                 for owner, field, _ in numbers_in(msg):
-                    value = value_of(owner, field)
+                    value = owner[field] if isinstance(owner, list) else getattr(owner, field)
                     # A range is infinite if there is nothing to measure (REP 117).
                     is_range = isinstance(msg, LaserScan) and math.isinf(value)
                     if not math.isfinite(value) and not is_range:

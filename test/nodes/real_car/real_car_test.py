@@ -56,10 +56,6 @@ class TestRealCar(RosTestCase):
         self.assertNotIn("Traceback", driver.output)
         return driver.output
 
-    def assert_nothing_came(self):
-        for recording in (self.commands, self.placements, self.paths):
-            self.assertEqual(recording.messages, [], recording.topic)
-
     # Before it drives
 
     def test_faults_are_warnings_and_the_prediction_ends_at_the_wall(self):
@@ -81,7 +77,8 @@ class TestRealCar(RosTestCase):
         self.assertIn("~strict is set and the plan has faults", output)
         self.assertEqual(output.count(f"{plan}:"), 20 + 1, output)  # and once when it is read
         self.assertIn("... and 10 more", output)
-        self.assert_nothing_came()
+        for recording in (self.commands, self.placements, self.paths):
+            self.assertEqual(recording.messages, [], recording.topic)
 
     def test_spread(self):
         cloud = Recording(NAME + "/spread_poses", PoseArray)

@@ -8,18 +8,8 @@ import pytest
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.grading.judge import default_tolerances
-from support.recorded import (
-    BEGIN,
-    COMMANDS,
-    ROWS,
-    STOP,
-    TENTH,
-    commands,
-    every_check,
-    judged,
-    plan_of,
-    replay,
-)
+from support import recorded
+from support.recorded import BEGIN, COMMANDS, ROWS, STOP, TENTH, commands, judged, replay
 
 STANDING = [(1.0, 0.0, 1.0), (0.0, 0.0, 0.5)]
 STEERED = [(1.0, 0.0, 1.0), (0.0, 0.3, 0.5)]
@@ -37,11 +27,11 @@ def test_all_is_right():
 @pytest.mark.parametrize("rows", [ROWS, [(-2.0, 0.1, 1.0)]])
 def test_the_tolerances_are_what_a_missing_stop_costs(rows):
     """0.2 s of driving, and a rounding: 0.1 rad is rounded up as a float32."""
-    tolerances = default_tolerances(plan_of((1, 2, 0.5), rows), Car())
+    tolerances = default_tolerances(recorded.plan_of((1, 2, 0.5), rows), Car())
     assert tolerances.position == tolerances.path == pytest.approx(0.2 * 2.0, abs=2e-6)
     angle = 0.2 * 2.0 * math.tan(0.1) / 0.33
     assert angle + 1e-8 < tolerances.angle == pytest.approx(angle, abs=2e-6)
-    standing = plan_of((0, 0, 0), [(0.0, 0.0, 1.0)])
+    standing = recorded.plan_of((0, 0, 0), [(0.0, 0.0, 1.0)])
     assert default_tolerances(standing, Car()) == 3 * (1e-6,)
 
 
@@ -123,7 +113,7 @@ def test_what_was_not_judged_is_said():
     failed, _ = judged(replay(sent=COMMANDS[:10]))
     reason = "its command was not received in turn"
     assert failed["rate"] == f"rows 2 to 3 (0.75 s): not judged, because {reason}"
-    rate = every_check(replay(sent=UNSTAMPED))["rate"]
+    rate = recorded.every_check(replay(sent=UNSTAMPED))["rate"]
     assert rate.passed and "their spacing was not judged" in rate.message
 
 
@@ -140,7 +130,7 @@ def test_what_was_not_judged_is_said():
 )
 def test_one_stop_is_allowed_after_the_plan(rows, sent, names):
     """If the plan ends with a stop, it is either like the commands before or a group of its own."""
-    seen = replay(plan_of((0, 0, 0), rows), commands(sent))
+    seen = replay(recorded.plan_of((0, 0, 0), rows), commands(sent))
     assert set(judged(seen)[0]) == names
 
 

@@ -292,13 +292,10 @@ def test_rolling_on_into_a_wall():
 
 
 def test_start_poses_in_a_wall_or_off_the_map():
-    grid = walled()
-    assert faults("\n# c\n 4.8,0,0\n1,0\n", grid=grid) == [
-        "my.txt:3:2: the start pose is in a wall, at least in part"
-    ]
-    assert faults("40,0,0\n1,0\n", grid=grid) == [
-        "my.txt:1:1: the start pose is off the map, at least in part"
-    ]
+    (fault,) = faults("\n# c\n 4.8,0,0\n1,0\n", grid=walled())
+    assert fault == "my.txt:3:2: the start pose is in a wall, at least in part"
+    (fault,) = faults("40,0,0\n1,0\n", grid=walled())
+    assert fault == "my.txt:1:1: the start pose is off the map, at least in part"
 
 
 FREE = Grid(np.zeros((80, 80), np.int8), 0.1, Pose(-4.0, -4.0, 0.0))

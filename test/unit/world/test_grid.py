@@ -37,12 +37,10 @@ def test_impossible_grids():
         assert Grid(good, resolution).resolution == resolution
 
 
-def test_cells_above_50_are_walls():
+def test_walls_and_the_frame_of_a_grid():
+    # Cells above 50 are walls.
     grid = Grid(np.array([[-128, -1, 0, 50, 51, 100]], np.int8), 0.1)
     assert grid.occupied.tolist() == [[False, False, False, False, True, True]]
-
-
-def test_the_frame_of_a_grid():
     grid = Grid(np.zeros((2, 3), np.int8), 0.1, Pose(3.0, -4.0, 2.0))
     there = Pose(0.7, 0.1, -1.0)
     assert grid.to_grid(compose(grid.origin, there)).is_close_to(there, 1e-12)
