@@ -121,8 +121,9 @@ class CommandPublisher:
                 return
             self._monitor = self._monitor.hear(msg.data, self._last is not None)
         if self._monitor.lost_to:
-            self.stop()
+            # First the error: after the stop, the node's thread ends without one.
             node.give_up(TakeoverError(self._takeover()))
+            self.stop()
 
     def _takeover(self) -> str:
         """Return the message for a takeover."""
