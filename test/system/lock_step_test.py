@@ -158,7 +158,7 @@ class TestLockStep(RosTestCase):
         plan = "slalom"
         expected = self.first_drive(plan)
         poses, _, commands = self.recordings
-        for arguments in ((), self.delay(CLOCK_PATIENCE_AT_REST + 0.3)):
+        for arguments in ((), self.delay(CLOCK_PATIENCE_AT_REST + 0.1)):
             for recording in self.recordings:
                 recording.clear()
             options = (f"_plan_file:={plan}", "_loop:=true", "__name:=laps")
