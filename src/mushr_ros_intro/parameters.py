@@ -49,8 +49,8 @@ class Parameters:
         expected = f"a number from {low:g} to {high:g} {unit}".rstrip()
         return float(self._checked(name, number, is_number, expected))
 
-    def integer(self, name: str, default: int, low: float, high: float) -> int:
-        """Return a whole number from `low` to `high`."""
+    def integer(self, name: str, default: float, low: float, high: float) -> int:
+        """Return a whole number from `low` to `high`; see `number`."""
         value = self.number(name, default, "", low, high)
         return int(self._checked(name, int(value), value == int(value), "a whole number"))
 

@@ -107,7 +107,7 @@ class TestMux(RosTestCase):
         rospy.set_param("/bad", {"subscribers": [entry]})
         with node("ackermann_cmd_mux.py", "__name:=bad") as process:
             self.assertEqual(process.wait(), 1)
-        self.assertIn("/bad: the mux's configuration lacks the key 'publisher'", process.output)
+        self.assertIn("/bad: parameter ~publisher is not set; expected a topic", process.output)
         self.assertNotIn("Traceback", process.output)
 
 
