@@ -110,3 +110,27 @@ def user_path(path: str) -> str:
     PWD as it was in the user's shell.
     """
     return os.path.abspath(os.path.join(os.environ.get("PWD", "."), os.path.expanduser(path)))
+
+
+def find_file(name: str, folder: str, ending: str) -> str:
+    """Return the path of the file that a user means by `name`.
+
+    A name without a folder is looked up in `folder` first, with or without the ending. Any other
+    name is a path, relative to the user's directory (see `user_path`) or to the current one.
+
+    Raises:
+        UserError: there is no such file; the message lists those in `folder`, but not `name`.
+    """
+    candidates = [user_path(name), os.path.abspath(name)] if name else []
+    if name and os.sep not in name:
+        in_folder = os.path.join(folder, name)
+        candidates = [in_folder + ending, in_folder, *candidates]
+    for exists in (os.path.isfile, os.path.exists):  # the reader explains what is not a file
+        for candidate in candidates:
+            if exists(candidate):
+                return candidate
+    known = sorted(entry[: -len(ending)] for entry in os.listdir(folder) if entry.endswith(ending))
+    raise UserError(
+        f"no such file; expected the path of a file, or the name of one in {folder}: "
+        f"{', '.join(known)}"
+    )

@@ -94,14 +94,14 @@ def test_files_that_cannot_be_read(tmp_path):
     with open(tmp_path / "huge", "wb") as file:
         file.truncate(find.MAX_FILE_SIZE + 1)
     for name, expected in {
-        "missing": "no such file; expected a plan file",
-        ".": "this is a directory; expected a plan file",
-        "fifo": "this is not a regular file; expected a plan file",
+        "missing": "the file cannot be read (No such file or directory); expected a plan",
+        ".": "the file cannot be read (this is not a regular file); expected a plan",
+        "fifo": "the file cannot be read (this is not a regular file); expected a plan",
         "loop": "the file cannot be read (Too many levels of symbolic links)",
         "file/plan": "the file cannot be read (Not a directory)",
         "n" * 300: "the file cannot be read (File name too long)",
         "nul\0": "the file cannot be read (",
-        "huge": "the file has 100000001 bytes; expected a plan file of at most 100000000",
+        "huge": "the file cannot be read (it has more than 100000000 bytes); expected a",
     }.items():
         path = os.path.join(str(tmp_path), name)
         (fault,) = faults_of(path)
@@ -320,7 +320,7 @@ def test_a_missing_plan_is_reported_with_the_names_of_the_others(folders, name, 
     monkeypatch.setenv("PWD", str(here))
     with pytest.raises(PlanError) as caught:
         find_plan(name, str(plans))
-    expected = f"no such plan file; expected the path of a file, or the name of one in {plans}"
+    expected = f"no such file; expected the path of a file, or the name of one in {plans}"
     assert f"{name or repr('')}:1:1: {expected}: circle, eight" == str(caught.value)
 
 

@@ -423,7 +423,7 @@ def test_every_fault_of_broken_plans_is_printed():
 def test_a_plan_that_does_not_exist():
     result = run("figure_9")
     assert result.returncode == 1
-    assert result.stdout.startswith("figure_9:1:1: no such plan file; expected the path of a file")
+    assert result.stdout.startswith("figure_9:1:1: no such file; expected the path of a file")
     assert "figure_8" in result.stdout
 
 
@@ -433,7 +433,7 @@ def test_a_plan_that_does_not_exist():
         (["long.txt", "--runs", "100"], "so fewer --runs"),
         ([], "the following arguments are required: PLAN"),
         (["circle", "--car", "tank"], "invalid choice: 'tank'"),
-        (["circle", "--map", "moon"], "moon: no such map; expected the path of a yaml file"),
+        (["circle", "--map", "moon"], "moon: no such file; expected the path of a file"),
         (["circle", "--map", os.path.join(PACKAGE, "package.xml")], "expected a map's yaml file"),
         (["circle", "--runs", "1"], "--runs: '1'; expected a whole number from 2 to 100000"),
         (["circle", "--seed", "-1"], "--seed: '-1'; expected a whole number from 0"),
