@@ -11,6 +11,7 @@ import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose, compose, inverse
 from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.errors import counted
 from mushr_ros_intro.grading.checks import step_faults
 from mushr_ros_intro.grading.replay import (
     START_TOLERANCE,
@@ -193,9 +194,8 @@ def _rate_fault(run: Run, group: Sequence[Sent], is_last: bool) -> str:
     # If the last row of the plan is a stop, the final stop belongs to the same group.
     extra = int(is_last and run.speed == 0.0)
     if not run.expected <= len(group) <= run.expected + extra:
-        commands = "1 command" if len(group) == 1 else f"{len(group)} commands"
         pace = f", {(len(group) - 1) / span:.3g} per second" if span else ""
-        return f"{commands} received{pace}; expected {run.expected}"
+        return f"{counted(len(group), 'command')} received{pace}; expected {run.expected}"
     if not all(sent.stamped for sent in group):
         return ""  # times of arrival are too rough
     if faults := step_faults(times, COMMAND_PERIOD, _JITTER):

@@ -12,6 +12,7 @@ import re
 from typing import List, Optional, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.errors import counted
 from mushr_ros_intro.plan.model import (
     MAX_COORDINATE,
     MAX_DURATION,
@@ -127,9 +128,9 @@ def _parse_line(
     cells = content.split(",", len(names))
     if not fewest <= len(cells) <= len(names):
         count = content.count(",") + 1
-        counted = "1 column" if count == 1 else f"{count} columns"
         surplus = cells[-1].lstrip() if count > len(names) else ""
-        return [], (), [(len(content) - len(surplus) + 1, f"{counted}; expected {expected}")]
+        text = f"{counted(count, 'column')}; expected {expected}"
+        return [], (), [(len(content) - len(surplus) + 1, text)]
 
     columns, faults = [], []
     begin = 1  # the column of the first character of a cell

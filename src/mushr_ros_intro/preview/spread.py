@@ -98,13 +98,9 @@ class Spread(NamedTuple):
 
 
 def spread(plan: Plan, car: Car, runs: int, seed: int) -> Spread:
-    """Drive a plan many times, each run with its own errors.
+    """Drive a plan at least two times, each run with its own errors.
 
-    Args:
-        plan: the plan.
-        car: the car. If it has noise, the errors of a run are its noise and RUN_ERRORS.
-        runs: number of runs, at least 2.
-        seed: of the random numbers.
+    If the car has noise, the errors of a run are its noise and RUN_ERRORS; otherwise it has none.
     """
     errors = Errors()
     if car.speed_noise or car.steering_noise:
@@ -127,19 +123,18 @@ def spread(plan: Plan, car: Car, runs: int, seed: int) -> Spread:
     )
 
 
-def ellipse(covariance: np.ndarray, probability: float = 0.95) -> Tuple[float, float, float]:
-    """Return the ellipse around the mean that contains a normally distributed point.
+def ellipse(covariance: np.ndarray) -> Tuple[float, float, float]:
+    """Return the ellipse around the mean that contains 95 % of normally distributed points.
 
     Args:
         covariance: of x and y [m^2], (2, 2), or of a pose, (3, 3).
-        probability: that the point is in the ellipse.
 
     Returns:
         The semi-major and the semi-minor axis [m], and the direction of the major axis [rad].
     """
     (xx, xy), (_, yy) = covariance[:2, :2].tolist()
     middle, half = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
-    scale = -2.0 * math.log1p(-probability)  # chi-square with two degrees of freedom
+    scale = -2.0 * math.log(0.05)  # chi-square with two degrees of freedom
     major, minor = (math.sqrt(scale * max(each, 0.0)) for each in (middle + half, middle - half))
     return major, minor, 0.5 * math.atan2(2.0 * xy, xx - yy)
 
@@ -147,13 +142,10 @@ def ellipse(covariance: np.ndarray, probability: float = 0.95) -> Tuple[float, f
 def sample(
     plan: Plan, car: Car, errors: Errors, runs: int, seed: int, instants: Iterable[int]
 ) -> np.ndarray:
-    """Drive a plan `runs` times.
+    """Drive a plan `runs` times with random errors; the noise of `car` is not used.
 
     Args:
-        plan: the plan.
-        car: the car; its noise is not used.
-        errors: of each run.
-        runs: number of runs.
+        plan, car, errors, runs: as in `spread`.
         seed: of the random numbers, not negative.
         instants: ends of commands [ns after the first begins]; the last one is the plan's end.
 
@@ -204,7 +196,7 @@ def _advanced(
     Args:
         state: x [m], y [m], theta [rad], distance driven [m], speed [m/s] and steering angle
             [rad], (6, cars).
-        car: the car.
+        car: its acceleration, steering rate and wheelbase.
         speeds: the commanded speeds [m/s], (cars,).
         angles: the commanded steering angles [rad], (cars,).
         seconds: duration of the command [s].
