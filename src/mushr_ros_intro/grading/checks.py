@@ -114,7 +114,8 @@ def plan_faults(stamps: Sequence[int], rows: Sequence[int], period: int, jitter:
         stamps: of the commands in order of arrival [ns]. The first one begins the first row; those
             after the last row are ignored.
         rows: durations of the rows [ns]; each row begins with a command.
-        period, jitter: as in `step_faults`, for the commands of a row [ns].
+        period: expected time between the commands of a row [ns].
+        jitter: tolerance of this time [ns].
     """
     if not stamps:
         return ["no message received"]

@@ -144,10 +144,7 @@ def sample(
 ) -> np.ndarray:
     """Drive a plan `runs` times with random errors; the noise of `car` is not used.
 
-    Args:
-        plan, car, errors, runs: as in `spread`.
-        seed: of the random numbers, not negative.
-        instants: ends of commands [ns after the first begins]; the last one is the plan's end.
+    The `instants` are ends of commands [ns after the first begins]; the last one is the plan's end.
 
     Returns:
         x [m], y [m], theta [rad] in the map frame and the distance driven [m], (instants, runs, 4).

@@ -74,6 +74,5 @@ def _until_repeated(piece: Piece, seconds: float, car: Car, diagonal: float) -> 
 def _fenced(grid: Grid) -> Grid:
     """Return a map with walls around it, one cell thick."""
     cells = np.pad(grid.cells, 1, constant_values=100)
-    cells.flags.writeable = False
     corner = Pose(-grid.resolution, -grid.resolution, 0.0)
     return Grid(cells, grid.resolution, compose(grid.origin, corner))

@@ -92,9 +92,7 @@ class TestMapServer(unittest.TestCase):
         self.assertIn(f"{path}: resolution is nan; expected a number", output)
         self.assertIn("(Is a directory)", self.refusal(f"_map_file:={folder}"))
         output = self.refusal("_map_file:=no_such_map")
-        self.assertIn(
-            "no such file; expected the path of a file, or the name of one in", output
-        )
+        self.assertIn("no such file; expected the path of a file, or the name of one in", output)
         self.assertIn("race_loop, rooms, sandbox", output)
         self.assertIn("parameter ~map_file is not set", self.refusal())
         self.assertIn(

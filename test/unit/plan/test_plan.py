@@ -20,10 +20,10 @@ SECOND = 1_000_000_000
 
 FAULTS = {
     "decimal_commas": ["2:3: steering angle is '0; 0', which is not a number"],
-    "duration_negative": ["2:12: duration '-1' is not positive"],
-    "duration_too_large": ["2:12: duration '1e300' is out of range; expected seconds, 1e+09 at"],
-    "duration_too_small": ["2:12: duration '0.5e-9' is not positive; expected seconds, 1e-09 or"],
-    "duration_zero": ["2:12: duration '0.0' is not positive"],
+    "duration_negative": ["2:12: duration '-1' is out of range; expected seconds, from 1e-09"],
+    "duration_too_large": ["2:12: duration '1e300' is out of range; expected seconds, from"],
+    "duration_too_small": ["2:12: duration '0.5e-9' is out of range; expected seconds, from"],
+    "duration_zero": ["2:12: duration '0.0' is out of range"],
     "empty": ["1:1: the file is empty; expected a start pose"],
     "empty_cell": ["2:1: speed is missing; expected a number"],
     "four_columns": ["2:17: 4 columns; expected 'speed, steering angle' or"],
@@ -33,7 +33,7 @@ FAULTS = {
         "1:7: theta '1e400' is out of range; expected radians, from -1e+06 to 1e+06",
         "4:2: speed is 'fast', which is not a number",
         "4:8: steering angle is 'ninety', which is not a number",
-        "4:16: duration '-1' is not positive",
+        "4:16: duration '-1' is out of range; expected seconds, from 1e-09",
         "5:4: 1 column; expected",
         "6:15: 4 columns; expected",
     ],
