@@ -121,8 +121,8 @@ ROW = "commands: row 1 (1 s): received "
             changed(-1, speed=3.0),
             "commands: after the last row the node sent 3 m/s, 0 rad; expecte",
         ),
-        (changed(3, speed=math.inf), "commands: command 4 has the speed inf and the steering angl"),
-        (changed(3, steering_angle=math.nan), "commands: command 4 has the speed 2 and the steer"),
+        (changed(3, speed=math.inf), "commands: command 4 is inf m/s, 0.1 rad; expec"),
+        (changed(3, steering_angle=math.nan), "commands: command 4 is 2 m/s, nan rad; expec"),
     ],
 )
 def test_commands(sent, said):
