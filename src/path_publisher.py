@@ -12,6 +12,7 @@ from mushr_ros_intro.plan.model import Row
 from mushr_ros_intro.ros import connections, conversions, node, ros_time
 from mushr_ros_intro.ros.car_pose import CarPose
 from mushr_ros_intro.ros.command_publisher import CommandPublisher
+from mushr_ros_intro.ros.drive_monitor import DriveMonitor
 from mushr_ros_intro.ros.preview import Preview
 from mushr_ros_intro.ros.timetable import Timetable
 
@@ -46,36 +47,47 @@ class PathPublisher:
             init_pose_topic, PoseWithCovarianceStamped, queue_size=10, tcp_nodelay=True
         )
         self.car_pose = CarPose(car_name)
+        self.timetable = Timetable(self.plan, self.loop)
+        self.monitor = DriveMonitor(
+            self.plan, car_name, self.timetable, self.pub_controls, self.car_pose
+        )
         rospy.loginfo("%s", parameters)
 
     def run(self) -> None:
-        """Drive the plan, once or in a loop."""
+        """Drive the plan, once or in a loop; fail if it is interrupted, unless it is a loop."""
+        try:
+            self.drive()
+        except rospy.ROSInterruptException:
+            if not self.loop:
+                sys.exit(1)
+
+    def drive(self) -> None:
+        """Wait for the car, check the plan, drive it, and report the result."""
         ros_time.wait_for_clock(self.timeout)
         self.pub_controls.wait_for_subscriber(self.timeout)
         if self.places_car:
             connections.wait_for_subscriber(self.pub_init_pose, self.timeout)
             self.car_pose.wait_until_connected(self.timeout)
-        self.preview.show()
+        prediction = self.preview.show()
         self.pub_controls.wait_until_free(self.timeout, self.countdown)
 
-        timetable = Timetable(self.plan)
-        self.run_plan(timetable)
+        self.run_plan()
         while self.loop:
-            self.run_plan(timetable)
+            self.run_plan()
         self.pub_controls.stop()
-        self.preview.compare_end(self.car_pose, timetable.end)
+        self.monitor.finish(prediction)
 
-    def run_plan(self, timetable: Timetable) -> None:
+    def run_plan(self) -> None:
         """Place the car at the start pose, send the commands of each row, and stop the car."""
-        stamp = timetable.begin()
+        stamp = self.timetable.begin()
         if self.places_car:
             self.send_init_pose(stamp)
             stamp = self.car_pose.wait_until_at(self.plan.start, stamp, self.timeout)
-        timetable.start_after(stamp)
+        self.timetable.start_after(stamp)
         for row in self.plan.rows:
-            self.send_command(row, timetable)
-        timetable.wait_until(timetable.end)
-        self.pub_controls.end(timetable.end)
+            self.send_command(row)
+        self.timetable.wait_until(self.timetable.end)
+        self.pub_controls.end(self.timetable.end)
 
     def send_init_pose(self, stamp: int) -> None:
         """Publish the start pose with the stamp `stamp` [ns]."""
@@ -87,9 +99,9 @@ class PathPublisher:
         msg.pose.pose.orientation = Quaternion(*quaternion_from_euler(0, 0, theta))
         self.pub_init_pose.publish(msg)
 
-    def send_command(self, row: Row, timetable: Timetable) -> None:
+    def send_command(self, row: Row) -> None:
         """Publish the command of a row ten times per second for the duration of the row."""
-        for due in timetable.instants(row):  # instead of rospy.Rate
+        for due in self.timetable.instants(row):  # instead of rospy.Rate
             self.pub_controls.publish(Command(due, row.speed, row.steering_angle))
 
 

@@ -106,7 +106,7 @@ class TestMessageFaults(DrivenCarTestCase):
             self.assertLessEqual({1.0, -0.5, 0.5}, {row[0] for row in rows})
             self.assert_pose(planar(pose.pose), closed_form((1.0, -1.0, 0.5), rows))
             plan.send_signal(signal.SIGINT)
-            self.assertEqual(plan.wait(), 0)
+            self.assertEqual(plan.wait(), 1)
             self.assertNotIn("Traceback", plan.output)
         self.assert_recovered()
 

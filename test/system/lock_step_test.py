@@ -154,11 +154,14 @@ class TestLockStep(RosTestCase):
         self.assert_same_to_the_bit(plan, self.first_drive(plan), again)
 
     def test_laps_to_the_bit(self):
-        """Also if the clock loses its patience between two laps. The plan has no row to stand."""
+        """Also if the clock loses its patience between two laps. The plan has no row to stand.
+
+        The first lap of the delayed node does not count: its initial pose comes after its stamp.
+        """
         plan = "slalom"
         expected = self.first_drive(plan)
         poses, _, commands = self.recordings
-        for arguments in ((), self.delay(CLOCK_PATIENCE_AT_REST + 0.3)):
+        for arguments in ((), self.delay(CLOCK_PATIENCE_AT_REST + 0.1)):
             for recording in self.recordings:
                 recording.clear()
             options = (f"_plan_file:={plan}", "_loop:=true", "__name:=laps")
@@ -169,7 +172,7 @@ class TestLockStep(RosTestCase):
                 self.assertEqual(driver.wait(), 0)
             self.wait_for_mux()
             end = expected[2][-1][0]
-            for begin in self.begins()[:LAPS]:
+            for begin in self.begins()[bool(arguments) : LAPS]:
                 for one, recording in ((expected[0], poses), (expected[2], commands)):
                     lap = [in_bits(m, begin) for m in recording.messages if m.header.stamp >= begin]
                     lap = [each for each in lap if each[0] <= end]

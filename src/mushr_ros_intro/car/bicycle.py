@@ -19,7 +19,8 @@ class Pose(NamedTuple):
 
     def __str__(self) -> str:
         theta = math.remainder(self.theta, math.tau)
-        return f"({self.x:.4f} m, {self.y:.4f} m, {theta:.4f} rad)"
+        x, y, theta = (round(value, 4) + 0.0 for value in (self.x, self.y, theta))  # no -0.0000
+        return f"({x:.4f} m, {y:.4f} m, {theta:.4f} rad)"
 
     def distance_to(self, other: "Pose") -> float:
         """Return the distance to another pose [m]."""

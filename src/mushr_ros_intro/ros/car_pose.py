@@ -5,18 +5,30 @@ import time
 from collections import deque
 from typing import Callable, Deque, NamedTuple, Optional, TypeVar
 
+import rosgraph
 import rospy
 from geometry_msgs.msg import PoseStamped
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros import conversions, ros_time
-from mushr_ros_intro.ros.connections import is_published, wait_until_connected
+from mushr_ros_intro.ros.connections import (
+    is_published,
+    registered_nodes,
+    responds,
+    wait_until_connected,
+)
 
 T = TypeVar("T")
 
 POSE_TOLERANCE = 1e-3
 """How far the reported pose may differ from the start pose [m, rad]."""
+
+MAX_SILENCE = 0.4
+"""If no report comes for this time, it is checked whether the car responds [s of wall-clock time].
+
+A simulated car also is silent while its clock is held.
+"""
 
 _KEPT_REPORTS = 256
 """Number of kept reports; `wait_until_at` needs the first report at the start pose."""
@@ -43,6 +55,7 @@ class CarPose:
     def __init__(self, car_name: str) -> None:
         self._changed = threading.Condition()
         self._reports: Deque[Report] = deque(maxlen=_KEPT_REPORTS)
+        self._arrival = 0.0
         self._subscriber = rospy.Subscriber(
             f"/{car_name}/car_pose", PoseStamped, self._on_pose, tcp_nodelay=True
         )
@@ -57,6 +70,16 @@ class CarPose:
     def is_reported(self) -> bool:
         """Return whether a node publishes the car's pose."""
         return bool(self._subscriber.get_num_connections()) or is_published(self.topic)
+
+    def is_lost(self) -> bool:
+        """Return whether the reports have stopped, and no node that publishes them responds."""
+        with self._changed:
+            if not self._reports or time.monotonic() < self._arrival + MAX_SILENCE:
+                return False
+        try:
+            return not any(map(responds, registered_nodes(self.topic, "publishers")))
+        except (rosgraph.MasterException, OSError):
+            return False  # the next call to the master reports the error
 
     def wait_until_connected(self, seconds: float) -> None:
         """Wait until every node that publishes the car's pose is connected, at most `seconds`."""
@@ -130,6 +153,7 @@ class CarPose:
             return
         stamp = ros_time.received_stamp(msg.header.stamp.to_nsec())
         with self._changed:
+            self._arrival = time.monotonic()
             distance = 0.0
             if self._reports:
                 last = self._reports[-1]

@@ -3,8 +3,10 @@
 import math
 import threading
 import time
-from typing import Dict, Optional
+from contextlib import suppress
+from typing import Dict, Optional, Set
 
+import rosgraph
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
@@ -55,6 +57,12 @@ class CommandPublisher:
     def wait_for_subscriber(self, seconds: float) -> None:
         """Wait until a node subscribes to the commands; see connections.wait_for_subscriber."""
         connections.wait_for_subscriber(self._publisher, seconds)
+
+    def other_publishers(self) -> Set[str]:
+        """Return the names of the other nodes that publish on the topic; none without a master."""
+        with suppress(rosgraph.MasterException, OSError):
+            return {*connections.registered_nodes(self.topic, "publishers")} - {rospy.get_name()}
+        return set()
 
     def wait_until_free(self, seconds: float, countdown: float) -> None:
         """Wait until the mux has published which input drives, and then for the countdown.
@@ -121,8 +129,9 @@ class CommandPublisher:
                 return
             self._monitor = self._monitor.hear(msg.data, self._last is not None)
         if self._monitor.lost_to:
-            self.stop()
+            # First the error: after the stop, the node's thread ends without one.
             node.give_up(TakeoverError(self._takeover()))
+            self.stop()
 
     def _takeover(self) -> str:
         """Return the message for a takeover."""

@@ -1,8 +1,8 @@
-"""Check a plan, publish its predicted path, and compare the final pose with the prediction."""
+"""Check a plan, predict its drive, and publish the predicted path."""
 
 import math
 import os
-from typing import Optional, Sequence
+from typing import NamedTuple, Optional, Sequence
 
 import rosgraph
 import rospy
@@ -11,7 +11,7 @@ from nav_msgs.msg import OccupancyGrid, Path
 from rospy.numpy_msg import numpy_msg
 from visualization_msgs.msg import MarkerArray
 
-from mushr_ros_intro.car.bicycle import Pose, compose, inverse
+from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError
@@ -23,15 +23,12 @@ from mushr_ros_intro.preview.limits import slowed
 from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.preview.spread import spread
 from mushr_ros_intro.ros import conversions, ros_time
-from mushr_ros_intro.ros.car_pose import POSE_TOLERANCE, CarPose
 from mushr_ros_intro.ros.connections import is_published
 from mushr_ros_intro.ros.node import package_folder, simulated_car_parameters
 from mushr_ros_intro.sim.stamps import (
     COMMAND_PERIOD,
     CONNECTION_TIMEOUT,
     NANOSECONDS,
-    SETTLING,
-    STAMP_TOLERANCE,
 )
 from mushr_ros_intro.world.grid import Grid
 
@@ -42,6 +39,21 @@ SPREAD_RUNS = 1000
 SPREAD_SEED = 1
 MAX_SPREAD_COMMANDS = 20_000
 """For a plan with more commands, the spread is not published, because it takes too long."""
+
+
+class Prediction(NamedTuple):
+    """The predicted end of a drive."""
+
+    pose: Pose
+    """The final pose, in the map frame if the car is placed at the start pose."""
+    rest: int
+    """When the car comes to rest, counted from the first command [ns]."""
+    is_placed: bool
+    """Whether the car is placed at the start pose."""
+    is_closed_form: bool
+    """Whether the pose is the closed form of the plan: the car is ideal and hits no wall."""
+    is_exact: bool
+    """Whether the parameters of the car are known, and it has no noise."""
 
 
 class StrictError(UserError):
@@ -93,35 +105,45 @@ class Preview:
                 "~spread_ellipses", MarkerArray, queue_size=1, latch=True
             )
         rospy.loginfo(
-            "plan %s: %d rows, %g s, %.2f m",
+            "plan %s: %d %s, %g s, %.2f m",
             path,
             len(self.plan.rows),
+            "row" if len(self.plan.rows) == 1 else "rows",
             self.plan.duration / NANOSECONDS,
             prediction.length(self.plan),
         )
 
-    def show(self) -> None:
-        """Check the plan, log its faults, and publish the predicted path.
+    def show(self) -> Prediction:
+        """Check the plan, log its faults, publish the predicted path, and return the prediction.
 
         Raises:
             StrictError: the plan has faults, and ~strict is set.
             ParameterError: a parameter of the simulated car is invalid.
         """
         profile = self._profile or simulated_car_parameters(self._car_name)
-        self._car = car_from(profile)
+        is_known = bool(self._profile) or rospy.has_param(f"/{self._car_name}/car_sim")
+        car = car_from(profile)
         grid = _read_map() if self._is_placed else None
-        report = check(self.plan, self._profile_name, self._car, "", grid)
+        report = check(self.plan, self._profile_name, car, "", grid)
         if report.faults and self._is_strict:
             faults = "\n".join(fault_lines(report.faults))
             raise StrictError(f"~strict is set and the plan has faults; it is not driven\n{faults}")
         _warn(report.faults)
-        self._world = World(grid) if grid and report.hit else None
-        self._rest, self._expected = prediction.rest(self.plan, self._car, self._world)
-        period = max(COMMAND_PERIOD, self._rest // MAX_PATH_POSES)
-        states = prediction.trajectory(self.plan, self._car, period, self._world)
+        world = World(grid) if grid and report.hit else None
+        rest, pose = prediction.rest(self.plan, car, world)
+        period = max(COMMAND_PERIOD, rest // MAX_PATH_POSES)
+        states = prediction.trajectory(self.plan, car, period, world)
         self._pub_path.publish(conversions.path_to_msg(states, ros_time.now()))
         if self._shows_spread:
             self._publish_spread(profile)
+        has_noise = bool(car.speed_noise or car.steering_noise)
+        return Prediction(
+            pose,
+            rest,
+            is_placed=self._is_placed,
+            is_closed_form=car.is_ideal and world is None,
+            is_exact=is_known and not has_noise,
+        )
 
     def _publish_spread(self, profile: Parameters) -> None:
         """Publish the spread of drives with random errors: final poses, ellipses on the path."""
@@ -152,56 +174,6 @@ class Preview:
             result.rms_errors[-1],
             2.0 * ellipses[-1][1],
             2.0 * ellipses[-1][2],
-        )
-
-    def compare_end(self, car_pose: CarPose, end: int) -> None:
-        """Log the predicted final pose and the reached final pose.
-
-        Args:
-            car_pose: the car's reported pose.
-            end: when the plan ended [ns].
-        """
-        expected = self._expected
-        if not self._is_placed:
-            move = compose(inverse(self.plan.start), expected)
-            x, y = round(move.x, 2), round(move.y, 2)
-            rospy.loginfo(
-                "the plan has been driven; the car should stand %.2f m %s its start, %.2f m to the "
-                "%s, and turned by %.2f rad",
-                abs(x),
-                "ahead of" if x >= 0.0 else "behind",
-                abs(y),
-                "left" if y >= 0.0 else "right",
-                move.theta,
-            )
-            return
-        is_closed_form = self._car.is_ideal and self._world is None
-        name = "closed form" if is_closed_form else "prediction"
-        rospy.loginfo("the plan has been driven; its %s ends at %s", name, expected)
-        if not car_pose.is_reported():
-            return
-        rest = end + self._rest - self.plan.duration + SETTLING
-
-        def has_settled() -> bool:
-            # A late command is inserted into the car's history, and can still change the pose.
-            last = car_pose.last
-            if last is None:
-                return False
-            is_there = last.pose.is_close_to(expected, POSE_TOLERANCE)
-            return last.stamp >= (rest if is_there else rest + STAMP_TOLERANCE)
-
-        seconds = 10.0 + (rest - end + STAMP_TOLERANCE) / NANOSECONDS
-        last = car_pose.last
-        if not car_pose.wait_for(has_settled, seconds) or last is None:
-            rospy.logwarn("the car no longer reports its pose")
-            return
-        last = car_pose.last or last
-        rospy.loginfo(
-            "the car drove %.2f m and stopped at %s; difference %.1e m, %.1e rad",
-            last.distance,
-            last.pose,
-            last.pose.distance_to(expected),
-            last.pose.angle_to(expected),
         )
 
 

@@ -1,7 +1,9 @@
 """Compute the due time of each command of a plan, and wait for it."""
 
 import time
+from bisect import bisect_right
 from contextlib import suppress
+from itertools import accumulate
 from typing import Iterator
 
 import rosgraph
@@ -18,7 +20,7 @@ from mushr_ros_intro.sim.stamps import (
     STAMP_TOLERANCE,
 )
 
-LOG_PERIOD = 0.5
+LOG_PERIOD = 0.05
 """Minimum time between two progress lines [s of wall-clock time]; simulated time may run fast."""
 
 
@@ -31,15 +33,19 @@ class Timetable:
     not sent early.
     """
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, has_laps: bool = False) -> None:
         self._plan = plan
+        self._row_ends = list(accumulate(row.duration for row in plan.rows))
+        self._has_laps = has_laps
+        self._lap = 0
         is_simulated = ros_time.is_simulated()
         self._lead = COMMAND_PERIOD if is_simulated else 0
         self._begin_lead = MAX_LEAD if is_simulated else 0
-        self._row = 0
-        self._next_line = self._next_log = 0.0
+        self._next_log = 0.0
+        self.start = 0
+        """When the first command is due [ns]; 0 before the first drive."""
         self.due = 0
-        """When the next command is due [ns]."""
+        """When the next row begins [ns]."""
         self.end = 0
         """When the plan ends [ns]; the stamp of the stop."""
 
@@ -51,7 +57,7 @@ class Timetable:
         """
         # Then the car has received the stop of the last drive.
         ros_time.sleep_until(self.end, ros_time.now())
-        self._row = 0
+        self._lap += 1
         return max(ros_time.now() + self._begin_lead, self.end + 1)
 
     def start_after(self, stamp: int) -> None:
@@ -63,8 +69,8 @@ class Timetable:
         # In simulated time, the car's report arrives before the clock reaches the report's stamp.
         ros_time.sleep_until(stamp, ros_time.now())
         self.due = max(stamp + COMMAND_PERIOD, ros_time.now())
-        self._next_line = self.due
         self.end = self.due + self._plan.duration
+        self.start = self.due
 
     def instants(self, row: Row) -> Iterator[int]:
         """Yield the due time of each command of the next row [ns] when it has to be sent.
@@ -73,12 +79,21 @@ class Timetable:
             ClockError: see `wait_until`.
             rospy.ROSInterruptException: the node is shut down.
         """
-        self._row += 1
         begin, self.due = self.due, self.due + row.duration
+        next_line = begin
         for due in range(begin, self.due, COMMAND_PERIOD):
             self.wait_until(due)
             yield due
-            self._log_progress(row, due)
+            if due >= next_line:
+                next_line += NANOSECONDS
+                self._log_progress(row, due)
+
+    def position(self, instant: int) -> str:
+        """Return the lap and the row at an instant [ns], such as "row 3 of 22"."""
+        count = len(self._row_ends)
+        number = 1 + bisect_right(self._row_ends, instant - self.start)
+        lap = f"lap {self._lap}, " if self._has_laps else ""
+        return f"{lap}row {min(number, count)} of {count}"
 
     def wait_until(self, due: int) -> None:
         """Sleep until a command that is due at `due` [ns] has to be sent.
@@ -103,11 +118,8 @@ class Timetable:
             ros_time.sleep_until(wake, now)  # returns early if the clock is set back
 
     def _log_progress(self, row: Row, due: int) -> None:
-        """Log the present row once per second of the plan, and call the master."""
-        if due < self._next_line:
-            return
-        self._next_line += NANOSECONDS
-        if ros_time.is_simulated() and time.monotonic() < self._next_log:
+        """Log the present row, and call the master."""
+        if time.monotonic() < self._next_log:
             return
         self._next_log = time.monotonic() + LOG_PERIOD
         # If the network is cut, no command arrives, and TCP reports no error for minutes. But this
@@ -115,9 +127,8 @@ class Timetable:
         with suppress(CallError):
             ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), "getPid")
         rospy.loginfo(
-            "row %d of %d: %g m/s, %g rad; %.1f s left",
-            self._row,
-            len(self._plan.rows),
+            "%s: %g m/s, %g rad; %.2f s left",
+            self.position(due),
             row.speed,
             row.steering_angle,
             (self.end - due) / NANOSECONDS,

@@ -104,9 +104,9 @@ class TestDrive(RosTestCase):
             before = [m for m in self.poses[name].messages if m.header.stamp <= first]
             self.assert_pose(planar(before[-1].pose), start)
 
-    def test_a_line_a_second(self):
+    def test_a_line_per_row_and_second(self):
         for name, (_, rows) in self.plans.items():
-            seconds = math.ceil(sum(row[2] for row in rows))
+            seconds = sum(math.ceil(row[2]) for row in rows)
             lines = re.findall(rf"row \d+ of {len(rows)}: .* s left", self.outputs[name])
             self.assertEqual(len(lines), seconds, name)
             self.assertIn("difference", self.outputs[name])

@@ -3,6 +3,7 @@
 
 import math
 import os
+import re
 import signal
 
 import rospy
@@ -16,6 +17,7 @@ from support.helpers import (
     Recording,
     RosTestCase,
     closed_form,
+    kill,
     node,
     wait_for,
 )
@@ -46,16 +48,22 @@ class TestPathPublisher(RosTestCase):
         return closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)])
 
     def test_interrupted(self):
-        """After Ctrl-C the last message is a stop, and the car obeys it."""
+        """After Ctrl-C the last message is a stop; the node prints where the car stopped."""
         path = self.plan("0,0,0\n1.0,0.2,60\n")
         with node("path_publisher.py", f"_plan_file:={path}") as publisher:
             self.wait_for_commands(5)
             publisher.send_signal(signal.SIGINT)
-            self.assertEqual(publisher.wait(), 0)
+            self.assertEqual(publisher.wait(), 1)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         stamps = [m.header.stamp for m in self.commands.messages]
         driven = [(1.0, 0.2, (stamps[-1] - stamps[0]).to_sec())]
-        self.assert_rests_at(closed_form((0.0, 0.0, 0.0), driven))
+        end = closed_form((0.0, 0.0, 0.0), driven)
+        self.assert_rests_at(end)
+        stopped = re.search(
+            r"stopped in row 1 of 1 at \((.*) m, (.*) m, (.*) rad\)", publisher.output
+        )
+        self.assertTrue(stopped, publisher.output)
+        self.assert_pose(tuple(map(float, stopped.groups())), end, 1e-4)
 
     def test_loop(self):
         """Each lap is a drive of its own, placed after the end of the last one."""
@@ -68,6 +76,7 @@ class TestPathPublisher(RosTestCase):
             publisher.send_signal(signal.SIGINT)
             publisher.wait()
         self.assertIn("plan.txt: 2 rows, 0.55 s, 0.55 m", publisher.output)
+        self.assertIn("lap 2, row 2 of 2: -1 m/s, 0.1 rad; 0.30 s left", publisher.output)
         commands = [m.header.stamp.to_nsec() for m in self.commands.messages]
         lap = [0, 100, 200, 250, 350, 450, 550]  # [ms], the last one is the stop
         placements = [m.header.stamp.to_nsec() for m in self.placements.messages]
@@ -77,6 +86,40 @@ class TestPathPublisher(RosTestCase):
             self.assertGreaterEqual(begin, placed + 10**8)
             self.assertGreater(placements[number + 1], stamps[-1])
             self.assertEqual(self.commands.messages[(number + 1) * len(lap) - 1].drive.speed, 0.0)
+
+    def test_another_node_drives_the_car(self):
+        """The node that publishes on the same topic is named, also if it has ended."""
+        path = self.plan("0,0,0\n1.0,0.2,3\n")
+        other = self.plan("0,0,0\n-1.0,0.2,0.5\n", "other.txt")
+        with node("path_publisher.py", f"_plan_file:={path}") as publisher:
+            self.wait_for_commands(5)
+            arguments = (f"_plan_file:={other}", "__name:=other", "_send_init_pose:=false")
+            with node("path_publisher.py", *arguments) as second:
+                wait_for(lambda: "/other also publishes on" in publisher.output, "a warning")
+                self.assertEqual(second.wait(), 0)
+            self.assertEqual(publisher.wait(), 1)
+        self.assertIn(f"/other also published on {CONTROL}", publisher.output)
+        self.assertNotIn("has been driven", publisher.output)
+
+    def test_the_car_dies(self):
+        """The node warns, and ends with exit status 1."""
+        path = self.plan("0,0,0\n1.0,0.2,2\n")
+        car = node("car_sim.py", "__ns:=/second", "initialpose:=/second_initialpose")
+        self.addCleanup(car.end)
+        arguments = (
+            "_loop:=false",
+            "_car_name:=second",
+            "_init_pose_topic:=/second_initialpose",
+            f"_control_topic:={CONTROL}",
+        )
+        with node("path_publisher.py", f"_plan_file:={path}", *arguments) as publisher:
+            self.wait_for_commands(5)
+            kill("/second/car_sim", car.pid)
+            warning = "the car no longer reports its pose on /second/car_pose"
+            wait_for(lambda: warning in publisher.output, "a warning")
+            self.assertEqual(publisher.wait(), 1)
+        self.assertIn("/second/car_pose since row 1 of 1, so it is not known", publisher.output)
+        self.assertNotIn("has been driven", publisher.output)
 
     def test_tutorial_listing(self):
         """The tutorial's listing ends within 0.2 s of driving, as it sends no stop."""
@@ -133,7 +176,7 @@ class TestPathPublisher(RosTestCase):
                 [
                     "_car_name:=ghost",
                     f"_control_topic:={CONTROL}",
-                    "_init_pose_topic:=/initialpose",
+                    "_init_pose_topic:=/wrong_initialpose",
                 ],
                 "was not at the start pose",
             ),

@@ -36,7 +36,7 @@ AT_WALL = 49.4 - 0.38
 FOUND = 1e-6
 """[m, rad] The resolution of the contact, and the limit of the prediction's error."""
 
-DIFFERENCE = re.compile(r"difference (\S+) m, (\S+) rad")
+
 WARNINGS = re.compile(r"\[WARN\] \[[^]]*\]: (.*)")
 
 
@@ -73,12 +73,19 @@ class TestRealCar(RosTestCase):
 
     def test_faults_are_warnings_and_the_prediction_ends_at_the_wall(self):
         plan = self.plan("47,0,0\n0.9,0\n2.0, 0.0, 3\n")
-        output = self.drive(f"_plan_file:={plan}")
+        output = self.drive(f"_plan_file:={plan}", status=1)
         fast = "row 2 asks for 2 m/s; the car does 0.9286 m/s at most"
         wall = "row 2 hits a wall at t = 2.4 s, (49.0, 0.0); it stops there"
-        self.assertEqual(WARNINGS.findall(output), [f"{plan}:3:1: {each}" for each in (fast, wall)])
-        for difference in map(float, DIFFERENCE.search(output).groups()):
-            self.assertLess(difference, FOUND)
+        warnings = WARNINGS.findall(output)
+        self.assertEqual(warnings[:-1], [f"{plan}:3:1: {each}" for each in (fast, wall)])
+        self.assertIn("the car stopped at a wall in row 2 of 2 at (49.0200 m", warnings[-1])
+        at_wall = re.compile(
+            r"FATAL.* the car stopped at a wall in row 2 of 2 at \((.*) m, 0.0000 m, 0.0000 rad\), "
+            r"(.*) m of 6.90 m driven"
+        )
+        x, driven = map(float, at_wall.search(output).groups())
+        self.assertAlmostEqual(x, AT_WALL, delta=1e-4)
+        self.assertAlmostEqual(driven, AT_WALL - 47.0, delta=0.01)
         end = planar(wait_for(lambda: self.paths.last, "the predicted path").poses[-1].pose)
         self.assertLess(math.dist(end, (AT_WALL, 0.0, 0.0)), FOUND)
 
@@ -178,7 +185,7 @@ class TestRealCar(RosTestCase):
             wait_for(lambda: "the car starts to drive in 60 s" in driver.output, "the countdown")
             path = wait_for(lambda: self.paths.last, "the predicted path")
             driver.send_signal(signal.SIGINT)
-            self.assertEqual(driver.wait(), 0)
+            self.assertEqual(driver.wait(), 1)
         self.assertEqual(self.commands.messages, [])
         self.assertEqual(self.placements.messages, [])
         stamps = [pose.header.stamp - path.header.stamp for pose in path.poses]

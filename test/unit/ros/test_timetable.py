@@ -87,3 +87,14 @@ def test_a_clock_that_jumps_ends_the_plan(offset, set_clock):
     set_clock(timetable.due - COMMAND_PERIOD + offset)
     with pytest.raises(ClockError, match="the clock was set"):
         next(timetable.instants(PLAN.rows[0]))
+
+
+def test_the_position_names_the_lap_and_the_row(set_clock):
+    timetable = Timetable(PLAN, has_laps=True)
+    for lap in (1, 2):
+        timetable.begin()
+        timetable.start_after(BEGIN)
+        set_clock(timetable.end)
+        instants = [250 * MS - 1, 250 * MS, 350 * MS, 500 * MS]
+        positions = [timetable.position(timetable.start + instant) for instant in instants]
+        assert positions == [f"lap {lap}, row {row} of 3" for row in (1, 2, 3, 3)]
