@@ -28,7 +28,7 @@ from mushr_ros_intro.world.map_file import find_map, read_map
 
 MAX_RUNS = 100_000
 MAX_CAR_COMMANDS = 2_000_000_000
-"""Limit of the commands of a plan times the runs; so many take about half an hour."""
+"""Limit of the commands of a plan times the runs; so many take about five minutes."""
 
 
 def main() -> int:

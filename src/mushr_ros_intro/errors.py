@@ -1,5 +1,10 @@
-"""The base class of all errors that a user can cause and mend."""
+"""What all messages to users need."""
 
 
 class UserError(ValueError):
     """Bad input. The message is complete: it says where, what, and what was expected."""
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a number with its noun, such as 2 rows."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -14,6 +14,9 @@ class ParameterError(UserError):
 class Parameters:
     """The parameters of a node, or of a file.
 
+    Each method returns one parameter, or raises ParameterError if its value is anything else than
+    the method returns.
+
     Args:
         values: the parameters by name.
         prefix: precedes each name in messages, such as ``~``.
@@ -35,99 +38,67 @@ class Parameters:
     def number(self, name: str, default: float, unit: str, low: float, high: float) -> float:
         """Return a number from `low` to `high`; text such as 1e-6, which YAML takes for a string.
 
-        Raises:
-            ParameterError: the parameter is anything else.
+        A parameter with the default NaN is required.
         """
         value = self._values.get(name, default)
         try:
             number = float(value) if isinstance(value, (int, float, str)) else math.nan
         except (ValueError, OverflowError):
             number = math.nan
-        if isinstance(value, bool) or not low <= number <= high:
-            raise self.error(name, f"a number from {low:g} to {high:g} {unit}".rstrip())
-        return float(self._keep(name, number))
+        is_number = low <= number <= high and not isinstance(value, bool)
+        expected = f"a number from {low:g} to {high:g} {unit}".rstrip()
+        return float(self._checked(name, number, is_number, expected))
 
-    def integer(self, name: str, default: int, low: float, high: float) -> int:
-        """Return a whole number from `low` to `high`.
-
-        Raises:
-            ParameterError: the parameter is anything else.
-        """
+    def integer(self, name: str, default: float, low: float, high: float) -> int:
+        """Return a whole number from `low` to `high`; see `number`."""
         value = self.number(name, default, "", low, high)
-        if value != int(value):
-            raise self.error(name, "a whole number")
-        return int(self._keep(name, int(value)))
+        return int(self._checked(name, int(value), value == int(value), "a whole number"))
 
     def flag(self, name: str, default: bool) -> bool:
-        """Return true or false.
-
-        Raises:
-            ParameterError: the parameter is anything else.
-        """
+        """Return true or false."""
         value = self._values.get(name, default)
-        if not isinstance(value, bool):
-            raise self.error(name, "true or false")
-        return bool(self._keep(name, value))
+        return bool(self._checked(name, value, isinstance(value, bool), "true or false"))
 
     def text(self, name: str, default: Optional[str] = None, expected: str = "") -> str:
-        """Return text that is not empty. Without a `default` the parameter is required.
-
-        Raises:
-            ParameterError: the parameter is missing, or no text; the message says `expected`.
-        """
+        """Return text that is not empty. Without a `default` the parameter is required."""
         value = self._values.get(name, default)
-        if not isinstance(value, str) or not value.strip():
-            raise self.error(name, expected or "text that is not empty")
-        return str(self._keep(name, value))
+        is_text = isinstance(value, str) and bool(value.strip())
+        return str(self._checked(name, value, is_text, expected or "text that is not empty"))
 
     def optional_text(self, name: str) -> Optional[str]:
-        """Return text, or None if the parameter is missing or empty.
-
-        Raises:
-            ParameterError: the parameter is no text.
-        """
+        """Return text, or None if the parameter is missing or empty."""
         return None if self._values.get(name, "") == "" else self.text(name)
 
     def choice(self, name: str, options: Sequence[str], default: Optional[str] = None) -> str:
-        """Return one of `options`.
-
-        Raises:
-            ParameterError: the parameter is none of them.
-        """
+        """Return one of `options`."""
         value = self._values.get(name, default)
-        if value not in options:
-            raise self.error(name, f"one of {', '.join(options)}")
-        return str(self._keep(name, value))
+        return str(self._checked(name, value, value in options, f"one of {', '.join(options)}"))
 
     def folder(self, name: str, default: str) -> str:
-        """Return the absolute path of a folder that exists; see `user_path`.
-
-        Raises:
-            ParameterError: the parameter is no text, or there is no such folder.
-        """
+        """Return the absolute path of a folder that exists; see `user_path`."""
         path = os.path.realpath(user_path(self.text(name, default)))
-        if not os.path.isdir(path):
-            raise self.error(name, f"a folder; there is none at {path}")
-        return path
+        expected = f"a folder; there is none at {path}"
+        return str(self._checked(name, path, os.path.isdir(path), expected))
 
     def file_name(self, name: str, default: str) -> str:
-        """Return the name of a file, without a folder.
-
-        Raises:
-            ParameterError: the parameter is anything else.
-        """
-        value = self._values.get(name, default)
-        if not isinstance(value, str) or value in ("", ".", "..") or os.sep in value:
-            raise self.error(name, "a file name without a folder")
-        return str(self._keep(name, value))
+        """Return the name of a file, without a folder."""
+        value = self.text(name, default, "a file name without a folder")
+        is_name = value not in (".", "..") and os.sep not in value
+        return str(self._checked(name, value, is_name, "a file name without a folder"))
 
     def error(self, name: str, expected: str) -> ParameterError:
         """Return the error that says what was expected of a parameter."""
         what = f"is {self._values[name]!r}" if name in self._values else "is not set"
         return ParameterError(f"parameter {self._prefix}{name} {what}; expected {expected}")
 
-    def _keep(self, name: str, value: Any) -> Any:
-        """Note the resolved value of a parameter, and return it."""
+    def _checked(self, name: str, value: Any, is_valid: bool, expected: str) -> Any:
+        """Note the value of a parameter, and return it.
+
+        Raises:
+            ParameterError: the value is not valid.
+        """
+        if not is_valid:
+            raise self.error(name, expected)
         self.resolved[name] = value
         return value
 
@@ -139,3 +110,27 @@ def user_path(path: str) -> str:
     PWD as it was in the user's shell.
     """
     return os.path.abspath(os.path.join(os.environ.get("PWD", "."), os.path.expanduser(path)))
+
+
+def find_file(name: str, folder: str, ending: str) -> str:
+    """Return the path of the file that a user means by `name`.
+
+    A name without a folder is looked up in `folder` first, with or without the ending. Any other
+    name is a path, relative to the user's directory (see `user_path`) or to the current one.
+
+    Raises:
+        UserError: there is no such file; the message lists those in `folder`, but not `name`.
+    """
+    candidates = [user_path(name), os.path.abspath(name)] if name else []
+    if name and os.sep not in name:
+        in_folder = os.path.join(folder, name)
+        candidates = [in_folder + ending, in_folder, *candidates]
+    for exists in (os.path.isfile, os.path.exists):  # the reader explains what is not a file
+        for candidate in candidates:
+            if exists(candidate):
+                return candidate
+    known = sorted(entry[: -len(ending)] for entry in os.listdir(folder) if entry.endswith(ending))
+    raise UserError(
+        f"no such file; expected the path of a file, or the name of one in {folder}: "
+        f"{', '.join(known)}"
+    )

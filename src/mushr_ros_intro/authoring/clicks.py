@@ -5,7 +5,7 @@ drives along it forward, or in reverse if the point is behind, so it turns by at
 """
 
 import math
-from typing import NamedTuple, Tuple
+from typing import Tuple
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
@@ -22,17 +22,11 @@ class ClickError(UserError):
     """A point that the car cannot drive to."""
 
 
-class Arc(NamedTuple):
-    """A circular arc that leaves a pose along its heading."""
-
-    distance: float
-    """Length [m], negative in reverse."""
-    curvature: float
-    """Curvature [1/m], left positive."""
-
-
-def arc_to(pose: Pose, point: Tuple[float, float]) -> Arc:
+def arc_to(pose: Pose, point: Tuple[float, float]) -> Tuple[float, float]:
     """Return the arc from `pose` to `point` (x [m], y [m]), both in the same frame.
+
+    It begins along the heading. The result is its length [m], negative in reverse, and its
+    curvature [1/m], left positive.
 
     Its chord has the direction theta + h and the length s sin(h) / h, where h is half the angle
     turned and s the length of the arc: the inverse of `drive_arc`.
@@ -42,39 +36,35 @@ def arc_to(pose: Pose, point: Tuple[float, float]) -> Arc:
     ahead, left = cos * dx + sin * dy, cos * dy - sin * dx
     chord = math.hypot(ahead, left)
     if chord < _EPSILON:
-        return Arc(0.0, 0.0)
+        return 0.0, 0.0
     direction = -1.0 if ahead < -_EPSILON * chord else 1.0
     half_turn = math.atan2(direction * left, direction * ahead)
     distance = direction * chord * (half_turn / math.sin(half_turn) if half_turn else 1.0)
-    return Arc(distance, 2.0 * half_turn / distance)
+    return distance, 2.0 * half_turn / distance
 
 
 def row_to(pose: Pose, point: Tuple[float, float], speed: float, car: Car) -> Row:
-    """Return the row that takes a car from a pose to a point.
+    """Return the row that takes a car from a pose to a point (x [m], y [m]), in the map frame.
 
-    Args:
-        pose: of the car, in the map frame.
-        point: x [m], y [m] in the map frame.
-        speed: forward or in reverse [m/s], positive.
-        car: with its wheelbase and its steering limits.
+    Forward and in reverse, the car drives with `speed` [m/s].
 
     Raises:
         ClickError: the point is where the car is, or needs too much steering.
     """
     shown = f"({point[0]:.3f}, {point[1]:.3f})"
-    arc = arc_to(pose, point)
+    distance, curvature = arc_to(pose, point)
     speed = as_float32(speed)
-    duration = from_seconds(abs(arc.distance) / speed)
+    duration = from_seconds(abs(distance) / speed)
     if duration == 0:
         raise ClickError(f"the plan already ends at the point {shown}; expected another point")
-    angle = math.atan(arc.curvature * car.wheelbase)
+    angle = math.atan(curvature * car.wheelbase)
     nearest = car.within_limits(0.0, angle)[1]
     if nearest != angle:
         raise ClickError(
             f"the point {shown} needs a steering angle of {angle:.4f} rad; the car's limit on "
             f"the {'left' if angle > 0.0 else 'right'} is {abs(nearest):.4f} rad"
         )
-    return Row(math.copysign(speed, arc.distance), as_float32(angle), duration, 0)
+    return Row(math.copysign(speed, distance), as_float32(angle), duration, 0)
 
 
 def extend(plan: Plan, point: Tuple[float, float], speed: float, car: Car) -> Plan:

@@ -136,12 +136,7 @@ class Terminal:
 
 
 def open_keyboard(title: str, help_text: str, command: str) -> Union[Window, Terminal]:
-    """Open a window, or the terminal if there is no display.
-
-    Args:
-        title: of the window.
-        help_text: shown in the window.
-        command: starts the node in a terminal, for the error message.
+    """Open a window, or the terminal if there is no display; see `Window` and `Terminal`.
 
     Raises:
         NoKeyboardError: neither can be opened.

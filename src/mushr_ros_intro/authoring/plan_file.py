@@ -2,6 +2,7 @@
 
 from typing import Optional
 
+from mushr_ros_intro.errors import counted
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.plan.write import WriteError, write_plan
@@ -47,6 +48,5 @@ class PlanFile:
 
 def summary(plan: Plan) -> str:
     """Return the number of rows, the length [m] and the duration [s] of a plan, as text."""
-    count = len(plan.rows)
-    rows = f"{count} row" if count == 1 else f"{count} rows"
-    return f"the plan has {rows}, {length(plan):.3f} m, {plan.duration / NANOSECONDS:.3f} s"
+    rows, seconds = counted(len(plan.rows), "row"), plan.duration / NANOSECONDS
+    return f"the plan has {rows}, {length(plan):.3f} m, {seconds:.3f} s"

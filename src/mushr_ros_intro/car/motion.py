@@ -71,16 +71,11 @@ def apply(state: State, event: Event, car: Car, world: Optional[World] = None) -
     if event.speed != 0.0 and not is_counted:
         state = state._replace(drive_commands=state.drive_commands + 1)
     state = state._replace(command=event)
-    if last is None or not _repeats_stop(last, event):
+    is_stop = event.speed == 0.0 and event.acceleration == 0.0
+    if not is_stop or last is None or event != last._replace(stamp=event.stamp):
         motion = _motion(state, event, car, world)
         state = state._replace(moved=event.stamp, motion=motion)
     return advance(state, event.stamp, car)
-
-
-def _repeats_stop(last: Command, command: Command) -> bool:
-    """Return whether a command repeats the last one, and both stop the car as fast as it can."""
-    is_stop = command.speed == 0.0 and command.acceleration == 0.0
-    return is_stop and command == last._replace(stamp=command.stamp)
 
 
 def _motion(state: State, command: Command, car: Car, world: Optional[World]) -> Tuple[Piece, ...]:
@@ -99,8 +94,17 @@ def _motion(state: State, command: Command, car: Car, world: Optional[World]) ->
     while True:
         is_valid = here.begin < timeout
         speed, angle = _ramps(here, driving if is_valid else braking)
-        piece = _next_piece(here, speed, angle, hit_direction, car, world)
+        piece = here._replace(
+            speed=speed.begin,
+            acceleration=speed.rate,
+            steering_angle=angle.begin,
+            steering_rate=angle.rate,
+            collision=None,
+        )
         direction = piece.direction
+        if direction in (0.0, hit_direction) or is_blocked(here, piece, direction, car, world):
+            piece = piece._replace(speed=0.0, acceleration=0.0, collision=here.collision)
+            direction = 0.0
         if direction == piece.steering_rate == 0.0:
             return (*pieces, piece)
 
@@ -122,28 +126,19 @@ def _motion(state: State, command: Command, car: Car, world: Optional[World]) ->
         here = Piece(end, pose, wheel_angles, end_speed, 0.0, angle.at(seconds), 0.0, contact)
 
 
-class _Target(NamedTuple):
-    """The speed and the steering angle that the car approaches, and at which rates."""
+def _target(state: State, command: Command, car: Car) -> Command:
+    """Return a command within the car's limits, with its noise and with the rates it changes at.
 
-    speed: float  # [m/s]
-    acceleration: float  # [m/s^2], infinite if the speed changes at once
-    steering_angle: float  # [rad]
-    steering_rate: float  # [rad/s], infinite if the steering angle changes at once
-
-
-def _target(state: State, command: Command, car: Car) -> _Target:
-    """Return the target of a command, within the car's limits and with the car's noise."""
+    A rate is infinite if the value changes at once.
+    """
     speed, angle = car.within_limits(command.speed, command.steering_angle)
     if speed != 0.0 and (car.speed_noise or car.steering_noise):
         of_speed, of_angle = normals(car.seed, state.drive_commands)
         speed += car.speed_noise * of_speed
         angle += car.steering_noise * of_angle
-    return _Target(
-        speed,
-        _rate(command.acceleration, car.acceleration),
-        angle,
-        _rate(command.steering_angle_velocity, car.steering_rate),
-    )
+    acceleration = _rate(command.acceleration, car.acceleration)
+    steering_rate = _rate(command.steering_angle_velocity, car.steering_rate)
+    return Command(command.stamp, speed, angle, acceleration, steering_rate)
 
 
 def _rate(requested: float, limit: float) -> float:
@@ -164,7 +159,7 @@ class _Ramp(NamedTuple):
         return self.end if seconds >= self.seconds else self.begin + self.rate * seconds
 
 
-def _ramps(here: Piece, target: _Target) -> Tuple[_Ramp, _Ramp]:
+def _ramps(here: Piece, target: Command) -> Tuple[_Ramp, _Ramp]:
     """Return the ramps of the speed and of the steering angle from `here` on.
 
     A car of limited acceleration that reverses its direction stops first.
@@ -173,7 +168,7 @@ def _ramps(here: Piece, target: _Target) -> Tuple[_Ramp, _Ramp]:
     stops_first = reverses and target.acceleration < math.inf
     return (
         _ramp(here.speed, 0.0 if stops_first else target.speed, target.acceleration),
-        _ramp(here.steering_angle, target.steering_angle, target.steering_rate),
+        _ramp(here.steering_angle, target.steering_angle, target.steering_angle_velocity),
     )
 
 
@@ -182,25 +177,3 @@ def _ramp(begin: float, end: float, rate: float) -> _Ramp:
     if begin == end or math.isinf(rate):
         return _Ramp(end, end, 0.0, math.inf)
     return _Ramp(begin, end, math.copysign(rate, end - begin), abs(end - begin) / rate)
-
-
-def _next_piece(
-    here: Piece,
-    speed: _Ramp,
-    angle: _Ramp,
-    hit_direction: float,
-    car: Car,
-    world: Optional[World],
-) -> Piece:
-    """Return the piece that begins at `here`; at a wall that blocks it, the car stands."""
-    piece = here._replace(
-        speed=speed.begin,
-        acceleration=speed.rate,
-        steering_angle=angle.begin,
-        steering_rate=angle.rate,
-        collision=None,
-    )
-    direction = piece.direction
-    if direction in (0.0, hit_direction) or is_blocked(here, piece, direction, car, world):
-        piece = piece._replace(speed=0.0, acceleration=0.0, collision=here.collision)
-    return piece

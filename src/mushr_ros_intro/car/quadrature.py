@@ -1,7 +1,7 @@
 """Compute the path of a car whose speed and steering angle change at constant rates."""
 
 import math
-from typing import Tuple
+from typing import List, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
 from mushr_ros_intro.car.model import Car, Piece, Wheels, wheel_ratios
@@ -39,14 +39,13 @@ def follow(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
     if distance == 0.0:
         return piece.pose, piece.wheel_angles
     pose = drive_arc(piece.pose, distance, curvature(piece.steering_angle, car.wheelbase))
-    ratios = wheel_ratios(piece.steering_angle, car)
-    wheel_angles = Wheels(
-        *(
-            angle + distance * ratio / car.wheel_radius
-            for angle, ratio in zip(piece.wheel_angles, ratios)
-        )
-    )
-    return pose, wheel_angles
+    rolled = [distance * ratio for ratio in wheel_ratios(piece.steering_angle, car)]
+    return pose, _turned(piece.wheel_angles, rolled, car)
+
+
+def _turned(wheel_angles: Wheels, rolled: List[float], car: Car) -> Wheels:
+    """Return how far each wheel has turned [rad] after it has rolled some distance [m]."""
+    return Wheels(*(a + s / car.wheel_radius for a, s in zip(wheel_angles, rolled)))
 
 
 def _integrate(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
@@ -76,10 +75,4 @@ def _integrate(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
             for wheel, ratio in enumerate(wheel_ratios(angle, car)):
                 rolled[wheel] += weight * distance * ratio
         theta += sum(weight * turn for weight, turn in zip(_WEIGHTS, turns))
-    wheel_angles = Wheels(
-        *(
-            angle + distance / car.wheel_radius
-            for angle, distance in zip(piece.wheel_angles, rolled)
-        )
-    )
-    return Pose(x, y, theta), wheel_angles
+    return Pose(x, y, theta), _turned(piece.wheel_angles, rolled, car)

@@ -39,13 +39,10 @@ def diagnose(facts: Facts) -> List[Finding]:
     if facts.contact:
         found.append(_contact(facts))
     if not found and facts.moves is False:
-        found.append(
-            Finding(
-                f"{_names(facts.senders)} sends commands, but the car does not move",
-                "Read the terminals of the car and of the mux. To see the commands that the car "
-                f"receives, type: rostopic echo {facts.output.name}",
-            )
-        )
+        problem = f"{_names(facts.senders)} sends commands, but the car does not move"
+        remedy = "Read the terminals of the car and of the mux. To see the commands that the car "
+        remedy += f"receives, type: rostopic echo {facts.output.name}"
+        found.append(Finding(problem, remedy))
     return found
 
 
@@ -67,15 +64,13 @@ def _no_master(master: Master, fault: Fault) -> Finding:
         )
     if fault is Fault.MALFORMED:
         return Finding(problem, f"Type: export ROS_MASTER_URI={DEFAULT_MASTER}")
-    if master.is_local and fault is Fault.NO_RESPONSE:
-        return Finding(problem, _CONTINUE)
     if master.is_local:
-        return Finding(problem, "Type: roslaunch mushr_ros_intro sim.launch")
+        start = "Type: roslaunch mushr_ros_intro sim.launch"
+        return Finding(problem, _CONTINUE if fault is Fault.NO_RESPONSE else start)
     return Finding(
         problem,
         "Check the network connection to that machine, and start the master there. To use a master "
-        "on this machine instead, type: "
-        f"export ROS_MASTER_URI={DEFAULT_MASTER}",
+        f"on this machine instead, type: export ROS_MASTER_URI={DEFAULT_MASTER}",
     )
 
 
@@ -99,19 +94,19 @@ def _dead_node(node: str, fault: Fault) -> Finding:
 def _time(clock: Clock, dead: Set[str]) -> List[Finding]:
     """Find why simulated time stands still, unless a dead publisher of /clock explains it."""
     if not clock.publishers:
-        return [
-            Finding(
-                "use_sim_time is true, but no node publishes /clock, so time stands still",
-                "Stop all nodes. Then, for wall-clock time, type: rosparam set use_sim_time false; "
-                "or, for simulated time: roslaunch mushr_ros_intro sim.launch use_sim_time:=true",
-            )
-        ]
+        problem = "use_sim_time is true, but no node publishes /clock, so time stands still"
+        remedy = (
+            "Stop all nodes. Then, for wall-clock time, type: rosparam set use_sim_time false; "
+        )
+        remedy += "or, for simulated time: roslaunch mushr_ros_intro sim.launch use_sim_time:=true"
+        return [Finding(problem, remedy)]
     if clock.advances or not dead.isdisjoint(clock.publishers):
         return []
     problem = f"time stands still: /clock comes from {_list(clock.publishers)} and does not advance"
+    remedy = "Resume that node; in the terminal of rosbag, press the space bar"
     if clock.resume_service:
-        return [Finding(problem, f"Type: rosservice call {clock.resume_service}")]
-    return [Finding(problem, "Resume that node; in the terminal of rosbag, press the space bar")]
+        remedy = f"Type: rosservice call {clock.resume_service}"
+    return [Finding(problem, remedy)]
 
 
 def _not_running(facts: Facts) -> Finding:
@@ -169,27 +164,21 @@ def _wrong_type(topic: Topic, publisher: Publisher) -> Finding:
 
 def _commands(facts: Facts) -> List[Finding]:
     """Find why the commands that are sent do not drive the car."""
-    names = list(facts.inputs)
-    if facts.active in names:
-        higher = names.index(facts.active)
-        blocked = [each for name in names[higher + 1 :] for each in facts.inputs[name].senders]
+    active = facts.inputs.get(facts.active)
+    if active:
+        lower = list(facts.inputs.values())[list(facts.inputs).index(facts.active) + 1 :]
+        blocked = [each for topic in lower for each in topic.senders]
+        holders = active.senders or active.publishers
         if blocked:
-            topic = facts.inputs[facts.active]
-            holders = topic.senders or topic.publishers
-            return [
-                Finding(
-                    f"the input '{facts.active}' of the mux has a higher priority and is in use by "
-                    f"{_names(holders)}, so the commands of {_names(blocked)} do not reach the car",
-                    f"Stop driving there, or type: rosnode kill {_names(holders, ' ')}",
-                )
-            ]
-    if not any(speed for each in facts.senders for speed in each.speeds):
-        return [
-            Finding(
-                f"all commands of {_names(facts.senders)} have speed 0",
-                "Set msg.drive.speed [m/s] before you publish",
+            problem = (
+                f"the input '{facts.active}' of the mux has a higher priority and is in use by "
+                f"{_names(holders)}, so the commands of {_names(blocked)} do not reach the car"
             )
-        ]
+            remedy = f"Stop driving there, or type: rosnode kill {_names(holders, ' ')}"
+            return [Finding(problem, remedy)]
+    if not any(speed for each in facts.senders for speed in each.speeds):
+        problem = f"all commands of {_names(facts.senders)} have speed 0"
+        return [Finding(problem, "Set msg.drive.speed [m/s] before you publish")]
     return []
 
 
@@ -212,22 +201,19 @@ def _no_commands(facts: Facts) -> Finding:
 def _stamps(sender: Publisher, facts: Facts) -> List[Finding]:
     """Find commands without a stamp, or with a stamp from another clock."""
     if 0 in sender.stamps:
-        return [
-            Finding(
-                f"{sender.node} sends commands with stamp 0, so each one takes effect when it "
-                "arrives, and the final pose differs from run to run",
-                "Set msg.header.stamp = rospy.Time.now() before you publish",
-            )
-        ]
+        problem = f"{sender.node} sends commands with stamp 0, so each one takes effect when it "
+        problem += "arrives, and the final pose differs from run to run"
+        remedy = "Set msg.header.stamp = rospy.Time.now() before you publish"
+        return [Finding(problem, remedy)]
     if not facts.window:
         return []
     begin, end = facts.window
     ahead, behind = min(sender.stamps) - end, begin - max(sender.stamps)
     if max(ahead, behind) <= STAMP_TOLERANCE:
         return []
-    offset = f"{ahead / NANOSECONDS:.1f} s ahead of"
-    if behind > ahead:
-        offset = f"{behind / NANOSECONDS:.1f} s behind"
+    offset = (
+        f"{max(ahead, behind) / NANOSECONDS:.1f} s {'ahead of' if ahead > behind else 'behind'}"
+    )
     clock = "/clock" if facts.clock else "the clock of this machine"
     remedy = "Stamp with rospy.Time.now(), and start the node after use_sim_time is set"
     if not facts.clock:

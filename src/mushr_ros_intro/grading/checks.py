@@ -12,6 +12,7 @@ from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose, compose, inverse
+from mushr_ros_intro.errors import counted
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 
@@ -94,17 +95,13 @@ def step_faults(stamps: Sequence[int], period: int, jitter: int) -> List[str]:
 def rate_faults(stamps: Sequence[int], duration: int, period: int, jitter: int) -> List[str]:
     """Return what is wrong with the stamps of messages that should arrive at a fixed rate.
 
-    Args:
-        stamps: of the messages in order of arrival [ns].
-        duration: how long the messages were recorded [ns].
-        period: expected time between two stamps [ns].
-        jitter: tolerance of this time [ns].
+    They were recorded for `duration` [ns]. The other arguments are those of `step_faults`.
     """
     faults = step_faults(stamps, period, jitter)
     expected = max(2, duration // period - 2)
     if len(stamps) < expected:
         faults.append(
-            f"{_counted(len(stamps))} received in {duration / NANOSECONDS:g} s; "
+            f"{counted(len(stamps), 'message')} received in {duration / NANOSECONDS:g} s; "
             f"expected at least {expected}"
         )
     return faults
@@ -128,7 +125,7 @@ def plan_faults(stamps: Sequence[int], rows: Sequence[int], period: int, jitter:
         expected = -(-duration // period)
         if count != expected:
             faults.append(
-                f"row {row} ({duration / NANOSECONDS:g} s): {_counted(count)} received; "
+                f"row {row} ({duration / NANOSECONDS:g} s): {counted(count, 'message')} received; "
                 f"expected {expected}"
             )
     return faults
@@ -162,10 +159,10 @@ def odometry_faults(
         if 0 < other.stamp - one.stamp <= max_gap
     ]
     if not pairs:
-        return [
-            f"odometry not judged: {_counted(len(motions))} received; expected at least two with "
-            f"stamps up to {max_gap / NANOSECONDS:g} s apart"
-        ]
+        received = counted(len(motions), "message")
+        gap = f"{max_gap / NANOSECONDS:g} s"
+        expected = f"expected at least two with stamps up to {gap} apart"
+        return [f"odometry not judged: {received} received; {expected}"]
     faults = (_motion_fault(one, other, position, angle) for one, other in pairs)
     return [fault for fault in faults if fault]
 
@@ -203,11 +200,7 @@ def _motion_fault(one: Motion, other: Motion, position: float, angle: float) -> 
 def pose_fault(pose: Pose, wanted: Pose, position: float, angle: Optional[float]) -> str:
     """Return how a pose differs from the wanted one; empty if it is within the tolerances.
 
-    Args:
-        pose: the pose that was found.
-        wanted: the pose that was expected.
-        position: tolerance [m].
-        angle: tolerance [rad]; None: any heading is right.
+    The tolerances are `position` [m] and `angle` [rad]; without an angle any heading is right.
     """
     distance, turn = pose.distance_to(wanted), pose.angle_to(wanted)
     if distance <= position and (angle is None or turn <= angle):
@@ -215,8 +208,3 @@ def pose_fault(pose: Pose, wanted: Pose, position: float, angle: Optional[float]
     message = f"the pose {pose} is {distance:.3g} m and {turn:.3g} rad from {wanted}"
     tolerances = f"{position:g} m" if angle is None else f"{position:g} m and {angle:g} rad"
     return f"{message}; tolerance {tolerances}"
-
-
-def _counted(number: int) -> str:
-    """Return a number of messages as text."""
-    return "1 message" if number == 1 else f"{number} messages"

@@ -1,6 +1,5 @@
 """Write the files of a replay's report: report.json, trajectory.csv, and two plots."""
 
-import csv
 import json
 import os
 from typing import Any, Dict, Sequence, Tuple
@@ -16,13 +15,7 @@ from mushr_ros_intro.plan.model import Plan
 def write(folder: str, replay: Replay, checks: Sequence[Check], facts: Dict[str, Any]) -> None:
     """Write report.json, trajectory.csv, locations.png and distances.png into `folder`.
 
-    Without a command or a pose only report.json is written.
-
-    Args:
-        folder: created if it does not exist.
-        replay: the recording.
-        checks: the verdicts.
-        facts: additional entries for report.json.
+    Without a command or a pose only report.json is written. It also contains `facts`.
 
     Raises:
         OSError: a file cannot be written.
@@ -54,13 +47,9 @@ def _from_start(poses: np.ndarray, plan: Plan) -> np.ndarray:
 
 def _write_trajectory(path: str, trajectory: Drive, plan: Plan) -> None:
     """Write one line for each sample."""
-    columns = ["time", "x", "y", "theta", "predicted_x", "predicted_y", "predicted_theta"]
-    away = _from_start(trajectory.driven, plan)
-    with open(path, "w", encoding="ascii", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow([*columns, "distance_from_start"])
-        for time, *row in np.column_stack([*trajectory, away]).tolist():
-            writer.writerow([f"{time:.9f}", *map(repr, row)])
+    names = "time,x,y,theta,predicted_x,predicted_y,predicted_theta,distance_from_start"
+    values = np.column_stack([*trajectory, _from_start(trajectory.driven, plan)])
+    np.savetxt(path, values, ["%.9f"] + 7 * ["%.17g"], ",", header=names, comments="")
 
 
 def _draw(folder: str, path: Drive, plan: Plan) -> None:
@@ -75,9 +64,8 @@ def _draw(folder: str, path: Drive, plan: Plan) -> None:
         axes = figure.add_subplot(1, 1, 1)
         for (x, y), style, label in zip(curves, ("-", "--"), ("driven", "predicted")):
             axes.plot(x, y, style, label=label)
-        axes.set_xlabel(labels[0])
-        axes.set_ylabel(labels[1])
-        axes.set_title(os.path.basename(plan.path).replace("$", r"\$"))
+        title = os.path.basename(plan.path).replace("$", r"\$")
+        axes.set(xlabel=labels[0], ylabel=labels[1], title=title)
         axes.grid(True)
         axes.legend()
         if name == "locations.png":
@@ -86,8 +74,5 @@ def _draw(folder: str, path: Drive, plan: Plan) -> None:
 
     both = (path.driven, path.predicted)
     save("locations.png", ("x [m]", "y [m]"), [(each[:, 0], each[:, 1]) for each in both])
-    save(
-        "distances.png",
-        ("time [s]", "distance from the start [m]"),
-        [(path.times, _from_start(each, plan)) for each in both],
-    )
+    away = [(path.times, _from_start(each, plan)) for each in both]
+    save("distances.png", ("time [s]", "distance from the start [m]"), away)

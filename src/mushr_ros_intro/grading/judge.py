@@ -11,6 +11,7 @@ import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose, compose, inverse
 from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.errors import counted
 from mushr_ros_intro.grading.checks import step_faults
 from mushr_ros_intro.grading.replay import (
     START_TOLERANCE,
@@ -112,8 +113,7 @@ def _judge_start(replay: Replay, path: Drive, tolerances: Tolerances) -> Check:
         return Check("start_pose", False, f"the node sent no start pose; expected {wanted}")
     sent = replay.starts[0]
     if not sent.is_close_to(wanted, START_TOLERANCE):  # also if it is NaN
-        message = f"the node sent the start pose {sent}; expected {wanted}"
-        return Check("start_pose", False, message)
+        return Check("start_pose", False, f"the node sent the start pose {sent}; expected {wanted}")
     return _compare("start_pose", "the car started at", path.driven[0], wanted, tolerances)
 
 
@@ -132,11 +132,8 @@ def _judge_commands(replay: Replay) -> Check:
     """Judge whether the commands are those of the plan, in its order."""
     for number, sent in enumerate(replay.sent, 1):
         if not (math.isfinite(sent.speed) and math.isfinite(sent.steering_angle)):
-            message = (
-                f"command {number} has the speed {sent.speed:g} and the steering angle "
-                f"{sent.steering_angle:g}; expected finite numbers"
-            )
-            return Check("commands", False, message)
+            shown = _shown(sent[2:])
+            return Check("commands", False, f"command {number} is {shown}; expected finite numbers")
     runs = runs_of(replay.plan)
     wanted = [run[:2] for run in runs]
     got = [group[0][2:] for group in _groups(replay)]
@@ -192,10 +189,9 @@ def _rate_fault(run: Run, group: Sequence[Sent], is_last: bool) -> str:
     seconds, span = run.duration / NANOSECONDS, (times[-1] - times[0]) / NANOSECONDS
     # If the last row of the plan is a stop, the final stop belongs to the same group.
     extra = int(is_last and run.speed == 0.0)
-    if not run.expected <= len(group) <= run.expected + extra:
-        commands = "1 command" if len(group) == 1 else f"{len(group)} commands"
+    if len(group) - run.expected not in (0, extra):
         pace = f", {(len(group) - 1) / span:.3g} per second" if span else ""
-        return f"{commands} received{pace}; expected {run.expected}"
+        return f"{counted(len(group), 'command')} received{pace}; expected {run.expected}"
     if not all(sent.stamped for sent in group):
         return ""  # times of arrival are too rough
     if faults := step_faults(times, COMMAND_PERIOD, _JITTER):
@@ -220,9 +216,8 @@ def _judge_final_pose(replay: Replay, path: Drive, tolerances: Tolerances) -> Ch
     """Judge whether the car ended at the predicted pose."""
     wanted = Pose(*path.predicted[-1])
     check = _compare("final_pose", "the car ended at", path.driven[-1], wanted, tolerances)
-    if check.passed:
-        return check
-    return check._replace(message=check.message + _stop_note(replay, "; "))
+    note = "" if check.passed else _stop_note(replay, "; ")
+    return check._replace(message=check.message + note)
 
 
 def _judge_rest(replay: Replay) -> Check:
@@ -230,10 +225,10 @@ def _judge_rest(replay: Replay) -> Check:
     tail = replay.poses[replay.stamps >= replay.stamps[-1] - replay.car.command_timeout]
     if len(tail) < 2:
         return Check("rest", False, "not judged: the car reported fewer than two poses at the end")
-    if np.any(tail != tail[-1]):
-        message = "the car still moves at the end; expected it to stand"
-        return Check("rest", False, message + _stop_note(replay, "; "))
-    return Check("rest", True, "the car stands at the end" + _stop_note(replay, "; "))
+    stands = bool(np.all(tail == tail[-1]))
+    message = "the car still moves at the end; expected it to stand"
+    message = "the car stands at the end" if stands else message
+    return Check("rest", stands, message + _stop_note(replay, "; "))
 
 
 def _judge_collisions(replay: Replay) -> Check:
@@ -250,11 +245,10 @@ def _judge_map(replay: Replay) -> Check:
     """Judge whether the car stayed on the map."""
     if replay.map_origin is None:
         return Check("map", True, "there is no map")
-    width, height = replay.map_size
-    to_map = inverse(replay.map_origin)
+    (width, height), to_map = replay.map_size, inverse(replay.map_origin)
+    size = f"{width:g} m x {height:g} m"
     for pose in (Pose(*row) for row in replay.poses):
-        here = compose(to_map, pose)
-        if not (0.0 <= here.x <= width and 0.0 <= here.y <= height):
-            message = f"the car left the map at {pose}; the map is {width:g} m x {height:g} m"
-            return Check("map", False, message)
-    return Check("map", True, f"the car stayed on the map of {width:g} m x {height:g} m")
+        x, y, _ = compose(to_map, pose)
+        if not (0.0 <= x <= width and 0.0 <= y <= height):
+            return Check("map", False, f"the car left the map at {pose}; the map is {size}")
+    return Check("map", True, f"the car stayed on the map of {size}")

@@ -12,6 +12,7 @@ import re
 from typing import List, Optional, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.errors import counted
 from mushr_ros_intro.plan.model import (
     MAX_COORDINATE,
     MAX_DURATION,
@@ -37,16 +38,13 @@ _IS_NUMBER = re.compile(_NUMBER)
 
 _IS_UNDECODABLE = re.compile("[\udc80-\udcff]")
 
-_MIN_SECONDS = 1.0 / NANOSECONDS
-
-_MAX_SECONDS = MAX_DURATION / NANOSECONDS
-
 _LIMITS = {
-    "x": (MAX_COORDINATE, "metres"),
-    "y": (MAX_COORDINATE, "metres"),
-    "theta": (MAX_COORDINATE, "radians"),
-    "speed": (MAX_SPEED, "m/s"),
-    "steering angle": (MAX_STEERING_ANGLE, "radians"),
+    "x": (-MAX_COORDINATE, MAX_COORDINATE, "metres"),
+    "y": (-MAX_COORDINATE, MAX_COORDINATE, "metres"),
+    "theta": (-MAX_COORDINATE, MAX_COORDINATE, "radians"),
+    "speed": (-MAX_SPEED, MAX_SPEED, "m/s"),
+    "steering angle": (-MAX_STEERING_ANGLE, MAX_STEERING_ANGLE, "radians"),
+    "duration": (1.0 / NANOSECONDS, MAX_DURATION / NANOSECONDS, "seconds"),
 }
 
 _START_COLUMNS = "a start pose 'x, y, theta' in m, m, rad"
@@ -76,8 +74,10 @@ def parse_plan(data: bytes, path: str) -> Plan:
         if values and not count:
             start = Plan(path, Pose(*values), (), number, columns)
         elif values:
-            rows.append(_row(values, number, columns))
-            before, total = total, total + rows[-1].duration
+            duration = from_seconds(values[2]) if len(values) > 2 else DEFAULT_DURATION
+            command = as_float32(values[0]), as_float32(values[1])
+            rows.append(Row(*command, duration, number, columns))
+            before, total = total, total + duration
             if before <= MAX_DURATION < total:
                 limit = MAX_DURATION // NANOSECONDS
                 text = f"here the plan exceeds {limit} s; expected a shorter plan"
@@ -97,12 +97,6 @@ def parse_plan(data: bytes, path: str) -> Plan:
         raise PlanError(faults)
     assert start is not None
     return start._replace(rows=tuple(rows))
-
-
-def _row(values: List[float], number: int, columns: Tuple[int, ...]) -> Row:
-    """Return the row of the numbers in line `number`."""
-    duration = from_seconds(values[2]) if len(values) > 2 else DEFAULT_DURATION
-    return Row(as_float32(values[0]), as_float32(values[1]), duration, number, columns)
 
 
 def _parse_line(
@@ -127,9 +121,9 @@ def _parse_line(
     cells = content.split(",", len(names))
     if not fewest <= len(cells) <= len(names):
         count = content.count(",") + 1
-        counted = "1 column" if count == 1 else f"{count} columns"
         surplus = cells[-1].lstrip() if count > len(names) else ""
-        return [], (), [(len(content) - len(surplus) + 1, f"{counted}; expected {expected}")]
+        text = f"{counted(count, 'column')}; expected {expected}"
+        return [], (), [(len(content) - len(surplus) + 1, text)]
 
     columns, faults = [], []
     begin = 1  # the column of the first character of a cell
@@ -151,14 +145,7 @@ def _number_fault(name: str, cell: str) -> str:
         if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
             return f"{name} is {shown}; expected a finite number"
         return f"{name} is {shown}, which is not a number; expected one such as 2.0"
-    value = float(cell)
-    if name == "duration":
-        if value < _MIN_SECONDS:
-            return f"duration {shown} is not positive; expected seconds, {_MIN_SECONDS:g} or more"
-        if value > _MAX_SECONDS:
-            return f"duration {shown} is out of range; expected seconds, {_MAX_SECONDS:g} at most"
-        return ""
-    limit, unit = _LIMITS[name]
-    if abs(value) > limit:
-        return f"{name} {shown} is out of range; expected {unit}, from -{limit:g} to {limit:g}"
+    low, high, unit = _LIMITS[name]
+    if not low <= float(cell) <= high:
+        return f"{name} {shown} is out of range; expected {unit}, from {low:g} to {high:g}"
     return ""

@@ -18,13 +18,7 @@ def write_plan(folder: str, name: str, start: Sequence[float], rows: Sequence[Ro
     """Write a plan to a new file.
 
     An existing file is not overwritten: the name of the new file gets a number. If writing fails,
-    the incomplete file is removed.
-
-    Args:
-        folder: folder of the file.
-        name: name of the file.
-        start: x [m], y [m], theta [rad] in the map frame.
-        rows: the commands; their lines and columns are ignored.
+    the incomplete file is removed. For `start` and `rows` see `plan_text`.
 
     Returns:
         The path of the file.

@@ -31,25 +31,16 @@ class Step(NamedTuple):
 
 
 def slowed(plan: Plan, max_speed: float) -> Tuple[Plan, List[Fault]]:
-    """Return a plan with no speed above a limit, forward and in reverse.
+    """Return a plan with no speed above `max_speed` [m/s], forward and in reverse.
 
-    Args:
-        plan: the plan.
-        max_speed: the limit [m/s].
-
-    Returns:
-        The slower plan, and one fault for each run of rows that have been slowed down.
+    Also return one fault for each run of rows that have been slowed down.
     """
     limit = as_float32(min(max_speed, MAX_SPEED))
     is_fast = [abs(row.speed) > limit for row in plan.rows]
     speeds = [row.speed for row in plan.rows]
+    sent = f"the largest speed allowed is {max_speed:g} m/s, and that is sent"
     faults = [
-        plan.fault(
-            first,
-            0,
-            f"{_asks(first, last, speeds, 'm/s')}; the largest speed allowed is {max_speed:g} m/s, "
-            "and that is sent",
-        )
+        plan.fault(first, 0, f"{_asks(first, last, speeds, 'm/s')}; {sent}")
         for first, last in _runs(is_fast)
     ]
     rows = tuple(
@@ -77,21 +68,12 @@ def limit_faults(plan: Plan, car_name: str, car: Car) -> Iterator[Fault]:
 
 
 def ramp_faults(plan: Plan, steps: Sequence[Step], car_name: str, car: Car) -> Iterator[Fault]:
-    """Yield a fault for each run of rows that end before the car has reached their command.
-
-    Args:
-        plan: the plan.
-        steps: the motion during each row.
-        car_name: the name of the car.
-        car: the car.
-    """
+    """Yield a fault for each run of rows that end before the car has reached their command."""
     targets = [car.within_limits(row.speed, row.steering_angle) for row in plan.rows]
     for cell, rate, unit, rate_unit in (
         (0, car.acceleration, "m/s", "m/s^2"),
         (1, car.steering_rate, "rad", "rad/s"),
     ):
-        if math.isinf(rate):
-            continue
         ramps = [
             ((step.speed, step.steering_angle)[cell], target[cell])
             for step, target in zip(steps, targets)
@@ -100,13 +82,12 @@ def ramp_faults(plan: Plan, steps: Sequence[Step], car_name: str, car: Car) -> I
         lasts = [row.duration / NANOSECONDS for row in plan.rows]
         for first, last in _runs([n > s * (1.0 + _ROUNDING) for n, s in zip(needed, lasts)]):
             begin, target = ramps[first]
-            yield plan.fault(
-                first,
-                cell,
+            text = (
                 f"{_named(first, last)} {'is' if first == last else 'are'} too short: the "
                 f"{car_name} needs {needed[first]:.3g} s from {begin:.3g} to {target:.3g} {unit} "
-                f"at {rate:g} {rate_unit}, and row {first + 1} lasts {lasts[first]:.3g} s",
+                f"at {rate:g} {rate_unit}, and row {first + 1} lasts {lasts[first]:.3g} s"
             )
+            yield plan.fault(first, cell, text)
 
 
 def _runs(is_bad: Sequence[bool]) -> Iterator[Tuple[int, int]]:

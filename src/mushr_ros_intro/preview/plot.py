@@ -1,5 +1,6 @@
 """Draw a plan: the path on the map, and below it speed and steering angle over time."""
 
+import os
 from typing import Any, List, Optional
 
 import matplotlib
@@ -24,13 +25,7 @@ _MAX_ARROWS = 100
 
 
 def draw(path: str, report: Report, spread: Optional[Spread], grid: Optional[Grid]) -> None:
-    """Draw a report into a picture file.
-
-    Args:
-        path: of the file; its ending is the format.
-        report: on the plan.
-        spread: of the plan, if there is one.
-        grid: the map, if there is one.
+    """Draw a report, the spread and the map, if any, into a file; its ending is the format.
 
     Raises:
         UserError: the file cannot be written, or matplotlib does not know the format.
@@ -51,9 +46,8 @@ def draw(path: str, report: Report, spread: Optional[Spread], grid: Optional[Gri
         figure.savefig(path, dpi=120)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise UserError(
-            f"{path} cannot be written: {reason}; expected such as figure_8.png"
-        ) from None
+        text = f"{path} cannot be written: {reason}; expected such as figure_8.png"
+        raise UserError(text) from None
     finally:
         pyplot.close(figure)
 
@@ -77,10 +71,9 @@ def _draw_path(axes: Any, report: Report, states: List[State]) -> None:
     axes.plot(*poses[-1, :2], "s", color="C4", label="end", zorder=5)
     if report.hit is not None:
         axes.plot(*report.hit[:2], "X", ms=12, color="red", label="hits a wall", zorder=6)
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    name = report.plan.path.replace("\\", "/").rsplit("/", 1)[-1]
-    axes.set_title(f"{name} on the {report.car_name} car: {report.length:.2f} m")
+    name = os.path.basename(report.plan.path)
+    title = f"{name} on the {report.car_name} car: {report.length:.2f} m"
+    axes.set(xlabel="x [m]", ylabel="y [m]", title=title)
     axes.grid(alpha=0.3)
     axes.legend(loc="best", fontsize="small")
 
@@ -91,44 +84,28 @@ def _set_limits(axes: Any, report: Report, spread: Optional[Spread]) -> None:
     if spread is not None:
         corners = np.concatenate((corners, spread.cloud[:, :2]))
     (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
-    axes.set_aspect("equal")
-    axes.set_xlim(left - _MARGIN, right + _MARGIN)
-    axes.set_ylim(bottom - _MARGIN, top + _MARGIN)
+    xlim, ylim = (left - _MARGIN, right + _MARGIN), (bottom - _MARGIN, top + _MARGIN)
+    axes.set(aspect="equal", xlim=xlim, ylim=ylim)
 
 
 def _draw_spread(axes: Any, spread: Spread) -> None:
     """Draw the final positions of the runs, and the ellipses along the path."""
     axes.plot(*spread.cloud[:, :2].T, ".", ms=1.5, color="C1", alpha=0.3, zorder=2)
-    for index, (major, minor, direction) in enumerate(spread.ellipses):
-        shape = Ellipse(
-            spread.mean[index, :2],
-            2.0 * major,
-            2.0 * minor,
-            angle=np.degrees(direction),
-            fill=False,
-            color="C3",
-            lw=0.8,
-            label="95 % ellipse on the way" if index == 0 else None,
-        )
+    for mean, (major, minor, direction) in zip(spread.mean, spread.ellipses):
+        angle = np.degrees(direction)
+        shape = Ellipse(mean[:2], 2.0 * major, 2.0 * minor, angle=angle, fill=False, color="C3")
         axes.add_patch(shape)
+    shape.set_label("95 % ellipse on the way")
 
 
 def _draw_map(axes: Any, grid: Grid) -> None:
     """Draw free cells white, unknown cells grey and walls black."""
     shades = np.where(grid.occupied, 0.0, np.where(grid.cells < 0, 0.8, 1.0)).astype(np.float32)
-    image = axes.imshow(
-        shades,
-        cmap="gray",
-        vmin=0.0,
-        vmax=1.0,
-        origin="lower",
-        interpolation="nearest",
-        extent=(0.0, grid.width * grid.resolution, 0.0, grid.height * grid.resolution),
-        zorder=1,
-    )
+    image = axes.imshow(shades, cmap="gray", vmin=0.0, vmax=1.0, interpolation="nearest", zorder=1)
+    width, height = grid.width * grid.resolution, grid.height * grid.resolution
+    image.set_extent((0.0, width, height, 0.0))  # row 0 is at the bottom
     pose = matplotlib.transforms.Affine2D().rotate(grid.origin.theta)
-    pose = pose.translate(grid.origin.x, grid.origin.y)
-    image.set_transform(pose + axes.transData)
+    image.set_transform(pose.translate(*grid.origin[:2]) + axes.transData)
 
 
 def _draw_commands(axes: Any, report: Report, states: List[State]) -> None:

@@ -1,7 +1,8 @@
 """Predict where a plan takes the car.
 
 Commands go through the simulated car's own `apply` and `advance`, so the prediction and the drive
-cannot disagree. All stamps count from the first command of the plan [ns].
+cannot disagree. All stamps count from the first command of the plan [ns]. Without a `world` there
+are no walls.
 """
 
 import math
@@ -60,7 +61,7 @@ def drive(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg]:
     There is one leg per command, and a last one for the stop. Commands are repeated every
     COMMAND_PERIOD only where that matters: noise is drawn for each command, a command may expire
     before the next one, and at a wall the car tries again with each command. Otherwise there is
-    one command per row. Without a `world` there are no walls.
+    one command per row.
     """
     has_noise = car.speed_noise or car.steering_noise
     period = COMMAND_PERIOD
@@ -84,8 +85,7 @@ def drive(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg]:
 def trajectory(plan: Plan, car: Car, period: int, world: Optional[World] = None) -> Iterator[State]:
     """Yield the states of the car from the start of the plan until it comes to rest.
 
-    There is one state every `period` [ns], and a last one when the car has come to rest. Without
-    a `world` there are no walls.
+    There is one state every `period` [ns], and a last one when the car has come to rest.
     """
     due = 0
     for leg in drive(plan, car, world):
@@ -100,8 +100,7 @@ def states_at(
 ) -> Iterator[State]:
     """Yield the states of the car at rising instants [ns].
 
-    Before the first command the car is at rest at the start pose. Without a `world` there are no
-    walls.
+    Before the first command the car is at rest at the start pose.
     """
     legs = drive(plan, car, world)
     leg = Leg(0, at_rest(0, plan.start), 0)

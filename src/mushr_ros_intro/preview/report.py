@@ -74,15 +74,9 @@ def check(
     grid: Optional[Grid] = None,
     footprint: Footprint = Footprint(),  # noqa: B008, it is immutable
 ) -> Report:
-    """Check a plan against the limits of a car, and against a map.
+    """Check a plan against the limits of a car without its noise, and against a map, if any.
 
-    Args:
-        plan: the plan.
-        car_name: the name of the car, for messages.
-        car: the car; its noise is left out.
-        map_name: the name of the map, for messages.
-        grid: the map, if there is one.
-        footprint: the body of the car.
+    The names of car and map are for messages.
     """
     car = car._replace(speed_noise=0.0, steering_noise=0.0)
     steps, box, radius = _driven(plan, car)
@@ -104,20 +98,11 @@ def _driven(
     bottom = top = plan.start.y
     bend = 0.0
     for leg in drive(plan, car):
-        pose = advance(leg.state, leg.end, car).pose
-        step = Step(
-            leg.state.stamp,
-            leg.end,
-            leg.state.speed,
-            leg.state.steering_angle,
-            leg.distance(leg.end),
-            pose,
-        )
+        state, pose = leg.state, advance(leg.state, leg.end, car).pose
+        step = Step(state.stamp, leg.end, state.speed, state.steering_angle, 0.0, pose)
         if leg.row < len(steps):  # a repeated command of the same row
-            before = steps.pop()
-            distance = before.distance + step.distance
-            step = before._replace(end=leg.end, distance=distance, pose=pose)
-        steps.append(step)
+            step = steps.pop()._replace(end=leg.end, pose=pose)
+        steps.append(step._replace(distance=step.distance + leg.distance(leg.end)))
         for piece, seconds in leg.pieces(leg.end):
             if piece.speed == 0.0 == piece.acceleration:
                 continue
@@ -145,8 +130,8 @@ def _points(piece: Piece, seconds: float, car: Car) -> Iterator[Pose]:
     bend = _tightest_bend(piece, seconds, car)
     if piece.steering_rate:
         speed = max(abs(piece.speed), abs(piece.speed + piece.acceleration * seconds))
-        count = math.ceil(seconds * speed * math.sqrt(bend / (8.0 * _TOLERANCE)))
-        count = min(count, _MAX_POINTS)
+        points = seconds * speed * math.sqrt(bend / (8.0 * _TOLERANCE))
+        count = math.ceil(min(points, _MAX_POINTS))
         for number in range(1, count):
             yield follow(piece, seconds * number / count, car)[0]
     elif bend:

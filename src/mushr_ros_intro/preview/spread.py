@@ -9,9 +9,7 @@ from typing import Iterable, Iterator, List, NamedTuple, Optional, Tuple
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.car.motion import advance
 from mushr_ros_intro.plan.model import Plan, Row
-from mushr_ros_intro.preview.prediction import drive
 from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
 
 CLOUD = 5000
@@ -20,8 +18,8 @@ CLOUD = 5000
 _MARKS = 10
 """The number of instants along the plan at which the spread is computed."""
 
-_STEP = 0.02
-"""The step [s] in which the motion of a car with ramps is integrated."""
+_STEPS = 3
+"""So many arcs approximate a command with a long ramp; one arc approximates any other command."""
 
 
 class Errors(NamedTuple):
@@ -100,13 +98,9 @@ class Spread(NamedTuple):
 
 
 def spread(plan: Plan, car: Car, runs: int, seed: int) -> Spread:
-    """Drive a plan many times, each run with its own errors.
+    """Drive a plan at least two times, each run with its own errors.
 
-    Args:
-        plan: the plan.
-        car: the car. If it has noise, the errors of a run are its noise and RUN_ERRORS.
-        runs: number of runs, at least 2.
-        seed: of the random numbers.
+    If the car has noise, the errors of a run are its noise and RUN_ERRORS; otherwise it has none.
     """
     errors = Errors()
     if car.speed_noise or car.steering_noise:
@@ -114,28 +108,33 @@ def spread(plan: Plan, car: Car, runs: int, seed: int) -> Spread:
     ends = [end for _, _, end in _commands(plan)]
     every = -(-len(ends) // _MARKS)
     instants = [*ends[every - 1 : -1 : every], ends[-1]]
-    planned, distances = _without_errors(plan, car, instants)
-    poses = sample(plan, car, errors, runs, seed, instants)
-    mean = poses.mean(axis=1)
-    covariance = np.array([np.cov(each.T) for each in poses])
-    seconds = np.array(instants) / NANOSECONDS
-    cloud = poses[-1, :CLOUD]
-    return Spread(runs, seed, errors, seconds, distances, planned, mean, covariance, cloud)
+    planned = sample(plan, car, Errors(), 1, seed, instants)[:, 0]
+    poses = sample(plan, car, errors, runs, seed, instants)[..., :3]
+    return Spread(
+        runs,
+        seed,
+        errors,
+        seconds=np.array(instants) / NANOSECONDS,
+        distances=planned[:, 3],
+        planned=planned[:, :3],
+        mean=poses.mean(axis=1),
+        covariance=np.array([np.cov(each.T) for each in poses]),
+        cloud=poses[-1, :CLOUD],
+    )
 
 
-def ellipse(covariance: np.ndarray, probability: float = 0.95) -> Tuple[float, float, float]:
-    """Return the ellipse around the mean that contains a normally distributed point.
+def ellipse(covariance: np.ndarray) -> Tuple[float, float, float]:
+    """Return the ellipse around the mean that contains 95 % of normally distributed points.
 
     Args:
         covariance: of x and y [m^2], (2, 2), or of a pose, (3, 3).
-        probability: that the point is in the ellipse.
 
     Returns:
         The semi-major and the semi-minor axis [m], and the direction of the major axis [rad].
     """
     (xx, xy), (_, yy) = covariance[:2, :2].tolist()
     middle, half = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
-    scale = -2.0 * math.log1p(-probability)  # chi-square with two degrees of freedom
+    scale = -2.0 * math.log(0.05)  # chi-square with two degrees of freedom
     major, minor = (math.sqrt(scale * max(each, 0.0)) for each in (middle + half, middle - half))
     return major, minor, 0.5 * math.atan2(2.0 * xy, xx - yy)
 
@@ -143,28 +142,22 @@ def ellipse(covariance: np.ndarray, probability: float = 0.95) -> Tuple[float, f
 def sample(
     plan: Plan, car: Car, errors: Errors, runs: int, seed: int, instants: Iterable[int]
 ) -> np.ndarray:
-    """Drive a plan `runs` times.
+    """Drive a plan `runs` times with random errors; the noise of `car` is not used.
 
-    Args:
-        plan: the plan.
-        car: the car; its noise is not used.
-        errors: of each run.
-        runs: number of runs.
-        seed: of the random numbers, not negative.
-        instants: ends of commands [ns after the first begins]; the last one is the plan's end.
+    The `instants` are ends of commands [ns after the first begins]; the last one is the plan's end.
 
     Returns:
-        x [m], y [m] and theta [rad] in the map frame, (instants, runs, 3). The last poses are
-        those at which the cars come to rest.
+        x [m], y [m], theta [rad] in the map frame and the distance driven [m], (instants, runs, 4).
+        The last ones are those at which the cars come to rest.
     """
     normal = np.random.default_rng(seed).standard_normal
     scale = 1.0 + errors.speed_scale * normal(runs)
     offset = errors.steering_offset * normal(runs)
     deviations = (errors.start_position, errors.start_position, errors.start_heading)
     pose = [start + error * normal(runs) for start, error in zip(plan.start, deviations)]
-    state = np.array([*pose, np.zeros(runs), np.zeros(runs)])
-    marks = set(instants)
-    poses = []
+    state = np.array([*pose, *np.zeros((3, runs))])
+    marks = set(instants) - {plan.duration}
+    results = []
     for row, seconds, end in _commands(plan):
         speed, angle = car.within_limits(row.speed, row.steering_angle)
         speeds, angles = speed * scale, angle + offset
@@ -172,11 +165,11 @@ def sample(
             speeds += errors.speed * normal(runs)
             angles += errors.steering_angle * normal(runs)
         state = _advanced(state, car, speeds, angles, seconds)
-        if end in marks and end < plan.duration:
-            poses.append(state[:3].T)
-    stopping_time = np.abs(state[3]).max() / car.acceleration
-    state = _advanced(state, car, 0.0 * scale, offset, stopping_time)
-    return np.array([*poses, state[:3].T])
+        if end in marks:
+            results.append(state[:4].T)
+    while state[4].any():
+        state = _advanced(state, car, 0.0 * scale, offset, COMMAND_PERIOD / NANOSECONDS)
+    return np.array([*results, state[:4].T])
 
 
 def _commands(plan: Plan) -> Iterator[Tuple[Row, float, int]]:
@@ -194,48 +187,36 @@ def _advanced(
 ) -> np.ndarray:
     """Return the state of many cars after one command.
 
-    A step is an arc with the mean speed and steering angle of the step. This is exact for a car
-    without ramps. For others the error is a few millimetres along the plans of this package.
+    A command is one or more arcs, each with its mean speed and steering angle. This is exact for a
+    car without ramps. For others the error is 1 or 2 mm along the plans of this package.
 
     Args:
-        state: x [m], y [m], theta [rad], speed [m/s] and steering angle [rad], (5, cars).
-        car: the car.
+        state: x [m], y [m], theta [rad], distance driven [m], speed [m/s] and steering angle
+            [rad], (6, cars).
+        car: its acceleration, steering rate and wheelbase.
         speeds: the commanded speeds [m/s], (cars,).
         angles: the commanded steering angles [rad], (cars,).
         seconds: duration of the command [s].
     """
-    has_ramps = math.isfinite(car.acceleration) or math.isfinite(car.steering_rate)
-    count = math.ceil(seconds / _STEP - 1e-9) if has_ramps else int(seconds > 0.0)
-    x, y, theta, speed, angle = state
-    for _ in range(count):
-        dt = seconds / count
-        next_speed = np.clip(speeds, speed - car.acceleration * dt, speed + car.acceleration * dt)
-        next_angle = np.clip(angles, angle - car.steering_rate * dt, angle + car.steering_rate * dt)
-        mean_speed = 0.5 * (speed + next_speed) if math.isfinite(car.acceleration) else next_speed
-        mean_angle = 0.5 * (angle + next_angle) if math.isfinite(car.steering_rate) else next_angle
+    x, y, theta, driven, speed, angle = state
+    ramps = abs(speeds - speed) / car.acceleration, abs(angles - angle) / car.steering_rate
+    steps = _STEPS if np.max(ramps) > 0.5 * seconds else 1
+    dt = seconds / steps
+    for _ in range(steps):
+        mean_speed, speed = _ramped(speed, speeds, car.acceleration * dt)
+        mean_angle, angle = _ramped(angle, angles, car.steering_rate * dt)
         distance = mean_speed * dt
         half_turn = 0.5 * distance * np.tan(mean_angle) / car.wheelbase  # see `bicycle.drive_arc`
         chord = distance * np.sinc(half_turn / math.pi)
         x = x + chord * np.cos(theta + half_turn)
         y = y + chord * np.sin(theta + half_turn)
         theta = theta + 2.0 * half_turn
-        speed, angle = next_speed, next_angle
-    return np.array([x, y, theta, speed, angle])
+        driven = driven + np.abs(distance)
+    return np.array([x, y, theta, driven, speed, angle])
 
 
-def _without_errors(plan: Plan, car: Car, instants: List[int]) -> Tuple[np.ndarray, np.ndarray]:
-    """Return the poses (instants, 3) and the distances driven [m] of a car without errors.
-
-    The last ones are those of the car at rest.
-    """
-    car = car._replace(speed_noise=0.0, steering_noise=0.0)
-    due = instants[:-1]
-    poses, distances = [], []
-    driven = 0.0
-    for leg in drive(plan, car):
-        while due and due[0] <= leg.end:
-            poses.append(advance(leg.state, due[0], car).pose)
-            distances.append(driven + leg.distance(due.pop(0)))
-        driven += leg.distance(leg.end)
-    poses.append(advance(leg.state, leg.end, car).pose)
-    return np.array(poses), np.array([*distances, driven])
+def _ramped(begin: np.ndarray, end: np.ndarray, reach: float) -> Tuple[np.ndarray, np.ndarray]:
+    """Return the mean and the last value of a ramp towards `end` that changes by up to `reach`."""
+    last = np.clip(end, begin - reach, begin + reach)
+    change = last - begin
+    return last - 0.5 * change * np.abs(change) / reach, last

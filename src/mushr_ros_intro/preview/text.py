@@ -3,6 +3,7 @@
 import math
 from typing import Any, Dict, Iterator, Optional, Sequence
 
+from mushr_ros_intro.errors import counted
 from mushr_ros_intro.plan.model import Fault, fault_lines, shortest_decimal
 from mushr_ros_intro.preview.report import Report
 from mushr_ros_intro.preview.spread import Errors, Spread
@@ -16,9 +17,8 @@ def as_text(report: Report, spread: Optional[Spread] = None) -> Iterator[str]:
     """Yield the lines of a report as text."""
     plan = report.plan
     count = len(plan.rows)
-    yield f"{plan.path}: {_counted(count, 'row')}, on the {report.car_name} car" + (
-        f", on the map {report.map_name}" if report.map_name else ""
-    )
+    on_map = f", on the map {report.map_name}" if report.map_name else ""
+    yield f"{plan.path}: {counted(count, 'row')}, on the {report.car_name} car{on_map}"
     yield ""
     yield "    row   speed  steering  duration  distance     turn         x         y    theta"
     yield "            m/s       rad         s         m      rad         m         m      rad"
@@ -26,11 +26,10 @@ def as_text(report: Report, spread: Optional[Spread] = None) -> Iterator[str]:
     yield f"  start {'':43} {x:9.3f} {y:9.3f} {theta:8.3f}"
     half = SHOWN_ROWS // 2
     for index, row in enumerate(plan.rows):
-        if count > SHOWN_ROWS and half <= index < count - half:
-            if index == half:
-                yield f"    ... {count - 2 * half} more rows ..."
-            continue
-        yield _table_line(report, index, f"{index + 1:7}", row.speed, row.steering_angle)
+        if not half <= index < count - half:
+            yield _table_line(report, index, f"{index + 1:7}", row.speed, row.steering_angle)
+        elif index == half:
+            yield f"    ... {count - 2 * half} more rows ..."
     if report.steps[-1].distance > 0.0:
         yield _table_line(report, count, "   stop", 0.0, 0.0)
     yield ""
@@ -62,19 +61,14 @@ def _summary(report: Report) -> Iterator[str]:
     theta = math.remainder(end.theta, math.tau)
     yield f"final pose      x {_near(end.x)} m, y {_near(end.y)} m, theta {_near(theta)} rad"
     yield f"closing gap     {_near(gap)} m and {_near(turned)} rad between start and end"
-    yield (
-        f"bounding box    x {_near(left)} to {_near(right)} m, y {_near(bottom)} to {_near(top)} m"
-        " (of the rear axle)"
-    )
-    is_straight = math.isinf(report.radius)
-    radius = "none, it drives straight" if is_straight else f"at least {report.radius:.3f} m"
-    yield f"turning radius  {radius}"
+    box = f"x {_near(left)} to {_near(right)} m, y {_near(bottom)} to {_near(top)} m"
+    yield f"bounding box    {box} (of the rear axle)"
+    radius = f"at least {report.radius:.3f} m"
+    yield f"turning radius  {'none, it drives straight' if math.isinf(report.radius) else radius}"
     last, rolls = plan.rows[-1].speed, report.steps[-1].distance
     rest = f"no, the last row asks for {last:g} m/s; path_publisher then sends a stop"
-    rest = rest if last else "yes"
-    if rolls > 0.0:
-        rest += f", and the car rolls on for {rolls:.3f} m"
-    yield f"ends at rest    {rest}"
+    rolling = f", and the car rolls on for {rolls:.3f} m" if rolls else ""
+    yield f"ends at rest    {rest if last else 'yes'}{rolling}"
 
 
 def _near(value: float) -> str:
@@ -82,15 +76,10 @@ def _near(value: float) -> str:
     return f"{value if abs(value) >= 5e-4 else 0.0:.3f}"
 
 
-def _counted(count: int, thing: str) -> str:
-    """Return a number with its noun."""
-    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
-
-
 def verdict(faults: Sequence[Fault]) -> Iterator[str]:
     """Yield the faults, and their number."""
     yield from fault_lines(faults)
-    yield _counted(len(faults), "fault") if faults else "no faults"
+    yield counted(len(faults), "fault") if faults else "no faults"
 
 
 def _spread_text(car_name: str, spread: Spread) -> Iterator[str]:
@@ -123,12 +112,10 @@ def _spread_text(car_name: str, spread: Spread) -> Iterator[str]:
     yield "final pose, from the runs:"
     x, y, theta = spread.mean[-1].tolist()
     yield f"  mean          x {_near(x)} m, y {_near(y)} m, theta {_near(theta)} rad"
-    names = ("m", "m", "rad")
-    for number, row in enumerate(spread.covariance[-1].tolist()):
-        title = "covariance" if number == 0 else ""
-        units = ", ".join(f"{names[number]} {each}" for each in names)
+    units = ("[m m, m m, m rad]", "[m m, m m, m rad]", "[rad m, rad m, rad rad]")
+    for title, row, unit in zip(("covariance", "", ""), spread.covariance[-1].tolist(), units):
         cells = "".join(f"{each if abs(each) >= 5e-6 else 0.0:12.5f}" for each in row)
-        yield f"  {title:12}{cells}   [{units}]"
+        yield f"  {title:12}{cells}   {unit}"
     major, minor, direction = spread.ellipses[-1]
     yield (
         f"  95 % ellipse  {2 * major:.3f} m long at {_near(direction)} rad, {2 * minor:.3f} m wide"

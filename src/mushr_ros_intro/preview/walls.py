@@ -44,17 +44,15 @@ def map_fault(
             pose = follow(piece, free, car)[0]
             grown = Footprint(*(each + _MARGIN for each in footprint))
             is_wall = on_map(grid, grown, pose)
-            name = f"row {leg.row + 1}"
-            if leg.row == len(plan.rows):
-                name = "the car, rolling on after the last row,"
+            is_rolling = leg.row == len(plan.rows)
+            name = "the car, rolling on after the last row," if is_rolling else f"row {leg.row + 1}"
             now = leg.state.moved / NANOSECONDS + piece.begin + free
             text = (
                 f"{name} {'hits a wall' if is_wall else 'leaves the map'} at t = {now:.1f} s, "
                 f"({round(pose.x, 1) + 0.0}, {round(pose.y, 1) + 0.0})"  # no negative zero
             )
-            if is_wall:
-                return plan.fault(leg.row, 0, f"{text}; it stops there"), pose
-            return plan.fault(leg.row, 0, text), None
+            text += "; it stops there" if is_wall else ""
+            return plan.fault(leg.row, 0, text), pose if is_wall else None
     return None, None
 
 
@@ -74,6 +72,5 @@ def _until_repeated(piece: Piece, seconds: float, car: Car, diagonal: float) -> 
 def _fenced(grid: Grid) -> Grid:
     """Return a map with walls around it, one cell thick."""
     cells = np.pad(grid.cells, 1, constant_values=100)
-    cells.flags.writeable = False
     corner = Pose(-grid.resolution, -grid.resolution, 0.0)
     return Grid(cells, grid.resolution, compose(grid.origin, corner))

@@ -255,7 +255,6 @@ def grid_from_msg(msg: OccupancyGrid) -> Grid:
     """
     info = msg.info
     cells = np.array(msg.data, np.int8)
-    cells.flags.writeable = False
     if cells.size != info.width * info.height:
         raise MessageError(f"the map has {cells.size} cells; expected {info.width} x {info.height}")
     origin = pose_from_msg(info.origin)

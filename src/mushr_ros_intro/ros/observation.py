@@ -21,6 +21,7 @@ from mushr_ros_intro.doctor.facts import (
     Publisher,
     Topic,
 )
+from mushr_ros_intro.parameters import ParameterError
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.connections import (
     CallError,
@@ -33,7 +34,7 @@ from mushr_ros_intro.ros.connections import (
 from mushr_ros_intro.ros.listener import Listener
 from mushr_ros_intro.ros.network import is_local, resolve, run_in_parallel
 from mushr_ros_intro.ros.ros_time import wait_for
-from mushr_ros_intro.sim.mux_config import IDLE, ConfigError, parse_config
+from mushr_ros_intro.sim.mux_config import IDLE, parse_config
 
 _CLOCK_TIMEOUT = 5.5
 """How long to wait until /clock advances [s]; in lock-step it waits 5 s for commands."""
@@ -198,7 +199,7 @@ class Observer:
     def _read_inputs(self) -> Dict[str, str]:
         """Return the topics of the mux's inputs by name, by falling priority."""
         inputs = {each: f"input/{each}" for each in _MUX_INPUTS}
-        with suppress(ConfigError):
+        with suppress(ParameterError):
             config = parse_config(self._parameter(self._mux))
             inputs = {each.name: each.topic for each in config.inputs}
         return {

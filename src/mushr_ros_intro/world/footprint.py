@@ -42,8 +42,7 @@ def is_free(grid: Grid, footprint: Footprint, pose: Pose) -> bool:
     sides separates them (the separating axis theorem for convex shapes).
     """
     local = grid.to_grid(pose)
-    x, y, half_x, half_y = _bounds(footprint, local)
-    cells = _occupied(grid, x - half_x, y - half_y, x + half_x, y + half_y)
+    cells = _occupied(grid, *_bounds(footprint, local))
     return not len(cells) or not _hits(cells, grid.resolution, footprint, [local])[0]
 
 
@@ -73,12 +72,6 @@ def free_distance(grid: Grid, footprint: Footprint, path: Path, length: float) -
 
     A car that starts inside a wall can drive on. From the first free sample on, walls stop it.
 
-    Args:
-        grid: the map.
-        footprint: the car's body.
-        path: the path of the car.
-        length: length of the path [m].
-
     Returns:
         A distance from 0 to `length` [m]; `length` itself if no wall is in the way.
     """
@@ -88,8 +81,28 @@ def free_distance(grid: Grid, footprint: Footprint, path: Path, length: float) -
     def sample(number: int) -> Pose:
         return path(min(number * step, length))
 
+    def first_hit(low: int, high: int) -> Optional[int]:
+        """Return the number of the first sample after `low` that hits a wall; `low` is free.
+
+        Samples without a wall nearby are skipped together.
+        """
+        if low >= high:
+            return None
+        between = (low + high) // 2
+        middle = grid.to_grid(sample(between))
+        radius = (high - between) * step
+        radius += math.hypot(max(footprint.front, footprint.back), footprint.half_width)
+        cells = _occupied(grid, middle.x, middle.y, radius, radius)
+        if not len(cells):
+            return None
+        if high - low > _AT_ONCE:
+            return first_hit(low, between) or first_hit(between, high)
+        poses = [grid.to_grid(sample(number)) for number in range(low + 1, high + 1)]
+        hits = _hits(cells, grid.resolution, footprint, poses)
+        return low + 1 + int(hits.argmax()) if hits.any() else None
+
     first = next((n for n in range(last + 1) if is_free(grid, footprint, sample(n))), last)
-    hit = _first_hit(grid, footprint, sample, step, first, last)
+    hit = first_hit(first, last)
     if hit is None:
         return length
     free, blocked = (hit - 1) * step, min(hit * step, length)
@@ -102,45 +115,6 @@ def free_distance(grid: Grid, footprint: Footprint, path: Path, length: float) -
     return free
 
 
-def _first_hit(
-    grid: Grid,
-    footprint: Footprint,
-    sample: Callable[[int], Pose],
-    step: float,
-    low: int,
-    high: int,
-) -> Optional[int]:
-    """Return the number of the first sample of a path that hits a wall, or None.
-
-    Samples without a wall nearby are skipped together.
-
-    Args:
-        grid: the map.
-        footprint: the car's body.
-        sample: the pose of a sample of the path [map frame], by its number.
-        step: the largest distance between two samples [m].
-        low: the number of a sample that is known to be free.
-        high: the number of the last sample to look at.
-    """
-    if low >= high:
-        return None
-    between = (low + high) // 2
-    middle = grid.to_grid(sample(between))
-    radius = (high - between) * step
-    radius += math.hypot(max(footprint.front, footprint.back), footprint.half_width)
-    cells = _occupied(
-        grid, middle.x - radius, middle.y - radius, middle.x + radius, middle.y + radius
-    )
-    if not len(cells):
-        return None
-    if high - low > _AT_ONCE:
-        hit = _first_hit(grid, footprint, sample, step, low, between)
-        return hit or _first_hit(grid, footprint, sample, step, between, high)
-    poses = [grid.to_grid(sample(number)) for number in range(low + 1, high + 1)]
-    hits = _hits(cells, grid.resolution, footprint, poses)
-    return low + 1 + int(hits.argmax()) if hits.any() else None
-
-
 def _bounds(footprint: Footprint, local: Pose) -> Tuple[float, float, float, float]:
     """Return centre and half sizes [m] of the car's axis-aligned bounding box, grid frame."""
     cos, sin = math.cos(local.theta), math.sin(local.theta)
@@ -151,10 +125,11 @@ def _bounds(footprint: Footprint, local: Pose) -> Tuple[float, float, float, flo
     return local.x + ahead * cos, local.y + ahead * sin, half_x, half_y
 
 
-def _occupied(grid: Grid, left: float, bottom: float, right: float, top: float) -> np.ndarray:
-    """Return the centres (N, 2) of the occupied cells in a box [m, grid frame]."""
-    low = np.maximum(np.floor(np.array([left, bottom]) / grid.resolution), 0).astype(int)
-    high = np.maximum(np.ceil(np.array([right, top]) / grid.resolution), 0).astype(int)
+def _occupied(grid: Grid, x: float, y: float, half_x: float, half_y: float) -> np.ndarray:
+    """Return the centres (N, 2) of the occupied cells in a box, like `_bounds` [m, grid frame]."""
+    left_bottom, right_top = np.array([[x - half_x, y - half_y], [x + half_x, y + half_y]])
+    low = np.maximum(np.floor(left_bottom / grid.resolution), 0).astype(int)
+    high = np.maximum(np.ceil(right_top / grid.resolution), 0).astype(int)
     cells = np.argwhere(grid.occupied[low[1] : high[1], low[0] : high[0]])
     return (cells[:, ::-1] + low + 0.5) * grid.resolution
 

@@ -1,6 +1,5 @@
 """Occupancy grids."""
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,7 +25,7 @@ class Grid:
     """An immutable map of square cells in the map frame.
 
     Raises:
-        ValueError: a field is of the wrong type or shape, or out of range.
+        ValueError: there are no cells, or the resolution is out of range.
     """
 
     cells: np.ndarray
@@ -37,22 +36,16 @@ class Grid:
     """The lower left corner of cell (0, 0) in the map frame; rows are parallel to its x axis."""
 
     def __post_init__(self) -> None:
-        if self.cells.ndim != 2 or self.cells.dtype != np.int8 or not self.cells.size:
-            raise ValueError(
-                f"cells are {self.cells.dtype} of shape {self.cells.shape}; "
-                "expected int8 of shape (height, width), at least one"
-            )
+        if not self.cells.size:
+            raise ValueError(f"cells are of shape {self.cells.shape}; expected at least one")
         if not MIN_RESOLUTION <= self.resolution <= MAX_RESOLUTION:
             raise ValueError(
                 f"resolution is {self.resolution!r}; expected a number from "
                 f"{MIN_RESOLUTION:g} to {MAX_RESOLUTION:g} m"
             )
-        if not all(map(math.isfinite, self.origin)):
-            raise ValueError(f"origin is {tuple(self.origin)}; expected finite numbers")
-        if self.cells.flags.writeable:
-            own = self.cells.copy()  # the caller may change the original
-            own.flags.writeable = False
-            object.__setattr__(self, "cells", own)
+        own = self.cells.copy()  # the caller may change the original
+        own.flags.writeable = False
+        object.__setattr__(self, "cells", own)
 
     @property
     def height(self) -> int:

@@ -49,6 +49,11 @@ class Beams(NamedTuple):
                 "expected a range_min from 0 to less than range_max"
             )
 
+    def measured(self, ranges: np.ndarray) -> np.ndarray:
+        """Return ranges [m] with infinities for those that cannot be measured (REP 117)."""
+        near = np.where(ranges < self.range_min, -np.inf, ranges)
+        return np.where(ranges > self.range_max, np.inf, near)
+
 
 class Laser:
     """A laser scanner in a map.
@@ -102,10 +107,7 @@ class Laser:
         order = np.argsort(-ranges)  # of several entries for a beam, the last one is kept
         nearest[beam[order]] = ranges[order]
 
-        result = nearest[: self._beams.number]
-        result[result > self._beams.range_max] = np.inf
-        result[result < self._beams.range_min] = -np.inf
-        return result
+        return self._beams.measured(nearest[: self._beams.number])
 
     def _first_beams(self, local: Pose) -> np.ndarray:
         """Return the first beam counter-clockwise of each corner, from 0 to a full turn, (C,).
@@ -129,19 +131,13 @@ class Laser:
 def add_noise(
     ranges: np.ndarray, beams: Beams, noise_std: float, seed: Sequence[int]
 ) -> np.ndarray:
-    """Return ranges with independent Gaussian noise, which depends on the seed alone.
+    """Return the result of `Laser.scan` with independent Gaussian noise.
 
-    Args:
-        ranges: the result of `Laser.scan` [m].
-        beams: the beams of the scanner.
-        noise_std: standard deviation [m].
-        seed: whole numbers, not negative.
+    The noise has the standard deviation `noise_std` [m], and depends on the seed alone: whole
+    numbers, not negative.
     """
     noise = np.random.default_rng(seed).standard_normal(ranges.shape)
-    noisy = ranges + noise_std * noise
-    noisy[noisy > beams.range_max] = np.inf
-    noisy[noisy < beams.range_min] = -np.inf
-    return noisy
+    return beams.measured(ranges + noise_std * noise)
 
 
 def _find_faces(grid: Grid) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -165,10 +161,8 @@ def _find_faces(grid: Grid) -> Tuple[np.ndarray, np.ndarray, np.ndarray, np.ndar
         upward = (front > 0) if is_vertical else (front < 0)
         begin = np.where(upward, first, last)
         end = np.where(upward, last, first)
-        if is_vertical:
-            ends = [np.stack((line, begin)), np.stack((line, end))]
-        else:
-            ends = [np.stack((begin, line)), np.stack((end, line))]
+        order = -1 if is_vertical else 1  # column before row
+        ends = [np.stack((each, line)[::order]) for each in (begin, end)]
         found.append(ends + [front, np.full(len(line), is_vertical, np.int8)])
     begin, end, fronts, vertical = (np.concatenate(parts, axis=-1) for parts in zip(*found))
     return begin, end, fronts, vertical

@@ -12,7 +12,7 @@ from PIL import Image
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters, user_path
+from mushr_ros_intro.parameters import Parameters, find_file
 from mushr_ros_intro.world.grid import (
     MAX_RESOLUTION,
     MIN_RESOLUTION,
@@ -38,26 +38,15 @@ class MapError(UserError):
 
 
 def find_map(name: str, maps: str) -> str:
-    """Return the path of the YAML file of a map.
-
-    Args:
-        name: the name of a map in `maps`, with or without ``.yaml``, or a path; see `user_path`.
-        maps: the folder of the package's maps.
+    """Return the path of the YAML file of a map; see `find_file`.
 
     Raises:
         MapError: there is no such map; the message lists those in `maps`.
     """
-    candidates = [user_path(name)]
-    if os.sep not in name:
-        candidates = [os.path.join(maps, name + ".yaml"), os.path.join(maps, name), *candidates]
-    for candidate in candidates:
-        if name and os.path.exists(candidate):
-            return candidate
-    known = sorted(entry[:-5] for entry in os.listdir(maps) if entry.endswith(".yaml"))
-    raise MapError(
-        f"{name or repr(name)}: no such map; expected the path of a yaml file, or the name of one "
-        f"in {maps}: {', '.join(known)}"
-    )
+    try:
+        return find_file(name, maps, ".yaml")
+    except UserError as error:
+        raise MapError(f"{name or repr(name)}: {error}") from None
 
 
 def read_map(path: str) -> Grid:
@@ -74,20 +63,17 @@ def read_map(path: str) -> Grid:
     resolution = keys.number("resolution", math.nan, "m", MIN_RESOLUTION, MAX_RESOLUTION)
     occupied = keys.number("occupied_thresh", math.nan, "", 0.0, 1.0)
     free = keys.number("free_thresh", math.nan, "", 0.0, occupied)
-    negate = keys.integer("negate", -1, 0, 1)
+    negate = keys.integer("negate", math.nan, 0, 1)
     mode = keys.choice("mode", MODES, "trinary")
     origin = values.get("origin")
     if not isinstance(origin, list) or len(origin) != 3:
         raise keys.error("origin", "[x, y, yaw] in m, m, rad")
-    numbers = Parameters(dict(zip(("x", "y", "yaw"), origin)), f"{path}: origin: ")
-    corner = Pose(
-        numbers.number("x", math.nan, "m", -MAX_COORDINATE, MAX_COORDINATE),
-        numbers.number("y", math.nan, "m", -MAX_COORDINATE, MAX_COORDINATE),
-        numbers.number("yaw", math.nan, "rad", -MAX_COORDINATE, MAX_COORDINATE),
-    )
-    image = os.path.join(
-        os.path.dirname(path), keys.text("image", expected="the path of a PNG or PGM image")
-    )
+    units = {"x": "m", "y": "m", "yaw": "rad"}
+    read = Parameters(dict(zip(units, origin)), f"{path}: origin: ").number
+    limits = -MAX_COORDINATE, MAX_COORDINATE
+    corner = Pose(*(read(name, math.nan, unit, *limits) for name, unit in units.items()))
+    name = keys.text("image", expected="the path of a PNG or PGM image")
+    image = os.path.join(os.path.dirname(path), name)
     try:
         channels = _read_channels(image)
     except Exception as error:  # Pillow raises errors of many classes

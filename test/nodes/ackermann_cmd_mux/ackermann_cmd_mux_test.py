@@ -106,7 +106,7 @@ class TestMux(RosTestCase):
     def test_a_bad_configuration(self):
         entry = {"name": "a", "topic": "input/a", "timeout": 0.2, "priority": 1}
         rospy.set_param("/refused_0", {"subscribers": [entry]})
-        message = "/refused_0: the mux's configuration lacks the key 'publisher'"
+        message = "/refused_0: parameter ~publisher is not set; expected a topic"
         self.assert_refused(("ackermann_cmd_mux.py", [], message))
 
 

@@ -37,13 +37,13 @@ def end_of(start, rows):
 
 @given(poses, points)
 def test_the_arc_ends_at_the_click(pose, point):
-    arc = arc_to(pose, point)
-    assert math.dist(drive_arc(pose, *arc)[:2], point) < ARC_TOLERANCE
+    distance, curvature = arc_to(pose, point)
+    assert math.dist(drive_arc(pose, distance, curvature)[:2], point) < ARC_TOLERANCE
     # At most half a circle, and forward unless the point is behind.
-    assert abs(arc.distance * arc.curvature) <= math.pi + 1e-6
+    assert abs(distance * curvature) <= math.pi + 1e-6
     ahead = math.cos(pose.theta) * (point[0] - pose.x) + math.sin(pose.theta) * (point[1] - pose.y)
     assume(abs(ahead) > 1e-8)
-    assert math.copysign(1.0, arc.distance) == math.copysign(1.0, ahead)
+    assert math.copysign(1.0, distance) == math.copysign(1.0, ahead)
 
 
 @pytest.mark.parametrize(

@@ -101,8 +101,8 @@ ROW = "commands: row 1 (1 s): received "
         ([COMMANDS[-1]._replace(time=BEGIN)], ROW + "0 m/s, 0 rad; expected 2 m/s, 0.1 rad"),
         (COMMANDS[:10], "commands: no command after row 1; expected rows 2 to 3 (0.75 s)"),
         (changed(-1, speed=3.0), "commands: after the last row the node sent 3 m/s, 0 rad; expec"),
-        (changed(3, speed=math.inf), "commands: command 4 has the speed inf and the steering angl"),
-        (changed(3, steering_angle=math.nan), "commands: command 4 has the speed 2 and the steer"),
+        (changed(3, speed=math.inf), "commands: command 4 is inf m/s, 0.1 rad; expec"),
+        (changed(3, steering_angle=math.nan), "commands: command 4 is 2 m/s, nan rad; expec"),
     ],
 )
 def test_commands(sent, said):

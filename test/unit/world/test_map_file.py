@@ -209,7 +209,7 @@ def test_find_a_map(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["", "no_such_map", "/no/such/map.yaml", "a\0b"])
 def test_no_such_map(name):
-    with pytest.raises(MapError, match=r"no such map; expected .*: race_loop, rooms, sandbox"):
+    with pytest.raises(MapError, match=r"no such file; expected .*: race_loop, rooms, sandbox"):
         find_map(name, MAPS)
 
 
