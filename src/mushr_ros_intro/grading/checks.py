@@ -4,31 +4,15 @@ Stamps and durations are integer nanoseconds; messages for users show them in se
 without enough data is a fault.
 """
 
-import math
 import threading
 import time
-from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.car.bicycle import Pose, compose, inverse
+from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import counted
 from mushr_ros_intro.sim.stamps import NANOSECONDS
-
-
-class Motion(NamedTuple):
-    """One odometry message."""
-
-    stamp: int
-    """[ns]"""
-    pose: Pose
-    """Of the child frame in the odometry frame."""
-    speed: float
-    """Forward, in the child frame [m/s]."""
-    lateral_speed: float
-    """To the left, in the child frame [m/s]."""
-    turn_rate: float
-    """Counter-clockwise [rad/s]."""
 
 
 class Series:
@@ -140,61 +124,6 @@ def _count_by_row(stamps: Sequence[int], rows: Sequence[int], period: int) -> Li
     middles = instants[:-1] + np.diff(instants) // 2
     nearest = np.searchsorted(middles, np.array(stamps) - stamps[0], side="right")
     return np.bincount(row_of_due[nearest], minlength=len(rows) + 1)[:-1].tolist()
-
-
-def odometry_faults(
-    motions: Sequence[Motion], max_gap: int, position: float, angle: float
-) -> List[str]:
-    """Return where the pose of odometry does not move as its twist says.
-
-    Args:
-        motions: in the order of their stamps.
-        max_gap: messages further apart than this [ns] are not compared.
-        position: tolerance [m].
-        angle: tolerance [rad].
-    """
-    pairs = [
-        (one, other)
-        for one, other in zip(motions, motions[1:])
-        if 0 < other.stamp - one.stamp <= max_gap
-    ]
-    if not pairs:
-        received = counted(len(motions), "message")
-        gap = f"{max_gap / NANOSECONDS:g} s"
-        expected = f"expected at least two with stamps up to {gap} apart"
-        return [f"odometry not judged: {received} received; {expected}"]
-    faults = (_motion_fault(one, other, position, angle) for one, other in pairs)
-    return [fault for fault in faults if fault]
-
-
-def _motion_fault(one: Motion, other: Motion, position: float, angle: float) -> str:
-    """Return how two odometry messages contradict each other; empty if they do not.
-
-    The twist that moves the child frame from one pose to the other must be between those of the two
-    messages. It is the logarithm of the motion; see Lynch and Park, "Modern Robotics", section 3.3.
-    """
-    seconds = (other.stamp - one.stamp) / NANOSECONDS
-    moved = compose(inverse(one.pose), other.pose)
-    turn = math.remainder(moved.theta, math.tau)
-    half = 0.5 * turn
-    scale = half / math.tan(half) if half else 1.0
-    ahead, left = scale * moved.x + half * moved.y, scale * moved.y - half * moved.x
-    # A turn rate that changes on the way also moves the child frame sideways.
-    slack = position + abs(ahead) * abs(other.turn_rate - one.turn_rate) * seconds
-    for name, unit, change, tolerance, rates in (
-        ("to the left", "m", left, slack, (one.lateral_speed, other.lateral_speed)),
-        ("ahead", "m", ahead, position, (one.speed, other.speed)),
-        ("counter-clockwise", "rad", turn, angle, (one.turn_rate, other.turn_rate)),
-    ):
-        low, high = sorted(rates)
-        if not low * seconds - tolerance <= change <= high * seconds + tolerance:
-            twist = f"{low:.6g}" if low == high else f"{low:.6g} to {high:.6g}"
-            return (
-                f"in the {seconds:g} s before {other.stamp / NANOSECONDS:.3f} the pose moves by "
-                f"{change:.6g} {unit} {name}, which is {change / seconds:.6g} {unit}/s; "
-                f"the twist says {twist} {unit}/s"
-            )
-    return ""
 
 
 def pose_fault(pose: Pose, wanted: Pose, position: float, angle: Optional[float]) -> str:

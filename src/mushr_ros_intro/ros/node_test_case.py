@@ -1,4 +1,4 @@
-"""The common part of the test nodes posetest, ratetest, odomtest and muxtest."""
+"""The common part of the test nodes posetest and ratetest."""
 
 import time
 import unittest

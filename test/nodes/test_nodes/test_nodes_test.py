@@ -1,11 +1,10 @@
 #!/usr/bin/python3
-"""Check the test nodes on a drive, on a mux, and on wrong topics.
+"""Check the test nodes on a drive, and on wrong topics.
 
 Their cases run in threads of this process, because a process for each would take a second of
 computing time; `test_in_a_test_file` runs them as nodes.
 """
 
-import copy
 import math
 import os
 import re
@@ -17,9 +16,7 @@ from xml.etree import ElementTree
 import rospy
 import rostest
 import tf2_ros
-from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry
 from std_srvs.srv import Trigger
 
 from support.geometry import closed_form
@@ -29,8 +26,6 @@ from support.paths import FIXTURES, PACKAGE
 
 sys.path.append(os.path.join(PACKAGE, "src"))
 from mushr_ros_intro.ros.connections import receivers, registered_nodes  # noqa: E402
-from muxtest import MuxTest  # noqa: E402
-from odomtest import OdomTest  # noqa: E402
 from posetest import PoseTest  # noqa: E402
 from ratetest import RateTest  # noqa: E402
 
@@ -47,7 +42,6 @@ NAVIGATION = "/car/mux/ackermann_cmd_mux/input/navigation"
 POSE = {"topic": "/car/car_pose"}
 AT_END = {"x": END[0], "y": END[1], "theta": END[2], "position_tolerance": "1e-5"}
 AT_HALF = {"x": HALF[0], "y": HALF[1]}
-ODOM = {"odom_topic": "/car/odom", "pose_topic": "/car/car_pose"}
 MOON = {"frame": "map", "child_frame": "moon", "wait_time": 1.0}
 WHEELS = "/car/joint_states"
 
@@ -58,10 +52,6 @@ def pose(topic, **parameters):
 
 def rate(topic, **parameters):
     return RateTest, {"topic": topic, **parameters}
-
-
-def odom(topic, **parameters):
-    return OdomTest, {"odom_topic": topic, "tf": False, **parameters}
 
 
 # The test and its parameters, and the expression that its failure matches; empty: it passes.
@@ -93,97 +83,18 @@ CASES = [
     (rate("/back", hz=20), r"message \d+ is stamped 0.01 s before message \d"),
     (rate("/unstamped"), "/unstamped has no stamp"),
     (rate("/clock"), "/clock has the type rosgraph_msgs/Clock; expected"),
-    ((OdomTest, ODOM), ""),
-    ((OdomTest, {**ODOM, "pose_topic": "/shifted"}), "from the pose topic: .* 0.1 m and 0 r"),
-    ((OdomTest, {**ODOM, "tf": False}), "parameter ~tf is False; expected true"),
-    (odom("/right"), ""),
-    (odom("/right", max_gap=0.01), "odometry not judged: .* stamps up to 0.01 s apart"),
-    (odom("/per_period"), "which is 1 m/s; the twist says 0.05 m/s"),
-    (odom("/turn"), "which is 0.5 rad/s; the twist says 0.4 rad/s"),
-    (odom("/jump"), r"the pose moves by -2\..* m to the left, which is -5.* m/s;"),
-    (odom("/sideways"), "m to the left, which is -0.0998.* m/s; the twist says 0 m/s"),
-    (odom("/broken"), r"odometry on /broken: pose \(nan, .* is not finite"),
 ]
-LATE_CASES = [  # their patience begins with the clock
-    (odom("/right", tf=True, wait_time=1.0), "a transform from 'puppet/odom' to 'puppet/base'"),
-]
-
-MUX = {
-    "inputs": {"navigation": NAVIGATION, "teleop": "/car/mux/ackermann_cmd_mux/input/teleop"},
-    "output": "/car/mux/ackermann_cmd_mux/output",
-    "active": "/car/mux/ackermann_cmd_mux/active",
-}
-BOTH = {"send": ["navigation", "teleop"], "wins": "teleop"}
-RIGHT_STEPS = [
-    {"send": ["navigation"], "wins": "navigation"},
-    BOTH,
-    {"send": ["teleop"], "wins": "teleop"},
-    {"send": [], "wins": "idle"},
-]
-WRONG_STEPS = [{**BOTH, "wins": "navigation"}, {"send": ["navigation"], "wins": "idle"}]
-STEP_1 = r"step 1 \(send: \[navigation, teleop\]\): "
-
-
-class HeldUp(MuxTest):
-    """Is held up once for longer than a command holds, as on a busy machine."""
-
-    rounds = 0
-
-    def wait_for(self, condition, what, patience=None):
-        value = super().wait_for(condition, what, patience)
-        if "on the clock" in what:
-            self.rounds += 1
-            if self.rounds == 6:
-                rospy.sleep(0.3)
-        return value
-
-
-MUX_CASES = [
-    ((MuxTest, {**MUX, "steps": RIGHT_STEPS}), ""),
-    ((HeldUp, {**MUX, "steps": [BOTH]}), ""),
-    (
-        (MuxTest, {**MUX, "steps": WRONG_STEPS}),
-        f"{STEP_1}the output is teleop; expected navigation\n"
-        f"{STEP_1}the active input is teleop; expected navigation\n"
-        r"step 2 \(send: \[navigation\]\): the output is navigation; expected idle\n",
-    ),
-    (
-        (MuxTest, {**MUX, "output": "/late", "steps": [BOTH]}),
-        f"{STEP_1}the output is idle; expected teleop\n"
-        rf"{STEP_1}messages were up to \d+\.\d s late in each of 3 tries; the machine may be too",
-    ),
-]
-
-
-def odometry(stamp, seconds, speed=1.0, turn_rate=0.5, ahead=0.0, askew=0.0):
-    """Return a message of a circle driven at 1 m/s and 0.5 rad/s, with faults."""
-    theta = 0.5 * seconds
-    msg = Odometry()
-    msg.header.stamp = stamp
-    msg.header.frame_id, msg.child_frame_id = "puppet/odom", "puppet/base"
-    msg.pose.pose.position.x = 2.0 * math.sin(theta) + ahead
-    msg.pose.pose.position.y = 2.0 - 2.0 * math.cos(theta)
-    msg.pose.pose.orientation.z = math.sin(0.5 * (theta + askew))
-    msg.pose.pose.orientation.w = math.cos(0.5 * (theta + askew))
-    msg.twist.twist.linear.x = speed
-    msg.twist.twist.angular.z = turn_rate
-    return msg
 
 
 def messages_at(begin, number):
     """Return the puppet's messages by topic, twenty for each second after `begin`."""
-    seconds = 0.05 * number
-    stamp = at(begin, seconds)
-    return {
-        "right": odometry(stamp, seconds),
-        "per_period": odometry(stamp, seconds, speed=0.05),
-        "turn": odometry(stamp, seconds, turn_rate=0.4),
-        "jump": odometry(stamp, seconds, ahead=3.0 * (number // 40)),
-        "sideways": odometry(stamp, seconds, askew=0.1),
-        "back": odometry(at(stamp, -0.06 if number % 20 == 0 else 0.0), seconds),
-        "unstamped": odometry(rospy.Time(0), seconds),
-        "broken": odometry(stamp, seconds, ahead=math.nan if number == 40 else 0.0),
-    }
+    stamp = at(begin, 0.05 * number)
+    messages = {name: PoseStamped() for name in ("back", "unstamped", "broken")}
+    messages["back"].header.stamp = at(stamp, -0.06 if number % 20 == 0 else 0.0)
+    messages["broken"].header.stamp = stamp
+    messages["broken"].pose.orientation.w = 1.0
+    messages["broken"].pose.position.x = math.nan if number == 40 else 0.0
+    return messages
 
 
 class Puppet(threading.Thread):
@@ -192,7 +103,7 @@ class Puppet(threading.Thread):
     def __init__(self):
         super().__init__()
         self._publishers = {
-            name: rospy.Publisher(f"/{name}", Odometry, queue_size=1000)
+            name: rospy.Publisher(f"/{name}", PoseStamped, queue_size=1000)
             for name in messages_at(rospy.Time(0), 2)
         }
         self._ended = threading.Event()
@@ -288,18 +199,7 @@ class TestTestNodes(RosTestCase):
         faults = [fault for case in cases for fault in case.faults()]
         self.assertEqual(faults, [], "\n".join(faults))
 
-    def relay(self, source, target, kind, change):
-        """Publish the messages of a topic on another one, changed."""
-        publisher = rospy.Publisher(target, kind, queue_size=1000)
-
-        def publish(msg):
-            msg = copy.deepcopy(msg)  # other subscribers have the same message
-            change(msg)
-            publisher.publish(msg)
-
-        self.addCleanup(rospy.Subscriber(source, kind, publish, tcp_nodelay=True).unregister)
-
-    def test_poses_rates_and_odometry(self):
+    def test_poses_and_rates(self):
         """All cases listen to the same few seconds, which begin when the clock is released."""
         rospy.wait_for_service("/car/car_sim/pause", PATIENCE)
         wait_for(rospy.get_time, "the clock", PATIENCE)
@@ -308,10 +208,6 @@ class TestTestNodes(RosTestCase):
         self.addCleanup(Puppet().end)
         self.addCleanup(resume)
 
-        def shift(msg):
-            msg.pose.position.x += 0.1
-
-        self.relay("/car/car_pose", "/shifted", PoseStamped, shift)
         # The first buffer of a process advertises a service; several threads must not.
         self.addCleanup(tf2_ros.Buffer().frame_server.shutdown)
         placements = Recording("/initialpose", PoseWithCovarianceStamped)
@@ -339,15 +235,6 @@ class TestTestNodes(RosTestCase):
         resume()
         self.assertEqual(driver.wait(PATIENCE), 0, driver.output)
         self.check(cases)
-        self.check(self.start(LATE_CASES))
-
-    def test_mux(self):
-        def delay(msg):
-            msg.header.stamp -= rospy.Duration(1)
-
-        self.relay(MUX["output"], "/late", AckermannDriveStamped, delay)
-        for case in MUX_CASES:  # one after the other
-            self.check(self.start([case]))
 
     def test_in_a_test_file(self):
         """rostest reports the failures of the nodes."""
@@ -357,8 +244,6 @@ class TestTestNodes(RosTestCase):
         for kind, expected in (
             ("pose", "waited 0.5 s for a publisher of /nowhere"),
             ("rate", "waited 0.5 s for a message on /nowhere"),
-            ("odom", "waited 0.5 s for odometry on /nowhere"),
-            ("mux", "waited 0.5 s for a subscriber of /nowhere"),
         ):
             path = os.path.join(self.folder, "mushr_ros_intro", f"rosunit-{kind}_nowhere.xml")
             (failure,) = ElementTree.parse(path).iter("failure")
