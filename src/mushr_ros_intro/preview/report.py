@@ -5,25 +5,26 @@ middle of the rear axle on the ground, in the map frame.
 """
 
 import math
-from typing import Iterator, List, NamedTuple, Optional, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
+import numpy as np
+
+from mushr_ros_intro.car.bicycle import Pose, curvature
 from mushr_ros_intro.car.model import Car, Piece
 from mushr_ros_intro.car.motion import advance
-from mushr_ros_intro.car.quadrature import follow
 from mushr_ros_intro.plan.model import Fault, Plan
 from mushr_ros_intro.preview.limits import Step, limit_faults, ramp_faults
-from mushr_ros_intro.preview.prediction import drive
+from mushr_ros_intro.preview.prediction import drive, trajectory
 from mushr_ros_intro.preview.walls import map_fault
+from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import Footprint
 from mushr_ros_intro.world.grid import Grid
 
-_TOLERANCE = 1e-4
-"""Accuracy of the bounding box [m] where the steering angle changes; elsewhere it is exact."""
+_SAMPLE_PERIOD = NANOSECONDS // 100
+"""Period of the samples for the bounding box [ns]: to 0.1 mm at 2 m/s on a radius of 0.5 m."""
 
-_QUARTER = 0.5 * math.pi
-_MAX_POINTS = 1000
-"""Limit of the number of points on one piece of motion."""
+_MAX_SAMPLES = 20_000
+"""The samples of a longer drive are further apart."""
 
 
 class Report(NamedTuple):
@@ -37,7 +38,7 @@ class Report(NamedTuple):
     steps: Tuple[Step, ...]
     """The motion during each row, and during the stop at the end."""
     box: Tuple[float, float, float, float]
-    """Smallest and largest x, smallest and largest y of the path [m], to 0.1 mm."""
+    """Smallest and largest x, smallest and largest y of the path [m]."""
     radius: float
     """The smallest turning radius of the path [m]; infinite if the car only drives straight."""
     faults: Tuple[Fault, ...]
@@ -79,7 +80,8 @@ def check(
     The names of car and map are for messages.
     """
     car = car._replace(speed_noise=0.0, steering_noise=0.0)
-    steps, box, radius = _driven(plan, car)
+    steps, radius = _driven(plan, car)
+    box = _box(plan, car, steps[-1].end)
     faults = [*limit_faults(plan, car_name, car), *ramp_faults(plan, steps, car_name, car)]
     hit = None
     if grid is not None:
@@ -89,13 +91,9 @@ def check(
     return Report(plan, car_name, car, map_name, steps, box, radius, tuple(faults), hit)
 
 
-def _driven(
-    plan: Plan, car: Car
-) -> Tuple[Tuple[Step, ...], Tuple[float, float, float, float], float]:
-    """Drive a plan; return its steps, its bounding box and its smallest turning radius."""
+def _driven(plan: Plan, car: Car) -> Tuple[Tuple[Step, ...], float]:
+    """Drive a plan; return its steps and its smallest turning radius [m]."""
     steps: List[Step] = []
-    left = right = plan.start.x
-    bottom = top = plan.start.y
     bend = 0.0
     for leg in drive(plan, car):
         state, pose = leg.state, advance(leg.state, leg.end, car).pose
@@ -104,41 +102,20 @@ def _driven(
             step = steps.pop()._replace(end=leg.end, pose=pose)
         steps.append(step._replace(distance=step.distance + leg.distance(leg.end)))
         for piece, seconds in leg.pieces(leg.end):
-            if piece.speed == 0.0 == piece.acceleration:
-                continue
-            bend = max(bend, _tightest_bend(piece, seconds, car))
-            for x, y, _ in (pose, *_points(piece, seconds, car)):
-                left, right = min(left, x), max(right, x)
-                bottom, top = min(bottom, y), max(top, y)
-    return tuple(steps), (left, right, bottom, top), 1.0 / bend if bend else math.inf
+            if piece.speed or piece.acceleration:
+                bend = max(bend, _tightest_bend(piece, seconds, car))
+    return tuple(steps), 1.0 / bend if bend else math.inf
+
+
+def _box(plan: Plan, car: Car, rest: int) -> Tuple[float, float, float, float]:
+    """Return the bounding box of a drive that takes `rest` [ns], from samples of its path [m]."""
+    period = max(_SAMPLE_PERIOD, rest // _MAX_SAMPLES)
+    poses = np.array([state.pose for state in trajectory(plan, car, period)])
+    (left, bottom, _), (right, top, _) = poses.min(axis=0).tolist(), poses.max(axis=0).tolist()
+    return left, right, bottom, top
 
 
 def _tightest_bend(piece: Piece, seconds: float, car: Car) -> float:
     """Return the largest curvature on a piece of motion, left or right [1/m]."""
     end_angle = piece.steering_angle + piece.steering_rate * seconds
     return max(abs(curvature(angle, car.wheelbase)) for angle in (piece.steering_angle, end_angle))
-
-
-def _points(piece: Piece, seconds: float, car: Car) -> Iterator[Pose]:
-    """Yield the begin of a piece of motion, and the points that bound its path.
-
-    On an arc they are the points with a heading along an axis. If the steering angle changes, the
-    path leaves the chord between two points by at most a t^2 / 8, where t is the time between the
-    points and a the lateral acceleration.
-    """
-    yield piece.pose
-    bend = _tightest_bend(piece, seconds, car)
-    if piece.steering_rate:
-        speed = max(abs(piece.speed), abs(piece.speed + piece.acceleration * seconds))
-        points = seconds * speed * math.sqrt(bend / (8.0 * _TOLERANCE))
-        count = math.ceil(min(points, _MAX_POINTS))
-        for number in range(1, count):
-            yield follow(piece, seconds * number / count, car)[0]
-    elif bend:
-        bend = math.copysign(bend, piece.steering_angle)
-        turn = (piece.speed + 0.5 * piece.acceleration * seconds) * seconds * bend
-        begin = piece.pose.theta
-        first = math.ceil(min(begin, begin + turn) / _QUARTER)
-        last = math.floor(max(begin, begin + turn) / _QUARTER)
-        for number in range(first, min(last, first + 3) + 1):  # more turns repeat them
-            yield drive_arc(piece.pose, (number * _QUARTER - begin) / bend, bend)

@@ -84,11 +84,11 @@ def test_the_figures_of_figure_8():
     assert report.closing_gap == pytest.approx((math.hypot(1.547709, 1.180325), 0.0), abs=1e-6)
     x, y = -radius * math.sin(0.785), radius * math.cos(0.785)  # the centre of the first lobe
     left, right, bottom, top = report.box
-    assert (left, top) == pytest.approx((x - radius, y + radius), abs=SAME)
+    assert (left, top) == pytest.approx((x - radius, y + radius), abs=BOX)
     turned = 22.0 / radius + 0.785
     x += 2.0 * radius * math.sin(turned)  # and that of the second one
     y -= 2.0 * radius * math.cos(turned)
-    assert (right, bottom) == pytest.approx((x + radius, y - radius), abs=SAME)
+    assert (right, bottom) == pytest.approx((x + radius, y - radius), abs=BOX)
 
 
 @given(
@@ -113,7 +113,7 @@ def test_the_box_of_a_circle_in_one_row():
     radius = 0.33 / math.tan(as_float32(0.3))
     expected = (-radius, radius, 0.0, 2.0 * radius)
     for seconds in (7, 100, 1e9):
-        assert checked(f"0,0,0\n1,0.3,{seconds}\n").box == pytest.approx(expected, abs=SAME)
+        assert checked(f"0,0,0\n1,0.3,{seconds}\n").box == pytest.approx(expected, abs=BOX)
 
 
 def test_the_distance_there_and_back_counts_twice():
