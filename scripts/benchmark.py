@@ -26,7 +26,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.plan.find import read_plan
+from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.preview.spread import Errors
 from mushr_ros_intro.preview.spread import sample as sample_runs

@@ -17,14 +17,14 @@ import rospkg
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.plan.find import find_plan, read_plan
+from mushr_ros_intro.parameters import Parameters, find_file
 from mushr_ros_intro.plan.model import Plan, PlanError
+from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.preview.spread import Spread, spread
 from mushr_ros_intro.preview.text import as_json, as_text, verdict
-from mushr_ros_intro.world.map_file import find_map, read_map
+from mushr_ros_intro.world.map_file import read_map
 
 MAX_RUNS = 100_000
 MAX_CAR_COMMANDS = 2_000_000_000
@@ -61,7 +61,7 @@ def run() -> int:
     car = car_from(Parameters({**read_profile(path), "noise": True}, f"{path}: "))
     map_path, grid = "", None
     if arguments.map is not None:
-        map_path = shortened(find_map(arguments.map, maps))
+        map_path = shortened(find_file(arguments.map, maps, ".yaml"))
         grid = read_map(map_path)
 
     is_clean = True
@@ -70,7 +70,7 @@ def run() -> int:
         if number and not arguments.json:
             print()
         try:
-            plan = read_plan(shortened(find_plan(name, plans)))
+            plan = read_plan(shortened(find_file(name, plans, ".txt")))
         except PlanError as error:
             is_clean = False
             results.append({"plan": name, "faults": [each._asdict() for each in error.faults]})

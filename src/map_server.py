@@ -7,8 +7,9 @@ import rospy
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap, GetMapRequest, GetMapResponse
 
+from mushr_ros_intro.parameters import find_file
 from mushr_ros_intro.ros import conversions, node, ros_time
-from mushr_ros_intro.world.map_file import find_map, read_map
+from mushr_ros_intro.world.map_file import read_map
 
 
 class MapServer:
@@ -21,7 +22,7 @@ class MapServer:
         parameters = node.parameters()
         expected = "the name or the path of a map, such as _map_file:=sandbox"
         maps = node.package_folder("maps")
-        path = find_map(parameters.text("map_file", expected=expected), maps)
+        path = find_file(parameters.text("map_file", expected=expected), maps, ".yaml")
         frame = parameters.text("frame_id", conversions.MAP_FRAME)
         grid = read_map(path)
         self._msg = conversions.grid_to_msg(grid, ros_time.now(), frame)

@@ -19,7 +19,7 @@ import rospy
 
 from mushr_ros_intro.grading.checks import Series, plan_faults, rate_faults
 from mushr_ros_intro.parameters import Parameters, user_path
-from mushr_ros_intro.plan.find import read_plan
+from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.ros.node_test_case import NodeTestCase, main
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 

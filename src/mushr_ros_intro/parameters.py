@@ -2,6 +2,7 @@
 
 import math
 import os
+from difflib import get_close_matches
 from typing import Any, Dict, Mapping, Optional, Sequence
 
 from mushr_ros_intro.errors import UserError
@@ -119,18 +120,21 @@ def find_file(name: str, folder: str, ending: str) -> str:
     name is a path, relative to the user's directory (see `user_path`) or to the current one.
 
     Raises:
-        UserError: there is no such file; the message lists those in `folder`, but not `name`.
+        UserError: there is no such file; the message names the closest one in `folder`, the
+            folders searched, and all files in `folder`.
     """
     candidates = [user_path(name), os.path.abspath(name)] if name else []
-    if name and os.sep not in name:
+    if os.sep not in name:
         in_folder = os.path.join(folder, name)
         candidates = [in_folder + ending, in_folder, *candidates]
     for exists in (os.path.isfile, os.path.exists):  # the reader explains what is not a file
         for candidate in candidates:
-            if exists(candidate):
+            if name and exists(candidate):
                 return candidate
     known = sorted(entry[: -len(ending)] for entry in os.listdir(folder) if entry.endswith(ending))
+    close = get_close_matches(os.path.basename(name).replace(ending, ""), known, 1)
+    searched = dict.fromkeys(os.path.dirname(candidate) for candidate in candidates)
     raise UserError(
-        f"no such file; expected the path of a file, or the name of one in {folder}: "
-        f"{', '.join(known)}"
+        f"{name or repr(name)}: no such file{''.join(f'; did you mean {each}?' for each in close)} "
+        f"(searched: {', '.join(searched)}); expected a path, or one of {', '.join(known)}"
     )

@@ -18,7 +18,7 @@ import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped
 
-from mushr_ros_intro.plan.find import read_plan
+from mushr_ros_intro.plan.parse import read_plan
 from support.geometry import angle_between, closed_form, float32, planar
 from support.helpers import node, wait_for
 

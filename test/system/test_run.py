@@ -129,5 +129,5 @@ def test_a_plan_that_is_not_there(run, tmp_path):
     script.wait_for_text("starting")
     (tmp_path / "a plan.txt").unlink()
     assert script.process.wait(PATIENCE) == 1
-    assert "a plan.txt:1:1: no such file" in script.log.read_text()
+    assert "a plan.txt: no such file" in script.log.read_text()
     assert script.processes() == []

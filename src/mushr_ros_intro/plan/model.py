@@ -75,11 +75,13 @@ class Fault(NamedTuple):
 
     path: str
     line: int
+    """0 if the fault concerns the whole file."""
     column: int
     text: str
 
     def __str__(self) -> str:
-        return f"{self.path}:{self.line}:{self.column}: {self.text}"
+        place = f"{self.path}:{self.line}:{self.column}" if self.line else self.path
+        return f"{place}: {self.text}"
 
 
 def fault_lines(faults: Sequence[Fault], shown: int = 20) -> List[str]:

@@ -1,4 +1,4 @@
-"""Parse plan files: a start pose, then a speed and a steering angle per line.
+"""Read plan files: a start pose, then a speed and a steering angle per line.
 
     0, 0, 0.785       the start pose: x [m], y [m], theta [rad]
     2.0, 0.09         speed [m/s], steering angle [rad, left positive], for one second
@@ -8,6 +8,7 @@ Comments from ``#`` to the end of the line, blank lines, spaces, CRLF and a byte
 are allowed.
 """
 
+import os
 import re
 from typing import List, Optional, Tuple
 
@@ -27,6 +28,9 @@ from mushr_ros_intro.plan.model import (
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 
 DEFAULT_DURATION = NANOSECONDS
+
+MAX_FILE_SIZE = 100_000_000
+"""Larger plan files are refused [bytes]; a plan of a million rows has twelve million."""
 
 MAX_FAULTS = 1000
 """After so many faults the rest of a file is not checked: it is not a plan, and may be huge."""
@@ -50,6 +54,26 @@ _LIMITS = {
 _START_COLUMNS = "a start pose 'x, y, theta' in m, m, rad"
 
 _ROW_COLUMNS = "'speed, steering angle' or 'speed, steering angle, duration' in m/s, rad, s"
+
+
+def read_plan(path: str) -> Plan:
+    """Read the plan file at `path`.
+
+    Raises:
+        PlanError: the file cannot be read, or is not a plan; it lists every fault of the file.
+    """
+    try:
+        if os.path.exists(path) and not os.path.isfile(path):
+            raise ValueError("this is not a regular file")  # reading a FIFO may take forever
+        with open(path, "rb") as file:
+            data = file.read(MAX_FILE_SIZE + 1)
+        if len(data) > MAX_FILE_SIZE:
+            raise ValueError(f"it has more than {MAX_FILE_SIZE} bytes")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        text = f"the file cannot be read ({reason}); expected a plan file"
+        raise PlanError([Fault(path, 0, 0, text)]) from None
+    return parse_plan(data, path)
 
 
 def parse_plan(data: bytes, path: str) -> Plan:

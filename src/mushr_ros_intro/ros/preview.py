@@ -15,9 +15,9 @@ from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.plan.find import find_plan, read_plan
+from mushr_ros_intro.parameters import Parameters, find_file
 from mushr_ros_intro.plan.model import Fault, fault_lines
+from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview.limits import slowed
 from mushr_ros_intro.preview.report import check
@@ -94,7 +94,7 @@ class Preview:
             )
         expected = "the name or the path of a plan, such as _plan_file:=figure_8"
         name = parameters.text("plan_file", expected=expected)
-        path = find_plan(name, package_folder("plans"))
+        path = find_file(name, package_folder("plans"), ".txt")
         self.plan, changes = slowed(read_plan(path), max_speed)
         """The plan with its speeds limited to ~max_speed."""
         _warn(changes)

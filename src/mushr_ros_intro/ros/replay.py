@@ -8,9 +8,9 @@ import rospy
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.grading import files, judge
 from mushr_ros_intro.grading.replay import Replay, runs_of
-from mushr_ros_intro.parameters import Parameters, user_path
-from mushr_ros_intro.plan.find import find_plan, read_plan
+from mushr_ros_intro.parameters import Parameters, find_file, user_path
 from mushr_ros_intro.plan.model import Plan
+from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.candidate import Candidate
 from mushr_ros_intro.ros.replay_observer import (
@@ -41,7 +41,7 @@ def replay() -> Tuple[Replay, List[judge.Check]]:
             than the node.
     """
     parameters = node.parameters()
-    plan = read_plan(find_plan(parameters.text("plan_file"), node.package_folder("plans")))
+    plan = read_plan(find_file(parameters.text("plan_file"), node.package_folder("plans"), ".txt"))
     publisher = parameters.text("publisher")
     patience = parameters.number("patience", 30.0, "s", 0.1, 1e4)
     folder = parameters.optional_text("report")

@@ -12,7 +12,7 @@ from PIL import Image
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters, find_file
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.world.grid import (
     MAX_RESOLUTION,
     MIN_RESOLUTION,
@@ -35,18 +35,6 @@ _CHANNELS = {"1": "L", "L": "L", "LA": "RGBA", "RGB": "RGB", "RGBA": "RGBA"}
 
 class MapError(UserError):
     """A map that cannot be used."""
-
-
-def find_map(name: str, maps: str) -> str:
-    """Return the path of the YAML file of a map; see `find_file`.
-
-    Raises:
-        MapError: there is no such map; the message lists those in `maps`.
-    """
-    try:
-        return find_file(name, maps, ".yaml")
-    except UserError as error:
-        raise MapError(f"{name or repr(name)}: {error}") from None
 
 
 def read_map(path: str) -> Grid:

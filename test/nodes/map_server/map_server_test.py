@@ -65,7 +65,7 @@ class TestMapServer(RosTestCase):
 
     def test_bad_maps_and_parameters(self):
         path = self.plan("image: none.png\nresolution: .nan\n", "broken.yaml")
-        no_map = "no such file; expected the path of a file, or the name of one in"
+        no_map = "no_such_map: no such file (searched: "
         cases = (
             ([f"_map_file:={path}"], f"{path}: resolution is nan; expected a number"),
             ([f"_map_file:={self.folder}"], "(Is a directory)"),

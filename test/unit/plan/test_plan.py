@@ -7,10 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.plan import find, parse
-from mushr_ros_intro.plan.find import find_plan, read_plan
+from mushr_ros_intro.plan import parse
 from mushr_ros_intro.plan.model import PlanError, Row, as_float32, shortest_decimal
-from mushr_ros_intro.plan.parse import parse_plan
+from mushr_ros_intro.plan.parse import parse_plan, read_plan
 from mushr_ros_intro.plan.write import WriteError, plan_text, write_plan
 from support.paths import FIXTURES, PLANS
 
@@ -91,7 +90,7 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "file").touch()
     with open(tmp_path / "huge", "wb") as file:
-        file.truncate(find.MAX_FILE_SIZE + 1)
+        file.truncate(parse.MAX_FILE_SIZE + 1)
     for name, expected in {
         "missing": "the file cannot be read (No such file or directory); expected a plan",
         ".": "the file cannot be read (this is not a regular file); expected a plan",
@@ -104,7 +103,7 @@ def test_files_that_cannot_be_read(tmp_path):
     }.items():
         path = os.path.join(str(tmp_path), name)
         (fault,) = faults_of(path)
-        assert fault.startswith(f"{path}:1:1: {expected}")
+        assert fault.startswith(f"{path}: {expected}")
 
 
 def test_only_the_first_faults_are_shown_and_too_many_end_the_search():
@@ -257,46 +256,6 @@ def test_a_plan_has_the_numbers_of_its_file_and_when_written(start, rows):
         plan = parse_plan(each.encode(), "plan")
         assert plan.start == start
         assert [row[:3] for row in plan.rows] == expected
-
-
-@pytest.fixture
-def folders(tmp_path):
-    """Return a folder of plans, and the user's directory with other files."""
-    plans, here = tmp_path / "plans", tmp_path / "here"
-    for path in ("plans/circle.txt", "plans/eight.txt", "here/circle.txt", "here/own.txt"):
-        (tmp_path / path).parent.mkdir(exist_ok=True)
-        (tmp_path / path).touch()
-    return plans, here
-
-
-def test_plans_are_found_by_name_and_by_path(folders, monkeypatch):
-    plans, here = folders
-    (plans / "eight").mkdir()  # a folder does not hide a file
-    monkeypatch.setenv("HOME", str(here))
-    monkeypatch.setenv("PWD", str(here))
-    for name, expected in {
-        "circle": plans / "circle.txt",
-        "circle.txt": plans / "circle.txt",
-        "eight": plans / "eight.txt",
-        "./circle.txt": here / "circle.txt",
-        "own.txt": here / "own.txt",
-        "~/own.txt": here / "own.txt",
-        "../plans/eight.txt": plans / "eight.txt",
-        str(here / "circle.txt"): here / "circle.txt",
-        str(here): here,
-    }.items():
-        found = find_plan(name, str(plans))
-        assert os.path.realpath(found) == str(expected)
-
-
-@pytest.mark.parametrize("name", ["", "eigth", "here/own", "/nowhere/circle.txt", "circle\0"])
-def test_a_missing_plan_is_reported_with_the_names_of_the_others(folders, name, monkeypatch):
-    plans, here = folders
-    monkeypatch.setenv("PWD", str(here))
-    with pytest.raises(PlanError) as caught:
-        find_plan(name, str(plans))
-    expected = f"no such file; expected the path of a file, or the name of one in {plans}"
-    assert f"{name or repr('')}:1:1: {expected}: circle, eight" == str(caught.value)
 
 
 ROWS = [Row(2.0, 0.3400000035762787, 250_000_001, 0), Row(-0.5, -0.0, 10 * SECOND, 0)]

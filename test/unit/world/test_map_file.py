@@ -1,9 +1,7 @@
 """Map files: the cells of every kind of image as map_server has them, and errors."""
 
-import filecmp
 import io
 import os
-import subprocess
 
 import numpy as np
 import pytest
@@ -12,8 +10,8 @@ from PIL import Image
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.world.grid import as_travelled
-from mushr_ros_intro.world.map_file import MODES, MapError, find_map, read_map
-from support.paths import FIXTURES, PACKAGE
+from mushr_ros_intro.world.map_file import MODES, read_map
+from support.paths import PACKAGE
 
 MAPS = os.path.join(PACKAGE, "maps")
 
@@ -194,49 +192,3 @@ def test_a_broken_image(tmp_path, data, expected):
     message = fault_of(write_yaml(tmp_path))
     assert expected in message
     assert "map.png': " in message and "; expected a PNG or PGM image, grey or RGB" in message
-
-
-def test_find_a_map(tmp_path, monkeypatch):
-    path = write_yaml(tmp_path)
-    sandbox = os.path.join(MAPS, "sandbox.yaml")
-    assert find_map("sandbox", MAPS) == find_map("sandbox.yaml", MAPS) == sandbox
-    (tmp_path / "map").touch()  # the name with .yaml has precedence over a file of that name
-    assert find_map("map", str(tmp_path)) == path
-    assert find_map(path, MAPS) == path
-    monkeypatch.setenv("PWD", str(tmp_path))  # the user's directory, see user_path
-    assert find_map("map.yaml", MAPS) == find_map("./map.yaml", MAPS) == path
-
-
-@pytest.mark.parametrize("name", ["", "no_such_map", "/no/such/map.yaml", "a\0b"])
-def test_no_such_map(name):
-    with pytest.raises(MapError, match=r"no such file; expected .*: race_loop, rooms, sandbox"):
-        find_map(name, MAPS)
-
-
-def test_the_fixture():
-    grid = read_map(os.path.join(FIXTURES, "maps", "asymmetric.yaml"))
-    assert grid.cells.tolist() == [
-        [100, 100, 0, -1, 0],
-        [100, 0, 0, 0, 0],
-        [0, 0, 100, 0, -1],
-    ]
-
-
-def test_the_shipped_maps_are_those_of_make_maps(tmp_path):
-    command = [os.path.join(PACKAGE, "scripts", "make_maps"), str(tmp_path)]
-    subprocess.run(command, check=True, timeout=60)
-    assert sorted(os.listdir(str(tmp_path))) == sorted(os.listdir(MAPS))
-    for name in ("sandbox", "race_loop", "rooms"):
-        made, shipped = (os.path.join(folder, name) for folder in (str(tmp_path), MAPS))
-        with Image.open(f"{made}.png") as one, Image.open(f"{shipped}.png") as other:
-            assert one == other, name
-        assert filecmp.cmp(f"{made}.yaml", f"{shipped}.yaml", shallow=False), name
-
-
-def test_the_sandbox_is_mushrs():
-    grid = read_map(os.path.join(MAPS, "sandbox.yaml"))
-    assert (grid.resolution, grid.origin) == (0.1, Pose(-50.0, -50.0, 0.0))
-    assert grid.cells.shape == (1000, 1000)
-    free = np.zeros((1000, 1000), bool)
-    free[6:-6, 6:-6] = True
-    assert (grid.cells == np.where(free, 0, 100)).all()
