@@ -1,79 +1,79 @@
 #!/usr/bin/python3
-"""Let a node drive a plan on the simulated car, and judge it: the test node of replay.test."""
+"""Let a node drive a plan on the simulated car, and judge it: the test node of replay.test.
 
-import unittest
-from typing import Dict, Optional
+The results are written as a JUnit file with one test case for each check. The verdict is also
+published on ``~verdict`` (std_msgs/String, latched). rostest hides the output of test nodes, so
+another node, replay_check.py --show, prints it on the terminal.
+"""
 
-import rostest
+import os
+import sys
+from typing import Sequence
+from xml.etree import ElementTree
+
+import rospy
+from std_msgs.msg import String
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.grading import judge
+from mushr_ros_intro.grading.judge import Check, verdict
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.replay import replay
+from mushr_ros_intro.ros.ros_time import wait_for
+
+SHOW_TIMEOUT = 5.0
+"""Longest wait until the verdict has been printed [s of wall-clock time]."""
 
 
-class ReplayTest(unittest.TestCase):
-    """One test case for each check."""
+def show() -> int:
+    """Print the verdict; return 0."""
+    node.init_node("verdict")
+    print(rospy.wait_for_message("/replay/verdict", String).data, flush=True)
+    return 0
 
-    _checks: Optional[Dict[str, judge.Check]] = None
-    _error = ""
 
-    def setUp(self) -> None:
-        """Run the replay, once for all test cases."""
-        cls = type(self)
-        if cls._checks is None and not cls._error:
-            try:
-                cls._checks = {check.name: check for check in replay()[1]}
-            except (UserError, OSError) as error:
-                cls._error = f"the replay failed: {error}"
-        if cls._error:
-            self.fail(cls._error)
+def publish(text: str) -> None:
+    """Publish the verdict, and wait until it has been printed."""
+    publisher = rospy.Publisher("~verdict", String, queue_size=1, latch=True)
+    publisher.publish(text)
+    if wait_for(publisher.get_num_connections, SHOW_TIMEOUT):
+        wait_for(lambda: not publisher.get_num_connections(), SHOW_TIMEOUT)
 
-    def _assert_check(self, name: str) -> None:
-        """Fail if a check has not passed; otherwise print its message."""
-        assert self._checks is not None
-        check = self._checks[name]
+
+def write_results(path: str, checks: Sequence[Check], text: str) -> None:
+    """Write a JUnit file. It is complete, or it does not exist, which rostest reports as an error.
+
+    Args:
+        path: of the file.
+        checks: the checks, which become test cases.
+        text: the verdict.
+    """
+    failures = sum(not check.passed for check in checks)
+    counts = {"tests": str(len(checks)), "failures": str(failures), "errors": "0", "time": "0"}
+    suite = ElementTree.Element("testsuite", {"name": "replay", **counts})
+    for check in checks:
+        case = ElementTree.SubElement(suite, "testcase", classname="replay", name=check.name)
         if not check.passed:
-            self.fail(check.message)
-        print(f"{name}: {check.message}")
+            ElementTree.SubElement(case, "failure", type="").text = check.message
+    ElementTree.SubElement(suite, "system-out").text = text
+    ElementTree.ElementTree(suite).write(f"{path}.part", encoding="utf-8")
+    os.replace(f"{path}.part", path)
 
-    def test_node(self) -> None:
-        """The node starts, drives, and ends without an error."""
-        self._assert_check("node")
 
-    def test_start_pose(self) -> None:
-        """The node sends the plan's start pose, and the car reports it."""
-        self._assert_check("start_pose")
-
-    def test_commands(self) -> None:
-        """The commands are those of the plan, in its order."""
-        self._assert_check("commands")
-
-    def test_rate(self) -> None:
-        """Every row has ten commands per second for its duration."""
-        self._assert_check("rate")
-
-    def test_path(self) -> None:
-        """The driven path is close to the predicted path everywhere."""
-        self._assert_check("path")
-
-    def test_final_pose(self) -> None:
-        """The car ends at the predicted final pose."""
-        self._assert_check("final_pose")
-
-    def test_rest(self) -> None:
-        """The car is at rest at the end."""
-        self._assert_check("rest")
-
-    def test_collision(self) -> None:
-        """The car touches no wall."""
-        self._assert_check("collision")
-
-    def test_map(self) -> None:
-        """The car stays on the map."""
-        self._assert_check("map")
+def main() -> int:
+    """Judge a node; return 0 if it passes all checks, else 1."""
+    node.init_node("replay")
+    path = next(each for each in sys.argv if each.startswith("--gtest_output=xml:"))[19:]
+    try:
+        seen, checks = replay()
+        text = verdict(checks, seen)
+    except (UserError, OSError) as error:
+        checks = [Check("replay", False, f"the replay failed: {error}")]
+        text = checks[0].message
+    print(text)
+    publish(text)
+    write_results(path, checks, text)
+    return int(not all(check.passed for check in checks))
 
 
 if __name__ == "__main__":
-    node.init_node("replay")
-    rostest.rosrun("mushr_ros_intro", "replay", ReplayTest)
+    sys.exit(show() if "--show" in sys.argv else main())

@@ -24,7 +24,7 @@ def write(folder: str, replay: Replay, checks: Sequence[Check], facts: Dict[str,
     content = {
         **facts,
         "passed": all(check.passed for check in checks),
-        "verdict": verdict(checks, replay),
+        "verdict": verdict(checks, replay).splitlines(),
         "checks": [check._asdict() for check in checks],
         "commands": len(replay.sent),
     }

@@ -5,7 +5,7 @@ Stamps are integer nanoseconds of simulated time; poses are in the map frame.
 
 import math
 from itertools import groupby
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
 
 _ROUNDING = 1e-6
 """Added to default tolerances [m, rad]: commands travel as float32."""
+
+_SAME = 1e-4
+"""Relative difference between commands that count as equal; a node may compute in float32."""
 
 _JITTER = COMMAND_PERIOD // 2
 """Allowed deviation of the time between two commands [ns]."""
@@ -89,16 +92,29 @@ def judge(replay: Replay, tolerances: Tolerances) -> List[Check]:
 
 
 def verdict(checks: Sequence[Check], replay: Replay) -> str:
-    """Return the first fault, or that there is none, in one line."""
-    for check in checks:
-        if not check.passed:
-            return f"{check.name}: {check.message}"
-    return "everything is right" + _stop_note(replay, ", but ")
+    """Return one line for each check, failures first, and then notes and the node's last output."""
+    ordered = sorted(checks, key=lambda check: 2 * check.passed or "not judged" in check.message)
+    lines = [
+        " ".join(["ok  " if check.passed else "FAIL", f"{check.name}:", *_ends(check.message)])
+        for check in ordered
+    ]
+    count = sum(not check.passed for check in checks)
+    lines.append(f"{counted(count, 'check')} failed" if count else "all checks passed")
+    if note := _stop_note(replay, "note: "):
+        lines.append(note)
+    output = replay.outcome.splitlines()[1:]
+    return "\n".join([*lines, *(["the last output of the node:"] if output else []), *output])
+
+
+def _ends(message: str) -> List[str]:
+    """Return the first and the last line of a message, which for a crash name the exception."""
+    lines = message.splitlines()
+    return lines[:1] + lines[1:][-1:]
 
 
 def _stop_note(replay: Replay, prefix: str) -> str:
     """Return a note if the node's last command is not a stop, otherwise nothing."""
-    if replay.sent and replay.sent[-1].speed == 0.0:
+    if not replay.sent or replay.sent[-1].speed == 0.0:
         return ""
     return (
         f"{prefix}the node sends no stop at the end, so the car rolls on until its last command "
@@ -147,11 +163,37 @@ def _judge_commands(replay: Replay) -> Check:
         message = f"after the last row the node sent {_shown(got[index])}; expected only a stop"
     else:
         message = f"{runs[index]}: received {_shown(got[index])}; expected {_shown(wanted[index])}"
-        if sorted(got) == sorted(wanted):
-            message += ". The rows are in the wrong order"
-        elif (got[index][0], -got[index][1]) == wanted[index]:
-            message += ". A positive steering angle turns left"
+        message += _mistake(got, wanted)
     return Check("commands", False, message)
+
+
+def _mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...]]) -> str:
+    """Return a sentence about a common mistake that explains all commands, if there is one."""
+    if len(got) == len(wanted):
+        if [command[::-1] for command in got] == list(wanted):
+            return ". Speed and steering angle are swapped in all commands"
+        (speeds, angles), (right_speeds, right_angles) = zip(*got), zip(*wanted)
+        speed, angle = _factor(speeds, right_speeds), _factor(angles, right_angles)
+        if speed is not None and angle is not None:
+            mistakes = []
+            if abs(speed - 1.0) > _SAME:
+                mistakes.append(f"All speeds are {speed:.4g} times those of the plan")
+            if abs(angle + 1.0) < _SAME:
+                mistakes.append("All steering angles have the wrong sign; positive turns left")
+            elif abs(angle / math.degrees(1.0) - 1.0) < _SAME:
+                mistakes.append("All steering angles are in degrees; expected radians")
+            elif abs(angle - 1.0) > _SAME:
+                mistakes.append(f"All steering angles are {angle:.4g} times those of the plan")
+            return "".join(f". {mistake}" for mistake in mistakes)
+    return ". The rows are in the wrong order" if sorted(got) == sorted(wanted) else ""
+
+
+def _factor(got: Sequence[float], wanted: Sequence[float]) -> Optional[float]:
+    """Return the factor between all numbers of two sequences, or None if there is none."""
+    square = float(np.dot(wanted, wanted))
+    factor = float(np.dot(got, wanted)) / square if square else 1.0
+    is_same = np.allclose(got, factor * np.array(wanted), rtol=_SAME, atol=0.0)
+    return factor if is_same else None
 
 
 def _shown(command: Tuple[float, ...]) -> str:
@@ -228,7 +270,7 @@ def _judge_rest(replay: Replay) -> Check:
     stands = bool(np.all(tail == tail[-1]))
     message = "the car still moves at the end; expected it to stand"
     message = "the car stands at the end" if stands else message
-    return Check("rest", stands, message + _stop_note(replay, "; "))
+    return Check("rest", stands, message)
 
 
 def _judge_collisions(replay: Replay) -> Check:

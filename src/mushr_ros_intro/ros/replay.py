@@ -48,7 +48,9 @@ def replay() -> Tuple[Replay, List[judge.Check]]:
     car = car_from(node.simulated_car_parameters("car"))
     tolerances = _tolerances(parameters, judge.default_tolerances(plan, car))
 
-    observer = ReplayObserver(max(patience, START_TIMEOUT))
+    observer = ReplayObserver(
+        max(patience, START_TIMEOUT), parameters.text("map", "none") != "none"
+    )
     ours = set(_publishers())
     candidate = Candidate(publisher, [f"_plan_file:={plan.path}", *observer.remappings])
     began = (time.monotonic(), rospy.get_time())
@@ -63,7 +65,6 @@ def replay() -> Tuple[Replay, List[judge.Check]]:
 
     seen = observer.replay(plan, car, outcome)
     checks = judge.judge(seen, tolerances)
-    print(judge.verdict(checks, seen))
     if folder:
         facts = {
             "plan_file": plan.path,

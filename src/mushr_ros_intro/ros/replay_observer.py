@@ -48,8 +48,8 @@ class ReplayObserver:
     the clock does not wait for commands after the last one.
     """
 
-    def __init__(self, patience: float) -> None:
-        """Subscribe, and wait until the car and the mux are connected.
+    def __init__(self, patience: float, has_map: bool) -> None:
+        """Subscribe, and wait until the car and the mux are connected, and for the map if any.
 
         Raises:
             ObservationError: they are not connected within `patience` [s of wall-clock time].
@@ -83,7 +83,7 @@ class ReplayObserver:
         if self._reports_collisions:
             collisions = _subscribe(COLLISIONS, PoseArray, self._on_collision)
             wait_for(collisions.get_num_connections, f"a publisher of {COLLISIONS}", patience)
-        if MAP in published:
+        if has_map:
             _subscribe(MAP, MapMetaData, self._on_map)
             wait_for(lambda: self._map is not None, f"a message on {MAP}", patience)
         self._initial_pose_sub = _subscribe(

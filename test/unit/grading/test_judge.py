@@ -17,10 +17,12 @@ SPARSE = np.append(replay().stamps[:-1], replay().stamps[-1] + 3 * TENTH)
 
 
 def test_all_is_right():
-    assert judged(replay()) == ({}, "everything is right")
+    failed, verdict = judged(replay())
+    assert failed == {} and len(verdict.splitlines()) == 10
+    assert verdict.startswith("ok   node: the node ran") and verdict.endswith("checks passed")
     failed, verdict = judged(replay(sent=commands()))
     assert failed == {}
-    assert verdict.startswith("everything is right, but the node sends no stop at the end")
+    assert "all checks passed\nnote: the node sends no stop at the end, so the car" in verdict
     assert judged(replay(map_origin=None))[0] == {}  # without a map
 
 
@@ -57,7 +59,22 @@ def test_one_fault(changes, name, message):
     failed, verdict = judged(replay(**changes))
     assert set(failed) == {name}
     assert message in failed[name]
-    assert verdict == f"{name}: {failed[name]}"
+    assert verdict.startswith(f"FAIL {name}: {failed[name]}\nok   ")
+    assert "1 check failed" in verdict
+
+
+def test_a_crash_is_the_first_line():
+    """Then come the checks that failed, then those that were not judged, then those that passed."""
+    outcome = "the node ended with exit status 1; its last output:\nTraceback\nIndexError: 3"
+    failed, verdict = judged(replay(outcome=outcome, sent=COMMANDS[:10]))
+    lines = verdict.splitlines()
+    assert (
+        lines[0] == "FAIL node: the node ended with exit status 1; its last output: IndexError: 3"
+    )
+    assert lines[1].startswith("FAIL commands: no command after row 1")
+    assert lines[len(failed) - 1].startswith("FAIL rate: rows 2 to 3 (0.75 s): not judged")
+    assert all(line.startswith("ok   ") for line in lines[len(failed) : 9])
+    assert lines[-3:] == ["the last output of the node:", "Traceback", "IndexError: 3"]
 
 
 def test_without_data_nothing_passes():
@@ -75,9 +92,17 @@ def changed(index, **values):
     return [*COMMANDS[:index], COMMANDS[index]._replace(**values), *COMMANDS[index + 1 :]]
 
 
+def scaled(speed, angle):
+    """Return the commands with all speeds and all steering angles multiplied."""
+    return [
+        each._replace(speed=speed * each.speed, steering_angle=angle * each.steering_angle)
+        for each in COMMANDS
+    ]
+
+
 TIME = COMMANDS[5].time
 HURRIED = [each._replace(time=BEGIN + k * TENTH * 7 // 10) for k, each in enumerate(COMMANDS[:10])]
-MIRRORED = [each._replace(steering_angle=-each.steering_angle) for each in COMMANDS]
+SWAPPED = [each._replace(speed=each.steering_angle, steering_angle=each.speed) for each in COMMANDS]
 UNSTAMPED = [each._replace(stamped=False) for each in COMMANDS]
 
 
@@ -93,11 +118,16 @@ ROW = "commands: row 1 (1 s): received "
         (COMMANDS[:1] + COMMANDS[10:], RATE + "1 command received; expected 10"),
         (HURRIED + COMMANDS[10:], RATE + "the stamps of its 10 commands span 0.63 s; expected 1 s"),
         (changed(5, time=TIME + TENTH * 6 // 10), RATE + "0.16 s between the stamps of messages 5"),
-        (changed(5, time=TIME + TENTH * 6 // 10, stamped=False), "everything is right"),
-        (changed(5, time=TIME + TENTH * 4 // 10), "everything is right"),
+        (changed(5, time=TIME + TENTH * 6 // 10, stamped=False), ""),
+        (changed(5, time=TIME + TENTH * 4 // 10), ""),
         (changed(5, time=TIME - TENTH * 3 // 2), RATE + "message 6 is stamped 0.05 s before"),
         (REORDERED, ROW + "1 m/s, -0.1 rad; expected 2 m/s, 0.1 rad. The rows are in the wrong o"),
-        (MIRRORED, ROW + "2 m/s, -0.1 rad; expected 2 m/s, 0.1 rad. A positive steering angle tu"),
+        (scaled(1, -1), ROW + "2 m/s, -0.1 rad; expected 2 m/s, 0.1 rad. All steering angles have"),
+        (SWAPPED, ROW + "0.1 m/s, 2 rad; expected 2 m/s, 0.1 rad. Speed and steering angle are sw"),
+        (scaled(1, math.degrees(1)), "expected 2 m/s, 0.1 rad. All steering angles are in degrees"),
+        (scaled(1, 0.25), "expected 2 m/s, 0.1 rad. All steering angles are 0.25 times those of"),
+        (scaled(0.5, 1), "expected 2 m/s, 0.1 rad. All speeds are 0.5 times those of the plan\n"),
+        (scaled(2, -1), "All speeds are 2 times those of the plan. All steering angles have the"),
         ([COMMANDS[-1]._replace(time=BEGIN)], ROW + "0 m/s, 0 rad; expected 2 m/s, 0.1 rad"),
         (COMMANDS[:10], "commands: no command after row 1; expected rows 2 to 3 (0.75 s)"),
         (changed(-1, speed=3.0), "commands: after the last row the node sent 3 m/s, 0 rad; expec"),
@@ -106,7 +136,8 @@ ROW = "commands: row 1 (1 s): received "
     ],
 )
 def test_commands(sent, said):
-    assert judged(replay(sent=sent))[1].startswith(said)
+    failed, verdict = judged(replay(sent=sent))
+    assert said in verdict and bool(failed) == bool(said)
 
 
 def test_what_was_not_judged_is_said():
