@@ -56,6 +56,9 @@ class CarPose:
         self._changed = threading.Condition()
         self._reports: Deque[Report] = deque(maxlen=_KEPT_REPORTS)
         self._arrival = 0.0
+        self._sequence = 0
+        self.restarts = 0
+        """How often the node that reports the pose has been restarted."""
         self._subscriber = rospy.Subscriber(
             f"/{car_name}/car_pose", PoseStamped, self._on_pose, tcp_nodelay=True
         )
@@ -154,6 +157,9 @@ class CarPose:
         stamp = ros_time.received_stamp(msg.header.stamp.to_nsec())
         with self._changed:
             self._arrival = time.monotonic()
+            # rospy numbers the messages of a publisher.
+            self.restarts += msg.header.seq < self._sequence
+            self._sequence = msg.header.seq
             distance = 0.0
             if self._reports:
                 last = self._reports[-1]

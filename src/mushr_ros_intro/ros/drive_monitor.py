@@ -65,7 +65,7 @@ class DriveMonitor:
 
     def _watch(self) -> None:
         """Watch the drive, in a thread: simulated time stands still if the car has died."""
-        lost_since = math.inf
+        lost_since, restarts = math.inf, self._car_pose.restarts
         while not self._is_done:
             time.sleep(CHECK_PERIOD)
             self._find_others()
@@ -85,9 +85,12 @@ class DriveMonitor:
                     (now - self._timetable.start) / NANOSECONDS,
                     self._car_pose.topic,
                 )
-            elif was_lost and not is_lost:
-                lost_since = math.inf
-                rospy.logwarn("%s: the car reports its pose again", position)
+            elif not is_lost and (was_lost or restarts != self._car_pose.restarts):
+                is_new = restarts != self._car_pose.restarts
+                lost_since, restarts = math.inf, self._car_pose.restarts
+                self._lost_at = position
+                event = "has been restarted" if is_new else "reports its pose again"
+                rospy.logwarn("%s: the car %s", position, event)
             if ros_time.is_simulated() and time.monotonic() > lost_since + REPORT_TIMEOUT:
                 node.give_up(DriveError(f"{self._lost()}, and simulated time stands still"))
                 return
@@ -200,7 +203,7 @@ class DriveMonitor:
         if self._others:
             return f"{', '.join(self._others)} also published on {self._commands.topic}"
         if self._lost_at:
-            return f"In {self._lost_at}, the car did not report its pose. It has been restarted"
+            return f"In {self._lost_at}, the car did not report its pose, or it was restarted"
         return "Did another input of the mux drive the car, or did another node place it?"
 
     def _on_collision(self, msg: PoseArray) -> None:
