@@ -1,9 +1,9 @@
 """Facts about a running system that the doctor judges, and the findings that it reports."""
 
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
+from mushr_ros_intro.errors import CallFault
 from mushr_ros_intro.sim.mux_config import IDLE
 
 DEFAULT_MASTER = "http://localhost:11311"
@@ -22,21 +22,11 @@ class Finding(NamedTuple):
         return f"{self.problem}. {self.remedy}"
 
 
-class Fault(Enum):
-    """Why the master or a node cannot be reached; the text is for the master."""
-
-    MALFORMED = f"expected is an address such as {DEFAULT_MASTER}"
-    UNKNOWN_HOST = "its host name cannot be resolved"
-    REFUSED = "no master runs there"
-    NO_RESPONSE = "the master there does not respond"
-    NOT_ROS = "the program there is not a ROS master"
-
-
 class Master(NamedTuple):
     """The master at ROS_MASTER_URI."""
 
     uri: str
-    fault: Optional[Fault] = None
+    fault: Optional[CallFault] = None
     is_local: bool = True
     """Whether its address is one of this machine."""
     other: str = ""
@@ -97,7 +87,7 @@ class Facts:
     output: Topic = Topic("", "", "")
     """The commands from the mux to the car."""
     initial_pose: Topic = Topic("", "", "")
-    dead: Dict[str, Fault] = field(default_factory=dict)
+    dead: Dict[str, CallFault] = field(default_factory=dict)
     """The registered nodes that cannot be reached."""
     strays: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
     """The publishers of each other topic of commands that has no subscriber."""

@@ -6,12 +6,12 @@ from mushr_ros_intro.doctor.facts import (
     DEFAULT_MASTER,
     Clock,
     Facts,
-    Fault,
     Finding,
     Master,
     Publisher,
     Topic,
 )
+from mushr_ros_intro.errors import CallFault
 from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE
 
 _CONTINUE = "If it was stopped with Ctrl-Z, type in its terminal: fg"
@@ -54,7 +54,7 @@ def health(facts: Facts) -> str:
     return f"{drives}; whether the car moves is unknown, because its pose is not published"
 
 
-def _no_master(master: Master, fault: Fault) -> Finding:
+def _no_master(master: Master, fault: CallFault) -> Finding:
     """Return why ROS_MASTER_URI cannot be used."""
     problem = f"ROS_MASTER_URI is {master.uri}, but {fault.value}"
     if master.other:
@@ -62,11 +62,11 @@ def _no_master(master: Master, fault: Fault) -> Finding:
             f"{problem}; a master runs on this machine at {master.other}",
             f"Type: export ROS_MASTER_URI={master.other}",
         )
-    if fault is Fault.MALFORMED:
+    if fault is CallFault.MALFORMED:
         return Finding(problem, f"Type: export ROS_MASTER_URI={DEFAULT_MASTER}")
     if master.is_local:
         start = "Type: roslaunch mushr_ros_intro sim.launch"
-        return Finding(problem, _CONTINUE if fault is Fault.NO_RESPONSE else start)
+        return Finding(problem, _CONTINUE if fault is CallFault.NO_RESPONSE else start)
     return Finding(
         problem,
         "Check the network connection to that machine, and start the master there. To use a master "
@@ -74,13 +74,13 @@ def _no_master(master: Master, fault: Fault) -> Finding:
     )
 
 
-def _dead_node(node: str, fault: Fault) -> Finding:
+def _dead_node(node: str, fault: CallFault) -> Finding:
     """Return the finding about a registered node that cannot be reached."""
-    if fault is Fault.NO_RESPONSE:
+    if fault is CallFault.NO_RESPONSE:
         return Finding(
             f"{node} does not respond: it is stopped, or its machine cannot be reached", _CONTINUE
         )
-    if fault is Fault.UNKNOWN_HOST:
+    if fault is CallFault.UNKNOWN_HOST:
         return Finding(
             f"{node} cannot be reached: this machine cannot resolve the host name of its machine",
             "On that machine, set ROS_IP to its IP address and start the node again",

@@ -17,7 +17,7 @@ from typing import Any, List, Sequence, Set
 import rosgraph
 import rospy
 
-from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.errors import CallError, CallFault, UserError
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.sim.stamps import CONNECTION_TIMEOUT, REANNOUNCE_PERIOD
 
@@ -26,26 +26,6 @@ _PING_AFTER = 0.5
 
 _PING_TIMEOUT = 3.0
 """Timeout for the response of a node [s]; long enough for a busy node."""
-
-
-class CallError(RuntimeError):
-    """A call to the master or to a node failed; the subclasses give the reason."""
-
-
-class UnknownHostError(CallError):
-    """The host name in the address cannot be resolved."""
-
-
-class RefusedError(CallError):
-    """Nothing listens at the address."""
-
-
-class NoResponseError(CallError):
-    """There was no response in time."""
-
-
-class NotRosError(CallError):
-    """The response does not come from a ROS master or node."""
 
 
 class NoSubscriberError(UserError):
@@ -226,17 +206,20 @@ def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) ->
         arguments: the method's arguments after the caller's name.
 
     Raises:
-        CallError: the call failed; the subclasses give the reason.
+        CallError: the call failed. If the other side answers with an error, it has replaced the one
+            that was called.
     """
     try:
         server = xmlrpc.client.ServerProxy(uri, transport=_Transport(patience))
         code, message, value = getattr(server, method)(caller, *arguments)
     except (socket.timeout, TimeoutError):
-        raise NoResponseError(f"{uri}: no response within {patience:g} s") from None
+        raise CallError(
+            f"{uri}: no response within {patience:g} s", CallFault.NO_RESPONSE
+        ) from None
     except socket.gaierror:
-        raise UnknownHostError(f"{uri}: unknown host") from None
+        raise CallError(f"{uri}: unknown host", CallFault.UNKNOWN_HOST) from None
     except OSError as error:
-        raise RefusedError(f"{uri}: {error}") from None
+        raise CallError(f"{uri}: {error}") from None
     except (
         xmlrpc.client.Error,
         xml.parsers.expat.ExpatError,
@@ -244,7 +227,7 @@ def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) ->
         TypeError,
         ValueError,
     ):
-        raise NotRosError(f"{uri}: not a ROS master or node") from None
+        raise CallError(f"{uri}: not a ROS master or node", CallFault.NOT_ROS) from None
     if code != 1:
         raise CallError(str(message))
     return value

@@ -8,7 +8,7 @@ from typing import Any, Dict, List, Sequence, Set, Tuple
 
 import rospy
 
-from mushr_ros_intro.ros.connections import NoResponseError
+from mushr_ros_intro.errors import CallError
 from mushr_ros_intro.ros.network import run_with_timeout
 
 _START_TIMEOUT = 5.0
@@ -25,7 +25,7 @@ class Listener:
     regular subscribers reject because of its type or MD5 sum.
 
     Raises:
-        NoResponseError: the master does not respond; stop() raises it, too.
+        CallError: the master does not respond; stop() raises it, too.
     """
 
     def __init__(self, topics: Sequence[str]) -> None:
@@ -76,5 +76,5 @@ class Listener:
 
 def sign_off() -> None:
     """Remove this node's registrations from the master, if the master responds."""
-    with suppress(NoResponseError):
+    with suppress(CallError):
         run_with_timeout(lambda: rospy.signal_shutdown("done"), _END_TIMEOUT)

@@ -10,7 +10,7 @@ from typing import Any, Callable, List, Sequence
 import rosgraph.network
 
 from mushr_ros_intro.doctor.facts import Finding
-from mushr_ros_intro.ros.connections import NoResponseError
+from mushr_ros_intro.errors import CallError, CallFault
 
 _RESOLVE_TIMEOUT = 2.0
 """For looking up a host name [s]."""
@@ -20,9 +20,10 @@ def run_in_parallel(jobs: Sequence[Callable[[], Any]], timeout: float) -> List[A
     """Run functions in daemon threads.
 
     Returns:
-        What each returned or raised; a NoResponseError for each that is not done in time [s].
+        What each returned or raised; a CallError for each that is not done in time [s].
     """
-    results: List[Any] = [NoResponseError(f"no response within {timeout:g} s") for _ in jobs]
+    late = CallError(f"no response within {timeout:g} s", CallFault.NO_RESPONSE)
+    results: List[Any] = [late for _ in jobs]
 
     def run(index: int) -> None:
         try:
@@ -43,7 +44,7 @@ def run_with_timeout(job: Callable[[], Any], timeout: float) -> Any:
     """Run a function in a daemon thread, and return or raise what it does.
 
     Raises:
-        NoResponseError: it is not done within `timeout` [s].
+        CallError: it is not done within `timeout` [s].
     """
     (result,) = run_in_parallel([job], timeout)
     if isinstance(result, Exception):
@@ -53,7 +54,7 @@ def run_with_timeout(job: Callable[[], Any], timeout: float) -> Any:
 
 def resolve(host: str) -> List[str]:
     """Return the IP addresses of a host; none if it cannot be resolved in time."""
-    with suppress(OSError, UnicodeError, NoResponseError):
+    with suppress(OSError, UnicodeError, CallError):
         found = run_with_timeout(lambda: socket.getaddrinfo(host, 0), _RESOLVE_TIMEOUT)
         return [str(each[4][0]) for each in found]
     return []

@@ -16,21 +16,14 @@ from mushr_ros_intro.doctor.facts import (
     DEFAULT_MASTER,
     Clock,
     Facts,
-    Fault,
     Master,
     Publisher,
     Topic,
 )
+from mushr_ros_intro.errors import CallError, CallFault
 from mushr_ros_intro.parameters import ParameterError
 from mushr_ros_intro.ros import conversions
-from mushr_ros_intro.ros.connections import (
-    CallError,
-    NoResponseError,
-    NotRosError,
-    RefusedError,
-    UnknownHostError,
-    ask,
-)
+from mushr_ros_intro.ros.connections import ask
 from mushr_ros_intro.ros.listener import Listener
 from mushr_ros_intro.ros.network import is_local, resolve, run_in_parallel
 from mushr_ros_intro.ros.ros_time import wait_for
@@ -42,13 +35,6 @@ _CLOCK_TIMEOUT = 5.5
 _MUX_INPUTS = ("safety", "teleop", "navigation", "default")
 """The inputs of MuSHR's mux, for a mux without parameters."""
 
-_FAULTS: Dict[type, Fault] = {
-    RefusedError: Fault.REFUSED,
-    NoResponseError: Fault.NO_RESPONSE,
-    UnknownHostError: Fault.UNKNOWN_HOST,
-    NotRosError: Fault.NOT_ROS,
-}
-
 
 @dataclass(frozen=True)
 class _Graph:
@@ -57,7 +43,7 @@ class _Graph:
     publishers: Dict[str, List[str]]
     subscribers: Dict[str, List[str]]
     services: List[str]
-    dead: Dict[str, Fault]
+    dead: Dict[str, CallFault]
 
     def live(self, nodes: Dict[str, List[str]], topic: str) -> List[str]:
         """Return the publishers or subscribers of a topic that can be reached."""
@@ -99,14 +85,14 @@ class Observer:
         try:
             return self._observe_system(facts)
         except CallError as error:  # the master has ended or stopped meanwhile
-            return replace(facts, master=master._replace(fault=_fault(error)))
+            return replace(facts, master=master._replace(fault=error.fault))
 
     def _find_master(self) -> Master:
         """Return whether a master responds, and whether there is another one."""
         try:
             host, port = rosgraph.network.parse_http_host_and_port(self._uri)
         except ValueError:
-            return Master(self._uri, Fault.MALFORMED)
+            return Master(self._uri, CallFault.MALFORMED)
         addresses = resolve(host)
         master = Master(self._uri, is_local=is_local(addresses))
         default = rosgraph.network.parse_http_host_and_port(self._default_master)
@@ -115,11 +101,11 @@ class Observer:
                 self._ask(self._default_master, "getPid")
                 master = master._replace(other=self._default_master)
         if not addresses:
-            return master._replace(fault=Fault.UNKNOWN_HOST)
+            return master._replace(fault=CallFault.UNKNOWN_HOST)
         try:
             self._ask(self._uri, "getPid")
         except CallError as error:
-            return master._replace(fault=_fault(error))
+            return master._replace(fault=error.fault)
         return master
 
     def _ask(self, uri: str, method: str, *arguments: Any) -> Any:
@@ -189,9 +175,9 @@ class Observer:
         jobs = [lambda node=node: ping(node) for node in nodes]
         results = run_in_parallel(jobs, 1.5 * self._call_timeout)
         dead = {
-            node: _fault(result)
+            node: result.fault
             for node, result in zip(nodes, results)
-            if isinstance(result, Exception)
+            if isinstance(result, CallError)
         }
         names = [name for name, _ in services]
         return _Graph(dict(publishers), dict(subscribers), names, dead)
@@ -242,11 +228,6 @@ class Observer:
             wait_for(lambda: len(set(_instants(listener))) > 1, _CLOCK_TIMEOUT)
         listener.stop()
         return listener
-
-
-def _fault(error: Exception) -> Fault:
-    """Return why a call failed. A node that answers with an error has replaced the one called."""
-    return _FAULTS.get(type(error), Fault.REFUSED)
 
 
 def _topic(graph: _Graph, heard: Listener, name: str, kind: Any = AckermannDriveStamped) -> Topic:

@@ -9,9 +9,10 @@ from typing import Iterator
 import rosgraph
 import rospy
 
+from mushr_ros_intro.errors import CallError
 from mushr_ros_intro.plan.model import Plan, Row
 from mushr_ros_intro.ros import ros_time
-from mushr_ros_intro.ros.connections import CallError, ask
+from mushr_ros_intro.ros.connections import ask
 from mushr_ros_intro.sim.stamps import (
     CALL_TIMEOUT,
     COMMAND_PERIOD,

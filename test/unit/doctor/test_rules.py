@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from mushr_ros_intro.doctor.facts import Clock, Facts, Fault, Master, Publisher, Topic
+from mushr_ros_intro.doctor.facts import Clock, Facts, Master, Publisher, Topic
 from mushr_ros_intro.doctor.rules import diagnose, health
+from mushr_ros_intro.errors import CallFault
 
 S = 1_000_000_000
 """[ns]"""
@@ -69,14 +70,18 @@ def test_health():
 @pytest.mark.parametrize(
     "master, problem, remedy",
     [
-        (Master(LOCAL, Fault.REFUSED), "no master runs there", "roslaunch mushr_ros_intro sim"),
-        (Master(LOCAL, Fault.NO_RESPONSE), "the master there does not respond", "Ctrl-Z"),
-        (Master(LOCAL, Fault.NOT_ROS), "the program there is not a ROS master", "roslaunch"),
-        (Master("far", Fault.MALFORMED), "expected is an address such as", f"URI={LOCAL}"),
-        (Master("http://far:1", Fault.REFUSED, False), "no master runs", "Check the network"),
-        (Master("http://far:1", Fault.NO_RESPONSE, False), "the master there does", f"URI={LOCAL}"),
+        (Master(LOCAL, CallFault.REFUSED), "no master runs there", "roslaunch mushr_ros_intro sim"),
+        (Master(LOCAL, CallFault.NO_RESPONSE), "the master there does not respond", "Ctrl-Z"),
+        (Master(LOCAL, CallFault.NOT_ROS), "the program there is not a ROS master", "roslaunch"),
+        (Master("far", CallFault.MALFORMED), "expected is an address such as", f"URI={LOCAL}"),
+        (Master("http://far:1", CallFault.REFUSED, False), "no master runs", "Check the network"),
         (
-            Master("http://far:1", Fault.UNKNOWN_HOST, False, "http://localhost:2"),
+            Master("http://far:1", CallFault.NO_RESPONSE, False),
+            "the master there does",
+            f"URI={LOCAL}",
+        ),
+        (
+            Master("http://far:1", CallFault.UNKNOWN_HOST, False, "http://localhost:2"),
             "its host name cannot be resolved; a master runs on this machine at http://localhost:2",
             "Type: export ROS_MASTER_URI=http://localhost:2",
         ),
@@ -91,10 +96,10 @@ def test_master(master, problem, remedy):
 @pytest.mark.parametrize(
     "changes, problem, remedy",
     [
-        ({"dead": {"/rviz": Fault.REFUSED}}, "/rviz has died", "rosnode cleanup"),
-        ({"dead": {"/rviz": Fault.NOT_ROS}}, "/rviz has died", "rosnode cleanup"),
-        ({"dead": {"/rviz": Fault.NO_RESPONSE}}, "/rviz does not respond", "terminal: fg"),
-        ({"dead": {"/rviz": Fault.UNKNOWN_HOST}}, "/rviz cannot be reached", "set ROS_IP"),
+        ({"dead": {"/rviz": CallFault.REFUSED}}, "/rviz has died", "rosnode cleanup"),
+        ({"dead": {"/rviz": CallFault.NOT_ROS}}, "/rviz has died", "rosnode cleanup"),
+        ({"dead": {"/rviz": CallFault.NO_RESPONSE}}, "/rviz does not respond", "terminal: fg"),
+        ({"dead": {"/rviz": CallFault.UNKNOWN_HOST}}, "/rviz cannot be reached", "set ROS_IP"),
         ({"clock": Clock()}, "no node publishes /clock", "rosparam set use_sim_time false"),
         (
             {"clock": Clock((CAR,), False, "/car/car_sim/resume")},
@@ -239,7 +244,7 @@ def test_no_finding(changes):
 @pytest.mark.parametrize("node", ["/path_publisher", MUX, CAR])
 def test_effects_of_a_dead_node_are_left_out(node):
     (finding,) = findings(
-        inputs=inputs(SILENT), dead={node: Fault.REFUSED}, clock=Clock((node,)), moves=None
+        inputs=inputs(SILENT), dead={node: CallFault.REFUSED}, clock=Clock((node,)), moves=None
     )
     assert finding.startswith(f"{node} has died")
 
