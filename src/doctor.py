@@ -21,7 +21,7 @@ try:
 
     from mushr_ros_intro.doctor.facts import Facts, Finding
     from mushr_ros_intro.doctor.programs import program_findings
-    from mushr_ros_intro.doctor.rules import diagnose, health
+    from mushr_ros_intro.doctor.rules import diagnose, health, hints
     from mushr_ros_intro.ros.listener import sign_off
     from mushr_ros_intro.ros.network import network_findings
     from mushr_ros_intro.ros.observation import Observer
@@ -139,8 +139,9 @@ def main() -> int:
         facts = observe(arguments.car)
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
-    found = [*package_findings(arguments.package), *network, *diagnose(facts)]
-    for line in [str(each) for each in found] or [health(facts)]:
+    package = "" if arguments.package == PACKAGE else arguments.package
+    found = [*package_findings(arguments.package), *network, *diagnose(facts, package)]
+    for line in [str(each) for each in found] or [health(facts), *hints(facts)]:
         print(line)
     return 1 if found else 0
 

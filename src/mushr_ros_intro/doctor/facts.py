@@ -89,6 +89,8 @@ class Facts:
     initial_pose: Topic = Topic("", "", "")
     dead: Dict[str, CallFault] = field(default_factory=dict)
     """The registered nodes that cannot be reached."""
+    abandoned: Tuple[str, ...] = ()
+    """The nodes on this machine that started before the master and are not registered at it."""
     strays: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
     """The publishers of each other topic of commands that has no subscriber."""
     other_cars: Tuple[str, ...] = ()

@@ -5,11 +5,17 @@ import os
 import re
 import shlex
 import shutil
+import subprocess
+import sys
+from functools import lru_cache
 from typing import List, Optional
 
 from mushr_ros_intro.doctor.facts import Finding
 
 _SHEBANG_REMEDY = "Make its first line: #!/usr/bin/python3"
+
+_IMPORT_TIMEOUT = 20.0
+"""For an interpreter to import rospy [s]."""
 
 
 def program_findings(folder: str) -> List[Finding]:
@@ -43,14 +49,35 @@ def _program_finding(path: str) -> Optional[Finding]:
             rf"Type: sed -i 's/\r$//' {shlex.quote(path)}",
         )
     interpreter = _interpreter(line)
-    if not shutil.which(interpreter):
-        return Finding(
-            f"{path} names the interpreter '{interpreter}', which is not installed",
-            _SHEBANG_REMEDY,
-        )
+    program = shutil.which(interpreter)
+    problem = f"{path} names the interpreter '{interpreter}', which"
+    if not program:
+        return Finding(f"{problem} is not installed", _SHEBANG_REMEDY)
+    if b"rospy" in text and not _imports_rospy(program):
+        problem += f" is {program} in this terminal and cannot import rospy"
+        return Finding(problem, _SHEBANG_REMEDY)
     if not os.access(path, os.X_OK):
         return Finding(f"{path} is not executable", f"Type: chmod +x {shlex.quote(path)}")
     return None
+
+
+@lru_cache
+def _imports_rospy(program: str) -> bool:
+    """Return whether a Python interpreter can import rospy."""
+    if os.path.realpath(program) == os.path.realpath(sys.executable):
+        return True  # this process has imported it
+    try:
+        done = subprocess.run(
+            [program, "-c", "import rospy"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            timeout=_IMPORT_TIMEOUT,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return done.returncode == 0
 
 
 def _interpreter(line: bytes) -> str:

@@ -17,13 +17,18 @@ from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE
 _CONTINUE = "If it was stopped with Ctrl-Z, type in its terminal: fg"
 
 
-def diagnose(facts: Facts) -> List[Finding]:
+def diagnose(facts: Facts, package: str = "") -> List[Finding]:
     """Return what keeps the car from moving, causes before effects.
 
     Effects of a fault that is already reported are left out.
+
+    Args:
+        facts: the observed state of the system.
+        package: the package of the user's node, if it is known.
     """
     if facts.master.fault:
         return [_no_master(facts.master, facts.master.fault)]
+    first = _rivals(facts) + [_abandoned(node) for node in facts.abandoned]
     found = [_dead_node(node, fault) for node, fault in facts.dead.items()]
     if facts.clock:
         found += _time(facts.clock, set(facts.dead))
@@ -35,15 +40,15 @@ def diagnose(facts: Facts) -> List[Finding]:
         for sender in facts.senders:
             found += _stamps(sender, facts)
     else:
-        found += _strays(facts) or ([] if found else [_no_commands(facts)])
+        found += _strays(facts) or ([] if found else [_no_commands(facts, package)])
     if facts.contact:
         found.append(_contact(facts))
-    if not found and facts.moves is False:
+    if not first + found and facts.moves is False:
         problem = f"{_names(facts.senders)} sends commands, but the car does not move"
         remedy = "Read the terminals of the car and of the mux. To see the commands that the car "
         remedy += f"receives, type: rostopic echo {facts.output.name}"
         found.append(Finding(problem, remedy))
-    return found
+    return first + found
 
 
 def health(facts: Facts) -> str:
@@ -52,6 +57,40 @@ def health(facts: Facts) -> str:
     if facts.moves:
         return f"{drives}, and the car moves"
     return f"{drives}; whether the car moves is unknown, because its pose is not published"
+
+
+def hints(facts: Facts) -> List[str]:
+    """Return what could be better in a system without findings."""
+    return [
+        f"hint: the commands of {each.node} have no stamp, so each one takes effect when it "
+        "arrives, and the final pose differs from drive to drive. In send_command of the "
+        "tutorial's listing, replace AckermannDriveStamped(drive=drive) by AckermannDriveStamped("
+        "header=Header(stamp=rospy.Time.now()), drive=drive); Header is in std_msgs.msg"
+        for each in facts.senders
+        if 0 in each.stamps
+    ]
+
+
+def _rivals(facts: Facts) -> List[Finding]:
+    """Find nodes that drive the car at the same time through the same input."""
+    return [
+        Finding(
+            f"{_names(topic.senders)} drive the car at the same time: all send commands on "
+            f"{topic.name}, and the car gets all of them",
+            f"Stop one of them; type: rosnode kill {_names(topic.senders, ' or rosnode kill ')}",
+        )
+        for topic in facts.inputs.values()
+        if len(topic.senders) > 1
+    ]
+
+
+def _abandoned(node: str) -> Finding:
+    """Return the finding about a node that has outlived its master."""
+    return Finding(
+        f"{node} is not registered: it belongs to a master that has ended, so it receives and "
+        "sends nothing, and rviz shows an old state",
+        "Stop it with Ctrl-C in its terminal, and start it again",
+    )
 
 
 def _no_master(master: Master, fault: CallFault) -> Finding:
@@ -130,7 +169,8 @@ def _strays(facts: Facts) -> List[Finding]:
     return [
         Finding(
             f"the commands of {_list(nodes)} have no effect: no node subscribes to {topic}",
-            f"Send them to the car '{facts.car}': start the node again with the argument "
+            f"Send them to the car '{facts.car}': in the launch file, add to its <node>: "
+            f'<remap from="{topic}" to="{_control_topic(facts)}" />; with rosrun, add the argument '
             f"{topic}:={_control_topic(facts)}",
         )
         for topic, nodes in facts.strays.items()
@@ -182,7 +222,7 @@ def _commands(facts: Facts) -> List[Finding]:
     return []
 
 
-def _no_commands(facts: Facts) -> Finding:
+def _no_commands(facts: Facts, package: str) -> Finding:
     """Return that no node sends commands."""
     silent = [each for topic in facts.inputs.values() for each in topic.publishers]
     if silent:
@@ -191,21 +231,20 @@ def _no_commands(facts: Facts) -> Finding:
             "To drive with keys, hold a key down in the window of keyboard_teleop. Otherwise read "
             "the node's terminal, and check that its loop calls publish",
         )
+    own = f"roslaunch mushr_ros_intro path_publisher.launch{_car_argument(facts)} "
+    remedy = "Start your node, and read its terminal. To find out why it does not start, type: "
+    remedy += "rosrun mushr_ros_intro doctor.py --package THE_PACKAGE_OF_YOUR_NODE"
+    if package:
+        remedy = f"Start the node of {package}, and read its terminal"
     return Finding(
         f"no node publishes commands: {_control_topic(facts)} has no publisher",
-        f"Type: roslaunch mushr_ros_intro path_publisher.launch{_car_argument(facts)} "
-        "plan_file:=figure_8",
+        f"{remedy}. To drive with this package's node, type: {own}plan_file:=figure_8",
     )
 
 
 def _stamps(sender: Publisher, facts: Facts) -> List[Finding]:
-    """Find commands without a stamp, or with a stamp from another clock."""
-    if 0 in sender.stamps:
-        problem = f"{sender.node} sends commands with stamp 0, so each one takes effect when it "
-        problem += "arrives, and the final pose differs from run to run"
-        remedy = "Set msg.header.stamp = rospy.Time.now() before you publish"
-        return [Finding(problem, remedy)]
-    if not facts.window:
+    """Find stamps from another clock."""
+    if not facts.window or 0 in sender.stamps:
         return []
     begin, end = facts.window
     ahead, behind = min(sender.stamps) - end, begin - max(sender.stamps)

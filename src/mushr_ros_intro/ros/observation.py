@@ -20,6 +20,7 @@ from mushr_ros_intro.doctor.facts import (
     Publisher,
     Topic,
 )
+from mushr_ros_intro.doctor.processes import abandoned_nodes
 from mushr_ros_intro.errors import CallError, CallFault
 from mushr_ros_intro.parameters import ParameterError
 from mushr_ros_intro.ros import conversions
@@ -44,6 +45,8 @@ class _Graph:
     subscribers: Dict[str, List[str]]
     services: List[str]
     dead: Dict[str, CallFault]
+    pids: Dict[str, int]
+    """The process ids of the nodes that can be reached."""
 
     def live(self, nodes: Dict[str, List[str]], topic: str) -> List[str]:
         """Return the publishers or subscribers of a topic that can be reached."""
@@ -150,6 +153,7 @@ class Observer:
             output=output,
             initial_pose=_topic(graph, heard, self._initial_pose, PoseWithCovarianceStamped),
             dead=graph.dead,
+            abandoned=self._abandoned(facts.master, graph),
             strays=strays,
             other_cars=other_cars,
             active=actives[-1] if actives else IDLE,
@@ -165,12 +169,12 @@ class Observer:
         entries = [*publishers, *subscribers, *services]
         nodes = sorted({node for _, names in entries for node in names})
 
-        def ping(node: str) -> None:
+        def ping(node: str) -> Any:
             try:
                 uri = self._ask(self._uri, "lookupNode", node)
             except CallError:
-                return  # it has just signed off
-            self._ask(uri, "getPid")
+                return None  # it has just signed off
+            return self._ask(uri, "getPid")
 
         jobs = [lambda node=node: ping(node) for node in nodes]
         results = run_in_parallel(jobs, 1.5 * self._call_timeout)
@@ -180,7 +184,15 @@ class Observer:
             if isinstance(result, CallError)
         }
         names = [name for name, _ in services]
-        return _Graph(dict(publishers), dict(subscribers), names, dead)
+        pids = {node: result for node, result in zip(nodes, results) if node not in dead}
+        return _Graph(dict(publishers), dict(subscribers), names, dead, pids)
+
+    def _abandoned(self, master: Master, graph: _Graph) -> Tuple[str, ...]:
+        """Return the nodes on this machine that have outlived their master."""
+        if not master.is_local:
+            return ()
+        pid = self._ask(self._uri, "getPid")
+        return tuple(abandoned_nodes(self._uri, pid, set(graph.pids.values())))
 
     def _read_inputs(self) -> Dict[str, str]:
         """Return the topics of the mux's inputs by name, by falling priority."""

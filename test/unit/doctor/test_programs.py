@@ -1,5 +1,7 @@
 """Programs that cannot be started, each as a file."""
 
+import os
+
 import pytest
 
 from mushr_ros_intro.doctor.programs import program_findings
@@ -25,6 +27,23 @@ def test_a_program_that_cannot_be_started(tmp_path, text, mode, words):
     (finding,) = map(str, program_findings(str(tmp_path)))
     assert finding.startswith(f"{path} ")
     assert words in finding
+
+
+def test_an_interpreter_without_rospy(tmp_path, monkeypatch):
+    folder = tmp_path / "pyenv"
+    folder.mkdir()
+    interpreter = folder / "python3"
+    interpreter.write_text("#!/bin/sh\nexit 1\n")
+    interpreter.chmod(0o755)
+    monkeypatch.setenv("PATH", str(folder), prepend=os.pathsep)
+    for name, text in (("drive.py", "import rospy\n"), ("other.py", "import math\n")):
+        (tmp_path / name).write_text(f"#!/usr/bin/env python3\n{text}")
+        (tmp_path / name).chmod(0o755)
+    (finding,) = map(str, program_findings(str(tmp_path)))
+    assert finding == (
+        f"{tmp_path}/drive.py names the interpreter 'python3', which is {interpreter} in this "
+        "terminal and cannot import rospy. Make its first line: #!/usr/bin/python3"
+    )
 
 
 @pytest.mark.parametrize(

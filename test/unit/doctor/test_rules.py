@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from mushr_ros_intro.doctor.facts import Clock, Facts, Master, Publisher, Topic
-from mushr_ros_intro.doctor.rules import diagnose, health
+from mushr_ros_intro.doctor.rules import diagnose, health, hints
 from mushr_ros_intro.errors import CallFault
 
 S = 1_000_000_000
@@ -19,6 +19,7 @@ NAVIGATION = f"{MUX}/input/navigation"
 LOCAL = "http://localhost:11311"
 PLAN = Publisher("/path_publisher", TYPE, MD5, (NOW, NOW + S // 10), (2.0, 2.0))
 KEYS = Publisher("/car/teleop", TYPE, MD5)
+SECOND = PLAN._replace(node="/second")
 SILENT = PLAN._replace(stamps=(), speeds=())
 
 
@@ -132,7 +133,7 @@ def test_master(master, problem, remedy):
         (
             {**NO_PUBLISHER, "strays": {"/cmd": ("/student",)}},
             "the commands of /student have no effect: no node subscribes to /cmd",
-            f"with the argument /cmd:={NAVIGATION}",
+            f'<remap from="/cmd" to="{NAVIGATION}" />; with rosrun, add the argument /cmd:=',
         ),
         (
             {"inputs": inputs(PLAN._replace(msg_type="std_msgs/String", md5sum="s"))},
@@ -161,8 +162,18 @@ def test_master(master, problem, remedy):
         ),
         (
             NO_PUBLISHER,
-            f"no node publishes commands: {NAVIGATION} has no publisher",
+            f"no node publishes commands: {NAVIGATION} has no publisher. Start your node, and",
             "roslaunch mushr_ros_intro path_publisher.launch plan_file:=figure_8",
+        ),
+        (
+            {"abandoned": ("/rviz (process 7)",), "moves": False},
+            "/rviz (process 7) is not registered: it belongs to a master that has ended",
+            "start it again",
+        ),
+        (
+            {"inputs": {"navigation": Topic("/n", TYPE, MD5, (PLAN, SECOND), (MUX,))}},
+            "/path_publisher and /second drive the car at the same time: all send commands on /n",
+            "rosnode kill /path_publisher or rosnode kill /second",
         ),
         (
             {"inputs": inputs(SILENT), "moves": False},
@@ -184,11 +195,6 @@ def test_master(master, problem, remedy):
             {"inputs": inputs(PLAN._replace(speeds=(0.0, 0.0)))},
             "all commands of /path_publisher have speed 0",
             "msg.drive.speed",
-        ),
-        (
-            {"inputs": inputs(PLAN._replace(stamps=(NOW, 0)))},
-            "/path_publisher sends commands with stamp 0",
-            "msg.header.stamp = rospy.Time.now()",
         ),
         (
             {"inputs": inputs(PLAN._replace(stamps=(NOW + 5 * S // 2,)))},
@@ -223,6 +229,7 @@ def test_finding(changes, problem, remedy):
     "changes",
     [
         {"active": "idle"},  # between two commands
+        {"inputs": inputs(PLAN._replace(stamps=(0, NOW)))},  # a hint
         {"moves": None},  # the pose is not published
         {"clock": RUNNING},
         {"inputs": inputs(PLAN._replace(stamps=(NOW - S, NOW + 2 * S)))},  # within the tolerance
@@ -239,6 +246,24 @@ def test_finding(changes, problem, remedy):
 )
 def test_no_finding(changes):
     assert findings(**changes) == []
+
+
+def test_hints():
+    assert hints(HEALTHY) == []
+    (hint,) = hints(replace(HEALTHY, inputs=inputs(PLAN._replace(stamps=(NOW, 0)))))
+    assert hint.startswith("hint: the commands of /path_publisher have no stamp")
+
+
+def test_the_first_finding_is_a_second_node_that_drives_the_car():
+    two = {"navigation": Topic("/n", TYPE, MD5, (PLAN, SECOND), (MUX,))}
+    found = findings(inputs=two, dead={"/rviz": CallFault.REFUSED}, contact="(9, 8, 7)")
+    assert len(found) == 3 and found[0].startswith("/path_publisher and /second")
+
+
+def test_the_package_of_the_users_node():
+    (finding,) = map(str, diagnose(replace(HEALTHY, **NO_PUBLISHER), "my_ros_intro"))
+    assert "Start the node of my_ros_intro, and read its terminal" in finding
+    assert "--package" not in finding
 
 
 @pytest.mark.parametrize("node", ["/path_publisher", MUX, CAR])
