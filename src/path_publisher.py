@@ -83,6 +83,7 @@ class PathPublisher:
         if self.places_car:
             self.send_init_pose(stamp)
             stamp = self.car_pose.wait_until_at(self.plan.start, stamp, self.timeout)
+            self.preview.publish_path()
         self.timetable.start_after(stamp)
         for row in self.plan.rows:
             self.send_command(row)

@@ -63,7 +63,7 @@ class StrictError(UserError):
 class Preview:
     """The check and the prediction of a plan before the drive.
 
-    Publishes ``~predicted_path`` (nav_msgs/Path) and, with ``~spread``, ``~spread_poses``
+    Publishes ``/CAR_NAME/predicted_path`` (nav_msgs/Path) and, with ``~spread``, ``~spread_poses``
     (geometry_msgs/PoseArray) and ``~spread_ellipses`` (visualization_msgs/MarkerArray). All
     topics are latched.
     """
@@ -98,7 +98,10 @@ class Preview:
         self.plan, changes = slowed(read_plan(path), max_speed)
         """The plan with its speeds limited to ~max_speed."""
         _warn(changes)
-        self._pub_path = rospy.Publisher("~predicted_path", Path, queue_size=1, latch=True)
+        self._path = Path()
+        self._pub_path = rospy.Publisher(
+            f"/{car_name}/predicted_path", Path, queue_size=1, latch=True
+        )
         if self._shows_spread:
             self._pub_spread = rospy.Publisher("~spread_poses", PoseArray, queue_size=1, latch=True)
             self._pub_ellipses = rospy.Publisher(
@@ -133,7 +136,8 @@ class Preview:
         rest, pose = prediction.rest(self.plan, car, world)
         period = max(COMMAND_PERIOD, rest // MAX_PATH_POSES)
         states = prediction.trajectory(self.plan, car, period, world)
-        self._pub_path.publish(conversions.path_to_msg(states, ros_time.now()))
+        self._path = conversions.path_to_msg(states, ros_time.now())
+        self.publish_path()
         if self._shows_spread:
             self._publish_spread(profile)
         has_noise = bool(car.speed_noise or car.steering_noise)
@@ -144,6 +148,10 @@ class Preview:
             is_closed_form=car.is_ideal and world is None,
             is_exact=is_known and not has_noise,
         )
+
+    def publish_path(self) -> None:
+        """Publish the predicted path; the car removes it from rviz when it is placed."""
+        self._pub_path.publish(self._path)
 
     def _publish_spread(self, profile: Parameters) -> None:
         """Publish the spread of drives with random errors: final poses, ellipses on the path."""

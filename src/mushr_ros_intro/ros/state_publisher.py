@@ -4,21 +4,31 @@ from typing import List, Optional
 
 import rospy
 from geometry_msgs.msg import PoseArray, PoseStamped
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker
 
+from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car, Contact, State
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.world.footprint import on_map
+
+_DRAWN_STEP = 0.1
+"""Distance between the drawn poses of the driven path [m]."""
+
+_LINE_POSES = 100
+_KEPT_LINES = 20
+"""The drawing consists of lines of so many poses; the oldest line is replaced."""
 
 
 class StatePublisher:
     """The publishers of a car's state, relative to its namespace.
 
     ``car_pose``, ``odom``, ``joint_states``, /tf, and ``~collision``, latched: the pose of the car
-    if it touches a wall, otherwise no pose.
+    if it touches a wall, otherwise no pose. For rviz: ``driven_path``. When the car is placed, the
+    driven path begins anew, and an empty path on ``predicted_path`` removes the predicted path.
     """
 
     def __init__(self, car: Car, now: int, loses_states: bool) -> None:
@@ -60,14 +70,40 @@ class StatePublisher:
         ]
         self._collision_pub = rospy.Publisher("~collision", PoseArray, queue_size=10, latch=True)
         self._collision_pub.publish(conversions.collision_to_msg(None, now))
+        self._driven_pub = rospy.Publisher("driven_path", Marker, queue_size=1000)
+        self._predicted_pub = rospy.Publisher("predicted_path", Path, queue_size=1)
+        self._last: Optional[State] = None
+        self._line: List[Pose] = []
+        self._lines = 0
 
     def publish(self, states: List[State]) -> None:
         """Publish states on every topic that has a subscriber."""
         for state in states:
+            self._draw(state)
             for publisher, convert in self._publishers:
                 if publisher.get_num_connections():
                     publisher.publish(convert(state))
             self._announce(state)
+
+    def _draw(self, state: State) -> None:
+        """Draw the driven path as a sequence of lines, which is removed when the car is placed."""
+        last, self._last = self._last, state
+        if (
+            last is None
+            or state.map_from_odom != last.map_from_odom
+            or state.drive_commands < last.drive_commands
+        ):
+            self._line, self._lines = [state.pose], 0
+            self._predicted_pub.publish(conversions.path_to_msg([], state.stamp))
+            self._driven_pub.publish(conversions.line_to_msg([], 0, state.stamp))
+        if state.pose.distance_to(self._line[-1]) < _DRAWN_STEP:
+            return
+        self._line.append(state.pose)
+        if self._driven_pub.get_num_connections():
+            number = self._lines % _KEPT_LINES
+            self._driven_pub.publish(conversions.line_to_msg(self._line, number, state.stamp))
+        if len(self._line) == _LINE_POSES:
+            self._line, self._lines = self._line[-1:], self._lines + 1
 
     def _announce(self, state: State) -> None:
         """Publish a changed collision; log once if the car hit a wall or left the map."""

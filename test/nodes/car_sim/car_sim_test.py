@@ -10,10 +10,11 @@ import rospy
 import rostest
 import tf2_ros
 from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import Odometry, Path
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
+from visualization_msgs.msg import Marker
 
 from mushr_ros_intro.ros import sim_clock
 from mushr_ros_intro.ros.connections import wait_until_connected
@@ -77,6 +78,24 @@ class TestCarSim(CarTestCase):
             seconds = (other.header.stamp - one.header.stamp).to_sec()
             moved = math.dist(planar(one.pose.pose)[:2], planar(other.pose.pose)[:2])
             self.assertLessEqual(moved, 2.0 * seconds + POSITION_TOLERANCE, "odometry jumped")
+
+    def test_drawings(self):
+        """Placing the car removes the driven path and the predicted path in rviz."""
+        lines = Recording("/car/driven_path", Marker).connected()
+        predictions = Recording("/car/predicted_path", Path).connected()
+        self.place(3.0, 2.0, 0.0)
+        wait_for(lambda: predictions.last, "an empty path")
+        self.assertEqual(predictions.last.poses, [])
+        self.drive(range(len(ROWS)))
+        self.assertEqual(len(predictions.messages), 1)
+        drawn = lines.last
+        self.assertEqual((drawn.action, drawn.header.frame_id), (Marker.ADD, "map"))
+        self.assertEqual((drawn.points[0].x, drawn.points[0].y), (3.0, 2.0))
+        for one, other in zip(drawn.points, drawn.points[1:]):
+            self.assertTrue(0.1 <= math.dist((one.x, one.y), (other.x, other.y)) < 0.2)
+        self.place(3.0, 2.0, 0.0)
+        wait_for(lambda: lines.last.action == Marker.DELETEALL, "the path to be removed")
+        wait_for(lambda: len(predictions.messages) == 2, "another empty path")
 
     def test_a_command_ends_at_its_timeout_or_at_an_initial_pose(self):
         self.place()

@@ -58,14 +58,19 @@ class TestProfiles(RosTestCase):
 
     def test_every_profile(self):
         ends = {}
-        paths = Recording("/driver/predicted_path", Path)
+        paths = Recording("/car/predicted_path", Path)
         for profile in ("racecar_mit", "mushr_tx2", "mushr_nano"):
             with car(f"car:={profile}"):
                 for plan in ("parallel_parking", "figure_8"):
                     ends[profile, plan] = self.drive(plan)
         self.assertEqual(len(set(ends.values())), len(ends))  # the profiles differ
-        wait_for(lambda: len(paths.messages) == len(ends), "the predicted paths")
-        self.check_path(paths.last, ends["mushr_nano", "figure_8"])
+
+        def predictions():
+            return [path for path in paths.messages if path.poses]
+
+        # Each drive publishes its prediction before and after the car is placed.
+        wait_for(lambda: len(predictions()) == 2 * len(ends), "the predicted paths")
+        self.check_path(predictions()[-1], ends["mushr_nano", "figure_8"])
 
     def check_path(self, path, end):
         self.assertEqual(path.header.frame_id, "map")

@@ -92,6 +92,18 @@ class TestWalls(CarTestCase):
         self.assertIn(expected, wait_for(refusals, "the warning")[0])
         self.assert_pose(self.poses.pose_at_rest(rospy.Time.now()), (1.0, 2.0, 3.0))
 
+    def test_another_map(self):
+        """A map server that is started by hand replaces the one of sim.launch."""
+        for name, wall in (("rooms", (2.0, 1.8)), ("sandbox", (49.9, 0.0))):
+
+            def is_refused(wall=wall):
+                self.placements.publish(placement(rospy.Time.now(), *wall, 0.0))
+                return self.warnings(f"rejected the initial pose ({wall[0]:.4f} m")
+
+            self.log.clear()
+            with node("map_server.py", f"_map_file:={name}"):
+                wait_for(is_refused, f"the car to have the map {name}")
+
     def test_off_the_map(self):
         self.log.clear()
         self.place(60.0, -70.0, 0.0)
