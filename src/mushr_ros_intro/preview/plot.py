@@ -8,9 +8,10 @@ import numpy as np
 
 from mushr_ros_intro.car.model import State
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.preview.prediction import trajectory
+from mushr_ros_intro.preview.prediction import sampled
 from mushr_ros_intro.preview.report import Report
 from mushr_ros_intro.preview.spread import Spread
+from mushr_ros_intro.preview.walls import drive_to
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 
@@ -31,7 +32,7 @@ def draw(path: str, report: Report, spread: Optional[Spread], grid: Optional[Gri
         UserError: the file cannot be written, or matplotlib does not know the format.
     """
     period = max(_PERIOD, report.rest // _MAX_POINTS)
-    states = list(trajectory(report.plan, report.car, period))
+    states = list(sampled(drive_to(report.hit, report.plan, report.car), report.car, period))
     figure, (above, below) = pyplot.subplots(
         2, 1, figsize=(8, 9), gridspec_kw={"height_ratios": [3, 1]}, constrained_layout=True
     )
@@ -70,7 +71,7 @@ def _draw_path(axes: Any, report: Report, states: List[State]) -> None:
     axes.plot(*poses[0, :2], "o", color="C2", label="start", zorder=5)
     axes.plot(*poses[-1, :2], "s", color="C4", label="end", zorder=5)
     if report.hit is not None:
-        axes.plot(*report.hit[:2], "X", ms=12, color="red", label="hits a wall", zorder=6)
+        axes.plot(*report.hit.pose[:2], "X", ms=12, color="red", label="hits a wall", zorder=6)
     name = os.path.basename(report.plan.path)
     title = f"{name} on the {report.car_name} car: {report.length:.2f} m"
     axes.set(xlabel="x [m]", ylabel="y [m]", title=title)

@@ -156,6 +156,7 @@ def test_the_table():
     text = list(as_text(checked("1, 2, 0\n2.0, 0, 1.5\n-1, 0\n")))
     assert text == [
         "my.txt: 2 rows, on the ideal car",
+        "no faults",
         "",
         "    row   speed  steering  duration  distance     turn         x         y    theta",
         "            m/s       rad         s         m      rad         m         m      rad",
@@ -170,8 +171,6 @@ def test_the_table():
         "bounding box    x 1.000 to 4.000 m, y 2.000 to 2.000 m (of the rear axle)",
         "turning radius  none, it drives straight",
         "ends at rest    no, the last row asks for -1 m/s; path_publisher then sends a stop",
-        "",
-        "no faults",
     ]
 
 
@@ -183,7 +182,7 @@ def test_special_lines_of_the_table():
     # Long tables and lists of faults are cut.
     text = list(as_text(checked("0, 0, 0\n" + "1, 0.1\n9, 0.1\n" * 500, "mushr_tx2")))
     assert "    ... 960 more rows ..." in text
-    assert text[-2:] == ["... and 480 more faults", "500 faults"]
+    assert text[21:23] == ["... and 480 more faults", "500 faults"]
     assert len(text) < 90
     # A car with ramps has a line for its stop.
     text = "\n".join(as_text(checked("0, 0, 0\n0.5, 0\n", "mushr_nano")))
@@ -253,7 +252,37 @@ def test_a_wall_ahead():
     report = checked("0,0,0\n1, 0\n2, 0, 9\n", grid=walled())
     (fault,) = report.faults
     assert str(fault) == "my.txt:3:1: row 2 hits a wall at t = 2.8 s, (4.6, 0.0); it stops there"
-    assert tuple(report.hit) == pytest.approx((4.62, 0.0, 0.0), abs=1e-8)  # [m] walls are to 1e-9
+    assert report.hit.pose == pytest.approx((4.62, 0.0, 0.0), abs=1e-8)  # [m] walls are to 1e-9
+
+
+def test_the_report_ends_at_the_wall():
+    report = checked("0,0,0\n1, 0\n-1, 0.2\n2, 0, 9\n0, 0\n", grid=walled(1.0))
+    assert report.final_pose == pytest.approx(report.hit.pose, abs=1e-8)
+    assert report.length == pytest.approx(0.62, abs=1e-8)
+    assert report.box == pytest.approx((0.0, 0.62, 0.0, 0.0), abs=1e-8)
+    assert report.radius == math.inf
+    text = list(as_text(report, spread(report.plan, Car(), 2, 1)))
+    assert text[1:3] == [str(report.faults[0]), "1 fault"]
+    for line in (
+        "      1    1.00    0.0000      0.62     0.620    0.000     0.620     0.000    0.000",
+        "    ... 3 more rows, not driven ...",
+        "length          0.62 m",
+        "duration        0.62 s of 12 s; a wall ends the drive",
+        "final pose      x 0.620 m, y 0.000 m, theta 0.000 rad",
+        "ends at rest    no, it hits a wall",
+        "  walls           ignored",
+    ):
+        assert line in text
+    values = as_json(report)
+    assert {len(column) for column in values["rows"].values()} == {1}
+    assert values["hits_wall"] and not values["ends_at_rest"]
+    assert values["duration"] == pytest.approx(0.62, abs=1e-8)
+
+
+def test_the_faults_of_rows_after_a_wall():
+    text = "0,0,0\n0.5, 0, 20\n0, 0, 1\n0.5, 0, 0.1\n"
+    _, *others = faults(text, "mushr_nano", walled())
+    assert others == faults(text, "mushr_nano") != []
 
 
 @pytest.mark.parametrize("car_name", ["ideal", "mushr_nano"])
@@ -270,7 +299,7 @@ def test_a_wall_is_hit_where_the_simulated_car_hits_it(rows, car_name):
     report = checked(f"0, 0, 0.3\n{rows}\n", car_name, grid)
     trajectory = prediction.trajectory(report.plan, car, 100_000_000, World(grid))
     contact = next(state.collision for state in trajectory if state.collision)
-    assert tuple(report.hit) == pytest.approx(tuple(contact.pose), abs=1e-7)  # [m] a nudge at most
+    assert report.hit.pose == pytest.approx(contact.pose, abs=1e-7)  # [m] a nudge at most
     (fault,) = (each for each in report.faults if "wall" in each.text)
     assert f"t = {contact.stamp / 1e9:.1f} s" in fault.text
 
@@ -379,7 +408,7 @@ def test_a_plan_without_faults_ends_with_status_0():
         assert result.wait() == 0
     first = result.output.split("\n")[0]
     assert "plans/figure_8.txt: 22 rows, on the ideal car, on the map " in first
-    assert result.output.endswith("\nno faults\n")
+    assert result.output.split("\n")[1] == "no faults"
 
 
 def test_one_plan_with_faults_among_others_ends_with_status_1(run, tmp_path):
