@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.transforms import Bbox
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
@@ -17,6 +19,7 @@ from mushr_ros_intro.plan.model import PlanError, as_float32
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview.limits import slowed
+from mushr_ros_intro.preview.plot import draw
 from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.preview.spread import spread
 from mushr_ros_intro.preview.text import as_json, as_text
@@ -492,3 +495,24 @@ def test_plot(run, tmp_path):
     assert head.startswith(b"\x89PNG\r\n\x1a\n")
     width, height = (int.from_bytes(head[at : at + 4], "big") for at in (16, 20))
     assert width > 500 and height > 500
+
+
+def test_the_drawing():
+    grid, name = walled(3.0), "mushr_nano"
+    report = check(plan_named("slalom")._replace(path="a$x^$.txt"), name, CARS[name], "m", grid)
+    figure = draw(report, spread(report.plan, Car(steering_noise=0.05), 500, 1), grid)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    axes, key = figure.axes[:2]
+    assert axes.get_title() == r"a\$x^\$.txt on the mushr_nano car: 2.72 m, 2 faults"
+    assert {"end: hits a wall", "final positions, without walls", "wall"} <= {
+        text.get_text() for text in key.get_legend().get_texts()
+    }
+    assert key.get_legend().get_window_extent().y1 < axes.bbox.y0
+    ellipses = [each.get_window_extent() for each in axes.patches]
+    assert len(ellipses) == 9
+    assert Bbox.union([axes.bbox, *ellipses]).bounds == axes.bbox.bounds
+    assert axes.images[0].zorder < axes.patches[0].zorder
+    pixels = np.asarray(canvas.buffer_rgba())[::-1, :, 0]
+    columns, rows = axes.transData.transform([(3.07, 1.73), (2.93, 1.73)]).astype(int).T
+    assert pixels[rows, columns].tolist() == [0, 255]  # in the wall, and beside it
