@@ -9,9 +9,7 @@ from matplotlib.transforms import Affine2D
 from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.world.grid import Grid
 
-_MARGIN = 0.5  # [m] around everything
-_MARGIN_RATIO = 0.06  # of a margin that is added to it to the longer side of the axes
-_MIN_RATIO = 0.6  # of the shorter side of the axes to the longer one
+_MARGIN = 0.5  # [m] around everything, and a tenth of its size
 
 
 def title_of(plan: Plan) -> str:
@@ -35,9 +33,8 @@ def finish(axes: Any, key: Any, grid: Optional[Grid]) -> None:
         grid: the map.
     """
     low, high = axes.dataLim.get_points()
-    half = 0.5 * (high - low)
-    half += _MARGIN + 2.0 * _MARGIN_RATIO * half.max()
-    half = np.maximum(half, _MIN_RATIO * half.max())
+    half = 0.55 * (high - low) + _MARGIN
+    half = np.maximum(half, 0.6 * half.max())
     xlim, ylim = zip(0.5 * (low + high) - half, 0.5 * (low + high) + half)
     if grid is not None:
         _draw_map(axes, grid)

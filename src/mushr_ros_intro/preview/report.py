@@ -46,13 +46,8 @@ class Report(NamedTuple):
     """The end of the drive at a wall, or None."""
 
     @property
-    def duration(self) -> int:
-        """The duration of the plan, or the time until the car hits a wall [ns]."""
-        return self.hit.stamp if self.hit else self.plan.duration
-
-    @property
     def rest(self) -> int:
-        """The time from the first command until the car is at rest [ns]."""
+        """The time from the first command until the car is at rest, or hits a wall [ns]."""
         return self.steps[-1].end
 
     @property

@@ -4,7 +4,7 @@ import math
 from typing import Any, Dict, Iterator, Optional, Sequence
 
 from mushr_ros_intro.errors import counted
-from mushr_ros_intro.plan.model import Fault, fault_lines, shortest_decimal
+from mushr_ros_intro.plan.model import Fault, Row, fault_lines, shortest_decimal
 from mushr_ros_intro.preview.report import Report
 from mushr_ros_intro.preview.spread import Errors, Spread
 from mushr_ros_intro.sim.stamps import NANOSECONDS
@@ -60,7 +60,8 @@ def _summary(report: Report) -> Iterator[str]:
     left, right, bottom, top = report.box
     to_wall = f" of {plan.duration / NANOSECONDS:g} s; a wall ends the drive" if report.hit else ""
     yield f"length          {report.length:.2f} m"
-    yield f"duration        {round(report.duration / NANOSECONDS, 3):g} s{to_wall}"
+    seconds = min(plan.duration, report.rest) / NANOSECONDS
+    yield f"duration        {round(seconds, 3):g} s{to_wall}"
     theta = math.remainder(end.theta, math.tau)
     yield f"final pose      x {_near(end.x)} m, y {_near(end.y)} m, theta {_near(theta)} rad"
     yield f"closing gap     {_near(gap)} m and {_near(turned)} rad between start and end"
@@ -137,7 +138,7 @@ def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
     drive that ends at a wall.
     """
     plan, steps = report.plan, report.steps
-    rows, is_stopping = plan.rows[: len(steps)], len(steps) > len(plan.rows)
+    rows = [*plan.rows, Row(0.0, 0.0, 0, 0)][: len(steps)]
     thetas = [plan.start.theta] + [step.pose.theta for step in steps]
     gap, turned = report.closing_gap
     left, right, bottom, top = report.box
@@ -147,10 +148,9 @@ def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
         "map": report.map_name or None,
         "start": plan.start._asdict(),
         "rows": {
-            "line": [row.line for row in rows] + [None] * is_stopping,
-            "speed": [shortest_decimal(row.speed) for row in rows] + [0.0] * is_stopping,
-            "steering_angle": [shortest_decimal(row.steering_angle) for row in rows]
-            + [0.0] * is_stopping,
+            "line": [row.line or None for row in rows],
+            "speed": [shortest_decimal(row.speed) for row in rows],
+            "steering_angle": [shortest_decimal(row.steering_angle) for row in rows],
             "duration": [(step.end - step.begin) / NANOSECONDS for step in steps],
             "distance": [step.distance for step in steps],
             "turn": [after - before for before, after in zip(thetas, thetas[1:])],
@@ -159,7 +159,7 @@ def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
             "theta": thetas[1:],
         },
         "length": report.length,
-        "duration": report.duration / NANOSECONDS,
+        "duration": min(plan.duration, report.rest) / NANOSECONDS,
         "final_pose": report.final_pose._asdict(),
         "closing_gap": {"distance": gap, "turn": turned},
         "bounding_box": {"x": [left, right], "y": [bottom, top]},
