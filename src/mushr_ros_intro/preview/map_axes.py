@@ -1,4 +1,4 @@
-"""Draw in the map frame: headings, walls, a legend that covers nothing."""
+"""Draw in the map frame: headings, the walls, and a legend below the axes."""
 
 import os
 from typing import Any, Optional
@@ -47,9 +47,8 @@ def finish(axes: Any, key: Any, grid: Optional[Grid]) -> None:
 def _draw_map(axes: Any, grid: Grid) -> None:
     """Draw free cells white, unknown cells grey and walls black."""
     shades = np.where(grid.occupied, 0.0, np.where(grid.cells < 0, 0.8, 1.0)).astype(np.float32)
-    image = axes.imshow(shades, cmap="gray", vmin=0.0, vmax=1.0, interpolation="nearest", zorder=0)
-    width, height = grid.width * grid.resolution, grid.height * grid.resolution
-    image.set_extent((0.0, width, height, 0.0))  # row 0 is at the bottom
-    pose = Affine2D().rotate(grid.origin.theta).translate(*grid.origin[:2])
-    image.set_transform(pose + axes.transData)
+    pose = Affine2D().rotate(grid.origin.theta).translate(*grid.origin[:2]) + axes.transData
+    extent = (0.0, grid.width * grid.resolution, 0.0, grid.height * grid.resolution)
+    style = {"cmap": "gray", "vmin": 0.0, "vmax": 1.0, "interpolation": "nearest", "zorder": 0}
+    axes.imshow(shades, extent=extent, origin="lower", transform=pose, **style)
     axes.plot([], [], "s", color="black", label="wall")

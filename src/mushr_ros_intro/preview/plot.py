@@ -58,10 +58,8 @@ def _draw_path(axes: Any, report: Report, states: List[State]) -> None:
     begins = begins[:: -(-len(begins) // _MAX_ARROWS)]
     draw_headings(axes, begins, "C0", label="heading between two rows")
     axes.plot(*poses[0, :2], "o", color="C2", label="start", zorder=5)
-    if report.hit is None:
-        axes.plot(*poses[-1, :2], "s", color="C4", label="end", zorder=5)
-    else:
-        axes.plot(*poses[-1, :2], "X", ms=12, color="red", label="end: hits a wall", zorder=5)
+    marker, color, label = ("X", "red", "end: hits a wall") if report.hit else ("s", "C4", "end")
+    axes.plot(*poses[-1, :2], marker, ms=8, color=color, label=label, zorder=5)
     faults = counted(len(report.faults), "fault") if report.faults else "no faults"
     name, length = title_of(report.plan), f"{report.length:.2f} m"
     axes.set_title(f"{name} on the {report.car_name} car: {length}, {faults}")

@@ -10,12 +10,12 @@ from typing import Iterable, List, NamedTuple, Optional, Tuple
 import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose, curvature
-from mushr_ros_intro.car.model import Car, Piece
+from mushr_ros_intro.car.model import Car, Contact, Piece
 from mushr_ros_intro.car.motion import advance
 from mushr_ros_intro.plan.model import Fault, Plan
 from mushr_ros_intro.preview.limits import Step, limit_faults, ramp_faults
 from mushr_ros_intro.preview.prediction import Leg, drive, sampled
-from mushr_ros_intro.preview.walls import Hit, drive_to, map_fault
+from mushr_ros_intro.preview.walls import drive_to, map_fault
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import Footprint
 from mushr_ros_intro.world.grid import Grid
@@ -42,8 +42,8 @@ class Report(NamedTuple):
     radius: float
     """The smallest turning radius of the path [m]; infinite if the car only drives straight."""
     faults: Tuple[Fault, ...]
-    hit: Optional[Hit]
-    """The end of the drive at a wall, or None."""
+    hit: Optional[Contact]
+    """The contact with a wall that ends the drive, or None."""
 
     @property
     def rest(self) -> int:

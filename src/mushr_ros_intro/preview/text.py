@@ -58,10 +58,10 @@ def _summary(report: Report) -> Iterator[str]:
     plan, end = report.plan, report.final_pose
     gap, turned = report.closing_gap
     left, right, bottom, top = report.box
-    to_wall = f" of {plan.duration / NANOSECONDS:g} s; a wall ends the drive" if report.hit else ""
+    seconds = plan.duration / NANOSECONDS
+    driven = f"{report.rest / NANOSECONDS:.2f} of " if report.hit else ""
     yield f"length          {report.length:.2f} m"
-    seconds = min(plan.duration, report.rest) / NANOSECONDS
-    yield f"duration        {round(seconds, 3):g} s{to_wall}"
+    yield f"duration        {driven}{seconds:g} s"
     theta = math.remainder(end.theta, math.tau)
     yield f"final pose      x {_near(end.x)} m, y {_near(end.y)} m, theta {_near(theta)} rad"
     yield f"closing gap     {_near(gap)} m and {_near(turned)} rad between start and end"
@@ -69,13 +69,11 @@ def _summary(report: Report) -> Iterator[str]:
     yield f"bounding box    {box} (of the rear axle)"
     radius = f"at least {report.radius:.3f} m"
     yield f"turning radius  {'none, it drives straight' if math.isinf(report.radius) else radius}"
-    if report.hit is not None:
-        yield "ends at rest    no, it hits a wall"
-        return
     last, rolls = plan.rows[-1].speed, report.steps[-1].distance
     rest = f"no, the last row asks for {last:g} m/s; path_publisher then sends a stop"
     rolling = f", and the car rolls on for {rolls:.3f} m" if rolls else ""
-    yield f"ends at rest    {rest if last else 'yes'}{rolling}"
+    rest = f"{rest if last else 'yes'}{rolling}"
+    yield f"ends at rest    {'no, a wall ends the drive' if report.hit else rest}"
 
 
 def _near(value: float) -> str:

@@ -1,13 +1,13 @@
 """Check a plan against the walls and the edges of a map."""
 
 import math
-from typing import Iterator, NamedTuple, Optional, Tuple
+from typing import Iterator, Optional, Tuple
 
 import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose, compose, curvature
 from mushr_ros_intro.car.contact import World, free_time
-from mushr_ros_intro.car.model import Car, Piece
+from mushr_ros_intro.car.model import Car, Contact, Piece
 from mushr_ros_intro.car.quadrature import follow
 from mushr_ros_intro.plan.model import Fault, Plan
 from mushr_ros_intro.preview.prediction import Leg, drive
@@ -19,21 +19,10 @@ _MARGIN = 1e-6
 """The car is at the edge of the map if a body that is larger by this [m] is not on the map."""
 
 
-class Hit(NamedTuple):
-    """The end of a drive at a wall."""
-
-    row: int
-    """Index of the row; the stop after the last row has the next index."""
-    stamp: int
-    """Time since the first command [ns]."""
-    pose: Pose
-    """Pose of the car, in the map frame."""
-
-
-def drive_to(hit: Optional[Hit], plan: Plan, car: Car) -> Iterator[Leg]:
+def drive_to(hit: Optional[Contact], plan: Plan, car: Car) -> Iterator[Leg]:
     """Yield the legs of a plan without walls; if there is a hit, the last leg ends there."""
     for leg in drive(plan, car):
-        if hit is not None and (leg.row, leg.end) >= hit[:2]:
+        if hit is not None and leg.end >= hit.stamp:
             yield leg._replace(end=hit.stamp)
             return
         yield leg
@@ -41,7 +30,7 @@ def drive_to(hit: Optional[Hit], plan: Plan, car: Car) -> Iterator[Leg]:
 
 def map_fault(
     plan: Plan, car: Car, grid: Grid, footprint: Footprint
-) -> Tuple[Optional[Fault], Optional[Hit]]:
+) -> Tuple[Optional[Fault], Optional[Contact]]:
     """Return the first fault of a plan on a map, and the hit if the fault is a wall on the way.
 
     The car is driven until it touches a wall or an edge of the map.
@@ -72,7 +61,7 @@ def map_fault(
                 f"({round(pose.x, 1) + 0.0}, {round(pose.y, 1) + 0.0})"  # no negative zero
             )
             text += "; it stops there" if is_wall else ""
-            return plan.fault(leg.row, 0, text), Hit(leg.row, now, pose) if is_wall else None
+            return plan.fault(leg.row, 0, text), Contact(now, pose) if is_wall else None
     return None, None
 
 
