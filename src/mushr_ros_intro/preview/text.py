@@ -58,10 +58,10 @@ def _summary(report: Report) -> Iterator[str]:
     plan, end = report.plan, report.final_pose
     gap, turned = report.closing_gap
     left, right, bottom, top = report.box
-    seconds = plan.duration / NANOSECONDS
-    driven = f"{report.rest / NANOSECONDS:.2f} of " if report.hit else ""
+    driven, seconds = report.rest / NANOSECONDS, plan.duration / NANOSECONDS
+    until = f"{driven:.2f} of " if driven < seconds else ""
     yield f"length          {report.length:.2f} m"
-    yield f"duration        {driven}{seconds:g} s"
+    yield f"duration        {until}{seconds:g} s"
     theta = math.remainder(end.theta, math.tau)
     yield f"final pose      x {_near(end.x)} m, y {_near(end.y)} m, theta {_near(theta)} rad"
     yield f"closing gap     {_near(gap)} m and {_near(turned)} rad between start and end"

@@ -315,6 +315,7 @@ def test_rolling_on_into_a_wall():
     (fault,) = report.faults
     assert fault.line == 2
     assert "the car, rolling on after the last row, hits a wall at t = 5.3 s" in fault.text
+    assert "duration        5.19 s" in list(as_text(report))
 
 
 def test_start_poses_in_a_wall_or_off_the_map():
