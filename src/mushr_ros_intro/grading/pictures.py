@@ -40,11 +40,12 @@ def distances(replay: Replay, path: Drive, checks: Sequence[Check], limits: Tole
         away = getattr(path, name)[:, :2] - replay.plan.start[:2]
         above.plot(path.times, np.hypot(*away.T), style, color=color, label=name)
     apart = np.hypot(*(path.driven - path.predicted)[:, :2].T)
-    below.plot(path.times, apart, color="C0", label="between driven and predicted position")
+    below.plot(path.times, apart, color="C0", label="at the same time")
     label = f"tolerance of the path: {limits.path:.3g} m"
     below.axhline(limits.path, ls=":", color="C3", label=label)
     above.set(title=_title(replay, checks), ylabel="distance from the start [m]")
-    below.set(xlabel="time since the first command [s]", ylabel="distance at the same time [m]")
+    apart_label = "distance between driven\nand predicted position [m]"
+    below.set(xlabel="time since the first command [s]", ylabel=apart_label)
     for axes in (above, below):
         axes.grid(alpha=0.3)
         axes.legend(fontsize="small")

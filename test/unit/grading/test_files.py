@@ -76,7 +76,7 @@ def test_pictures():
     assert axes.images, "the map"
     above, below = distances(seen, path, checks, tolerances).axes
     assert above.get_ylabel() == "distance from the start [m]"
-    assert below.get_ylabel() == "distance at the same time [m]"
+    assert below.get_ylabel() == "distance between driven\nand predicted position [m]"
     apart, tolerance = (line.get_ydata() for line in below.lines)
     assert apart == pytest.approx(np.full(len(path.times), 0.5)) and tolerance[0] == 0.2
     assert above.get_title() == axes.get_title()
