@@ -85,9 +85,9 @@ def run() -> int:
         else:
             print(*as_text(report, result), sep="\n")
         if arguments.plot:
-            from mushr_ros_intro.preview.plot import draw  # matplotlib is slow to import
+            from mushr_ros_intro.preview.plot import write  # matplotlib is slow to import
 
-            draw(arguments.plot, report, result, grid)
+            write(arguments.plot, report, result, grid)
     if arguments.json:
         json.dump(results, sys.stdout, allow_nan=False)
         print()

@@ -7,6 +7,7 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.grading.judge import default_tolerances, judge, verdict
 from mushr_ros_intro.grading.replay import Replay, Sent
 from mushr_ros_intro.preview.prediction import states_at
+from mushr_ros_intro.world.grid import Grid
 from support import cars
 from support.geometry import float32
 
@@ -43,6 +44,11 @@ STOP = (0.0, 0.0, 0.1)
 COMMANDS = commands([*ROWS, STOP])
 
 
+def map_of(width, height, origin):
+    """Return a map without walls; its size is in m."""
+    return Grid(np.zeros((height, width), np.int8), 1.0, origin)
+
+
 def replay(plan=PLAN, sent=COMMANDS, **changes):
     """Return a replay in which the car drives the plan, except for `changes`."""
     instants = list(range(-TENTH, plan.duration + SECOND // 2, SECOND // 50))
@@ -55,8 +61,7 @@ def replay(plan=PLAN, sent=COMMANDS, **changes):
         stamps=np.array(instants) + BEGIN,
         poses=np.array([state.pose for state in states_at(plan, Car(), instants)]),
         collisions=(),
-        map_origin=Pose(-5.0, -5.0, 0.0),
-        map_size=(20.0, 20.0),
+        grid=map_of(20, 20, Pose(-5.0, -5.0, 0.0)),
     )
     return right._replace(**changes)
 

@@ -116,7 +116,9 @@ def test_files(replays):
         assert (folder / name).read_bytes().startswith(b"\x89PNG"), name
     said = json.loads((folder / "report.json").read_text())
     assert said["passed"] and said["verdict"][-1] == "all checks passed"
-    assert {check["name"] for check in said["checks"]} == EVERY_CHECK
+    messages = {check["name"]: check["message"] for check in said["checks"]}
+    assert set(messages) == EVERY_CHECK
+    assert messages["map"] == "the car stayed on the map of 100 m x 100 m"
     lines = (folder / "trajectory.csv").read_text().splitlines()
     assert lines[0].startswith("time,x,y,theta,predicted_x")
     rows = [tuple(map(float, line.split(","))) for line in lines[1:]]

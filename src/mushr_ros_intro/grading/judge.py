@@ -9,7 +9,7 @@ from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.car.bicycle import Pose, compose, inverse
+from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import counted
 from mushr_ros_intro.grading.checks import step_faults
@@ -285,12 +285,13 @@ def _judge_collisions(replay: Replay) -> Check:
 
 def _judge_map(replay: Replay) -> Check:
     """Judge whether the car stayed on the map."""
-    if replay.map_origin is None:
+    grid = replay.grid
+    if grid is None:
         return Check("map", True, "there is no map")
-    (width, height), to_map = replay.map_size, inverse(replay.map_origin)
+    width, height = grid.width * grid.resolution, grid.height * grid.resolution
     size = f"{width:g} m x {height:g} m"
     for pose in (Pose(*row) for row in replay.poses):
-        x, y, _ = compose(to_map, pose)
+        x, y, _ = grid.to_grid(pose)
         if not (0.0 <= x <= width and 0.0 <= y <= height):
             return Check("map", False, f"the car left the map at {pose}; the map is {size}")
     return Check("map", True, f"the car stayed on the map of {size}")

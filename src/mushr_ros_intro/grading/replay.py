@@ -14,6 +14,7 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.plan.model import MAX_STEERING_ANGLE, Plan
 from mushr_ros_intro.preview.prediction import rest, states_at
 from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
+from mushr_ros_intro.world.grid import Grid
 
 START_TOLERANCE = 1e-3
 """Between the start poses of the node and of the plan [m, rad]: a node may round to text."""
@@ -52,10 +53,8 @@ class Replay(NamedTuple):
     """The reported poses: x [m], y [m], theta [rad]; N x 3."""
     collisions: Optional[Tuple[Pose, ...]]
     """The poses at which the car hit a wall; None if collisions were not reported."""
-    map_origin: Optional[Pose]
-    """The lower left corner of the map; None if there is no map."""
-    map_size: Tuple[float, float]
-    """The width and the height of the map [m]."""
+    grid: Optional[Grid]
+    """The map, or None if there is none."""
 
 
 class Run(NamedTuple):

@@ -87,8 +87,13 @@ def trajectory(plan: Plan, car: Car, period: int, world: Optional[World] = None)
 
     There is one state every `period` [ns], and a last one when the car has come to rest.
     """
+    return sampled(drive(plan, car, world), car, period)
+
+
+def sampled(legs: Iterable[Leg], car: Car, period: int) -> Iterator[State]:
+    """Yield the states of the car every `period` [ns], and at the end of the last leg."""
     due = 0
-    for leg in drive(plan, car, world):
+    for leg in legs:
         while due < leg.end:
             yield advance(leg.state, due, car)
             due += period

@@ -1,21 +1,21 @@
 """Check a plan before it is driven, and report what it does.
 
 All values come from the kinematics of the simulated car. Poses are those of base_footprint, the
-middle of the rear axle on the ground, in the map frame.
+middle of the rear axle on the ground, in the map frame. A drive that hits a wall ends there.
 """
 
 import math
-from typing import List, NamedTuple, Optional, Tuple
+from typing import Iterable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose, curvature
-from mushr_ros_intro.car.model import Car, Piece
+from mushr_ros_intro.car.model import Car, Contact, Piece
 from mushr_ros_intro.car.motion import advance
 from mushr_ros_intro.plan.model import Fault, Plan
 from mushr_ros_intro.preview.limits import Step, limit_faults, ramp_faults
-from mushr_ros_intro.preview.prediction import drive, trajectory
-from mushr_ros_intro.preview.walls import map_fault
+from mushr_ros_intro.preview.prediction import Leg, drive, sampled
+from mushr_ros_intro.preview.walls import drive_to, map_fault
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import Footprint
 from mushr_ros_intro.world.grid import Grid
@@ -36,18 +36,18 @@ class Report(NamedTuple):
     map_name: str
     """The map that the plan was checked against, or an empty text."""
     steps: Tuple[Step, ...]
-    """The motion during each row, and during the stop at the end."""
+    """The motion during each row that is driven, and during the stop after the last row."""
     box: Tuple[float, float, float, float]
     """Smallest and largest x, smallest and largest y of the path [m]."""
     radius: float
     """The smallest turning radius of the path [m]; infinite if the car only drives straight."""
     faults: Tuple[Fault, ...]
-    hit: Optional[Pose]
-    """The pose at which the car hits a wall, or None."""
+    hit: Optional[Contact]
+    """The contact with a wall that ends the drive, or None."""
 
     @property
     def rest(self) -> int:
-        """The time from the first command until the car is at rest [ns]."""
+        """The time from the first command until the car is at rest, or hits a wall [ns]."""
         return self.steps[-1].end
 
     @property
@@ -80,22 +80,24 @@ def check(
     The names of car and map are for messages.
     """
     car = car._replace(speed_noise=0.0, steering_noise=0.0)
-    steps, radius = _driven(plan, car)
-    box = _box(plan, car, steps[-1].end)
+    steps, radius = _driven(drive(plan, car), car)
     faults = [*limit_faults(plan, car_name, car), *ramp_faults(plan, steps, car_name, car)]
     hit = None
     if grid is not None:
         fault, hit = map_fault(plan, car, grid, footprint)
         faults += [fault] if fault else []
+    if hit is not None:
+        steps, radius = _driven(drive_to(hit, plan, car), car)
+    box = _box(drive_to(hit, plan, car), car, steps[-1].end)
     faults.sort(key=lambda fault: (fault.line, fault.column))
     return Report(plan, car_name, car, map_name, steps, box, radius, tuple(faults), hit)
 
 
-def _driven(plan: Plan, car: Car) -> Tuple[Tuple[Step, ...], float]:
-    """Drive a plan; return its steps and its smallest turning radius [m]."""
+def _driven(legs: Iterable[Leg], car: Car) -> Tuple[Tuple[Step, ...], float]:
+    """Return the steps of a drive and its smallest turning radius [m]."""
     steps: List[Step] = []
     bend = 0.0
-    for leg in drive(plan, car):
+    for leg in legs:
         state, pose = leg.state, advance(leg.state, leg.end, car).pose
         step = Step(state.stamp, leg.end, state.speed, state.steering_angle, 0.0, pose)
         if leg.row < len(steps):  # a repeated command of the same row
@@ -107,10 +109,10 @@ def _driven(plan: Plan, car: Car) -> Tuple[Tuple[Step, ...], float]:
     return tuple(steps), 1.0 / bend if bend else math.inf
 
 
-def _box(plan: Plan, car: Car, rest: int) -> Tuple[float, float, float, float]:
+def _box(legs: Iterable[Leg], car: Car, rest: int) -> Tuple[float, float, float, float]:
     """Return the bounding box of a drive that takes `rest` [ns], from samples of its path [m]."""
     period = max(_SAMPLE_PERIOD, rest // _MAX_SAMPLES)
-    poses = np.array([state.pose for state in trajectory(plan, car, period)])
+    poses = np.array([state.pose for state in sampled(legs, car, period)])
     (left, bottom, _), (right, top, _) = poses.min(axis=0).tolist(), poses.max(axis=0).tolist()
     return left, right, bottom, top
 

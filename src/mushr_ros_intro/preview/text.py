@@ -4,7 +4,7 @@ import math
 from typing import Any, Dict, Iterator, Optional, Sequence
 
 from mushr_ros_intro.errors import counted
-from mushr_ros_intro.plan.model import Fault, fault_lines, shortest_decimal
+from mushr_ros_intro.plan.model import Fault, Row, fault_lines, shortest_decimal
 from mushr_ros_intro.preview.report import Report
 from mushr_ros_intro.preview.spread import Errors, Spread
 from mushr_ros_intro.sim.stamps import NANOSECONDS
@@ -16,29 +16,31 @@ SHOWN_ROWS = 40
 def as_text(report: Report, spread: Optional[Spread] = None) -> Iterator[str]:
     """Yield the lines of a report as text."""
     plan = report.plan
-    count = len(plan.rows)
     on_map = f", on the map {report.map_name}" if report.map_name else ""
-    yield f"{plan.path}: {counted(count, 'row')}, on the {report.car_name} car{on_map}"
+    yield f"{plan.path}: {counted(len(plan.rows), 'row')}, on the {report.car_name} car{on_map}"
+    yield from verdict(report.faults)
     yield ""
     yield "    row   speed  steering  duration  distance     turn         x         y    theta"
     yield "            m/s       rad         s         m      rad         m         m      rad"
     x, y, theta = plan.start
     yield f"  start {'':43} {x:9.3f} {y:9.3f} {theta:8.3f}"
     half = SHOWN_ROWS // 2
-    for index, row in enumerate(plan.rows):
+    rows = plan.rows[: len(report.steps)]
+    count = len(rows)
+    for index, row in enumerate(rows):
         if not half <= index < count - half:
             yield _table_line(report, index, f"{index + 1:7}", row.speed, row.steering_angle)
         elif index == half:
             yield f"    ... {count - 2 * half} more rows ..."
-    if report.steps[-1].distance > 0.0:
+    if count < len(plan.rows):
+        yield f"    ... {counted(len(plan.rows) - count, 'more row')}, not driven ..."
+    elif len(report.steps) > count and report.steps[-1].distance > 0.0:
         yield _table_line(report, count, "   stop", 0.0, 0.0)
     yield ""
     yield from _summary(report)
     if spread is not None:
         yield ""
-        yield from _spread_text(report.car_name, spread)
-    yield ""
-    yield from verdict(report.faults)
+        yield from _spread_text(report, spread)
 
 
 def _table_line(report: Report, index: int, name: str, speed: float, angle: float) -> str:
@@ -56,8 +58,10 @@ def _summary(report: Report) -> Iterator[str]:
     plan, end = report.plan, report.final_pose
     gap, turned = report.closing_gap
     left, right, bottom, top = report.box
+    driven, seconds = report.rest / NANOSECONDS, plan.duration / NANOSECONDS
+    until = f"{driven:.2f} of " if driven < seconds else ""
     yield f"length          {report.length:.2f} m"
-    yield f"duration        {plan.duration / NANOSECONDS:g} s"
+    yield f"duration        {until}{seconds:g} s"
     theta = math.remainder(end.theta, math.tau)
     yield f"final pose      x {_near(end.x)} m, y {_near(end.y)} m, theta {_near(theta)} rad"
     yield f"closing gap     {_near(gap)} m and {_near(turned)} rad between start and end"
@@ -68,7 +72,8 @@ def _summary(report: Report) -> Iterator[str]:
     last, rolls = plan.rows[-1].speed, report.steps[-1].distance
     rest = f"no, the last row asks for {last:g} m/s; path_publisher then sends a stop"
     rolling = f", and the car rolls on for {rolls:.3f} m" if rolls else ""
-    yield f"ends at rest    {rest if last else 'yes'}{rolling}"
+    rest = f"{rest if last else 'yes'}{rolling}"
+    yield f"ends at rest    {'no, a wall ends the drive' if report.hit else rest}"
 
 
 def _near(value: float) -> str:
@@ -82,7 +87,7 @@ def verdict(faults: Sequence[Fault]) -> Iterator[str]:
     yield counted(len(faults), "fault") if faults else "no faults"
 
 
-def _spread_text(car_name: str, spread: Spread) -> Iterator[str]:
+def _spread_text(report: Report, spread: Spread) -> Iterator[str]:
     """Yield the lines on the spread."""
     errors = spread.errors
     yield f"spread of {spread.runs} runs, seed {spread.seed}, as standard deviations:"
@@ -92,8 +97,10 @@ def _spread_text(car_name: str, spread: Spread) -> Iterator[str]:
         f"{errors.start_heading:g} rad"
     )
     yield f"  every command   speed {errors.speed:g} m/s, steering {errors.steering_angle:g} rad"
+    if report.map_name:
+        yield "  walls           ignored"
     if errors == Errors():
-        yield f"  the {car_name} car has no errors, so all runs end in the same place"
+        yield f"  the {report.car_name} car has no errors, so all runs end in the same place"
         return
     yield ""
     yield "  time  distance   mean x   mean y    theta    95 % ellipse      off the plan"
@@ -125,9 +132,11 @@ def _spread_text(car_name: str, spread: Spread) -> Iterator[str]:
 def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
     """Return a report as values for JSON; lengths in m, angles in rad, times in s.
 
-    The rows are lists, one for each column, with the stop at the end as the last item.
+    The rows are lists, one for each column. The last item is the stop at the end, except in a
+    drive that ends at a wall.
     """
     plan, steps = report.plan, report.steps
+    rows = [*plan.rows, Row(0.0, 0.0, 0, 0)][: len(steps)]
     thetas = [plan.start.theta] + [step.pose.theta for step in steps]
     gap, turned = report.closing_gap
     left, right, bottom, top = report.box
@@ -137,9 +146,9 @@ def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
         "map": report.map_name or None,
         "start": plan.start._asdict(),
         "rows": {
-            "line": [row.line for row in plan.rows] + [None],
-            "speed": [shortest_decimal(row.speed) for row in plan.rows] + [0.0],
-            "steering_angle": [shortest_decimal(row.steering_angle) for row in plan.rows] + [0.0],
+            "line": [row.line or None for row in rows],
+            "speed": [shortest_decimal(row.speed) for row in rows],
+            "steering_angle": [shortest_decimal(row.steering_angle) for row in rows],
             "duration": [(step.end - step.begin) / NANOSECONDS for step in steps],
             "distance": [step.distance for step in steps],
             "turn": [after - before for before, after in zip(thetas, thetas[1:])],
@@ -148,12 +157,13 @@ def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
             "theta": thetas[1:],
         },
         "length": report.length,
-        "duration": plan.duration / NANOSECONDS,
+        "duration": min(plan.duration, report.rest) / NANOSECONDS,
         "final_pose": report.final_pose._asdict(),
         "closing_gap": {"distance": gap, "turn": turned},
         "bounding_box": {"x": [left, right], "y": [bottom, top]},
         "turning_radius": None if math.isinf(report.radius) else report.radius,
-        "ends_at_rest": plan.rows[-1].speed == 0.0,
+        "ends_at_rest": report.hit is None and plan.rows[-1].speed == 0.0,
+        "hits_wall": report.hit is not None,
         "faults": [fault._asdict() for fault in report.faults],
     }
     if spread is not None:

@@ -1,16 +1,16 @@
 """Check a plan against the walls and the edges of a map."""
 
 import math
-from typing import Optional, Tuple
+from typing import Iterator, Optional, Tuple
 
 import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose, compose, curvature
 from mushr_ros_intro.car.contact import World, free_time
-from mushr_ros_intro.car.model import Car, Piece
+from mushr_ros_intro.car.model import Car, Contact, Piece
 from mushr_ros_intro.car.quadrature import follow
 from mushr_ros_intro.plan.model import Fault, Plan
-from mushr_ros_intro.preview.prediction import drive
+from mushr_ros_intro.preview.prediction import Leg, drive
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import Footprint, is_free, on_map
 from mushr_ros_intro.world.grid import Grid
@@ -19,13 +19,21 @@ _MARGIN = 1e-6
 """The car is at the edge of the map if a body that is larger by this [m] is not on the map."""
 
 
+def drive_to(hit: Optional[Contact], plan: Plan, car: Car) -> Iterator[Leg]:
+    """Yield the legs of a plan without walls; if there is a hit, the last leg ends there."""
+    for leg in drive(plan, car):
+        if hit is not None and leg.end >= hit.stamp:
+            yield leg._replace(end=hit.stamp)
+            return
+        yield leg
+
+
 def map_fault(
     plan: Plan, car: Car, grid: Grid, footprint: Footprint
-) -> Tuple[Optional[Fault], Optional[Pose]]:
-    """Return the first fault of a plan on a map, and the pose at which the car hits a wall.
+) -> Tuple[Optional[Fault], Optional[Contact]]:
+    """Return the first fault of a plan on a map, and the hit if the fault is a wall on the way.
 
-    The car is driven until it touches a wall or an edge of the map. The pose is None if it
-    touches no wall.
+    The car is driven until it touches a wall or an edge of the map.
     """
     if not on_map(grid, footprint, plan.start):
         return plan.fault(-1, 0, "the start pose is off the map, at least in part"), None
@@ -46,13 +54,14 @@ def map_fault(
             is_wall = on_map(grid, grown, pose)
             is_rolling = leg.row == len(plan.rows)
             name = "the car, rolling on after the last row," if is_rolling else f"row {leg.row + 1}"
-            now = leg.state.moved / NANOSECONDS + piece.begin + free
+            now = leg.state.moved + round((piece.begin + free) * NANOSECONDS)
             text = (
-                f"{name} {'hits a wall' if is_wall else 'leaves the map'} at t = {now:.1f} s, "
+                f"{name} {'hits a wall' if is_wall else 'leaves the map'} "
+                f"at t = {now / NANOSECONDS:.1f} s, "
                 f"({round(pose.x, 1) + 0.0}, {round(pose.y, 1) + 0.0})"  # no negative zero
             )
             text += "; it stops there" if is_wall else ""
-            return plan.fault(leg.row, 0, text), pose if is_wall else None
+            return plan.fault(leg.row, 0, text), Contact(now, pose) if is_wall else None
     return None, None
 
 

@@ -71,11 +71,10 @@ def replay() -> Tuple[Replay, List[judge.Check]]:
             "publisher": publisher,
             "car": rospy.get_param("~car", "ideal"),
             "seed": rospy.get_param("~seed", ""),
-            "tolerances": tolerances._asdict(),
             "simulated_seconds": simulated,
             "wall_clock_seconds": elapsed,
         }
-        files.write(user_path(folder), seen, checks, facts)
+        files.write(user_path(folder), seen, checks, tolerances, facts)
     return seen, checks
 
 

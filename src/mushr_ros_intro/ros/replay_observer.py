@@ -9,7 +9,8 @@ import numpy as np
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
-from nav_msgs.msg import MapMetaData
+from nav_msgs.msg import OccupancyGrid
+from rospy.numpy_msg import numpy_msg
 from std_srvs.srv import Trigger
 
 from mushr_ros_intro.car.bicycle import Pose
@@ -18,12 +19,13 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.grading.replay import Replay, Sent
 from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.ros import conversions, ros_time
+from mushr_ros_intro.world.grid import Grid
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 POSES = "/car/car_pose"
 INITIAL_POSES = "/initialpose"
 COLLISIONS = "/car/car_sim/collision"
-MAP = "/map_metadata"
+MAP = "/map"
 
 INITIAL_POSE_TIMEOUT = 0.3
 """Longest wait of the first command for the initial pose [s of wall-clock time]."""
@@ -59,7 +61,7 @@ class ReplayObserver:
         self._initial_poses: List[Pose] = []
         self._poses: List[Tuple[int, Pose]] = []
         self._collisions: List[Pose] = []
-        self._map: Optional[MapMetaData] = None
+        self._grid: Optional[Grid] = None
         self._holds_clock = threading.Event()
         self._holds_clock.set()
         self._is_placed = threading.Event()
@@ -84,8 +86,8 @@ class ReplayObserver:
             collisions = _subscribe(COLLISIONS, PoseArray, self._on_collision)
             wait_for(collisions.get_num_connections, f"a publisher of {COLLISIONS}", patience)
         if has_map:
-            _subscribe(MAP, MapMetaData, self._on_map)
-            wait_for(lambda: self._map is not None, f"a message on {MAP}", patience)
+            _subscribe(MAP, numpy_msg(OccupancyGrid), self._on_map)
+            wait_for(lambda: self._grid is not None, f"a message on {MAP}", patience)
         self._initial_pose_sub = _subscribe(
             "~start_pose", PoseWithCovarianceStamped, self._on_initial_pose
         )
@@ -158,9 +160,9 @@ class ReplayObserver:
         with self._lock:
             self._collisions += map(conversions.pose_from_msg, msg.poses)
 
-    def _on_map(self, msg: MapMetaData) -> None:
-        """Record the size of the map."""
-        self._map = msg
+    def _on_map(self, msg: OccupancyGrid) -> None:
+        """Record the map."""
+        self._grid = conversions.grid_from_msg(msg)
 
     def count_poses(self) -> int:
         """Return how many poses the car has reported."""
@@ -198,11 +200,6 @@ class ReplayObserver:
             outcome: a description of the node's failure; empty if there is none.
         """
         with self._lock:
-            size, origin = (0.0, 0.0), None
-            if self._map is not None:
-                info = self._map
-                size = (info.width * info.resolution, info.height * info.resolution)
-                origin = conversions.pose_from_msg(info.origin)
             return Replay(
                 plan=plan,
                 car=car,
@@ -212,8 +209,7 @@ class ReplayObserver:
                 stamps=np.array([stamp for stamp, _ in self._poses], np.int64),
                 poses=np.array([pose for _, pose in self._poses], float).reshape(-1, 3),
                 collisions=tuple(self._collisions) if self._reports_collisions else None,
-                map_origin=origin,
-                map_size=size,
+                grid=self._grid,
             )
 
 

@@ -4,18 +4,22 @@ import csv
 import json
 import math
 
+import numpy as np
 import pytest
 
 from mushr_ros_intro.grading.files import write
-from mushr_ros_intro.grading.judge import default_tolerances, judge
+from mushr_ros_intro.grading.judge import Tolerances, default_tolerances, judge
+from mushr_ros_intro.grading.pictures import distances, locations
+from mushr_ros_intro.grading.replay import drive
 from support.geometry import closed_form
 from support.recorded import PLAN, ROWS, START, replay
 
 
 def written(folder, seen):
     """Write the files of a replay; return its checks and the report."""
-    checks = judge(seen, default_tolerances(PLAN, seen.car))
-    write(str(folder), seen, checks, {"seed": 7})
+    tolerances = default_tolerances(PLAN, seen.car)
+    checks = judge(seen, tolerances)
+    write(str(folder), seen, checks, tolerances, {"seed": 7})
     return checks, json.loads((folder / "report.json").read_text())
 
 
@@ -23,6 +27,7 @@ def test_a_failed_replay(tmp_path):
     checks, report = written(tmp_path / "new", replay(outcome="it crashed", sent=()))
     assert report == {
         "seed": 7,
+        "tolerances": report["tolerances"],
         "passed": False,
         "verdict": report["verdict"],
         "checks": [each._asdict() for each in checks],
@@ -52,3 +57,27 @@ def test_a_drive(tmp_path):
     assert {name: rows[-1][name] for name in ("x", "y", "theta")} == report["final_pose"]
     for name in ("distances.png", "locations.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG"), name
+
+
+def test_pictures():
+    tolerances = Tolerances(position=0.3, angle=0.1, path=0.2)
+    seen = replay()
+    seen = seen._replace(poses=seen.poses + (0.4, 0.3, 0.0))  # 0.5 m away
+    path, checks = drive(seen), judge(seen, tolerances)
+    axes, key = locations(seen, path, checks, tolerances).axes
+    assert axes.get_title() == "my.txt: failed: start_pose, path, final_pose"
+    assert {"driven start", "driven end", "predicted start", "predicted end", "wall"} <= {
+        text.get_text() for text in key.get_legend().get_texts()
+    }
+    (circle,) = axes.patches
+    assert circle.get_radius() == 0.3
+    assert circle.get_center() == pytest.approx(closed_form(START, ROWS)[:2])
+    assert [len(each.U) for each in axes.collections] == [2, 2]  # headings at start and end
+    assert axes.images, "the map"
+    above, below = distances(seen, path, checks, tolerances).axes
+    assert above.get_ylabel() == "distance from the start [m]"
+    assert below.get_ylabel() == "distance between driven\nand predicted position [m]"
+    apart, tolerance = (line.get_ydata() for line in below.lines)
+    assert apart == pytest.approx(np.full(len(path.times), 0.5)) and tolerance[0] == 0.2
+    assert above.get_title() == axes.get_title()
+    assert locations(replay(), path, checks[:1], tolerances).axes[0].get_title() == "my.txt: passed"

@@ -9,7 +9,7 @@ from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.grading.judge import default_tolerances
 from support import recorded
-from support.recorded import BEGIN, COMMANDS, ROWS, STOP, TENTH, commands, judged, replay
+from support.recorded import BEGIN, COMMANDS, ROWS, STOP, TENTH, commands, judged, map_of, replay
 
 STANDING = [(1.0, 0.0, 1.0), (0.0, 0.0, 0.5)]
 STEERED = [(1.0, 0.0, 1.0), (0.0, 0.3, 0.5)]
@@ -23,7 +23,7 @@ def test_all_is_right():
     failed, verdict = judged(replay(sent=commands()))
     assert failed == {}
     assert "all checks passed\nnote: the node sends no stop at the end, so the car" in verdict
-    assert judged(replay(map_origin=None))[0] == {}  # without a map
+    assert judged(replay(grid=None))[0] == {}  # without a map
 
 
 @pytest.mark.parametrize("rows", [ROWS, [(-2.0, 0.1, 1.0)]])
@@ -49,10 +49,10 @@ def test_the_tolerances_are_what_a_missing_stop_costs(rows):
         ({"collisions": None}, "collision", "not judged"),
         ({"stamps": SPARSE}, "rest", "not judged: the car reported fewer than two poses"),
         ({"collisions": (Pose(3, 2, 0),)}, "collision", "a wall at (3.0000 m, 2.0000 m"),
-        ({"map_size": (7.0, 20.0)}, "map", "left the map at (2.0"),
-        ({"map_origin": Pose(2, -5, 0)}, "map", "the map is 20 m x 20 m"),
-        ({"map_origin": Pose(-5, 2.2, 0)}, "map", "left"),
-        ({"map_origin": Pose(-5, 8, -math.pi / 2), "map_size": (9.0, 7.0)}, "map", "left"),
+        ({"grid": map_of(7, 20, Pose(-5, -5, 0))}, "map", "left the map at (2.0"),
+        ({"grid": map_of(20, 20, Pose(2, -5, 0))}, "map", "the map is 20 m x 20 m"),
+        ({"grid": map_of(20, 20, Pose(-5, 2.2, 0))}, "map", "left"),
+        ({"grid": map_of(9, 7, Pose(-5, 8, -math.pi / 2))}, "map", "left"),
     ],
 )
 def test_one_fault(changes, name, message):

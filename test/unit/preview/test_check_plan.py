@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.transforms import Bbox
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
@@ -17,6 +19,7 @@ from mushr_ros_intro.plan.model import PlanError, as_float32
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview.limits import slowed
+from mushr_ros_intro.preview.plot import draw
 from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.preview.spread import spread
 from mushr_ros_intro.preview.text import as_json, as_text
@@ -156,6 +159,7 @@ def test_the_table():
     text = list(as_text(checked("1, 2, 0\n2.0, 0, 1.5\n-1, 0\n")))
     assert text == [
         "my.txt: 2 rows, on the ideal car",
+        "no faults",
         "",
         "    row   speed  steering  duration  distance     turn         x         y    theta",
         "            m/s       rad         s         m      rad         m         m      rad",
@@ -170,8 +174,6 @@ def test_the_table():
         "bounding box    x 1.000 to 4.000 m, y 2.000 to 2.000 m (of the rear axle)",
         "turning radius  none, it drives straight",
         "ends at rest    no, the last row asks for -1 m/s; path_publisher then sends a stop",
-        "",
-        "no faults",
     ]
 
 
@@ -183,7 +185,7 @@ def test_special_lines_of_the_table():
     # Long tables and lists of faults are cut.
     text = list(as_text(checked("0, 0, 0\n" + "1, 0.1\n9, 0.1\n" * 500, "mushr_tx2")))
     assert "    ... 960 more rows ..." in text
-    assert text[-2:] == ["... and 480 more faults", "500 faults"]
+    assert text[21:23] == ["... and 480 more faults", "500 faults"]
     assert len(text) < 90
     # A car with ramps has a line for its stop.
     text = "\n".join(as_text(checked("0, 0, 0\n0.5, 0\n", "mushr_nano")))
@@ -253,7 +255,31 @@ def test_a_wall_ahead():
     report = checked("0,0,0\n1, 0\n2, 0, 9\n", grid=walled())
     (fault,) = report.faults
     assert str(fault) == "my.txt:3:1: row 2 hits a wall at t = 2.8 s, (4.6, 0.0); it stops there"
-    assert tuple(report.hit) == pytest.approx((4.62, 0.0, 0.0), abs=1e-8)  # [m] walls are to 1e-9
+    assert report.hit.pose == pytest.approx((4.62, 0.0, 0.0), abs=1e-8)  # [m] walls are to 1e-9
+
+
+def test_the_report_ends_at_the_wall():
+    report = checked("0,0,0\n1, 0\n-1, 0.2\n2, 0, 9\n0, 0\n", grid=walled(1.0))
+    assert report.final_pose == pytest.approx(report.hit.pose, abs=1e-8)
+    assert report.length == pytest.approx(0.62, abs=1e-8)
+    assert report.box == pytest.approx((0.0, 0.62, 0.0, 0.0), abs=1e-8)
+    assert report.radius == math.inf
+    text = list(as_text(report, spread(report.plan, Car(), 2, 1)))
+    assert text[1:3] == [str(report.faults[0]), "1 fault"]
+    assert "    ... 3 more rows, not driven ..." in text
+    assert "duration        0.62 of 12 s" in text
+    assert "ends at rest    no, a wall ends the drive" in text
+    assert "  walls           ignored" in text
+    values = as_json(report)
+    assert {len(column) for column in values["rows"].values()} == {1}
+    assert values["hits_wall"] and not values["ends_at_rest"]
+    assert values["duration"] == pytest.approx(0.62, abs=1e-8)
+
+
+def test_the_faults_of_rows_after_a_wall():
+    text = "0,0,0\n0.5, 0, 20\n0, 0, 1\n0.5, 0, 0.1\n"
+    _, *others = faults(text, "mushr_nano", walled())
+    assert others == faults(text, "mushr_nano") != []
 
 
 @pytest.mark.parametrize("car_name", ["ideal", "mushr_nano"])
@@ -270,7 +296,7 @@ def test_a_wall_is_hit_where_the_simulated_car_hits_it(rows, car_name):
     report = checked(f"0, 0, 0.3\n{rows}\n", car_name, grid)
     trajectory = prediction.trajectory(report.plan, car, 100_000_000, World(grid))
     contact = next(state.collision for state in trajectory if state.collision)
-    assert tuple(report.hit) == pytest.approx(tuple(contact.pose), abs=1e-7)  # [m] a nudge at most
+    assert report.hit.pose == pytest.approx(contact.pose, abs=1e-7)  # [m] a nudge at most
     (fault,) = (each for each in report.faults if "wall" in each.text)
     assert f"t = {contact.stamp / 1e9:.1f} s" in fault.text
 
@@ -289,6 +315,7 @@ def test_rolling_on_into_a_wall():
     (fault,) = report.faults
     assert fault.line == 2
     assert "the car, rolling on after the last row, hits a wall at t = 5.3 s" in fault.text
+    assert "duration        5.19 s" in list(as_text(report))
 
 
 def test_start_poses_in_a_wall_or_off_the_map():
@@ -379,7 +406,7 @@ def test_a_plan_without_faults_ends_with_status_0():
         assert result.wait() == 0
     first = result.output.split("\n")[0]
     assert "plans/figure_8.txt: 22 rows, on the ideal car, on the map " in first
-    assert result.output.endswith("\nno faults\n")
+    assert result.output.split("\n")[1] == "no faults"
 
 
 def test_one_plan_with_faults_among_others_ends_with_status_1(run, tmp_path):
@@ -459,7 +486,25 @@ def test_plot(run, tmp_path):
     options = ("--plot=out.png", "--map=race_loop", "--car=mushr_nano", "--runs=200")
     status, _, errors = run("slalom", *options)
     assert (status, errors) == (1, "")
-    head = (tmp_path / "out.png").read_bytes()[:24]
-    assert head.startswith(b"\x89PNG\r\n\x1a\n")
-    width, height = (int.from_bytes(head[at : at + 4], "big") for at in (16, 20))
-    assert width > 500 and height > 500
+    assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+
+
+def test_the_drawing():
+    grid, name = walled(3.0), "mushr_nano"
+    report = check(plan_named("slalom")._replace(path="a$x^$.txt"), name, CARS[name], "m", grid)
+    figure = draw(report, spread(report.plan, Car(steering_noise=0.05), 500, 1), grid)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    axes, key = figure.axes[:2]
+    assert axes.get_title() == r"a\$x^\$.txt on the mushr_nano car: 2.72 m, 2 faults"
+    assert {"end: hits a wall", "final positions, without walls", "wall"} <= {
+        text.get_text() for text in key.get_legend().get_texts()
+    }
+    assert key.get_legend().get_window_extent().y1 < axes.bbox.y0
+    ellipses = [each.get_window_extent() for each in axes.patches]
+    assert len(ellipses) == 9
+    assert Bbox.union([axes.bbox, *ellipses]).bounds == axes.bbox.bounds
+    assert axes.images[0].zorder < axes.patches[0].zorder
+    pixels = np.asarray(canvas.buffer_rgba())[::-1, :, 0]
+    columns, rows = axes.transData.transform([(3.07, 1.73), (2.93, 1.73)]).astype(int).T
+    assert pixels[rows, columns].tolist() == [0, 255]  # in the wall, and beside it
