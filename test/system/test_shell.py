@@ -22,8 +22,11 @@ def shell(tmp_path):
     for name in ("cmake", "python3"):
         (tmp_path / "bin" / name).write_text("#!/bin/sh\nexit 3\n")
         (tmp_path / "bin" / name).chmod(0o755)
+    (tmp_path / "tools").mkdir()
+    (tmp_path / "tools" / "my_tool").write_text("#!/bin/sh\necho my tool\n")
+    (tmp_path / "tools" / "my_tool").chmod(0o755)
     (tmp_path / ".bashrc").write_text(
-        "export PATH=~/bin:$PATH PYTHONHOME=/nonsense PYTHONPATH=/nonsense\n"
+        "export PATH=~/bin:~/tools:$PATH PYTHONHOME=/nonsense PYTHONPATH=/nonsense\n"
         "export ROS_HOSTNAME=nonsense.example ROS_IP=192.0.2.1 ROS_NAMESPACE=/nonsense\n"
         "export ROS_MASTER_URI=http://192.0.2.2:11311 ROS_PACKAGE_PATH=/nonsense\n"
         "alias hello='echo hello'\n"
@@ -69,6 +72,7 @@ def shell(tmp_path):
         ("echo ${ROS_IP-1} ${ROS_NAMESPACE-2} ${ROS_HOME-3} ${TMPDIR-4}", "1 2 3 4"),
         ("complete -p rosrun roslaunch roscd rostest >/dev/null && echo yes", "yes"),
         ("hello", "hello"),
+        ("my_tool", "my tool"),
         ('echo "$PS1"', "(mushr_ros_intro) my prompt> "),
     ],
 )
