@@ -1,0 +1,96 @@
+"""Check scripts/shell: the commands of the documentation work, in spite of the user's settings."""
+
+import os
+import signal
+import subprocess
+
+import pytest
+
+from support.helpers import PATIENCE
+from support.paths import CHECKOUT
+
+pytestmark = pytest.mark.skipif(
+    not os.path.exists(f"{CHECKOUT}/build/.workspace/sources"),
+    reason="scripts/setup has not built here, and a test does not install anything",
+)
+
+
+@pytest.fixture
+def shell(tmp_path):
+    """Return a function that runs the script in the home of a user with a .bashrc."""
+    (tmp_path / "bin").mkdir()
+    for name in ("cmake", "python3"):
+        (tmp_path / "bin" / name).write_text("#!/bin/sh\nexit 3\n")
+        (tmp_path / "bin" / name).chmod(0o755)
+    (tmp_path / "tools").mkdir()
+    (tmp_path / "tools" / "my_tool").write_text("#!/bin/sh\necho my tool\n")
+    (tmp_path / "tools" / "my_tool").chmod(0o755)
+    (tmp_path / ".bashrc").write_text(
+        "export PATH=~/bin:~/tools:$PATH PYTHONHOME=/nonsense PYTHONPATH=/nonsense\n"
+        "export ROS_HOSTNAME=nonsense.example ROS_IP=192.0.2.1 ROS_NAMESPACE=/nonsense\n"
+        "export ROS_MASTER_URI=http://192.0.2.2:11311 ROS_PACKAGE_PATH=/nonsense\n"
+        "alias hello='echo hello'\n"
+        "PS1='my prompt> '\n"
+    )
+
+    def run(*command, typed="", checkout=CHECKOUT):
+        """Return the lines that the shell prints."""
+        process = subprocess.Popen(
+            [f"{checkout}/scripts/shell", *command],
+            cwd=str(tmp_path),
+            env={"HOME": str(tmp_path), "PATH": f"{tmp_path}/bin:/usr/bin:/bin"},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            output, errors = process.communicate(typed, PATIENCE)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise AssertionError(f"no end: {process.communicate()}") from None
+        assert process.returncode == 0, errors
+        return output.splitlines()
+
+    return run
+
+
+@pytest.mark.parametrize(
+    "typed, printed",
+    [
+        ("roscd mushr_ros_intro && readlink -f scripts", f"{CHECKOUT}/scripts"),
+        (
+            'readlink -f "$(roslaunch --files mushr_ros_intro sim.launch)"',
+            f"{CHECKOUT}/launch/sim.launch",
+        ),
+        ("rosrun mushr_ros_intro check_plan.py circle | tail -n 1", "no faults"),
+        ("which python3 && python3 -c 'import rospy, ackermann_msgs'", "/usr/bin/python3"),
+        ("which cmake", "/usr/bin/cmake"),
+        ("which catkin_make >/dev/null && which catkin_create_pkg >/dev/null && echo yes", "yes"),
+        ("echo $ROS_HOSTNAME $ROS_MASTER_URI", "localhost http://localhost:11311"),
+        ("echo ${ROS_IP-1} ${ROS_NAMESPACE-2} ${ROS_HOME-3} ${TMPDIR-4}", "1 2 3 4"),
+        ("complete -p rosrun roslaunch roscd rostest >/dev/null && echo yes", "yes"),
+        ("hello", "hello"),
+        ("my_tool", "my tool"),
+        ('echo "$PS1"', "(mushr_ros_intro) my prompt> "),
+    ],
+)
+def test_what_a_user_types(shell, typed, printed):
+    assert shell(typed=f"{typed}\n") == [printed]
+
+
+def test_one_command(shell):
+    assert shell("bash", "-c", 'echo "$0 $ROS_HOSTNAME"', "two words") == ["two words localhost"]
+
+
+def test_the_workspace_around_the_checkout(shell, tmp_path):
+    """As in the tutorial: ~/catkin_ws/src contains the checkout and the user's own package."""
+    workspace = tmp_path / "catkin_ws"
+    (workspace / "src").mkdir(parents=True)
+    (workspace / "src" / "mushr_ros_intro").symlink_to(CHECKOUT)
+    (workspace / "devel").mkdir()
+    (workspace / "devel" / "setup.bash").write_text("export MINE=yes\ngreet() { echo greeting; }\n")
+    checkout = workspace / "src" / "mushr_ros_intro"
+    assert shell("printenv", "MINE", checkout=checkout) == ["yes"]
+    assert shell(typed="echo $MINE\ngreet\n", checkout=checkout) == ["yes", "greeting"]
