@@ -176,7 +176,8 @@ class DriveMonitor:
         expected = prediction.pose
         if self._wall:
             total = length(self._plan)
-            raise DriveError(f"{self._wall}, {report.distance:.2f} m of {total:.2f} m driven")
+            message = f"{self._wall}, {report.distance:.2f} m of {total:.2f} m driven"
+            raise DriveError(f"{message}. {self._cause()}" if self._others else message)
         distance, angle = report.pose.distance_to(expected), report.pose.angle_to(expected)
         is_close = report.pose.is_close_to(expected, TOLERANCE)
         if prediction.is_exact and not is_close:
