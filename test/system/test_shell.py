@@ -64,7 +64,7 @@ def shell(tmp_path):
             'readlink -f "$(roslaunch --files mushr_ros_intro sim.launch)"',
             f"{CHECKOUT}/launch/sim.launch",
         ),
-        ("rosrun mushr_ros_intro check_plan.py circle | tail -n 1", "no faults"),
+        ("rosrun mushr_ros_intro check_plan.py circle | sed -n 2p", "no faults"),
         ("which python3 && python3 -c 'import rospy, ackermann_msgs'", "/usr/bin/python3"),
         ("which cmake", "/usr/bin/cmake"),
         ("which catkin_make >/dev/null && which catkin_create_pkg >/dev/null && echo yes", "yes"),
