@@ -10,7 +10,6 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
-from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
@@ -18,8 +17,8 @@ from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Event, InitialPose, State, at_rest, halted
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.plan.model import MAX_COORDINATE
-from mushr_ros_intro.ros import conversions, node, sim_clock
-from mushr_ros_intro.ros.connections import wait_until_connected
+from mushr_ros_intro.ros import conversions, node, services, sim_clock
+from mushr_ros_intro.ros.connections import has_live_publisher, wait_until_connected
 from mushr_ros_intro.ros.state_publisher import StatePublisher
 from mushr_ros_intro.sim.stamps import (
     NANOSECONDS,
@@ -42,7 +41,8 @@ class CarSim:
         """Set up the node; if `keeps_clock`, it publishes /clock."""
         parameters = node.parameters()
         self._car = car_from(parameters)
-        pose_period = from_seconds(1.0 / parameters.number("pose_rate", 50.0, "Hz", 0.1, 1000.0))
+        pose_rate = parameters.number("pose_rate", 50.0, "Hz", 0.1, 1000.0)
+        pose_period = from_seconds(1.0 / pose_rate)
         factor = parameters.number("real_time_factor", 1.0, "", 0.0, 1e6)
         self._start = Pose(
             parameters.number("x", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE),
@@ -56,7 +56,10 @@ class CarSim:
             if keeps_clock
             else sim_clock.FollowedClock(pose_period, self._changed)
         )
-        rospy.loginfo("%s; time: %s", parameters, self._clock.description)
+        profile = parameters.optional_text("profile") or "without a profile"
+        values = (profile, self._car, pose_rate, self._clock.description)
+        rospy.loginfo("car %s: %s; pose rate %g Hz; time: %s", *values)
+        self._expects_map = parameters.flag("expects_map", False)
         self._stamp_tolerance = SIMULATED_STAMP_TOLERANCE if keeps_clock else STAMP_TOLERANCE
         self._now = self._clock.read()
         self._history = History(self._car, at_rest(self._now, self._start))
@@ -84,13 +87,19 @@ class CarSim:
             conversions.command_from_msg,
             tcp_nodelay=True,
         )
-        rospy.Service("~reset", Trigger, self._on_reset)
+        services.offer("~reset", self._changed, self._reset)
 
     def run(self) -> None:
         """Report the car's state until the node is shut down."""
         # A node that receives the car's pose can rely on the car receiving commands.
         wait_until_connected(self._command_sub, "publishers")
+        self._publisher.announce(self._is_ready)
         self._clock.run(self._evaluate, self._publisher.publish)
+
+    def _is_ready(self) -> bool:
+        """Return whether the mux is connected, and whether a map, if expected, is in use."""
+        needs_map = self._expects_map or self._map_sub.get_num_connections()
+        return (self._world is not None or not needs_map) and has_live_publisher(self._command_sub)
 
     def _evaluate(self, instants: Sequence[int]) -> List[State]:
         """Return the car's state at instants [ns]; needs the lock."""
@@ -110,7 +119,6 @@ class CarSim:
             self._world = self._publisher.world = world
             self._history.build(world)
             state = self._history.state_at(now)
-        rospy.loginfo("the map has %d x %d cells", world.grid.width, world.grid.height)
         if not is_free(*world, state.pose):
             rospy.logwarn(
                 f"the car is inside a wall at {state.pose}; drive it out, or place it elsewhere"
@@ -171,13 +179,12 @@ class CarSim:
         self._now = now
         return now
 
-    def _on_reset(self, _: TriggerRequest) -> TriggerResponse:
-        """Place the car at its start pose, at rest, with its odometry at zero."""
-        with self._changed:
-            now = self._read_clock()
-            self._history = History(self._car, at_rest(now, self._start), self._world)
-            self._clock.reset()
-        return TriggerResponse(True, f"at the start pose since {now / NANOSECONDS:.9f} s")
+    def _reset(self) -> str:
+        """Place the car at its start pose, at rest, with its odometry at zero; needs the lock."""
+        now = self._read_clock()
+        self._history = History(self._car, at_rest(now, self._start), self._world)
+        self._clock.reset()
+        return f"at the start pose since {now / NANOSECONDS:.9f} s"
 
 
 def main() -> int:

@@ -42,6 +42,10 @@ class PlanRecorder:
         self._pose_sub = rospy.Subscriber(
             f"/{car_name}/car_pose", PoseStamped, self._on_pose, tcp_nodelay=True
         )
+        self._empty = (
+            "this recording has no drive: there was no command to drive after the first pose on "
+            f"{self._pose_sub.resolved_name}"
+        )
         rospy.Subscriber(
             init_pose_topic, PoseWithCovarianceStamped, self._on_initial_pose, tcp_nodelay=True
         )
@@ -54,7 +58,7 @@ class PlanRecorder:
         )
 
     def run(self) -> None:
-        """Record until the node is shut down; then save the drive, unless it is saved.
+        """Record until the node is shut down; then save the drive, and log what was saved.
 
         Raises:
             WriteError: it cannot be saved.
@@ -62,8 +66,7 @@ class PlanRecorder:
         rospy.spin()
         # Not in rospy.on_shutdown: the process would not wait for a hook in another thread.
         with self._lock:
-            if not self._file.is_saved(self._recording.plan()):
-                rospy.loginfo("%s", self._save())
+            rospy.loginfo("%s", self._file.finish(self._recording.plan(), self._empty))
 
     def _on_pose(self, msg: PoseStamped) -> None:
         """Add a reported pose."""
@@ -132,10 +135,7 @@ class PlanRecorder:
         Raises:
             WriteError: there is no drive, or it cannot be written.
         """
-        empty = (
-            f"the car has not been driven since its first pose on {self._pose_sub.resolved_name}"
-        )
-        return self._file.save(self._recording.plan(), empty)
+        return self._file.save(self._recording.plan(), self._empty)
 
 
 if __name__ == "__main__":

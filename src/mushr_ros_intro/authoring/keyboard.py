@@ -10,6 +10,12 @@ from typing import Any, Union
 
 from mushr_ros_intro.authoring.teleop import Keys
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.sim.stamps import NANOSECONDS
+
+HELP = "W, S: drive; A, D: steer; any other key: stop"
+
+HELP_PERIOD = 5 * NANOSECONDS
+"""A terminal shows the help again if a key is typed this long after the last time [ns]."""
 
 POLL = 0.01
 """The longest time that `read` waits [s]."""
@@ -20,11 +26,11 @@ class NoKeyboardError(UserError):
 
 
 class Window:
-    """A window that shows which keys are held.
+    """A window that shows the help, and which keys are held.
 
     Args:
         title: of the window.
-        help_text: shown below the keys while the window has the focus.
+        values: of speed and steering angle, shown while the window has the focus.
 
     Raises:
         NoKeyboardError: there is no display, or no tkinter.
@@ -32,7 +38,7 @@ class Window:
 
     HELD, RELEASED = "#d9141a", "#d0d0d4"
 
-    def __init__(self, title: str, help_text: str) -> None:
+    def __init__(self, title: str, values: str) -> None:
         try:
             import tkinter  # a separate package in Debian
         except ImportError:
@@ -43,7 +49,7 @@ class Window:
             raise NoKeyboardError(str(error)) from None
         self.is_open = True
         self._keys = Keys()
-        self._help_text = help_text
+        self._values = values
         self._root.title(title)
         self._root.resizable(False, False)
         frame = tkinter.Frame(self._root)
@@ -53,7 +59,8 @@ class Window:
             label = tkinter.Label(frame, text=key.upper(), width=4, height=2)
             label.grid(row=row, column=column, padx=4, pady=4)
             self._labels[key] = label
-        self._status = tkinter.Label(self._root, width=34)
+        tkinter.Label(self._root, text=HELP).pack(padx=4)
+        self._status = tkinter.Label(self._root)
         self._status.pack(pady=4)
 
         self._root.bind("<KeyPress>", self._on_press)
@@ -70,7 +77,7 @@ class Window:
         for key, label in self._labels.items():
             label.configure(background=self.HELD if key in held else self.RELEASED)
         has_focus = self._root.focus_displayof() is not None
-        self._status.configure(text=self._help_text if has_focus else "click here to drive")
+        self._status.configure(text=self._values if has_focus else "click here to drive")
         return self._keys
 
     def close(self) -> None:
@@ -112,7 +119,8 @@ class Terminal:
             ) from None
         self.is_open = True
         self._keys = Keys()
-        print("W, S: drive; A, D: steer; any other key: stop; Ctrl-C: end", flush=True)
+        self._help_due = 0
+        self._show_help(time.monotonic_ns())
         tty.setcbreak(self._input)
 
     def read(self) -> Keys:
@@ -124,6 +132,8 @@ class Terminal:
                 typed = os.read(self._input, 1024)
             self.is_open = bool(typed)
         now = time.monotonic_ns()
+        if typed:
+            self._show_help(now)
         for key in typed.decode("ascii", errors="replace"):
             self._keys = self._keys.typed(key, now)
         self._keys = self._keys.at(now)
@@ -134,15 +144,21 @@ class Terminal:
         with suppress(termios.error):  # the terminal may be closed
             termios.tcsetattr(self._input, termios.TCSADRAIN, self._settings)
 
+    def _show_help(self, now: int) -> None:
+        """Print the help if it is due: the log lines of other nodes move it off the screen."""
+        if now >= self._help_due:
+            self._help_due = now + HELP_PERIOD
+            print(f"{HELP}; Ctrl-C: end", flush=True)
 
-def open_keyboard(title: str, help_text: str, command: str) -> Union[Window, Terminal]:
+
+def open_keyboard(title: str, values: str, command: str) -> Union[Window, Terminal]:
     """Open a window, or the terminal if there is no display; see `Window` and `Terminal`.
 
     Raises:
         NoKeyboardError: neither can be opened.
     """
     try:
-        return Window(title, help_text)
+        return Window(title, values)
     except NoKeyboardError as error:
         print(f"no window ({error}), so keys are read from the terminal", flush=True)
     return Terminal(command)

@@ -25,6 +25,7 @@ class PlanFile:
         self.folder = parameters.folder("folder", ".")
         self._name = parameters.file_name("name", default_name)
         self._saved: Optional[Plan] = None
+        self._last = ""  # path and size of that plan
 
     def save(self, plan: Optional[Plan], if_empty: str) -> str:
         """Write a plan into a new file; return a message with its path and size.
@@ -38,8 +39,20 @@ class PlanFile:
             path = write_plan(self.folder, self._name, plan.start, plan.rows)
         except WriteError as error:
             raise WriteError(f"nothing saved: {error}") from None
-        self._saved = plan
-        return f"saved {path}; {summary(plan)}"
+        self._saved, self._last = plan, f"{path}; {summary(plan)}"
+        return f"saved {self._last}"
+
+    def finish(self, plan: Optional[Plan], if_empty: str) -> str:
+        """Write a plan unless it is saved; return a message: what was written, or why nothing.
+
+        Raises:
+            WriteError: it cannot be written.
+        """
+        if not self.is_saved(plan):
+            return self.save(plan, if_empty)
+        if self._last:
+            return f"nothing new to save; saved before: {self._last}"
+        return f"nothing saved: {if_empty}"
 
     def is_saved(self, plan: Optional[Plan]) -> bool:
         """Return whether a plan has no rows, or is the one that was saved last."""

@@ -7,6 +7,7 @@ import math
 from typing import NamedTuple, Optional, Tuple, Union
 
 from mushr_ros_intro.car.bicycle import Pose, compose, curvature, inverse
+from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 
 class Car(NamedTuple):
@@ -39,6 +40,16 @@ class Car(NamedTuple):
     """Standard deviation of the steering angle [rad], drawn for each command to drive."""
     seed: int = 0
     """The seed of the noise."""
+
+    def __str__(self) -> str:
+        units = ("m/s", "rad left", "rad right", "m/s^2", "rad/s")
+        limits = [f"{limit:g} {unit}" for limit, unit in zip(self[4:9], units) if limit < math.inf]
+        noise = f"{self.speed_noise:g} m/s, {self.steering_noise:g} rad, seed {self.seed}"
+        return (
+            f"wheelbase {self.wheelbase:g} m; limits: {', '.join(limits) or 'none'}; noise: "
+            f"{noise if self.speed_noise or self.steering_noise else 'off'}; "
+            f"command timeout {self.command_timeout / NANOSECONDS:g} s"
+        )
 
     @property
     def is_ideal(self) -> bool:

@@ -12,6 +12,7 @@ import xmlrpc.client
 from typing import Any, Dict
 
 import rosgraph
+import rosgraph.roslogging
 import rospkg
 import rospy
 import rospy.impl.paramserver
@@ -23,6 +24,7 @@ def apply_before_init_node() -> None:
     """Apply the fixes that are needed before rospy.init_node is called."""
     limit_calls()
     write_logs_somewhere()
+    keep_latest_link()
     forget_log_parameter()
     end_server_with_node()
 
@@ -68,6 +70,15 @@ def write_logs_somewhere() -> None:
     except OSError:
         other = os.path.join(tempfile.gettempdir(), f"ros_log_{os.getuid()}")
         os.environ[rospkg.environment.ROS_LOG_DIR] = other
+
+
+def keep_latest_link() -> None:
+    """Leave the link `latest` in the log folder to roslaunch, which has created it.
+
+    Symptom: "cannot create a symlink to latest log directory", when roslaunch starts nodes.
+    Cause: each node replaces the link, in two steps (rosgraph/roslogging.py), at the same time.
+    """
+    rosgraph.roslogging.renew_latest_logdir = lambda folder: True
 
 
 def forget_log_parameter() -> None:

@@ -1,6 +1,8 @@
 """Publish the state of the simulated car."""
 
-from typing import List, Optional
+import threading
+import time
+from typing import Callable, List, Optional
 
 import rospy
 from geometry_msgs.msg import PoseArray, PoseStamped
@@ -22,6 +24,9 @@ _LINE_POSES = 100
 _KEPT_LINES = 20
 """The drawing consists of lines of so many poses; the oldest line is replaced."""
 
+READY_POLL_PERIOD = 0.1
+"""Period at which it is checked whether the car is ready [s of wall-clock time]."""
+
 
 class StatePublisher:
     """The publishers of a car's state, relative to its namespace.
@@ -41,6 +46,7 @@ class StatePublisher:
         """
         self.world: Optional[World] = None
         """The map; None if there is none."""
+        self._pose: Optional[Pose] = None  # the last one that was published
         self._announced: Optional[Contact] = None
         self._is_on_map = True
         prefix = rospy.get_namespace().strip("/")
@@ -83,7 +89,8 @@ class StatePublisher:
             for publisher, convert in self._publishers:
                 if publisher.get_num_connections():
                     publisher.publish(convert(state))
-            self._announce(state)
+            self._pose = state.pose
+            self._announce_contact(state)
 
     def _draw(self, state: State) -> None:
         """Draw the driven path as a sequence of lines, which is removed when the car is placed."""
@@ -105,7 +112,25 @@ class StatePublisher:
         if len(self._line) == _LINE_POSES:
             self._line, self._lines = self._line[-1:], self._lines + 1
 
-    def _announce(self, state: State) -> None:
+    def announce(self, is_ready: Callable[[], bool]) -> None:
+        """Log the pose and what to type, as soon as poses are published and the car is ready."""
+
+        def wait_and_log() -> None:
+            while self._pose is None or not is_ready():
+                if rospy.is_shutdown():
+                    return
+                time.sleep(READY_POLL_PERIOD)
+            name = rospy.get_namespace().strip("/")
+            rospy.loginfo(
+                "ready: the car is at %s. To drive a plan, type in another terminal: "
+                "roslaunch mushr_ros_intro path_publisher.launch%s",
+                self._pose,
+                "" if name == "car" else f" car_name:={name}",
+            )
+
+        threading.Thread(target=wait_and_log, daemon=True).start()
+
+    def _announce_contact(self, state: State) -> None:
         """Publish a changed collision; log once if the car hit a wall or left the map."""
         if state.collision != self._announced:
             self._announced = state.collision

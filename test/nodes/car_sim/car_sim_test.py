@@ -9,8 +9,9 @@ import socket
 import rospy
 import rostest
 import tf2_ros
+from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry, Path
+from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
@@ -20,7 +21,7 @@ from mushr_ros_intro.ros import sim_clock
 from mushr_ros_intro.ros.connections import wait_until_connected
 from support.geometry import POSITION_TOLERANCE, closed_form, planar, yaw_of
 from support.ghost import Ghost
-from support.helpers import CarTestCase, Recording, wait_for
+from support.helpers import CarTestCase, Recording, node, publisher, wait_for
 from support.messages import LEAD, at, command, placement
 
 ROWS = [(2.0, 0.3), (1.0, -0.2), (-1.5, 0.25), (3.0, 0.0), (0.5, 1.2), (2.5, -0.1)]
@@ -41,6 +42,37 @@ class TestCarSim(CarTestCase):
     def test_0_start_pose(self):
         # Tests run in the order of their names, so the car is at its own start pose.
         self.assert_pose(planar(self.poses.after(rospy.Time(0)).pose), (1.0, -2.0, 0.5))
+
+    def start_mux(self):
+        topic = "/late/mux/ackermann_cmd_mux/output"
+        self.addCleanup(publisher(topic, AckermannDriveStamped).unregister)
+
+    def start_map(self):
+        self.addCleanup(node("map_server.py", "__ns:=/late", "_map_file:=sandbox").end)
+        maps = Recording("/late/map", OccupancyGrid)
+        wait_for(lambda: maps.last, "the map")
+
+    def check_ready(self, first, second):
+        """A car that expects a map reports that it is ready after both steps, not after one."""
+        arguments = ("__ns:=/late", "/map:=/late/map", "_x:=3", "_profile:=mine")
+        with node("car_sim.py", *arguments, "_expects_map:=true") as car:
+            poses = Recording("/late/car_pose", PoseStamped).connected()
+            first()
+            poses.after(rospy.Time.now() + rospy.Duration(0.5))
+            self.assertNotIn("ready", car.output)
+            second()
+            wait_for(lambda: "ready" in car.output, "the car to be ready")
+        line = "ready: the car is at (3.0000 m, 0.0000 m, 0.0000 rad). To drive a plan, type in "
+        self.assertIn(line, car.output)
+        self.assertIn("path_publisher.launch car_name:=late\n", car.output)
+        self.assertIn("car mine: wheelbase 0.33 m; limits: none; ", car.output)
+        self.assertIn("; pose rate 50 Hz; time: wall-clock\n", car.output)
+
+    def test_ready_with_map(self):
+        self.check_ready(self.start_mux, self.start_map)
+
+    def test_ready_with_mux(self):
+        self.check_ready(self.start_map, self.start_mux)
 
     def test_in_order_late_twice_and_out_of_order(self):
         rows = [(speed, angle, 0.1) for speed, angle in ROWS[:-1]] + [(*ROWS[-1], 0.2)]

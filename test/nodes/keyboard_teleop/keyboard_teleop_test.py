@@ -3,11 +3,14 @@
 
 import os
 import pty
+import select
 import signal
 import subprocess
 import termios
 import time
+import tkinter
 import unittest
+from unittest import mock
 
 import roslib.packages
 import rospy
@@ -15,6 +18,7 @@ import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
+from mushr_ros_intro.authoring.keyboard import HELP, Window
 from support.display import Display, require
 from support.geometry import float32
 from support.helpers import PATIENCE, Process, Recording, wait_for
@@ -139,6 +143,25 @@ class WindowTest(Commands, unittest.TestCase):
         self.check_silence()
         self.assertNotIn("Traceback", self.node.output)
 
+    def test_help(self):
+        """The window shows the help, with the focus and without it."""
+        labels, create = [], tkinter.Label
+        with mock.patch.dict(os.environ, DISPLAY=self.display.name), mock.patch(
+            "tkinter.Label",
+            lambda *args, **kwargs: labels.append(create(*args, **kwargs)) or labels[-1],
+        ):
+            window = Window("help", "2 m/s")
+        self.addCleanup(window.close)
+
+        def shows(text):
+            window.read()
+            texts = [each["text"] for each in labels]
+            return HELP in texts and text in texts
+
+        wait_for(lambda: shows("click here to drive"), "the help without the focus")
+        self.display.focus_on("^help$")
+        wait_for(lambda: shows("2 m/s"), "the help with the focus")
+
 
 class TerminalTest(Commands, unittest.TestCase):
     """In a terminal, without a display."""
@@ -151,7 +174,11 @@ class TerminalTest(Commands, unittest.TestCase):
         self.terminal = terminal
         self.settings = termios.tcgetattr(terminal)
         self.node = subprocess.Popen(
-            NODE, stdin=terminal, env={**os.environ, "DISPLAY": ""}, start_new_session=True
+            NODE,
+            stdin=terminal,
+            stdout=terminal,
+            env={**os.environ, "DISPLAY": ""},
+            start_new_session=True,
         )
         self.addCleanup(self.node.wait)
         self.addCleanup(self.node.kill)
@@ -166,6 +193,19 @@ class TerminalTest(Commands, unittest.TestCase):
         self.wait_for_drive(FORWARD_LEFT)
         self.check_silence()
         self.check_headers()
+
+    def test_help(self):
+        """The help is printed again while keys are typed."""
+        output = b""
+
+        def is_printed_again():
+            nonlocal output
+            os.write(self.keyboard, b"w")
+            if select.select([self.keyboard], [], [], 0.1)[0]:
+                output += os.read(self.keyboard, 4096)
+            return output.count(HELP.encode()) == 2
+
+        wait_for(is_printed_again, "the help, twice")
 
     def test_end(self):
         """Ctrl-C, a signal of the terminal: one stop, and the settings are restored."""

@@ -76,6 +76,21 @@ class TestMapServer(RosTestCase):
         )
         self.assert_refused(*(("map_server.py", *case) for case in cases))
 
+    def test_wrong_names_in_sim_launch(self):
+        """roslaunch stops before it starts a node."""
+        cases = (
+            (
+                "car:=nano",
+                "no such car; expected one of ideal, mushr_nano, mushr_tx2, racecar_mit\n",
+            ),
+            ("map:=sandbx", "no such file; did you mean sandbox? (searched: "),
+        )
+        for argument, message in cases:
+            with Process("roslaunch", "mushr_ros_intro", "sim.launch", argument) as launch:
+                self.assertEqual(launch.wait(), 1, launch.output)
+                self.assertIn(f"\nsim.launch: {argument}: {message}", launch.output)
+                self.assertNotIn("process[", launch.output)
+
 
 if __name__ == "__main__":
     rospy.init_node("map_server_test")

@@ -42,6 +42,12 @@ def read(path):
     return plan.start, [(*row[:2], row.duration / 1e9) for row in plan.rows]
 
 
+EMPTY = (
+    "nothing saved: this recording has no drive: there was no command to drive after the first "
+    "pose on /car/car_pose"
+)
+
+
 class TestRecording(RosTestCase):
     def setUp(self):
         super().setUp()
@@ -171,8 +177,7 @@ class TestRecording(RosTestCase):
 
     def test_drives(self):
         recorder = self.start_recorder()
-        empty = "nothing saved: the car has not been driven since its first pose on /car/car_pose"
-        self.assertEqual(self.call("save"), (False, empty))
+        self.assertEqual(self.call("save"), (False, EMPTY))
 
         end = self.hand_drive(START)
         self.assert_pose(end, closed_form(START, ROWS))
@@ -186,7 +191,7 @@ class TestRecording(RosTestCase):
         self.assert_pose(self.drive(path), end)
         self.assertEqual(read(self.save("recorded_2.txt"))[1], rows)
         self.assertTrue(self.call("clear")[0])
-        self.assertEqual(self.call("save"), (False, empty))
+        self.assertEqual(self.call("save"), (False, EMPTY))
         self.assertNotIn("WARN", recorder.output)
 
         # A drive that is not saved is lost at an initial pose, and saved at shutdown.
@@ -195,9 +200,25 @@ class TestRecording(RosTestCase):
         self.assertEqual(recorder.output.count("the drive was not saved"), 1)
         recorder.send_signal(signal.SIGINT)
         self.assertEqual(recorder.wait(), 0, recorder.output)
-        self.assertIn("recorded_3.txt; the plan has 4 rows, 0.710 m, 0.850 s", recorder.output)
+        last = f"saved {path[:-4]}_3.txt; the plan has 4 rows, 0.710 m, 0.850 s\n"
+        self.assertTrue(recorder.output.endswith(last), recorder.output)
         self.assertEqual(read(os.path.join(self.folder, "recorded_3.txt"))[1], rows)
         self.assertEqual(recorder.output.count("WARN"), 1)
+
+    def test_ctrl_c_without_a_new_drive(self):
+        recorder = self.start_recorder()
+        recorder.send_signal(signal.SIGINT)
+        self.assertEqual(recorder.wait(), 0, recorder.output)
+        self.assertTrue(recorder.output.endswith(f"{EMPTY}\n"), recorder.output)
+
+        recorder = self.start_recorder()
+        self.hand_drive(START)
+        path = self.save("recorded.txt")
+        recorder.send_signal(signal.SIGINT)
+        self.assertEqual(recorder.wait(), 0, recorder.output)
+        last = f"nothing new to save; saved before: {path}; the plan has 4 rows, 0.710 m, 0.850 s\n"
+        self.assertTrue(recorder.output.endswith(last), recorder.output)
+        self.assertEqual(os.listdir(self.folder), ["recorded.txt"])
 
     def test_a_folder_that_cannot_be_written(self):
         """/proc: nobody can write there, not even root."""

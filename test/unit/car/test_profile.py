@@ -24,6 +24,11 @@ def test_profiles():
     assert len(keys) == 1  # a second profile on the parameter server replaces every key
     noisy = car_from(Parameters({**PROFILES["mushr_nano"], "noise": True, "seed": 7}))
     assert noisy == CARS["mushr_nano"]._replace(speed_noise=0.013, steering_noise=0.01, seed=7)
+    assert str(Car()) == "wheelbase 0.33 m; limits: none; noise: off; command timeout 0.2 s"
+    assert str(noisy) == (
+        "wheelbase 0.3 m; limits: 0.9286 m/s, 0.4375 rad left, 0.4375 rad right, 2.5 m/s^2, "
+        "3.2 rad/s; noise: 0.013 m/s, 0.01 rad, seed 7; command timeout 0.2 s"
+    )
     assert CARS["mushr_nano"].speed_noise == CARS["mushr_nano"].steering_noise == 0.0
 
 

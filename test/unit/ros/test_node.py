@@ -160,6 +160,15 @@ def test_a_node_logs_if_its_home_cannot_be_written(master, tmp_path):
     assert os.listdir(tmp_path / f"ros_log_{os.getuid()}")
 
 
+def test_a_node_leaves_the_link_to_the_latest_log_to_roslaunch(master, tmp_path):
+    (tmp_path / "latest").symlink_to("elsewhere")
+    environment = {"ROS_MASTER_URI": master, "ROS_LOG_DIR": str(tmp_path)}
+    with node("map_server.py", f"__log:={tmp_path}/run/a.log", **environment) as process:
+        assert process.wait() == 1
+    assert "parameter ~map_file is not set" in process.output
+    assert os.readlink(str(tmp_path / "latest")) == "elsewhere"
+
+
 def test_a_silent_master_ends_a_node():
     with running_master() as (silent, uri), start(PROGRAMS["calls"], uri) as process:
         wait_for(lambda: "calls" in process.output, "the node")

@@ -1,0 +1,28 @@
+#!/usr/bin/python3
+"""Check the arguments `car` and `map` of sim.launch: check_names.py CAR MAP.
+
+roslaunch runs this program while it loads sim.launch. The program prints CAR, or a message with the
+valid names; then its exit status is 1, and roslaunch starts no node.
+"""
+
+import os
+import sys
+
+import rospkg
+
+from mushr_ros_intro.car.profile import names_in
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.parameters import find_file
+
+if __name__ == "__main__":
+    _, car, map_name = sys.argv
+    package = rospkg.RosPack().get_path("mushr_ros_intro")
+    cars = names_in(os.path.join(package, "config/cars"))
+    if car not in cars:
+        sys.exit(f"\nsim.launch: car:={car}: no such car; expected one of {', '.join(cars)}\n")
+    try:
+        if map_name != "none":
+            find_file(map_name, os.path.realpath(os.path.join(package, "maps")), ".yaml")
+    except UserError as error:
+        sys.exit(f"\nsim.launch: map:={error}, none\n")
+    print(car, end="")
