@@ -75,7 +75,9 @@ class TestPathPublisher(RosTestCase):
     def test_another_node_drives_the_car(self):
         """The node that publishes on the same topic is named, also if it has ended."""
         path = self.plan("0,0,0\n1.0,0.2,3\n")
-        other = self.plan("0,0,0\n-1.0,0.2,0.5\n", "other.txt")
+        # Its second row is shifted by half a period. So the commands of at least one row are not
+        # replaced at once by those of the first node, and the car ends elsewhere.
+        other = self.plan("0,0,0\n-1.0,0.2,0.45\n-1.0,0.2,0.5\n", "other.txt")
         with node("path_publisher.py", f"_plan_file:={path}") as publisher:
             wait_for(lambda: len(self.commands.messages) >= 5, "five commands")
             arguments = (f"_plan_file:={other}", "__name:=other", "_send_init_pose:=false")
