@@ -42,7 +42,7 @@ def write(folder: str, report: Report, arguments: Dict[str, Any]) -> None:
 
     names = "time,x,y,theta,predicted_x,predicted_y,predicted_theta,distance_from_start"
     away = np.hypot(*(path.driven[:, :2] - report.replay.plan.start[:2]).T)
-    table, formats = np.column_stack([*path, away]), ["%.9f"] + 7 * ["%.17g"]
+    table, formats = np.column_stack([*path[:3], away]), ["%.9f"] + 7 * ["%.17g"]
     csv = os.path.join(folder, "trajectory.csv")
     np.savetxt(csv, table, formats, ",", header=names, comments="")
 

@@ -90,11 +90,8 @@ class Drive(NamedTuple):
     """x [m], y [m], theta [rad]; N x 3."""
     predicted: np.ndarray
     """x [m], y [m], theta [rad]; N x 3."""
-
-    @property
-    def frechet_distance(self) -> float:
-        """The discrete Frechet distance of the two paths [m]."""
-        return frechet_distance(self.driven[:, :2], self.predicted[:, :2])
+    frechet_distance: float
+    """The discrete Frechet distance of the two paths [m]."""
 
 
 def runs_of(plan: Plan) -> List[Run]:
@@ -126,7 +123,12 @@ def drive(replay: Replay) -> Drive:
     predicted = np.array([state.pose for state in states_at(replay.plan, car, instants)], float)
     moves, _ = np.nonzero(np.diff(np.hstack([driven, predicted]), axis=0))
     last = int(moves[-1]) + 2 if len(moves) else 1
-    return Drive(np.array(instants[:last]) / NANOSECONDS, driven[:last], predicted[:last])
+    times, driven, predicted = (
+        np.array(instants[:last]) / NANOSECONDS,
+        driven[:last],
+        predicted[:last],
+    )
+    return Drive(times, driven, predicted, frechet_distance(driven[:, :2], predicted[:, :2]))
 
 
 def _first_pose(replay: Replay) -> int:
