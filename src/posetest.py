@@ -24,12 +24,12 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
 from mushr_ros_intro.car.bicycle import Pose
-from mushr_ros_intro.grading.checks import Series, pose_fault
+from mushr_ros_intro.grading.checks import compare
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.ros.conversions import MessageError, pose_from_msg
 from mushr_ros_intro.ros.node_test_case import NodeTestCase, main
 
-_TYPES = {kind._type: kind for kind in (PoseStamped, PoseWithCovarianceStamped, Odometry)}
+_TYPES = [kind._type for kind in (PoseStamped, PoseWithCovarianceStamped, Odometry)]
 
 
 class PoseTest(NodeTestCase):
@@ -37,7 +37,6 @@ class PoseTest(NodeTestCase):
 
     def configure(self, parameters: Parameters) -> None:
         """Read the parameters."""
-        self._poses = Series()
         self._wanted = Pose(
             parameters.number("x", math.nan, "m", -1e6, 1e6),
             parameters.number("y", math.nan, "m", -1e6, 1e6),
@@ -45,7 +44,7 @@ class PoseTest(NodeTestCase):
         )
         self._position = parameters.number("position_tolerance", 0.05, "m", 0.0, 1e6)
         angle = parameters.number("angle_tolerance", 0.05, "rad", 0.0, 1e6)
-        self._angle = angle if rospy.has_param("~theta") else None
+        self._angle = angle if rospy.has_param("~theta") else math.pi
         self._passes = parameters.flag("passes", False)
         self._duration = parameters.number("test_duration", 5.0, "s", 0.0, 1e6)
         self._topic = parameters.optional_text("topic")
@@ -60,42 +59,34 @@ class PoseTest(NodeTestCase):
     def test_pose(self) -> None:
         """The pose is the expected one, at the end or once."""
         if self._topic:
-            self._listen_to_topic(self._topic)
+            self.listen(self._topic, self._take_message)
         else:
             self._listen_to_tf()
-        self.wait_for(lambda: self._poses.entries, self._source)
         is_over = lambda: self._passes and not self._fault()  # noqa: E731
-        self.wait_for_series(self._poses, self._duration, is_over)
+        self.wait_for_series(self._source, self._duration, is_over)
         fault = self._fault()
         if fault and self._passes:
             self.fail(f"the pose was not reached in {self._duration:g} s; closest: {fault}")
         if fault:
-            self.fail(f"after {self._duration:g} s {fault}")
+            self.fail(f"after {self._duration:g} s the pose is {fault}")
 
     def _fault(self) -> str:
         """Return what is wrong with the last pose, or with the nearest if `passes` is set."""
-        poses = [pose for _, pose in self._poses.entries]
-        faults = {
-            pose: pose_fault(pose, self._wanted, self._position, self._angle)
-            for pose in (poses if self._passes else poses[-1:])
-        }
-        if not all(faults.values()):
-            return ""
+        poses = [pose for _, pose in self.series.entries]
+        faults = {}
+        for pose in poses if self._passes else poses[-1:]:
+            is_right, faults[pose] = compare(pose, self._wanted, self._position, self._angle)
+            if is_right:
+                return ""
         return faults[min(faults, key=self._wanted.distance_to)]
 
-    def _listen_to_topic(self, topic: str) -> None:
-        """Collect the poses of a topic of any supported type."""
-        found = self.wait_for(
-            lambda: dict(map(tuple, rospy.get_published_topics())).get(topic),
-            f"a publisher of {topic}",
-        )
-        if found not in _TYPES:
-            self.fail(f"{topic} has the type {found}; expected one of {', '.join(_TYPES)}")
-        self.subscribe(
-            topic,
-            _TYPES[found],
-            lambda msg: self._take(msg.header, getattr(msg.pose, "pose", msg.pose)),
-        )
+    def _take_message(self, msg: Any) -> None:
+        """Add the pose of a message of any supported type."""
+        if msg._type in _TYPES:
+            self._take(msg.header, getattr(msg.pose, "pose", msg.pose))
+        else:
+            expected = ", ".join(_TYPES)
+            self.error = f"{self._topic} has the type {msg._type}; expected one of {expected}"
 
     def _listen_to_tf(self) -> None:
         """Collect the poses of the transform."""
@@ -116,7 +107,7 @@ class PoseTest(NodeTestCase):
         """Add a pose; without a stamp it counts as of now."""
         stamp = header.stamp.to_nsec() or rospy.get_rostime().to_nsec()
         try:
-            self._poses.add(stamp, pose_from_msg(msg))
+            self.series.add(stamp, pose_from_msg(msg))
         except MessageError as error:
             self.error = f"{self._source}: {error}"
 

@@ -15,7 +15,7 @@ import rospy
 from std_msgs.msg import String
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.grading.judge import Check, verdict
+from mushr_ros_intro.grading.judge import Check
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.replay import replay
 from mushr_ros_intro.ros.ros_time import wait_for
@@ -64,8 +64,8 @@ def main() -> int:
     node.init_node("replay")
     path = next(each for each in sys.argv if each.startswith("--gtest_output=xml:"))[19:]
     try:
-        seen, checks = replay()
-        text = verdict(checks, seen)
+        report = replay()
+        checks, text = report.checks, report.verdict
     except (UserError, OSError) as error:
         checks = [Check("replay", False, f"the replay failed: {error}")]
         text = checks[0].message

@@ -4,7 +4,7 @@ import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.grading.judge import default_tolerances, judge, verdict
+from mushr_ros_intro.grading.judge import default_tolerances, judge
 from mushr_ros_intro.grading.replay import Replay, Sent
 from mushr_ros_intro.preview.prediction import states_at
 from mushr_ros_intro.world.grid import Grid
@@ -66,12 +66,12 @@ def replay(plan=PLAN, sent=COMMANDS, **changes):
     return right._replace(**changes)
 
 
-def every_check(seen):
-    """Return the checks of a replay by name."""
-    return {each.name: each for each in judge(seen, default_tolerances(seen.plan, seen.car))}
+def reported(seen):
+    """Return the report on a replay."""
+    return judge(seen, default_tolerances(seen.plan, seen.car))
 
 
 def judged(seen):
     """Return the messages of the failed checks of a replay, and the verdict."""
-    checks = every_check(seen).values()
-    return {each.name: each.message for each in checks if not each.passed}, verdict(checks, seen)
+    report = reported(seen)
+    return {each.name: each.message for each in report.checks if not each.passed}, report.verdict

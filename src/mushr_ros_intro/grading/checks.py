@@ -4,9 +4,8 @@ Stamps and durations are integer nanoseconds; messages for users show them in se
 without enough data is a fault.
 """
 
-import threading
 import time
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, List, Sequence, Tuple
 
 import numpy as np
 
@@ -16,27 +15,20 @@ from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 
 class Series:
-    """The items of a topic with their stamps, in order of arrival; thread-safe."""
+    """The items of a topic with their stamps."""
 
     _QUIET = 1.0
     """After so long without a message [s of wall-clock time] none is in transit any more."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._entries: List[Tuple[int, Any]] = []
+        self.entries: List[Tuple[int, Any]] = []
+        """All pairs of stamp [ns] and item, in order of arrival."""
         self._last_arrival = 0.0
 
     def add(self, stamp: int, item: Any) -> None:
         """Add an item with its stamp [ns]."""
-        with self._lock:
-            self._entries.append((stamp, item))
-            self._last_arrival = time.monotonic()
-
-    @property
-    def entries(self) -> List[Tuple[int, Any]]:
-        """All pairs of stamp [ns] and item, in order of arrival."""
-        with self._lock:
-            return list(self._entries)
+        self.entries.append((stamp, item))
+        self._last_arrival = time.monotonic()
 
     def covers(self, duration: int, now: int) -> bool:
         """Return whether the first `duration` [ns] of the series is complete at `now` [ns].
@@ -44,12 +36,11 @@ class Series:
         This depends on the stamps, because a fast clock can be ahead of messages in transit. Only
         if no message arrives any more it depends on the clock.
         """
-        with self._lock:
-            if not self._entries:
-                return False
-            end = self._entries[0][0] + duration
-            is_quiet = time.monotonic() > self._last_arrival + self._QUIET
-            return self._entries[-1][0] >= end or (now >= end and is_quiet)
+        if not self.entries:
+            return False
+        end = self.entries[0][0] + duration
+        is_quiet = time.monotonic() > self._last_arrival + self._QUIET
+        return self.entries[-1][0] >= end or (now >= end and is_quiet)
 
 
 def step_faults(stamps: Sequence[int], period: int, jitter: int) -> List[str]:
@@ -126,14 +117,14 @@ def _count_by_row(stamps: Sequence[int], rows: Sequence[int], period: int) -> Li
     return np.bincount(row_of_due[nearest], minlength=len(rows) + 1)[:-1].tolist()
 
 
-def pose_fault(pose: Pose, wanted: Pose, position: float, angle: Optional[float]) -> str:
-    """Return how a pose differs from the wanted one; empty if it is within the tolerances.
+def compare(pose: Pose, wanted: Pose, position: float, angle: float) -> Tuple[bool, str]:
+    """Return whether a pose is the wanted one, and a description of their difference.
 
-    The tolerances are `position` [m] and `angle` [rad]; without an angle any heading is right.
+    The tolerances are `position` [m] and `angle` [rad].
     """
     distance, turn = pose.distance_to(wanted), pose.angle_to(wanted)
-    if distance <= position and (angle is None or turn <= angle):
-        return ""
-    message = f"the pose {pose} is {distance:.3g} m and {turn:.3g} rad from {wanted}"
-    tolerances = f"{position:g} m" if angle is None else f"{position:g} m and {angle:g} rad"
-    return f"{message}; tolerance {tolerances}"
+    difference = (
+        f"{pose}, {distance:.3g} m and {turn:.3g} rad from the expected {wanted}; "
+        f"tolerances {position:.3g} m and {angle:.3g} rad"
+    )
+    return distance <= position and turn <= angle, difference

@@ -9,10 +9,10 @@ from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.car.bicycle import Pose, curvature
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import counted
-from mushr_ros_intro.grading.checks import step_faults
+from mushr_ros_intro.grading.checks import compare, step_faults
 from mushr_ros_intro.grading.replay import (
     START_TOLERANCE,
     Drive,
@@ -20,7 +20,6 @@ from mushr_ros_intro.grading.replay import (
     Run,
     Sent,
     drive,
-    max_rates,
     runs_of,
 )
 from mushr_ros_intro.plan.model import Plan
@@ -59,51 +58,40 @@ class Check(NamedTuple):
     """What was found, and what was expected."""
 
 
-def default_tolerances(plan: Plan, car: Car) -> Tolerances:
-    """Return how far the plan drives and turns the car within its command timeout.
+class Report(NamedTuple):
+    """A replay and the verdict on it."""
 
-    This is what a missing stop at the end of the plan costs.
-    """
-    speed, turn_rate = max_rates(plan, car)
-    seconds = car.command_timeout / NANOSECONDS
-    distance = _ROUNDING + seconds * speed
-    return Tolerances(distance, _ROUNDING + seconds * turn_rate, distance)
+    replay: Replay
+    drive: Drive
+    tolerances: Tolerances
+    checks: Sequence[Check] = ()
 
+    @property
+    def passed(self) -> bool:
+        """Whether all checks passed."""
+        return all(check.passed for check in self.checks)
 
-def judge(replay: Replay, tolerances: Tolerances) -> List[Check]:
-    """Return all verdicts on a replay, the most telling ones first."""
-    node = Check("node", not replay.outcome, replay.outcome or "the node ran without an error")
-    if not replay.sent or not len(replay.stamps):
-        missing = "the node sent no command" if not replay.sent else "the car reported no pose"
-        names = "start_pose", "commands", "rate", "path", "final_pose", "rest", "collision", "map"
-        return [node, *(Check(name, False, f"not judged: {missing}") for name in names)]
-    path = drive(replay)
-    return [
-        node,
-        _judge_start(replay, path, tolerances),
-        _judge_commands(replay),
-        _judge_rate(replay),
-        _judge_path(path, tolerances),
-        _judge_final_pose(replay, path, tolerances),
-        _judge_rest(replay),
-        _judge_collisions(replay),
-        _judge_map(replay),
-    ]
-
-
-def verdict(checks: Sequence[Check], replay: Replay) -> str:
-    """Return one line for each check, failures first, and then notes and the node's last output."""
-    ordered = sorted(checks, key=lambda check: 2 * check.passed or "not judged" in check.message)
-    lines = [
-        " ".join(["ok  " if check.passed else "FAIL", f"{check.name}:", *_ends(check.message)])
-        for check in ordered
-    ]
-    count = sum(not check.passed for check in checks)
-    lines.append(f"{counted(count, 'check')} failed" if count else "all checks passed")
-    if note := _stop_note(replay, "note: "):
-        lines.append(note)
-    output = replay.outcome.splitlines()[1:]
-    return "\n".join([*lines, *(["the last output of the node:"] if output else []), *output])
+    @property
+    def verdict(self) -> str:
+        """One line for each check, failures first, and then notes and the node's last output."""
+        ordered = sorted(
+            self.checks, key=lambda each: 2 * each.passed or "not judged" in each.message
+        )
+        lines = [
+            " ".join(["ok  " if check.passed else "FAIL", f"{check.name}:", *_ends(check.message)])
+            for check in ordered
+        ]
+        count = sum(not check.passed for check in self.checks)
+        lines.append(f"{counted(count, 'check')} failed" if count else "all checks passed")
+        if self.replay.sent and self.replay.sent[-1].speed != 0.0:
+            seconds = self.replay.car.command_timeout / NANOSECONDS
+            lines.append(
+                "note: the node sends no stop at the end, so the car rolls on until its last "
+                f"command expires, up to {seconds:g} s"
+            )
+        if output := self.replay.outcome.splitlines()[1:]:
+            lines += ["the last output of the node:", *output]
+        return "\n".join(lines)
 
 
 def _ends(message: str) -> List[str]:
@@ -112,59 +100,45 @@ def _ends(message: str) -> List[str]:
     return lines[:1] + lines[1:][-1:]
 
 
-def _stop_note(replay: Replay, prefix: str) -> str:
-    """Return a note if the node's last command is not a stop, otherwise nothing."""
-    if not replay.sent or replay.sent[-1].speed == 0.0:
-        return ""
-    return (
-        f"{prefix}the node sends no stop at the end, so the car rolls on until its last command "
-        f"expires, up to {replay.car.command_timeout / NANOSECONDS:g} s"
-    )
+def default_tolerances(plan: Plan, car: Car) -> Tolerances:
+    """Return how far the plan drives and turns the car within its command timeout.
+
+    This is what a missing stop at the end of the plan costs.
+    """
+    seconds = car.command_timeout / NANOSECONDS
+    distance = _ROUNDING + seconds * max(abs(row.speed) for row in plan.rows)
+    rates = [abs(row.speed * curvature(row.steering_angle, car.wheelbase)) for row in plan.rows]
+    return Tolerances(distance, _ROUNDING + seconds * max(rates), distance)
 
 
-def _judge_start(replay: Replay, path: Drive, tolerances: Tolerances) -> Check:
+def _start_pose(report: Report) -> Tuple[bool, str]:
     """Judge whether the drive began at the plan's start pose."""
-    wanted = Pose(*replay.plan.start)
-    if not replay.starts:
-        return Check("start_pose", False, f"the node sent no start pose; expected {wanted}")
-    sent = replay.starts[0]
+    wanted = report.replay.plan.start
+    if not report.replay.starts:
+        return False, f"the node sent no start pose; expected {wanted}"
+    sent = report.replay.starts[0]
     if not sent.is_close_to(wanted, START_TOLERANCE):  # also if it is NaN
-        return Check("start_pose", False, f"the node sent the start pose {sent}; expected {wanted}")
-    return _compare("start_pose", "the car started at", path.driven[0], wanted, tolerances)
+        return False, f"the node sent the start pose {sent}; expected {wanted}"
+    passed, difference = compare(Pose(*report.drive.driven[0]), wanted, *report.tolerances[:2])
+    return passed, f"the car started at {difference}"
 
 
-def _compare(name: str, what: str, row: np.ndarray, wanted: Pose, tolerances: Tolerances) -> Check:
-    """Judge the difference between a pose, given as x, y and theta, and the wanted pose."""
-    pose = Pose(*row)
-    distance, angle = pose.distance_to(wanted), pose.angle_to(wanted)
-    message = (
-        f"{what} {pose}, {distance:.3g} m and {angle:.3g} rad from the expected {wanted}; "
-        f"tolerances {tolerances.position:.3g} m and {tolerances.angle:.3g} rad"
-    )
-    return Check(name, distance <= tolerances.position and angle <= tolerances.angle, message)
-
-
-def _judge_commands(replay: Replay) -> Check:
+def _commands(report: Report) -> Tuple[bool, str]:
     """Judge whether the commands are those of the plan, in its order."""
-    for number, sent in enumerate(replay.sent, 1):
-        if not (math.isfinite(sent.speed) and math.isfinite(sent.steering_angle)):
-            shown = _shown(sent[2:])
-            return Check("commands", False, f"command {number} is {shown}; expected finite numbers")
-    runs = runs_of(replay.plan)
+    runs = runs_of(report.replay.plan)
     wanted = [run[:2] for run in runs]
-    got = [group[0][2:] for group in _groups(replay)]
+    got = [group[0][2:] for group in _groups(report.replay)]
     if got == wanted:
-        return Check("commands", True, f"{len(replay.sent)} commands, in the plan's order")
+        return True, f"{len(report.replay.sent)} commands, in the plan's order"
     same = min(len(got), len(wanted))
     index = next((i for i in range(same) if got[i] != wanted[i]), same)
     if index == len(got):
-        message = f"no command after row {runs[index - 1].last}; expected {runs[index]}"
-    elif index == len(wanted):
-        message = f"after the last row the node sent {_shown(got[index])}; expected only a stop"
-    else:
-        message = f"{runs[index]}: received {_shown(got[index])}; expected {_shown(wanted[index])}"
-        message += _mistake(got, wanted)
-    return Check("commands", False, message)
+        return False, f"no command after row {runs[index - 1].last}; expected {runs[index]}"
+    if index == len(wanted):
+        shown = _shown(got[index])
+        return False, f"after the last row the node sent {shown}; expected only a stop"
+    difference = f"received {_shown(got[index])}; expected {_shown(wanted[index])}"
+    return False, f"{runs[index]}: {difference}{_mistake(got, wanted)}"
 
 
 def _mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...]]) -> str:
@@ -209,20 +183,18 @@ def _groups(replay: Replay) -> List[List[Sent]]:
     return groups
 
 
-def _judge_rate(replay: Replay) -> Check:
+def _rate(report: Report) -> Tuple[bool, str]:
     """Judge whether each row has its number of commands, evenly spaced by their stamps."""
-    runs, groups = runs_of(replay.plan), _groups(replay)
+    runs, groups = runs_of(report.replay.plan), _groups(report.replay)
     for index, run in enumerate(runs):
         if index >= len(groups) or groups[index][0][2:] != run[:2]:
-            return Check(
-                "rate", False, f"{run}: not judged, because its command was not received in turn"
-            )
+            return False, f"{run}: not judged, because its command was not received in turn"
         if fault := _rate_fault(run, groups[index], run is runs[-1]):
-            return Check("rate", False, f"{run}: {fault}")
+            return False, f"{run}: {fault}"
     message = f"{NANOSECONDS // COMMAND_PERIOD} commands per second in every row"
-    if not all(sent.stamped for sent in replay.sent):
+    if not all(sent.stamped for sent in report.replay.sent):
         message += "; their spacing was not judged, because they have no stamps"
-    return Check("rate", True, message)
+    return True, message
 
 
 def _rate_fault(run: Run, group: Sequence[Sent], is_last: bool) -> str:
@@ -244,54 +216,67 @@ def _rate_fault(run: Run, group: Sequence[Sent], is_last: bool) -> str:
     return ""
 
 
-def _judge_path(path: Drive, tolerances: Tolerances) -> Check:
+def _path(report: Report) -> Tuple[bool, str]:
     """Judge the distance between the driven and the predicted path."""
-    distance = path.frechet_distance
-    message = (
-        f"the driven path deviates by up to {distance:.3g} m from the predicted path; "
-        f"tolerance {tolerances.path:.3g} m"
-    )
-    return Check("path", distance <= tolerances.path, message)
+    distance, tolerance = report.drive.frechet_distance, report.tolerances.path
+    message = f"the driven path deviates by up to {distance:.3g} m from the predicted path"
+    return distance <= tolerance, f"{message}; tolerance {tolerance:.3g} m"
 
 
-def _judge_final_pose(replay: Replay, path: Drive, tolerances: Tolerances) -> Check:
+def _final_pose(report: Report) -> Tuple[bool, str]:
     """Judge whether the car ended at the predicted pose."""
-    wanted = Pose(*path.predicted[-1])
-    check = _compare("final_pose", "the car ended at", path.driven[-1], wanted, tolerances)
-    note = "" if check.passed else _stop_note(replay, "; ")
-    return check._replace(message=check.message + note)
+    end, wanted = Pose(*report.drive.driven[-1]), Pose(*report.drive.predicted[-1])
+    passed, difference = compare(end, wanted, *report.tolerances[:2])
+    return passed, f"the car ended at {difference}"
 
 
-def _judge_rest(replay: Replay) -> Check:
+def _rest(report: Report) -> Tuple[bool, str]:
     """Judge whether the car stands at the end."""
+    replay = report.replay
     tail = replay.poses[replay.stamps >= replay.stamps[-1] - replay.car.command_timeout]
-    if len(tail) < 2:
-        return Check("rest", False, "not judged: the car reported fewer than two poses at the end")
-    stands = bool(np.all(tail == tail[-1]))
-    message = "the car still moves at the end; expected it to stand"
-    message = "the car stands at the end" if stands else message
-    return Check("rest", stands, message)
+    if (tail == tail[-1]).all():
+        return True, "the car stands at the end"
+    return False, "the car still moves at the end; expected it to stand"
 
 
-def _judge_collisions(replay: Replay) -> Check:
+def _collision(report: Report) -> Tuple[bool, str]:
     """Judge whether the car hit a wall."""
-    if replay.collisions is None:
-        return Check("collision", False, "not judged: the car reports no collisions")
-    if replay.collisions:
-        where = f"the car hit a wall at {replay.collisions[0]}; expected no collision"
-        return Check("collision", False, where)
-    return Check("collision", True, "the car hit no wall")
+    if report.replay.collisions:
+        return False, f"the car hit a wall at {report.replay.collisions[0]}; expected no collision"
+    return True, "the car hit no wall"
 
 
-def _judge_map(replay: Replay) -> Check:
+def _map(report: Report) -> Tuple[bool, str]:
     """Judge whether the car stayed on the map."""
-    grid = replay.grid
+    grid = report.replay.grid
     if grid is None:
-        return Check("map", True, "there is no map")
+        return True, "there is no map"
     width, height = grid.width * grid.resolution, grid.height * grid.resolution
     size = f"{width:g} m x {height:g} m"
-    for pose in (Pose(*row) for row in replay.poses):
+    for pose in (Pose(*row) for row in report.replay.poses):
         x, y, _ = grid.to_grid(pose)
         if not (0.0 <= x <= width and 0.0 <= y <= height):
-            return Check("map", False, f"the car left the map at {pose}; the map is {size}")
-    return Check("map", True, f"the car stayed on the map of {size}")
+            return False, f"the car left the map at {pose}; the map is {size}"
+    return True, f"the car stayed on the map of {size}"
+
+
+_CHECKS = {
+    "start_pose": _start_pose,
+    "commands": _commands,
+    "rate": _rate,
+    "path": _path,
+    "final_pose": _final_pose,
+    "rest": _rest,
+    "collision": _collision,
+    "map": _map,
+}
+
+
+def judge(replay: Replay, tolerances: Tolerances) -> Report:
+    """Return the verdict on a replay; its checks are in the order of the most telling ones."""
+    report = Report(replay, drive(replay), tolerances)
+    checks = [Check("node", not replay.outcome, replay.outcome or "the node ran without an error")]
+    for name, check in _CHECKS.items():
+        verdict = check(report) if replay.sent else (False, "not judged: the node sent no command")
+        checks.append(Check(name, *verdict))
+    return report._replace(checks=checks)

@@ -3,7 +3,6 @@
 Stamps are integer nanoseconds of simulated time; poses are in the map frame.
 """
 
-import math
 from itertools import groupby
 from typing import List, NamedTuple, Optional, Tuple
 
@@ -11,16 +10,13 @@ import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.plan.model import MAX_STEERING_ANGLE, Plan
+from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.preview.prediction import rest, states_at
 from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 
 START_TOLERANCE = 1e-3
 """Between the start poses of the node and of the plan [m, rad]: a node may round to text."""
-
-_MAX_DEVIATIONS = 5.0
-"""Noise exceeds this many standard deviations less than once in a million draws."""
 
 
 class Sent(NamedTuple):
@@ -48,13 +44,18 @@ class Replay(NamedTuple):
     sent: Tuple[Sent, ...]
     """The commands in order of arrival."""
     stamps: np.ndarray
-    """When the car reported its pose [ns]; N, rising."""
+    """When the car reported its pose [ns]; N, rising, at least one."""
     poses: np.ndarray
     """The reported poses: x [m], y [m], theta [rad]; N x 3."""
-    collisions: Optional[Tuple[Pose, ...]]
-    """The poses at which the car hit a wall; None if collisions were not reported."""
+    collisions: Tuple[Pose, ...]
+    """The poses at which the car hit a wall."""
     grid: Optional[Grid]
     """The map, or None if there is none."""
+
+    @property
+    def begin(self) -> int:
+        """The time of the first command, or of the last pose if there is no command [ns]."""
+        return self.sent[0].time if self.sent else int(self.stamps[-1])
 
 
 class Run(NamedTuple):
@@ -84,42 +85,24 @@ class Drive(NamedTuple):
     """The driven and the predicted path, sampled at the same N times."""
 
     times: np.ndarray
-    """Since the first command [s]; N."""
+    """Since the begin of the replay [s]; N."""
     driven: np.ndarray
     """x [m], y [m], theta [rad]; N x 3."""
     predicted: np.ndarray
     """x [m], y [m], theta [rad]; N x 3."""
-
-    @property
-    def frechet_distance(self) -> float:
-        """The discrete Frechet distance of the two paths [m]."""
-        return frechet_distance(self.driven[:, :2], self.predicted[:, :2])
+    frechet_distance: float
+    """The discrete Frechet distance of the two paths [m]."""
 
 
 def runs_of(plan: Plan) -> List[Run]:
     """Return the rows of a plan, with consecutive rows of the same command merged."""
-    commands = [(row.speed, row.steering_angle) for row in plan.rows]
     runs: List[Run] = []
-    for command, group in groupby(enumerate(plan.rows), lambda entry: commands[entry[0]]):
-        indices, rows = zip(*group)
+    for (speed, angle), group in groupby(enumerate(plan.rows, 1), lambda entry: entry[1][:2]):
+        numbers, rows = zip(*group)
         durations = [row.duration for row in rows]
         expected = sum(-(-duration // COMMAND_PERIOD) for duration in durations)
-        runs.append(Run(*command, indices[0] + 1, indices[-1] + 1, sum(durations), expected))
+        runs.append(Run(speed, angle, numbers[0], numbers[-1], sum(durations), expected))
     return runs
-
-
-def max_rates(plan: Plan, car: Car, deviations: float = 0.0) -> Tuple[float, float]:
-    """Return the largest speed [m/s] and turn rate [rad/s] of a plan.
-
-    The noise of the car adds `deviations` of its standard deviations to both.
-    """
-    speed_error, angle_error = deviations * car.speed_noise, deviations * car.steering_noise
-    turns = (
-        (abs(row.speed) + speed_error)
-        * math.tan(min(abs(row.steering_angle) + angle_error, MAX_STEERING_ANGLE))
-        for row in plan.rows
-    )
-    return max(abs(row.speed) for row in plan.rows) + speed_error, max(turns) / car.wheelbase
 
 
 def drive(replay: Replay) -> Drive:
@@ -127,13 +110,10 @@ def drive(replay: Replay) -> Drive:
 
     The prediction is that of a car without noise. If the recording ends before the plan, the car
     counts as standing from there on. Both paths end with the last move of either.
-
-    Args:
-        replay: with at least one command and one pose.
     """
     begin = _first_pose(replay)
     driven = replay.poses[begin:]
-    instants = (replay.stamps[begin:] - replay.sent[0].time).tolist()
+    instants = (replay.stamps[begin:] - replay.begin).tolist()
     car = replay.car._replace(speed_noise=0.0, steering_noise=0.0)
     end, _ = rest(replay.plan, car)
     step = max(NANOSECONDS // 50, (end - instants[-1]) // 10_000)
@@ -141,33 +121,30 @@ def drive(replay: Replay) -> Drive:
     standing = np.repeat(driven[-1:], len(instants) - len(driven), axis=0)
     driven = np.concatenate([driven, standing])
     predicted = np.array([state.pose for state in states_at(replay.plan, car, instants)], float)
-    is_moving = np.any(np.diff(driven, axis=0) != 0.0, axis=1)
-    is_moving |= np.any(np.diff(predicted, axis=0) != 0.0, axis=1)
-    moves = np.flatnonzero(is_moving)
+    moves, _ = np.nonzero(np.diff(np.hstack([driven, predicted]), axis=0))
     last = int(moves[-1]) + 2 if len(moves) else 1
-    return Drive(np.array(instants[:last]) / NANOSECONDS, driven[:last], predicted[:last])
+    times, driven, predicted = (
+        np.array(instants[:last]) / NANOSECONDS,
+        driven[:last],
+        predicted[:last],
+    )
+    return Drive(times, driven, predicted, frechet_distance(driven[:, :2], predicted[:, :2]))
 
 
 def _first_pose(replay: Replay) -> int:
     """Return the index of the first pose of the drive.
 
-    This is the pose after the last jump (a displacement that the car cannot have driven) up to
-    two command periods after the first command, but not before that command.
+    This is the one nearest to the plan's start pose, up to two command periods after the first
+    command, because the car may be placed late. It is not before the first command.
     """
-    first = replay.sent[0].time
-    count = int(np.searchsorted(replay.stamps, first + 2 * COMMAND_PERIOD))
-    x, y, theta = np.diff(replay.poses[:count], axis=0).T
-    seconds = np.diff(replay.stamps[:count]) / NANOSECONDS
-    speed, turn_rate = max_rates(replay.plan, replay.car, _MAX_DEVIATIONS)
-    turned = np.abs(np.remainder(theta + np.pi, 2.0 * np.pi) - np.pi)
-    jumps = np.flatnonzero(
-        (np.hypot(x, y) > speed * seconds + START_TOLERANCE)
-        | (turned > turn_rate * seconds + START_TOLERANCE)
-    )
-    placed = int(jumps[-1]) + 1 if len(jumps) else 0
-    if len(jumps) and not replay.sent[0].stamped:
+    count = int(np.searchsorted(replay.stamps, replay.begin + 2 * COMMAND_PERIOD))
+    poses = [Pose(*row) for row in replay.poses[: max(1, count)]]
+    start = replay.plan.start
+    placed = int(np.argmin([each.distance_to(start) + each.angle_to(start) for each in poses]))
+    if placed and replay.sent and not replay.sent[0].stamped:
         return placed  # the time of an unstamped command is too rough
-    return max(placed, min(int(np.searchsorted(replay.stamps, first)), len(replay.stamps) - 1))
+    first = int(np.searchsorted(replay.stamps, replay.begin))
+    return max(placed, min(first, len(replay.stamps) - 1))
 
 
 def frechet_distance(one: np.ndarray, other: np.ndarray) -> float:
@@ -182,17 +159,14 @@ def frechet_distance(one: np.ndarray, other: np.ndarray) -> float:
         other: points [m], M x 2, M at least 1.
     """
     n, m = len(one), len(other)
+    outside = np.full((n, 2), np.inf)
+    backward = np.concatenate([outside, other[::-1], outside])
     # Index i + 1 holds the shortest leash to (i, k - i), for anti-diagonal k and the two before.
-    before = np.full(n + 1, np.inf)
     last = np.full(n + 1, np.inf)
-    before[0] = -np.inf  # any leash lets the walkers begin at (0, 0)
+    before = np.append(-np.inf, last[1:])  # any leash lets the walkers begin at (0, 0)
     for k in range(n + m - 1):
-        low, high = max(0, k - m + 1), min(n - 1, k)
-        ends = other[k - high : k - low + 1][::-1]
-        leash = np.hypot(one[low : high + 1, 0] - ends[:, 0], one[low : high + 1, 1] - ends[:, 1])
-        shortest = np.minimum(last[low + 1 : high + 2], last[low : high + 1])
-        shortest = np.minimum(shortest, before[low : high + 1])
-        present = np.full(n + 1, np.inf)
-        present[low + 1 : high + 2] = np.maximum(leash, shortest)
-        before, last = last, present
-    return float(last[n])
+        ends = backward[n + m - 1 - k :][:n]
+        leash = np.hypot(*(one - ends).T)
+        shortest = np.minimum(np.minimum(last[1:], last[:-1]), before[:-1])
+        before, last = last, np.append(np.inf, np.maximum(leash, shortest))
+    return float(last[-1])

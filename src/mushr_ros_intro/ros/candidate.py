@@ -6,7 +6,8 @@ import shlex
 import signal
 import subprocess
 import threading
-from typing import List
+from collections import deque
+from typing import Deque, List
 
 import roslib.packages
 import rospkg
@@ -15,13 +16,6 @@ from mushr_ros_intro.errors import UserError
 
 SHOWN_LINES = 15
 """Number of lines at the end of the node's output that a message quotes."""
-
-KEPT_OUTPUT = 20_000
-"""Size of the kept end of a node's output [bytes]."""
-
-
-class CandidateError(UserError):
-    """A node that cannot be started."""
 
 
 class Candidate:
@@ -35,17 +29,17 @@ class Candidate:
             arguments: further arguments, such as remappings.
 
         Raises:
-            CandidateError: there is no such node, or it cannot be started.
+            UserError: there is no such node, or it cannot be started.
         """
         words = shlex.split(command)
         if len(words) < 2:
-            raise CandidateError(f"publisher is '{command}'; expected 'PACKAGE NODE [ARGUMENT...]'")
+            raise UserError(f"publisher is '{command}'; expected 'PACKAGE NODE [ARGUMENT...]'")
         try:
             found = roslib.packages.find_node(*words[:2])
         except rospkg.ResourceNotFound:
-            raise CandidateError(f"there is no package '{words[0]}' (rospack find)") from None
+            raise UserError(f"there is no package '{words[0]}' (rospack find)") from None
         if not found:
-            raise CandidateError(
+            raise UserError(
                 f"there is no node '{words[1]}' in the package '{words[0]}'. "
                 f"Is the file executable (chmod +x {words[1]})?"
             )
@@ -57,22 +51,18 @@ class Candidate:
                 stderr=subprocess.STDOUT,
                 env={**os.environ, "PYTHONUNBUFFERED": "1"},
                 start_new_session=True,
+                encoding="utf-8",
+                errors="replace",
             )
         except OSError as error:
-            raise CandidateError(
+            raise UserError(
                 f"{found[0]} cannot be started ({error.strerror}). "
                 "Does its first line name an existing interpreter?"
             ) from None
-        self._output = b""
-        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._output: Deque[str] = deque(maxlen=SHOWN_LINES)
+        output = self._process.stdout
+        self._reader = threading.Thread(target=self._output.extend, args=[output], daemon=True)
         self._reader.start()
-
-    def _read(self) -> None:
-        """Keep the end of the node's output."""
-        assert self._process.stdout
-        source = self._process.stdout.fileno()
-        for chunk in iter(lambda: os.read(source, 65536), b""):
-            self._output = (self._output + chunk)[-KEPT_OUTPUT:]
 
     @property
     def has_ended(self) -> bool:
@@ -97,8 +87,7 @@ class Candidate:
         how = f"ended with exit status {status}"
         if status < 0:
             how = f"was killed by signal {signal.Signals(-status).name}"
-        lines = self._output.decode(errors="replace").splitlines()[-SHOWN_LINES:]
         # The message is written to XML, which must not contain control characters.
-        shown = ["".join(c for c in line if c.isprintable()) for line in lines]
+        shown = ["".join(c for c in line if c.isprintable()) for line in list(self._output)]
         output = "; its last output:\n" + "\n".join(shown) if shown else "; it printed nothing"
         return f"the node {how}{output}"

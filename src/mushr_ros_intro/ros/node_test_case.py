@@ -1,20 +1,17 @@
 """The common part of the test nodes posetest and ratetest."""
 
-import time
 import unittest
-from typing import Any, Callable, Optional, Sequence, Type
+from typing import Any, Callable, Type
 
+import roslib.message
 import rospy
 import rostest
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.grading.checks import Series
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.ros import node
+from mushr_ros_intro.ros import node, ros_time
 from mushr_ros_intro.sim.stamps import from_seconds
-
-_MAX_FAULTS = 5
-"""How many faults a failure shows."""
 
 
 class NodeTestCase(unittest.TestCase):
@@ -26,6 +23,8 @@ class NodeTestCase(unittest.TestCase):
 
     def setUp(self) -> None:
         """Read the parameters; a bad one is a failure."""
+        self.series = Series()
+        """What the test has received."""
         self.error = ""
         """Set by a callback to make the test fail."""
         parameters = node.parameters()
@@ -43,54 +42,43 @@ class NodeTestCase(unittest.TestCase):
         """
         raise NotImplementedError
 
-    def subscribe(self, topic: str, kind: Any, callback: Callable[[Any], None]) -> rospy.Subscriber:
-        """Subscribe to a topic until the test ends."""
-        subscriber = rospy.Subscriber(topic, kind, callback, tcp_nodelay=True)
-        self.addCleanup(subscriber.unregister)
-        return subscriber
+    def listen(self, topic: str, take: Callable[[Any], None]) -> None:
+        """Pass each message of a topic, which may be of any type, to `take`."""
 
-    def wait_for(
-        self, condition: Callable[[], Any], what: str, patience: Optional[float] = None
-    ) -> Any:
-        """Return the first true value of `condition`.
+        def decode(msg: Any) -> None:
+            if isinstance(msg, rospy.AnyMsg):  # rospy itself knows the type of /clock
+                message_class = roslib.message.get_message_class(msg._connection_header["type"])
+                msg = message_class().deserialize(msg._buff)
+            take(msg)
 
-        Args:
-            condition: evaluated every 10 ms.
-            what: completes the message "waited 1 s for ...".
-            patience: how long to wait [s of wall-clock time], default wait_time.
-
-        Raises:
-            AssertionError: the time is over, or `error` is set.
-        """
-        patience = self.patience if patience is None else patience
-        deadline = time.monotonic() + patience
-        while True:
-            if self.error:
-                self.fail(self.error)
-            value = condition()
-            if value:
-                return value
-            if time.monotonic() > deadline:
-                self.fail(f"waited {patience:g} s for {what}")
-            time.sleep(0.01)
+        rospy.Subscriber(topic, rospy.AnyMsg, decode, tcp_nodelay=True)
 
     def wait_for_series(
-        self, series: Series, seconds: float, is_over: Callable[[], bool] = lambda: False
+        self, what: str, seconds: float, is_over: Callable[[], bool] = lambda: False
     ) -> None:
-        """Wait until the first `seconds` of a series are complete, or `is_over` returns true."""
+        """Wait until the first `seconds` of the series are complete, or `is_over` returns true.
+
+        Args:
+            what: an item of the series; completes the message "waited 1 s for ...".
+            seconds: counted from the first stamp.
+            is_over: evaluated every 10 ms.
+
+        Raises:
+            AssertionError: nothing came within ``wait_time``, the clock stands, or `error` is set.
+        """
+        self.wait_for(lambda: self.series.entries, what, self.patience)
         duration = from_seconds(seconds)
         self.wait_for(
-            lambda: is_over() or series.covers(duration, rospy.get_rostime().to_nsec()),
+            lambda: is_over() or self.series.covers(duration, ros_time.now()),
             f"{seconds:g} s to pass on the clock",
             self.patience + 10.0 * seconds,
         )
 
-    def fail_with(self, faults: Sequence[str]) -> None:
-        """Fail if there are faults, and show the first few of them."""
-        if faults:
-            more = len(faults) - _MAX_FAULTS
-            rest = [f"and {more} more"] if more > 0 else []
-            self.fail("\n".join([*faults[:_MAX_FAULTS], *rest]))
+    def wait_for(self, condition: Callable[[], Any], what: str, seconds: float) -> None:
+        """Fail if a condition is not true within `seconds` of wall-clock time, or on an error."""
+        is_met = ros_time.wait_for(lambda: self.error or condition(), seconds)
+        if self.error or not is_met:
+            self.fail(self.error or f"waited {seconds:g} s for {what}")
 
 
 def main(name: str, test: Type[NodeTestCase]) -> None:

@@ -61,11 +61,14 @@ CASES = [
     ((PoseTest, {**POSE, **AT_END}), ""),
     ((PoseTest, {"frame": "map", "child_frame": "car/base_footprint", **AT_END}), ""),
     ((PoseTest, {**POSE, **AT_HALF, "passes": True}), ""),
-    ((PoseTest, {**POSE, **AT_HALF}), r"after 5 s .* m and .* rad from \(1\..*; tolerance 0.05 m"),
-    ((PoseTest, {**POSE, **AT_END, "theta": 3.0}), "tolerance 1e-05 m and 0.05 rad"),
+    (
+        (PoseTest, {**POSE, **AT_HALF}),
+        r"after 5 s the pose is \(.* m and .* rad from the expected \(1\..*; tolerances 0.05 m",
+    ),
+    ((PoseTest, {**POSE, **AT_END, "theta": 3.0}), "tolerances 1e-05 m and 0.05 rad"),
     (
         (PoseTest, {**POSE, "x": -5.0, "y": 0.0, "passes": True}),
-        r"the pose was not reached in 5 s; closest: .* is 5 m and 0 rad from \(-5",
+        r"the pose was not reached in 5 s; closest: .*, 5 m and 0 rad from the expected \(-5",
     ),
     ((PoseTest, {**MOON, "x": 0, "y": 0}), "waited 1 s for a transform from map to moon"),
     ((PoseTest, POSE), "parameter ~x is not set; expected a number"),
@@ -142,13 +145,13 @@ class Case(threading.Thread):
                     rospy.set_param(rospy.get_name(), {"wait_time": PATIENCE, **parameters})
                     super().setUp()
 
-            def wait_for(self, condition, what, patience=None):
+            def wait_for(self, condition, what, seconds):
                 def noted():
                     value = condition()
                     case.is_waiting |= not value
                     return value
 
-                return super().wait_for(noted, what, patience)
+                return super().wait_for(noted, what, seconds)
 
         self._tests = unittest.defaultTestLoader.loadTestsFromTestCase(Test)
         self.start()
@@ -242,7 +245,7 @@ class TestTestNodes(RosTestCase):
         with Process("rostest", fixture, ROS_TEST_RESULTS_DIR=self.folder) as run:
             self.assertNotEqual(run.wait(PATIENCE), 0, run.output)
         for kind, expected in (
-            ("pose", "waited 0.5 s for a publisher of /nowhere"),
+            ("pose", "waited 0.5 s for a pose on /nowhere"),
             ("rate", "waited 0.5 s for a message on /nowhere"),
         ):
             path = os.path.join(self.folder, "mushr_ros_intro", f"rosunit-{kind}_nowhere.xml")

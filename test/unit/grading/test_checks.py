@@ -7,8 +7,8 @@ import pytest
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.grading.checks import (
     Series,
+    compare,
     plan_faults,
-    pose_fault,
     rate_faults,
 )
 from support.helpers import wait_for
@@ -62,19 +62,19 @@ def test_rate_of_a_plan(stamps, rows, fault):
 
 
 @pytest.mark.parametrize(
-    ("pose", "angle", "fault"),
+    ("pose", "angle", "is_right", "said"),
     [
-        ((1.0, 2.1, -math.pi), 0.1, ""),
-        ((1.0, 2.1, 0.0), None, ""),
-        ((1.0, 2.0, 0.0), 0.1, " is 0 m and 3.14 rad from (1.0000 m, 2.0000 m"),
-        ((1.3, 2.0, math.pi), 0.1, "0.3 m and 0 rad from (1.0000 m, 2.0000 m, 3.1416 rad); "),
-        ((1.3, 2.0, math.pi), 0.1, "; tolerance 0.2 m and 0.1 rad"),
-        ((1.3, 2.0, math.pi), None, "; tolerance 0.2 m"),
+        ((1.0, 2.1, -math.pi), 0.1, True, "2.1000 m, -3.1416 rad), 0.1 m and 0 rad from"),
+        ((1.0, 2.1, 0.0), math.pi, True, "; tolerances 0.2 m and 3.14 rad"),
+        ((1.0, 2.0, 0.0), 0.1, False, "0 m and 3.14 rad from the expected (1.0000 m, 2.0000 m"),
+        ((1.3, 2.0, math.pi), 0.1, False, "0.3 m and 0 rad from the expected (1.0000 m, 2.0000 m"),
+        ((1.3, 2.0, math.pi), 0.1, False, "; tolerances 0.2 m and 0.1 rad"),
+        ((1.3, 2.0, math.pi), math.pi, False, "; tolerances 0.2 m"),
     ],
 )
-def test_pose(pose, angle, fault):
-    found = pose_fault(Pose(*pose), Pose(1.0, 2.0, math.pi), 0.2, angle)
-    assert bool(found) == bool(fault) and fault in found
+def test_pose(pose, angle, is_right, said):
+    passed, difference = compare(Pose(*pose), Pose(1.0, 2.0, math.pi), 0.2, angle)
+    assert passed == is_right and said in difference
 
 
 def test_series():

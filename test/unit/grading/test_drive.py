@@ -63,8 +63,26 @@ def test_a_drive_begins_when_the_car_is_placed(elsewhere, placed, is_stamped, la
     assert path.times[0] == pytest.approx(begin)
 
 
-def test_what_is_no_jump():
-    """A heading at the end of its range, and the noise of a car."""
+@pytest.mark.parametrize("is_stamped", [True, False])
+def test_a_car_that_drives_off_before_it_reports_its_start(is_stamped):
+    right = replay()
+    poses = right.poses.copy()
+    poses[right.stamps <= BEGIN] = (0.0, 0.0, 0.0)
+    first = right.sent[0]._replace(stamped=is_stamped)
+    path = drive(right._replace(poses=poses, sent=(first, *right.sent[1:])))
+    assert path.times[0] == pytest.approx(0.02)
+    assert path.driven[0] == pytest.approx(START, abs=0.05)
+
+
+def test_commands_before_the_first_pose():
+    right = replay()
+    late = right.stamps > BEGIN + SECOND // 2
+    path = drive(right._replace(stamps=right.stamps[late], poses=right.poses[late]))
+    assert path.times[0] == pytest.approx(0.52)
+
+
+def test_a_drive_that_begins_with_the_first_command():
+    """Whatever the heading's range, and the noise of the car."""
     wrapped = replay(plan_of((0, 0, 3.14), [(2.0, 0.3, 1.0)]))
     theta = np.remainder(wrapped.poses[:, 2:] + np.pi, math.tau) - np.pi
     assert theta.min() < 0.0 < wrapped.poses[:, 2].min()

@@ -7,33 +7,32 @@ import math
 import numpy as np
 import pytest
 
-from mushr_ros_intro.grading.files import write
-from mushr_ros_intro.grading.judge import Tolerances, default_tolerances, judge
-from mushr_ros_intro.grading.pictures import distances, locations
-from mushr_ros_intro.grading.replay import drive
+from mushr_ros_intro.grading.files import distances, locations, write
+from mushr_ros_intro.grading.judge import Tolerances, judge
 from support.geometry import closed_form
-from support.recorded import PLAN, ROWS, START, replay
+from support.recorded import ROWS, START, replay, reported
+
+FILES = ["distances.png", "locations.png", "report.json", "trajectory.csv"]
 
 
 def written(folder, seen):
-    """Write the files of a replay; return its checks and the report."""
-    tolerances = default_tolerances(PLAN, seen.car)
-    checks = judge(seen, tolerances)
-    write(str(folder), seen, checks, tolerances, {"seed": 7})
-    return checks, json.loads((folder / "report.json").read_text())
+    """Write the files of a replay; return its report, and report.json."""
+    report = reported(seen)
+    write(str(folder), report, {"seed": "7"})
+    return report, json.loads((folder / "report.json").read_text())
 
 
 def test_a_failed_replay(tmp_path):
-    checks, report = written(tmp_path / "new", replay(outcome="it crashed", sent=()))
-    assert report == {
-        "seed": 7,
-        "tolerances": report["tolerances"],
-        "passed": False,
-        "verdict": report["verdict"],
-        "checks": [each._asdict() for each in checks],
-        "commands": 0,
-    }
-    assert [path.name for path in (tmp_path / "new").iterdir()] == ["report.json"]
+    """The files show what was predicted, even if the node sent no command."""
+    report, said = written(tmp_path / "new", replay(outcome="it crashed", sent=()))
+    assert said["arguments"] == {"seed": "7"}
+    assert said["tolerances"] == report.tolerances._asdict()
+    assert not said["passed"] and said["commands"] == 0
+    assert said["verdict"] == report.verdict.splitlines()
+    assert said["checks"] == [each._asdict() for each in report.checks]
+    end = said["predicted_final_pose"].values()
+    assert [*end] == pytest.approx(closed_form(START, ROWS), abs=1e-9)
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == FILES
 
 
 def test_a_drive(tmp_path):
@@ -63,8 +62,8 @@ def test_pictures():
     tolerances = Tolerances(position=0.3, angle=0.1, path=0.2)
     seen = replay()
     seen = seen._replace(poses=seen.poses + (0.4, 0.3, 0.0))  # 0.5 m away
-    path, checks = drive(seen), judge(seen, tolerances)
-    axes, key = locations(seen, path, checks, tolerances).axes
+    report = judge(seen, tolerances)
+    axes, key = locations(report).axes
     assert axes.get_title() == "my.txt: failed: start_pose, path, final_pose"
     assert {"driven start", "driven end", "predicted start", "predicted end", "wall"} <= {
         text.get_text() for text in key.get_legend().get_texts()
@@ -74,10 +73,10 @@ def test_pictures():
     assert circle.get_center() == pytest.approx(closed_form(START, ROWS)[:2])
     assert [len(each.U) for each in axes.collections] == [2, 2]  # headings at start and end
     assert axes.images, "the map"
-    above, below = distances(seen, path, checks, tolerances).axes
+    above, below = distances(report).axes
     assert above.get_ylabel() == "distance from the start [m]"
     assert below.get_ylabel() == "distance between driven\nand predicted position [m]"
     apart, tolerance = (line.get_ydata() for line in below.lines)
-    assert apart == pytest.approx(np.full(len(path.times), 0.5)) and tolerance[0] == 0.2
+    assert apart == pytest.approx(np.full(len(report.drive.times), 0.5)) and tolerance[0] == 0.2
     assert above.get_title() == axes.get_title()
-    assert locations(replay(), path, checks[:1], tolerances).axes[0].get_title() == "my.txt: passed"
+    assert locations(reported(replay())).axes[0].get_title() == "my.txt: passed"
