@@ -11,6 +11,7 @@ import signal
 import sys
 import threading
 
+import rosnode
 import rospy
 from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -18,7 +19,7 @@ from tf.transformations import quaternion_from_euler
 
 from mushr_ros_intro.ros.connections import wait_until_connected
 
-FAULTS = ("crash", "hang", "hold_up", "silent")
+FAULTS = ("crash", "hang", "hold_up", "kill_car", "silent")
 
 HELD_UP = 0.5
 """[s] More than the delay that a replay tolerates."""
@@ -49,6 +50,8 @@ def main(fault):
     for row, (speed, steering_angle) in enumerate(plan[1:], 1):
         if fault == "crash" and row == 3:
             raise IndexError("list index out of range \x1b[0m")  # no character for XML
+        if fault == "kill_car" and row == 3:
+            rosnode.kill_nodes(["/car/car_sim"])
         if fault == "hang" and row == 3:
             rospy.spin()
         drive = AckermannDrive(speed=speed, steering_angle=steering_angle)

@@ -7,6 +7,7 @@ import rospy
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.grading.judge import Report, Tolerances, default_tolerances, judge
 from mushr_ros_intro.grading.replay import Replay
 from mushr_ros_intro.parameters import Parameters, find_file, user_path
@@ -15,7 +16,8 @@ from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.candidate import Candidate
-from mushr_ros_intro.ros.replay_observer import CONTROL, ReplayObserver, wait_for
+from mushr_ros_intro.ros.connections import responds
+from mushr_ros_intro.ros.replay_observer import CAR, CONTROL, ReplayObserver, wait_for
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
@@ -100,6 +102,9 @@ def _watch(
 
     Returns:
         A description of the node's failure; empty if there is none.
+
+    Raises:
+        UserError: the car has died.
     """
     expected = count_commands(plan)
     limit = plan.duration * 3 // 2 + 5 * NANOSECONDS
@@ -117,6 +122,8 @@ def _watch(
             if silence > QUIET_AFTER:
                 observer.take_clock()
         elif silence > patience:
+            if not responds(CAR):
+                raise UserError(f"the simulated car {CAR} has died, so the node is not judged")
             return _describe_silence(len(sent), expected, patience, known)
         time.sleep(POLL_PERIOD)
     fault = candidate.describe_failure()

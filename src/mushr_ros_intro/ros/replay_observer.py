@@ -22,6 +22,7 @@ from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.world.grid import Grid
 
+CAR = "/car/car_sim"
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 POSES = "/car/car_pose"
 INITIAL_POSES = "/initialpose"
