@@ -3,10 +3,8 @@
 import math
 import threading
 import time
-from contextlib import suppress
-from typing import Dict, Optional, Set
+from typing import Dict, Optional
 
-import rosgraph
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
@@ -57,12 +55,6 @@ class CommandPublisher:
     def wait_for_subscriber(self, seconds: float) -> None:
         """Wait until a node subscribes to the commands; see connections.wait_for_subscriber."""
         connections.wait_for_subscriber(self._publisher, seconds)
-
-    def other_publishers(self) -> Set[str]:
-        """Return the names of the other nodes that publish on the topic; none without a master."""
-        with suppress(rosgraph.MasterException, OSError):
-            return {*connections.registered_nodes(self.topic, "publishers")} - {rospy.get_name()}
-        return set()
 
     def wait_until_free(self, seconds: float, countdown: float) -> None:
         """Wait until the mux has published which input drives, and then for the countdown.

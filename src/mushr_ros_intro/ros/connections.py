@@ -12,7 +12,8 @@ import time
 import xml.parsers.expat
 import xmlrpc.client
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, List, Sequence, Set
+from itertools import compress
+from typing import Any, List, Set
 
 import rosgraph
 import rospy
@@ -56,32 +57,23 @@ def is_published(topic: str) -> bool:
 
 
 def wait_for_subscriber(publisher: rospy.Publisher, seconds: float) -> None:
-    """Wait until a node subscribes to a topic, and then until all its subscribers are connected.
+    """Wait until a node subscribes to a topic and all its subscribers are connected.
 
     Args:
         publisher: the publisher of the topic.
-        seconds: timeout for the first subscriber [s of wall-clock time].
+        seconds: timeout [s of wall-clock time].
 
     Raises:
         NoSubscriberError: no node subscribes; the message names the topic and the remedy.
         rospy.ROSInterruptException: the node is shut down.
     """
-    began = announced = time.monotonic()
-    topic = publisher.resolved_name
-    while not publisher.get_num_connections():
-        if rospy.is_shutdown():
-            raise rospy.ROSInterruptException("shut down while waiting for a subscriber")
-        now = time.monotonic()
-        if now > began + seconds:
-            raise NoSubscriberError(_no_subscriber(topic, seconds))
-        if now > announced + REANNOUNCE_PERIOD:
-            if announced == began:
-                rospy.loginfo("waiting for a subscriber to %s", topic)
-            announced = now
-            reannounce(publisher, "subscribers")
-        time.sleep(POLL_PERIOD)
-    if not wait_until_connected(publisher, "subscribers", seconds) and not rospy.is_shutdown():
-        rospy.logwarn("not every subscriber to %s is connected", topic)
+    if wait_until_connected(publisher, "subscribers", seconds, minimum=1):
+        return
+    if rospy.is_shutdown():
+        raise rospy.ROSInterruptException("shut down while waiting for a subscriber")
+    if not publisher.get_num_connections():
+        raise NoSubscriberError(_no_subscriber(publisher.resolved_name, seconds))
+    rospy.logwarn("not every subscriber to %s is connected", publisher.resolved_name)
 
 
 def _no_subscriber(topic: str, seconds: float) -> str:
@@ -102,47 +94,50 @@ def _no_subscriber(topic: str, seconds: float) -> str:
     )
 
 
-def wait_until_connected(end: Any, role: str, seconds: float = CONNECTION_TIMEOUT) -> bool:
+def wait_until_connected(
+    end: Any, role: str, seconds: float = CONNECTION_TIMEOUT, minimum: int = 0
+) -> bool:
     """Wait until a publisher or subscriber is connected to every live node at its topic.
 
     Args:
         end: a rospy.Publisher or rospy.Subscriber.
         role: the role of the other nodes, "publishers" or "subscribers".
         seconds: timeout [s of wall-clock time].
+        minimum: also wait until there are so many connections.
 
     Returns:
-        True if it is connected to all of them, or if there are none. False after the timeout, or if
-        this node is shut down or the master does not answer.
+        Whether it is connected; False after the timeout, or if this node is shut down or the
+        master does not answer.
     """
     began = announced = time.monotonic()
     while True:
+        now = time.monotonic()
         try:
-            names = registered_nodes(end.resolved_name, role)
+            if end.get_num_connections() >= minimum and _is_connected(
+                end, role, ignores_dead=now > began + _PING_AFTER
+            ):
+                return True
         except (rosgraph.MasterException, OSError):
             return False
-        is_connected = _is_connected(end, role, names)
-        now = time.monotonic()
-        if not is_connected and now > began + _PING_AFTER:
-            with ThreadPoolExecutor(len(names)) as pool:
-                alive = [
-                    name for name, is_alive in zip(names, pool.map(responds, names)) if is_alive
-                ]
-            is_connected = _is_connected(end, role, alive)
-        if is_connected:
-            return True
         if now > began + seconds or rospy.is_shutdown():
             return False
         if now > announced + REANNOUNCE_PERIOD:
+            if announced == began and minimum:
+                rospy.loginfo("waiting for a subscriber to %s", end.resolved_name)
             announced = now
             reannounce(end, role)
         time.sleep(POLL_PERIOD)
 
 
-def _is_connected(end: Any, role: str, names: Sequence[str]) -> bool:
-    """Return whether `end` is connected to all nodes in `names`.
+def _is_connected(end: Any, role: str, ignores_dead: bool) -> bool:
+    """Return whether `end` is connected to all nodes at its topic, or to all that respond.
 
     A subscriber also counts connections that are not open yet, so each publisher is called.
     """
+    names = registered_nodes(end.resolved_name, role)
+    if ignores_dead and names:
+        with ThreadPoolExecutor(len(names)) as pool:
+            names = list(compress(names, pool.map(responds, names)))
     if end.get_num_connections() < len(names):
         return False
     return role == "subscribers" or all(_serves(name, end.resolved_name) for name in names)

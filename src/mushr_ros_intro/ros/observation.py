@@ -28,7 +28,7 @@ from mushr_ros_intro.ros.connections import ask
 from mushr_ros_intro.ros.listener import Listener
 from mushr_ros_intro.ros.network import is_local, resolve, run_in_parallel
 from mushr_ros_intro.ros.ros_time import wait_for
-from mushr_ros_intro.sim.mux_config import IDLE, parse_config
+from mushr_ros_intro.sim.mux import IDLE, parse_config
 
 _CLOCK_TIMEOUT = 5.5
 """How long to wait until /clock advances [s]; in lock-step it waits 5 s for commands."""

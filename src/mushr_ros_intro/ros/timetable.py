@@ -127,10 +127,6 @@ class Timetable:
         # call then takes longer than a command may be late, so the next one raises an error.
         with suppress(CallError):
             ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), "getPid")
-        rospy.loginfo(
-            "%s: %g m/s, %g rad; %.2f s left",
-            self.position(due),
-            row.speed,
-            row.steering_angle,
-            (self.end - due) / NANOSECONDS,
-        )
+        left = (self.end - due) / NANOSECONDS
+        command = f"{row.speed:g} m/s, {row.steering_angle:g} rad"
+        rospy.loginfo(f"{self.position(due)}: {command}; {left:.2f} s left")
