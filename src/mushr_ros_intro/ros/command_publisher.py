@@ -46,11 +46,10 @@ class CommandPublisher:
         self.topic = self._publisher.resolved_name
         rospy.on_shutdown(self.stop)
         self._monitor = TakeoverMonitor(topic.rsplit("/", 1)[-1])
-        self._active: Optional[str] = None
+        self._is_known = False  # which input drives
         self._active_topic = active_topic
-        self._active_sub = None
         if active_topic:
-            self._active_sub = rospy.Subscriber(active_topic, String, self._on_active)
+            rospy.Subscriber(active_topic, String, self._on_active)
 
     def wait_for_subscriber(self, seconds: float) -> None:
         """Wait until a node subscribes to the commands; see connections.wait_for_subscriber."""
@@ -67,10 +66,7 @@ class CommandPublisher:
             TakeoverError: the mux does not publish which input drives.
             rospy.ROSInterruptException: the node is shut down.
         """
-        is_known = self._active_sub is None or ros_time.wait_for(
-            lambda: self._active is not None, seconds
-        )
-        if not is_known:
+        if self._active_topic and not ros_time.wait_for(lambda: self._is_known, seconds):
             raise TakeoverError(
                 f"no message was published on {self._active_topic} within {seconds:g} s, so "
                 "a takeover could not be detected. Is the mux running, and is this its topic "
@@ -116,7 +112,7 @@ class CommandPublisher:
     def _on_active(self, msg: String) -> None:
         """Stop the car and end the node if another input drives the car."""
         with self._lock:
-            self._active = msg.data
+            self._is_known = True
             if self._is_stopped:
                 return
             self._monitor = self._monitor.hear(msg.data, self._last is not None)
