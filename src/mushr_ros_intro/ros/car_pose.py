@@ -68,6 +68,12 @@ class CarPose:
         with self._lock:
             return self._reports[-1] if self._reports else None
 
+    def stands(self) -> bool:
+        """Return whether the newest two reports have the same pose."""
+        with self._lock:
+            poses = [report.pose for report in self._reports]
+        return len(poses) > 1 and poses[-1] == poses[-2]
+
     def is_lost(self) -> bool:
         """Return whether the reports have stopped, and no node that publishes them responds."""
         with self._lock:

@@ -12,6 +12,7 @@ import time
 import xml.parsers.expat
 import xmlrpc.client
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from itertools import compress
 from typing import Any, List, Set
 
@@ -50,10 +51,9 @@ def registered_nodes(topic: str, role: str) -> List[str]:
 
 def is_published(topic: str) -> bool:
     """Return whether a publisher of a topic is registered at the master."""
-    try:
+    with suppress(rosgraph.MasterException, OSError):
         return bool(registered_nodes(topic, "publishers"))
-    except (rosgraph.MasterException, OSError):
-        return False
+    return False
 
 
 def wait_for_subscriber(publisher: rospy.Publisher, seconds: float) -> None:
@@ -78,10 +78,9 @@ def wait_for_subscriber(publisher: rospy.Publisher, seconds: float) -> None:
 
 def _no_subscriber(topic: str, seconds: float) -> str:
     """Return the message for a topic that has no subscriber."""
-    try:
+    names: List[str] = []
+    with suppress(rosgraph.MasterException, OSError):
         names = registered_nodes(topic, "subscribers")
-    except (rosgraph.MasterException, OSError):
-        names = []
     if names:
         return (
             f"no node is connected to {topic} after {seconds:g} s, but these nodes are registered: "
@@ -146,21 +145,19 @@ def _is_connected(end: Any, role: str, ignores_dead: bool) -> bool:
 def responds(name: str) -> bool:
     """Return whether a node responds within a few seconds."""
     caller = rospy.get_name()
-    try:
+    with suppress(rosgraph.MasterException, OSError, CallError):
         ask(rosgraph.Master(caller).lookupNode(name), _PING_TIMEOUT, caller, "getPid")
-    except (rosgraph.MasterException, OSError, CallError):
-        return False
-    return True
+        return True
+    return False
 
 
 def _serves(name: str, topic: str) -> bool:
     """Return whether a node reports that it publishes a topic to this node."""
     caller = rospy.get_name()
-    try:
+    with suppress(rosgraph.MasterException, OSError, CallError):
         uri = rosgraph.Master(caller).lookupNode(name)
         return caller in receivers(uri, _PING_AFTER, caller, topic)
-    except (rosgraph.MasterException, OSError, CallError):
-        return False
+    return False
 
 
 def receivers(uri: str, patience: float, caller: str, topic: str) -> Set[str]:
@@ -179,15 +176,14 @@ def reannounce(end: Any, role: str) -> None:
     Args: as for `wait_until_connected`.
     """
     master, uri = rosgraph.Master(rospy.get_name()), rospy.get_node_uri()
-    try:
+    # The next call to the master reports its error.
+    with suppress(rosgraph.MasterException, OSError):
         if role == "subscribers":
             master.registerPublisher(end.resolved_name, end.type, uri)  # the master notifies them
         else:
             uris = master.registerSubscriber(end.resolved_name, end.type, uri)
             with xmlrpc.client.ServerProxy(uri) as node:
                 node.publisherUpdate("/master", end.resolved_name, uris)
-    except (rosgraph.MasterException, OSError):
-        return  # the next call to the master reports the error
 
 
 def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) -> Any:

@@ -209,15 +209,6 @@ class DriveMonitor:
             return
         self._is_done = True
         position = self._timetable.position(ros_time.now())
-        before: Optional[Report] = None
-
-        def has_halted() -> bool:
-            nonlocal before
-            last = self._car_pose.last
-            same = last is not before and last and before and last.pose == before.pose
-            before = last
-            return bool(same)
-
-        ros_time.wait_for(has_halted, HALT_TIMEOUT)
+        ros_time.wait_for(self._car_pose.stands, HALT_TIMEOUT)
         last = self._car_pose.last
         rospy.logwarn("stopped in %s%s", position, f" at {last.pose}" if last else "")
