@@ -5,7 +5,7 @@ import os
 from typing import Any, Dict, List
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.parameters import ParameterError, Parameters
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.yaml_file import read_mapping
 
@@ -19,9 +19,9 @@ def read_profile(path: str) -> Dict[str, Any]:
     """Return the parameters in the file of a profile.
 
     Raises:
-        ParameterError: the file cannot be read, or is not a mapping.
+        UserError: the file cannot be read, or is not a mapping.
     """
-    return read_mapping(path, "parameters such as 'track: 0.25'", ParameterError)
+    return read_mapping(path, "parameters such as 'track: 0.25'")
 
 
 def car_from(parameters: Parameters) -> Car:

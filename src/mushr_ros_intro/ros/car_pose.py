@@ -32,10 +32,6 @@ _KEPT_REPORTS = 256
 """Number of kept reports; `wait_until_at` needs the first report at the start pose."""
 
 
-class InitialPoseError(UserError):
-    """The car did not report the start pose."""
-
-
 class Report(NamedTuple):
     """One report of the car's pose."""
 
@@ -100,7 +96,7 @@ class CarPose:
             The stamp of the first such report [ns]; `since` if no node publishes the car's pose.
 
         Raises:
-            InitialPoseError: the car does not report the start pose in time.
+            UserError: the car does not report the start pose in time.
             rospy.ROSInterruptException: the node is shut down.
         """
         if not self._subscriber.get_num_connections() and not is_published(self.topic):
@@ -119,7 +115,7 @@ class CarPose:
         report = ros_time.wait_for(find, seconds)
         if report is None:
             last = self.last
-            raise InitialPoseError(
+            raise UserError(
                 f"the car was not at the start pose {pose} within {seconds:g} s; {self.topic} "
                 f"reports {last.pose if last else 'nothing'}. Is the start pose inside a wall, is "
                 "the clock held, or does another node place the car?"

@@ -15,10 +15,6 @@ from mushr_ros_intro.ros import connections, conversions, node, ros_time, rospy_
 from mushr_ros_intro.sim.takeover import NOBODY, TakeoverMonitor
 
 
-class TakeoverError(UserError):
-    """Another input drives the car, or the mux does not publish which input drives."""
-
-
 class CommandPublisher:
     """The publisher of one input of a car's mux (ackermann_msgs/AckermannDriveStamped).
 
@@ -63,11 +59,11 @@ class CommandPublisher:
             countdown: time to wait then; logged every second [s of wall-clock time].
 
         Raises:
-            TakeoverError: the mux does not publish which input drives.
+            UserError: the mux does not publish which input drives.
             rospy.ROSInterruptException: the node is shut down.
         """
         if self._active_topic and not ros_time.wait_for(lambda: self._is_known, seconds):
-            raise TakeoverError(
+            raise UserError(
                 f"no message was published on {self._active_topic} within {seconds:g} s, so "
                 "a takeover could not be detected. Is the mux running, and is this its topic "
                 "(rostopic list)?"
@@ -118,7 +114,7 @@ class CommandPublisher:
             self._monitor = self._monitor.hear(msg.data, self._last is not None)
         if self._monitor.lost_to:
             # First the error: after the stop, the node's thread ends without one.
-            node.give_up(TakeoverError(self._takeover()))
+            node.give_up(UserError(self._takeover()))
             self.stop()
 
     def _takeover(self) -> str:

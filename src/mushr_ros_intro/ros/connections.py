@@ -30,10 +30,6 @@ _PING_TIMEOUT = 3.0
 """Timeout for the response of a node [s]; long enough for a busy node."""
 
 
-class NoSubscriberError(UserError):
-    """No node subscribes to a topic."""
-
-
 def registered_nodes(topic: str, role: str) -> List[str]:
     """Return the names of the nodes that are registered at a topic.
 
@@ -64,7 +60,7 @@ def wait_for_subscriber(publisher: rospy.Publisher, seconds: float) -> None:
         seconds: timeout [s of wall-clock time].
 
     Raises:
-        NoSubscriberError: no node subscribes; the message names the topic and the remedy.
+        UserError: no node subscribes; the message names the topic and the remedy.
         rospy.ROSInterruptException: the node is shut down.
     """
     if wait_until_connected(publisher, "subscribers", seconds, minimum=1):
@@ -72,7 +68,7 @@ def wait_for_subscriber(publisher: rospy.Publisher, seconds: float) -> None:
     if rospy.is_shutdown():
         raise rospy.ROSInterruptException("shut down while waiting for a subscriber")
     if not publisher.get_num_connections():
-        raise NoSubscriberError(_no_subscriber(publisher.resolved_name, seconds))
+        raise UserError(_no_subscriber(publisher.resolved_name, seconds))
     rospy.logwarn("not every subscriber to %s is connected", publisher.resolved_name)
 
 

@@ -35,10 +35,6 @@ HALT_TIMEOUT = 1.0
 """Longest wait for the car to stand after Ctrl-C [s of wall-clock time]."""
 
 
-class DriveError(UserError):
-    """The car did not drive the plan to its end."""
-
-
 class DriveMonitor:
     """The observed course of a drive."""
 
@@ -93,7 +89,7 @@ class DriveMonitor:
                 event = "has been restarted" if is_new else "reports its pose again"
                 rospy.logwarn("%s: the car %s", position, event)
             if ros_time.is_simulated() and time.monotonic() > lost_since + REPORT_TIMEOUT:
-                node.give_up(DriveError(f"{self._lost()}, and simulated time stands still"))
+                node.give_up(UserError(f"{self._lost()}, and simulated time stands still"))
                 return
 
     def _find_others(self) -> None:
@@ -119,7 +115,7 @@ class DriveMonitor:
             prediction: the prediction of the drive.
 
         Raises:
-            DriveError: the car no longer reports its pose, has hit a wall, or did not end at the
+            UserError: the car no longer reports its pose, has hit a wall, or did not end at the
                 predicted pose.
             rospy.ROSInterruptException: the node is shut down.
         """
@@ -139,7 +135,7 @@ class DriveMonitor:
                 f"and turned by {theta:.2f} rad"
             )
         elif self._car_pose.last:
-            raise DriveError(f"{self._lost()}, so it is not known where it is")
+            raise UserError(f"{self._lost()}, so it is not known where it is")
         else:
             rospy.loginfo(
                 f"all commands have been sent; the {name} of the plan ends at {expected}. No node "
@@ -167,16 +163,16 @@ class DriveMonitor:
         """Compare the final pose with the prediction.
 
         Raises:
-            DriveError: the car has hit a wall, or did not end at the predicted pose.
+            UserError: the car has hit a wall, or did not end at the predicted pose.
         """
         expected = prediction.pose
         if self._wall:
             total = length(self._plan)
-            raise DriveError(f"{self._wall}, {report.distance:.2f} m of {total:.2f} m driven")
+            raise UserError(f"{self._wall}, {report.distance:.2f} m of {total:.2f} m driven")
         distance, angle = report.pose.distance_to(expected), report.pose.angle_to(expected)
         is_close = report.pose.is_close_to(expected, TOLERANCE)
         if prediction.is_exact and not is_close:
-            raise DriveError(
+            raise UserError(
                 f"the car stopped at {report.pose}, but the {name} of the plan ends at {expected}, "
                 f"{distance:.2f} m and {angle:.2f} rad from there. {self._cause()}"
             )

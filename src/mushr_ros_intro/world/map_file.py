@@ -32,10 +32,6 @@ _CHANNELS = {"1": "L", "L": "L", "LA": "RGBA", "RGB": "RGB", "RGBA": "RGBA"}
 """The channels that map_server's reader decodes from Pillow's image modes."""
 
 
-class MapError(UserError):
-    """A map that cannot be used."""
-
-
 def read_map(path: str) -> Grid:
     """Read the map with the YAML file `path`.
 
@@ -45,7 +41,7 @@ def read_map(path: str) -> Grid:
     Raises:
         UserError: a file cannot be read, or a key is wrong.
     """
-    values = read_mapping(path, "a map's yaml file, with keys such as 'image: map.png'", MapError)
+    values = read_mapping(path, "a map's yaml file, with keys such as 'image: map.png'")
     keys = Parameters(values, f"{path}: ")
     resolution = keys.number("resolution", math.nan, "m", MIN_RESOLUTION, MAX_RESOLUTION)
     occupied = keys.number("occupied_thresh", math.nan, "", 0.0, 1.0)
@@ -65,7 +61,7 @@ def read_map(path: str) -> Grid:
         channels = _read_channels(image)
     except Exception as error:  # Pillow raises errors of many classes
         reason = getattr(error, "strerror", None) or error
-        raise MapError(
+        raise UserError(
             f"{path}: image: '{image}': {reason}; expected a PNG or PGM image, grey or RGB with 8 "
             "bits per channel, without a colour table or a transparent colour"
         ) from None
