@@ -12,8 +12,7 @@ from std_msgs.msg import String
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.ros.connections import wait_until_connected
-from mushr_ros_intro.sim.mux import Mux
-from mushr_ros_intro.sim.mux_config import Input, parse_config
+from mushr_ros_intro.sim.mux import Input, Mux, parse_config
 from mushr_ros_intro.sim.stamps import NANOSECONDS, PresentTime
 
 SHUTDOWN_POLL_PERIOD = 0.5
@@ -52,11 +51,8 @@ class AckermannCmdMux:
             topic = _private(each.topic)
             rospy.Subscriber(topic, AckermannDriveStamped, self._on_command, each, tcp_nodelay=True)
             rospy.loginfo(
-                "input %s: %s, priority %d, timeout %g s",
-                each.name,
-                rospy.resolve_name(topic),
-                each.priority,
-                each.timeout / NANOSECONDS,
+                f"input {each.name}: {rospy.resolve_name(topic)}, priority {each.priority}, "
+                f"timeout {each.timeout / NANOSECONDS:g} s"
             )
 
     def run(self) -> None:
@@ -72,10 +68,8 @@ class AckermannCmdMux:
                 held = self._held()
             if deadline <= now and held > 0.0:
                 time.sleep(min(held, SHUTDOWN_POLL_PERIOD))
-            else:
-                ros_time.sleep_until(
-                    deadline, seen
-                )  # if the clock is set back, _read_clock finds it
+            else:  # returns early if the clock is set back
+                ros_time.sleep_until(deadline, seen)
 
     def _held(self) -> float:
         """Return the time for which no input may expire [s of wall-clock time]; needs the lock.

@@ -2,7 +2,6 @@
 """Simulate the car's laser scanner in the map."""
 
 import sys
-import threading
 from typing import Optional
 
 import rospy
@@ -44,7 +43,6 @@ class LaserSim:
         prefix = rospy.get_namespace().strip("/")
         self._frame = f"{prefix}/laser_link".lstrip("/")
 
-        self._lock = threading.Lock()
         self._laser: Optional[Laser] = None
         self._slot = 0
 
@@ -67,20 +65,16 @@ class LaserSim:
         except conversions.MessageError as error:
             rospy.logwarn(f"ignored a map on {self._map_sub.resolved_name}: {error}")
             return
-        laser = Laser(grid, self._beams)
-        with self._lock:
-            self._laser = laser
+        self._laser = Laser(grid, self._beams)
         rospy.loginfo("scanning in a map of %d x %d cells", grid.width, grid.height)
 
     def _on_pose(self, msg: PoseStamped) -> None:
         """Publish a scan if this is the first pose of its period."""
         stamp = msg.header.stamp.to_nsec()
-        slot = stamp // self._period
-        with self._lock:
-            if self._laser is None or slot == self._slot:
-                return
-            self._slot = slot
-            laser = self._laser
+        laser, slot = self._laser, stamp // self._period
+        if laser is None or slot == self._slot:
+            return
+        self._slot = slot
         if not self._scan_pub.get_num_connections():
             return
         try:

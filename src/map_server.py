@@ -32,14 +32,8 @@ class MapServer:
         self._metadata_pub.publish(self._msg.info)
         self._map_pub.publish(self._msg)
         self._service = rospy.Service("static_map", GetMap, self._on_request)
-        rospy.loginfo(
-            "map %s: %d x %d cells of %g m, in the frame %s",
-            path,
-            grid.width,
-            grid.height,
-            grid.resolution,
-            frame,
-        )
+        cells = f"{grid.width} x {grid.height} cells of {grid.resolution:g} m"
+        rospy.loginfo(f"map {path}: {cells}, in the frame {frame}")
 
     def run(self) -> None:
         """Serve the map until the node is shut down."""

@@ -20,19 +20,16 @@ def view_of(car_name: str, text: str) -> str:
     return text
 
 
-def main() -> int:
-    """Replace this program by rviz; return the exit status if that fails."""
+def main() -> None:
+    """Replace this program by rviz."""
     if len(sys.argv) < 2 or ":=" in sys.argv[1]:
-        print("usage: view.py CAR_NAME [options of rviz]", file=sys.stderr)
-        return 2
+        sys.exit("usage: view.py CAR_NAME [options of rviz]")
     car_name = sys.argv[1].strip("/")
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        print(
+        sys.exit(
             "view.py: DISPLAY is not set; expected a display for the window of rviz. "
-            "The car drives without one",
-            file=sys.stderr,
+            "The car drives without one"
         )
-        return 1
     path = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "rviz", "default.rviz")
     if car_name != "car":
         with open(path, encoding="utf-8") as file:
@@ -44,13 +41,11 @@ def main() -> int:
     try:
         os.execvp("rviz", ["rviz", "-d", path, *sys.argv[2:]])
     except OSError as error:
-        print(
+        sys.exit(
             f"view.py: rviz cannot be started ({error.strerror}); expected it on the PATH. "
-            "Install the package rviz (Debian) or ros-noetic-rviz (Ubuntu)",
-            file=sys.stderr,
+            "Install the package rviz (Debian) or ros-noetic-rviz (Ubuntu)"
         )
-    return 1
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

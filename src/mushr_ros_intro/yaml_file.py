@@ -1,22 +1,21 @@
 """Read small YAML files that users write."""
 
-from typing import Any, Dict, Type
+from typing import Any, Dict
 
 import yaml
 
 from mushr_ros_intro.errors import UserError
 
 
-def read_mapping(path: str, expected: str, error: Type[UserError]) -> Dict[str, Any]:
+def read_mapping(path: str, expected: str) -> Dict[str, Any]:
     """Return the mapping in a YAML file; an empty file is an empty mapping.
 
     Args:
         path: the file.
         expected: ends each error message, as in "keys such as 'image: map.png'".
-        error: the class of the errors.
 
     Raises:
-        UserError: of the class `error`, if the file cannot be read or is not a mapping.
+        UserError: the file cannot be read, or is not a mapping.
     """
     try:
         with open(path, "rb") as file:
@@ -24,7 +23,7 @@ def read_mapping(path: str, expected: str, error: Type[UserError]) -> Dict[str, 
         if not isinstance(values or {}, dict):
             raise ValueError("the file has no keys")
     except Exception as problem:  # PyYAML raises errors of many classes, such as for !!int x
-        raise error(f"{path}: {_reason(problem)}; expected {expected}") from None
+        raise UserError(f"{path}: {_reason(problem)}; expected {expected}") from None
     return values or {}
 
 

@@ -6,16 +6,12 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.yaml_file import read_mapping
 
 
-class FileError(UserError):
-    """The caller's class of errors."""
-
-
 def read(path):
-    return read_mapping(str(path), "keys such as 'a: 1'", FileError)
+    return read_mapping(str(path), "keys such as 'a: 1'")
 
 
 def message_of(path):
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(UserError) as caught:
         read(path)
     message = str(caught.value)
     assert message.startswith(f"{path}: ") and message.endswith("; expected keys such as 'a: 1'")

@@ -5,7 +5,7 @@ import os
 from typing import Any, Dict, List
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.parameters import ParameterError, Parameters
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.yaml_file import read_mapping
 
@@ -19,9 +19,9 @@ def read_profile(path: str) -> Dict[str, Any]:
     """Return the parameters in the file of a profile.
 
     Raises:
-        ParameterError: the file cannot be read, or is not a mapping.
+        UserError: the file cannot be read, or is not a mapping.
     """
-    return read_mapping(path, "parameters such as 'track: 0.25'", ParameterError)
+    return read_mapping(path, "parameters such as 'track: 0.25'")
 
 
 def car_from(parameters: Parameters) -> Car:
@@ -33,10 +33,7 @@ def car_from(parameters: Parameters) -> Car:
     ideal, number = Car(), parameters.number
     has_noise = parameters.flag("noise", False)
     timeout = number("command_timeout", ideal.command_timeout / NANOSECONDS, "s", 0.001, 10.0)
-    speed_noise = number("speed_noise", ideal.speed_noise, "m/s", 0.0, 10.0)
-    steering_noise = number("steering_noise", ideal.steering_noise, "rad", 0.0, 1.0)
-    seed = parameters.integer("seed", ideal.seed, 0, 1e9)
-    return Car(
+    car = Car(
         wheelbase=number("wheelbase", ideal.wheelbase, "m", 0.01, 100.0),
         track=number("track", ideal.track, "m", 0.01, 100.0),
         wheel_radius=number("wheel_radius", ideal.wheel_radius, "m", 0.001, 10.0),
@@ -46,7 +43,8 @@ def car_from(parameters: Parameters) -> Car:
         steering_limit_right=number("steering_limit_right", math.inf, "rad", 0.0, math.inf),
         acceleration=number("acceleration", ideal.acceleration, "m/s^2", 0.01, math.inf),
         steering_rate=number("steering_rate", ideal.steering_rate, "rad/s", 0.01, math.inf),
-        speed_noise=speed_noise if has_noise else 0.0,
-        steering_noise=steering_noise if has_noise else 0.0,
-        seed=seed if has_noise else 0,
+        speed_noise=number("speed_noise", ideal.speed_noise, "m/s", 0.0, 10.0),
+        steering_noise=number("steering_noise", ideal.steering_noise, "rad", 0.0, 1.0),
+        seed=parameters.integer("seed", ideal.seed, 0, 1e9),
     )
+    return car if has_noise else car._replace(speed_noise=0.0, steering_noise=0.0, seed=0)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.errors import CallFault
-from mushr_ros_intro.sim.mux_config import IDLE
+from mushr_ros_intro.sim.mux import IDLE
 
 DEFAULT_MASTER = "http://localhost:11311"
 """The address of the master if ROS_MASTER_URI is not set."""

@@ -67,17 +67,14 @@ def _imports_rospy(program: str) -> bool:
     if os.path.realpath(program) == os.path.realpath(sys.executable):
         return True  # this process has imported it
     try:
-        done = subprocess.run(
-            [program, "-c", "import rospy"],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            timeout=_IMPORT_TIMEOUT,
-            check=False,
+        command = [program, "-c", "import rospy"]
+        pipe = subprocess.DEVNULL
+        subprocess.run(
+            command, stdin=pipe, stdout=pipe, stderr=pipe, timeout=_IMPORT_TIMEOUT, check=True
         )
-    except (OSError, subprocess.TimeoutExpired):
+    except (OSError, subprocess.SubprocessError):
         return False
-    return done.returncode == 0
+    return True
 
 
 def _interpreter(line: bytes) -> str:

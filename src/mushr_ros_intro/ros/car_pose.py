@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import deque
-from typing import Callable, Deque, NamedTuple, Optional, TypeVar
+from typing import Deque, NamedTuple, Optional
 
 import rosgraph
 import rospy
@@ -19,8 +19,6 @@ from mushr_ros_intro.ros.connections import (
     wait_until_connected,
 )
 
-T = TypeVar("T")
-
 POSE_TOLERANCE = 1e-3
 """How far the reported pose may differ from the start pose [m, rad]."""
 
@@ -32,10 +30,6 @@ A simulated car also is silent while its clock is held.
 
 _KEPT_REPORTS = 256
 """Number of kept reports; `wait_until_at` needs the first report at the start pose."""
-
-
-class InitialPoseError(UserError):
-    """The car did not report the start pose."""
 
 
 class Report(NamedTuple):
@@ -53,7 +47,7 @@ class CarPose:
     """The pose that /CAR_NAME/car_pose (geometry_msgs/PoseStamped) reports."""
 
     def __init__(self, car_name: str) -> None:
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
         self._reports: Deque[Report] = deque(maxlen=_KEPT_REPORTS)
         self._arrival = 0.0
         self._sequence = 0
@@ -67,16 +61,18 @@ class CarPose:
     @property
     def last(self) -> Optional[Report]:
         """The newest report, None if there is none."""
-        with self._changed:
+        with self._lock:
             return self._reports[-1] if self._reports else None
 
-    def is_reported(self) -> bool:
-        """Return whether a node publishes the car's pose."""
-        return bool(self._subscriber.get_num_connections()) or is_published(self.topic)
+    def stands(self) -> bool:
+        """Return whether the newest two reports have the same pose."""
+        with self._lock:
+            poses = [report.pose for report in self._reports]
+        return len(poses) > 1 and poses[-1] == poses[-2]
 
     def is_lost(self) -> bool:
         """Return whether the reports have stopped, and no node that publishes them responds."""
-        with self._changed:
+        with self._lock:
             if not self._reports or time.monotonic() < self._arrival + MAX_SILENCE:
                 return False
         try:
@@ -100,52 +96,34 @@ class CarPose:
             The stamp of the first such report [ns]; `since` if no node publishes the car's pose.
 
         Raises:
-            InitialPoseError: the car does not report the start pose in time.
+            UserError: the car does not report the start pose in time.
             rospy.ROSInterruptException: the node is shut down.
         """
-        if not self.is_reported():
+        if not self._subscriber.get_num_connections() and not is_published(self.topic):
             rospy.loginfo("no node publishes %s, so the start pose is not checked", self.topic)
             return since
 
         def find() -> Optional[Report]:
-            matches = (
-                report
-                for report in self._reports
-                if report.stamp >= since and report.pose.is_close_to(pose, POSE_TOLERANCE)
-            )
-            return next(matches, None)
+            with self._lock:
+                matches = (
+                    report
+                    for report in self._reports
+                    if report.stamp >= since and report.pose.is_close_to(pose, POSE_TOLERANCE)
+                )
+                return next(matches, None)
 
-        report = self.wait_for(find, seconds)
+        report = ros_time.wait_for(find, seconds)
         if report is None:
             last = self.last
-            raise InitialPoseError(
+            raise UserError(
                 f"the car was not at the start pose {pose} within {seconds:g} s; {self.topic} "
                 f"reports {last.pose if last else 'nothing'}. Is the start pose inside a wall, is "
                 "the clock held, or does another node place the car?"
             )
-        with self._changed:
-            driven = report.distance
-            reports = [each._replace(distance=each.distance - driven) for each in self._reports]
-            self._reports.extend(reports)
+        with self._lock:
+            newest = self._reports.pop()
+            self._reports.append(newest._replace(distance=newest.distance - report.distance))
         return report.stamp
-
-    def wait_for(self, find: Callable[[], T], seconds: float) -> T:
-        """Call `find` after each report, and return its first true value.
-
-        After `seconds` of wall-clock time, return the last value of `find`.
-
-        Raises:
-            rospy.ROSInterruptException: the node is shut down.
-        """
-        deadline = time.monotonic() + seconds
-        with self._changed:
-            while True:
-                value = find()
-                if value or time.monotonic() > deadline:
-                    return value
-                if rospy.is_shutdown():
-                    raise rospy.ROSInterruptException("shut down while waiting for the car's pose")
-                self._changed.wait(0.1)
 
     def _on_pose(self, msg: PoseStamped) -> None:
         """Add a report."""
@@ -155,7 +133,7 @@ class CarPose:
             rospy.logwarn_throttle(1.0, f"ignored a pose on {self.topic}: {error}")
             return
         stamp = ros_time.received_stamp(msg.header.stamp.to_nsec())
-        with self._changed:
+        with self._lock:
             self._arrival = time.monotonic()
             # rospy numbers the messages of a publisher.
             self.restarts += msg.header.seq < self._sequence
@@ -165,4 +143,3 @@ class CarPose:
                 last = self._reports[-1]
                 distance = last.distance + last.pose.distance_to(pose)
             self._reports.append(Report(stamp, pose, distance))
-            self._changed.notify_all()

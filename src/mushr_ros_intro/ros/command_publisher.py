@@ -3,10 +3,8 @@
 import math
 import threading
 import time
-from contextlib import suppress
-from typing import Dict, Optional, Set
+from typing import Dict, Optional
 
-import rosgraph
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
@@ -15,10 +13,6 @@ from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros import connections, conversions, node, ros_time, rospy_fixes
 from mushr_ros_intro.sim.takeover import NOBODY, TakeoverMonitor
-
-
-class TakeoverError(UserError):
-    """Another input drives the car, or the mux does not publish which input drives."""
 
 
 class CommandPublisher:
@@ -48,21 +42,14 @@ class CommandPublisher:
         self.topic = self._publisher.resolved_name
         rospy.on_shutdown(self.stop)
         self._monitor = TakeoverMonitor(topic.rsplit("/", 1)[-1])
-        self._active: Optional[str] = None
+        self._is_known = False  # which input drives
         self._active_topic = active_topic
-        self._active_sub = None
         if active_topic:
-            self._active_sub = rospy.Subscriber(active_topic, String, self._on_active)
+            rospy.Subscriber(active_topic, String, self._on_active)
 
     def wait_for_subscriber(self, seconds: float) -> None:
         """Wait until a node subscribes to the commands; see connections.wait_for_subscriber."""
         connections.wait_for_subscriber(self._publisher, seconds)
-
-    def other_publishers(self) -> Set[str]:
-        """Return the names of the other nodes that publish on the topic; none without a master."""
-        with suppress(rosgraph.MasterException, OSError):
-            return {*connections.registered_nodes(self.topic, "publishers")} - {rospy.get_name()}
-        return set()
 
     def wait_until_free(self, seconds: float, countdown: float) -> None:
         """Wait until the mux has published which input drives, and then for the countdown.
@@ -72,14 +59,11 @@ class CommandPublisher:
             countdown: time to wait then; logged every second [s of wall-clock time].
 
         Raises:
-            TakeoverError: the mux does not publish which input drives.
+            UserError: the mux does not publish which input drives.
             rospy.ROSInterruptException: the node is shut down.
         """
-        is_known = self._active_sub is None or ros_time.wait_for(
-            lambda: self._active is not None, seconds
-        )
-        if not is_known:
-            raise TakeoverError(
+        if self._active_topic and not ros_time.wait_for(lambda: self._is_known, seconds):
+            raise UserError(
                 f"no message was published on {self._active_topic} within {seconds:g} s, so "
                 "a takeover could not be detected. Is the mux running, and is this its topic "
                 "(rostopic list)?"
@@ -124,13 +108,13 @@ class CommandPublisher:
     def _on_active(self, msg: String) -> None:
         """Stop the car and end the node if another input drives the car."""
         with self._lock:
-            self._active = msg.data
+            self._is_known = True
             if self._is_stopped:
                 return
             self._monitor = self._monitor.hear(msg.data, self._last is not None)
         if self._monitor.lost_to:
             # First the error: after the stop, the node's thread ends without one.
-            node.give_up(TakeoverError(self._takeover()))
+            node.give_up(UserError(self._takeover()))
             self.stop()
 
     def _takeover(self) -> str:

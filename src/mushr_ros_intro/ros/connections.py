@@ -12,7 +12,9 @@ import time
 import xml.parsers.expat
 import xmlrpc.client
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, List, Sequence, Set
+from contextlib import suppress
+from itertools import compress
+from typing import Any, List, Set
 
 import rosgraph
 import rospy
@@ -26,10 +28,6 @@ _PING_AFTER = 0.5
 
 _PING_TIMEOUT = 3.0
 """Timeout for the response of a node [s]; long enough for a busy node."""
-
-
-class NoSubscriberError(UserError):
-    """No node subscribes to a topic."""
 
 
 def registered_nodes(topic: str, role: str) -> List[str]:
@@ -49,47 +47,36 @@ def registered_nodes(topic: str, role: str) -> List[str]:
 
 def is_published(topic: str) -> bool:
     """Return whether a publisher of a topic is registered at the master."""
-    try:
+    with suppress(rosgraph.MasterException, OSError):
         return bool(registered_nodes(topic, "publishers"))
-    except (rosgraph.MasterException, OSError):
-        return False
+    return False
 
 
 def wait_for_subscriber(publisher: rospy.Publisher, seconds: float) -> None:
-    """Wait until a node subscribes to a topic, and then until all its subscribers are connected.
+    """Wait until a node subscribes to a topic and all its subscribers are connected.
 
     Args:
         publisher: the publisher of the topic.
-        seconds: timeout for the first subscriber [s of wall-clock time].
+        seconds: timeout [s of wall-clock time].
 
     Raises:
-        NoSubscriberError: no node subscribes; the message names the topic and the remedy.
+        UserError: no node subscribes; the message names the topic and the remedy.
         rospy.ROSInterruptException: the node is shut down.
     """
-    began = announced = time.monotonic()
-    topic = publisher.resolved_name
-    while not publisher.get_num_connections():
-        if rospy.is_shutdown():
-            raise rospy.ROSInterruptException("shut down while waiting for a subscriber")
-        now = time.monotonic()
-        if now > began + seconds:
-            raise NoSubscriberError(_no_subscriber(topic, seconds))
-        if now > announced + REANNOUNCE_PERIOD:
-            if announced == began:
-                rospy.loginfo("waiting for a subscriber to %s", topic)
-            announced = now
-            reannounce(publisher, "subscribers")
-        time.sleep(POLL_PERIOD)
-    if not wait_until_connected(publisher, "subscribers", seconds) and not rospy.is_shutdown():
-        rospy.logwarn("not every subscriber to %s is connected", topic)
+    if wait_until_connected(publisher, "subscribers", seconds, minimum=1):
+        return
+    if rospy.is_shutdown():
+        raise rospy.ROSInterruptException("shut down while waiting for a subscriber")
+    if not publisher.get_num_connections():
+        raise UserError(_no_subscriber(publisher.resolved_name, seconds))
+    rospy.logwarn("not every subscriber to %s is connected", publisher.resolved_name)
 
 
 def _no_subscriber(topic: str, seconds: float) -> str:
     """Return the message for a topic that has no subscriber."""
-    try:
+    names: List[str] = []
+    with suppress(rosgraph.MasterException, OSError):
         names = registered_nodes(topic, "subscribers")
-    except (rosgraph.MasterException, OSError):
-        names = []
     if names:
         return (
             f"no node is connected to {topic} after {seconds:g} s, but these nodes are registered: "
@@ -102,47 +89,50 @@ def _no_subscriber(topic: str, seconds: float) -> str:
     )
 
 
-def wait_until_connected(end: Any, role: str, seconds: float = CONNECTION_TIMEOUT) -> bool:
+def wait_until_connected(
+    end: Any, role: str, seconds: float = CONNECTION_TIMEOUT, minimum: int = 0
+) -> bool:
     """Wait until a publisher or subscriber is connected to every live node at its topic.
 
     Args:
         end: a rospy.Publisher or rospy.Subscriber.
         role: the role of the other nodes, "publishers" or "subscribers".
         seconds: timeout [s of wall-clock time].
+        minimum: also wait until there are so many connections.
 
     Returns:
-        True if it is connected to all of them, or if there are none. False after the timeout, or if
-        this node is shut down or the master does not answer.
+        Whether it is connected; False after the timeout, or if this node is shut down or the
+        master does not answer.
     """
     began = announced = time.monotonic()
     while True:
+        now = time.monotonic()
         try:
-            names = registered_nodes(end.resolved_name, role)
+            if end.get_num_connections() >= minimum and _is_connected(
+                end, role, ignores_dead=now > began + _PING_AFTER
+            ):
+                return True
         except (rosgraph.MasterException, OSError):
             return False
-        is_connected = _is_connected(end, role, names)
-        now = time.monotonic()
-        if not is_connected and now > began + _PING_AFTER:
-            with ThreadPoolExecutor(len(names)) as pool:
-                alive = [
-                    name for name, is_alive in zip(names, pool.map(responds, names)) if is_alive
-                ]
-            is_connected = _is_connected(end, role, alive)
-        if is_connected:
-            return True
         if now > began + seconds or rospy.is_shutdown():
             return False
         if now > announced + REANNOUNCE_PERIOD:
+            if announced == began and minimum:
+                rospy.loginfo("waiting for a subscriber to %s", end.resolved_name)
             announced = now
             reannounce(end, role)
         time.sleep(POLL_PERIOD)
 
 
-def _is_connected(end: Any, role: str, names: Sequence[str]) -> bool:
-    """Return whether `end` is connected to all nodes in `names`.
+def _is_connected(end: Any, role: str, ignores_dead: bool) -> bool:
+    """Return whether `end` is connected to all nodes at its topic, or to all that respond.
 
     A subscriber also counts connections that are not open yet, so each publisher is called.
     """
+    names = registered_nodes(end.resolved_name, role)
+    if ignores_dead and names:
+        with ThreadPoolExecutor(len(names)) as pool:
+            names = list(compress(names, pool.map(responds, names)))
     if end.get_num_connections() < len(names):
         return False
     return role == "subscribers" or all(_serves(name, end.resolved_name) for name in names)
@@ -160,21 +150,19 @@ def has_live_publisher(subscriber: rospy.Subscriber) -> bool:
 def responds(name: str) -> bool:
     """Return whether a node responds within a few seconds."""
     caller = rospy.get_name()
-    try:
+    with suppress(rosgraph.MasterException, OSError, CallError):
         ask(rosgraph.Master(caller).lookupNode(name), _PING_TIMEOUT, caller, "getPid")
-    except (rosgraph.MasterException, OSError, CallError):
-        return False
-    return True
+        return True
+    return False
 
 
 def _serves(name: str, topic: str) -> bool:
     """Return whether a node reports that it publishes a topic to this node."""
     caller = rospy.get_name()
-    try:
+    with suppress(rosgraph.MasterException, OSError, CallError):
         uri = rosgraph.Master(caller).lookupNode(name)
         return caller in receivers(uri, _PING_AFTER, caller, topic)
-    except (rosgraph.MasterException, OSError, CallError):
-        return False
+    return False
 
 
 def receivers(uri: str, patience: float, caller: str, topic: str) -> Set[str]:
@@ -193,15 +181,14 @@ def reannounce(end: Any, role: str) -> None:
     Args: as for `wait_until_connected`.
     """
     master, uri = rosgraph.Master(rospy.get_name()), rospy.get_node_uri()
-    try:
+    # The next call to the master reports its error.
+    with suppress(rosgraph.MasterException, OSError):
         if role == "subscribers":
             master.registerPublisher(end.resolved_name, end.type, uri)  # the master notifies them
         else:
             uris = master.registerSubscriber(end.resolved_name, end.type, uri)
             with xmlrpc.client.ServerProxy(uri) as node:
                 node.publisherUpdate("/master", end.resolved_name, uris)
-    except (rosgraph.MasterException, OSError):
-        return  # the next call to the master reports the error
 
 
 def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) -> Any:

@@ -1,7 +1,7 @@
 """Convert the package's values to ROS messages and back."""
 
 import math
-from typing import Iterable, List, Optional, Tuple
+from typing import Iterable, Tuple
 
 import genpy
 import numpy as np
@@ -21,10 +21,11 @@ from geometry_msgs.msg import Pose as PoseMsg
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry, Path
 from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import ColorRGBA, Header
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mushr_ros_intro.car.bicycle import Pose
-from mushr_ros_intro.car.model import Car, Command, Contact, InitialPose, State, front_wheel_angles
+from mushr_ros_intro.car.model import Car, Command, InitialPose, State, front_wheel_angles
 from mushr_ros_intro.plan.model import MAX_COORDINATE, MAX_SPEED
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid, as_travelled
@@ -134,13 +135,7 @@ def command_from_msg(msg: AckermannDriveStamped) -> Command:
             a right angle or more.
     """
     drive = msg.drive
-    numbers = (
-        drive.steering_angle,
-        drive.steering_angle_velocity,
-        drive.speed,
-        drive.acceleration,
-        drive.jerk,
-    )
+    numbers = tuple(getattr(drive, name) for name in drive.__slots__)
     if not all(map(math.isfinite, numbers)):
         raise MessageError(f"command {numbers} is not finite; expected finite numbers")
     if abs(drive.speed) > MAX_SPEED:
@@ -172,16 +167,6 @@ def path_to_msg(states: Iterable[State], begin: int) -> Path:
 def poses_to_msg(poses: Iterable[Pose], stamp: int) -> PoseArray:
     """Return poses in the map, with a stamp [ns]."""
     return PoseArray(_header(stamp), [pose_to_msg(pose) for pose in poses])
-
-
-def collision_to_msg(contact: Optional[Contact], stamp: int) -> PoseArray:
-    """Return the pose of the car in contact with a wall, with the stamp of the contact's begin.
-
-    Without a contact the message has no pose, and the given stamp [ns].
-    """
-    if contact is None:
-        return poses_to_msg([], stamp)
-    return poses_to_msg([contact.pose], contact.stamp)
 
 
 def ellipses_to_msg(ellipses: Iterable[Tuple[Pose, float, float]], stamp: int) -> MarkerArray:
@@ -229,20 +214,13 @@ def odometry_to_msg(state: State, car: Car, odom_frame: str, base_frame: str) ->
 def joint_states_to_msg(state: State, car: Car) -> JointState:
     """Return the angles of MuSHR's six joints: four wheels, and the steering of two."""
     left, right = front_wheel_angles(state.steering_angle, car)
-    names = [
-        *(
-            f"{end}_{side}_wheel_throttle"
-            for end in ("front", "back")
-            for side in ("left", "right")
-        ),
-        "front_left_wheel_steer",
-        "front_right_wheel_steer",
-    ]
+    names = [f"{each}_wheel_throttle" for each in state.wheel_angles._fields]
+    names += ["front_left_wheel_steer", "front_right_wheel_steer"]
     header = Header(stamp=time_from(state.stamp))
     return JointState(header=header, name=names, position=[*state.wheel_angles, left, right])
 
 
-def transforms_to_msgs(state: State, odom_frame: str, base_frame: str) -> List[TransformStamped]:
+def transforms_to_msg(state: State, odom_frame: str, base_frame: str) -> TFMessage:
     """Return the transforms from the map to `odom_frame` and from there to `base_frame`."""
     frames = (
         (MAP_FRAME, odom_frame, state.map_from_odom),
@@ -253,7 +231,7 @@ def transforms_to_msgs(state: State, odom_frame: str, base_frame: str) -> List[T
         translation = Vector3(pose.x, pose.y, 0.0)
         transform = Transform(translation, pose_to_msg(pose).orientation)
         msgs.append(TransformStamped(_header(state.stamp, parent), child, transform))
-    return msgs
+    return TFMessage(msgs)
 
 
 def grid_to_msg(grid: Grid, stamp: int, frame: str) -> OccupancyGrid:

@@ -3,8 +3,10 @@
 import math
 import threading
 import time
+from contextlib import suppress
 from typing import Optional, Set
 
+import rosgraph
 import rospy
 from geometry_msgs.msg import PoseArray
 
@@ -15,6 +17,7 @@ from mushr_ros_intro.preview.prediction import length
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.ros.car_pose import POSE_TOLERANCE, CarPose, Report
 from mushr_ros_intro.ros.command_publisher import CommandPublisher
+from mushr_ros_intro.ros.connections import registered_nodes
 from mushr_ros_intro.ros.preview import Prediction
 from mushr_ros_intro.ros.timetable import Timetable
 from mushr_ros_intro.sim.stamps import NANOSECONDS, SETTLING, STAMP_TOLERANCE
@@ -30,10 +33,6 @@ REPORT_TIMEOUT = 10.0
 
 HALT_TIMEOUT = 1.0
 """Longest wait for the car to stand after Ctrl-C [s of wall-clock time]."""
-
-
-class DriveError(UserError):
-    """The car did not drive the plan to its end."""
 
 
 class DriveMonitor:
@@ -75,36 +74,34 @@ class DriveMonitor:
             position = self._timetable.position(now)
             was_lost = lost_since < math.inf
             is_lost = self._car_pose.is_lost()
+            is_new = restarts != self._car_pose.restarts
             if is_lost and not was_lost:
                 lost_since = time.monotonic()
                 self._lost_at = position
+                seconds = (now - self._timetable.start) / NANOSECONDS
                 rospy.logwarn(
-                    "%s, %.1f s after the start: the car no longer reports its pose on %s. Is it "
-                    "still running (rosnode list)?",
-                    position,
-                    (now - self._timetable.start) / NANOSECONDS,
-                    self._car_pose.topic,
+                    f"{position}, {seconds:.1f} s after the start: the car no longer reports its "
+                    f"pose on {self._car_pose.topic}. Is it still running (rosnode list)?"
                 )
-            elif not is_lost and (was_lost or restarts != self._car_pose.restarts):
-                is_new = restarts != self._car_pose.restarts
+            elif not is_lost and (was_lost or is_new):
                 lost_since, restarts = math.inf, self._car_pose.restarts
                 self._lost_at = position
                 event = "has been restarted" if is_new else "reports its pose again"
                 rospy.logwarn("%s: the car %s", position, event)
             if ros_time.is_simulated() and time.monotonic() > lost_since + REPORT_TIMEOUT:
-                node.give_up(DriveError(f"{self._lost()}, and simulated time stands still"))
+                node.give_up(UserError(f"{self._lost()}, and simulated time stands still"))
                 return
 
     def _find_others(self) -> None:
         """Log a warning for each other node that publishes commands on the same topic."""
-        others = self._commands.other_publishers()
-        for name in sorted(others - self._others):
-            rospy.logwarn(
-                "%s also publishes on %s. The car gets the commands of both nodes",
-                name,
-                self._commands.topic,
-            )
-        self._others |= others
+        topic = self._commands.topic
+        with suppress(rosgraph.MasterException, OSError):
+            others = {*registered_nodes(topic, "publishers")} - {rospy.get_name(), *self._others}
+            self._others |= others
+            for name in sorted(others):
+                rospy.logwarn(
+                    f"{name} also publishes on {topic}. The car gets the commands of both nodes"
+                )
 
     def _lost(self) -> str:
         """Return the message for a car that no longer reports its pose."""
@@ -118,7 +115,7 @@ class DriveMonitor:
             prediction: the prediction of the drive.
 
         Raises:
-            DriveError: the car no longer reports its pose, has hit a wall, or did not end at the
+            UserError: the car no longer reports its pose, has hit a wall, or did not end at the
                 predicted pose.
             rospy.ROSInterruptException: the node is shut down.
         """
@@ -132,22 +129,17 @@ class DriveMonitor:
             move = compose(inverse(self._plan.start), expected)
             x, y, theta = (round(value, 2) + 0.0 for value in move)  # no negative zero
             rospy.loginfo(
-                "all commands have been sent; the car should stand %.2f m %s its start, %.2f m to "
-                "the %s, and turned by %.2f rad",
-                abs(x),
-                "ahead of" if x >= 0.0 else "behind",
-                abs(y),
-                "left" if y >= 0.0 else "right",
-                theta,
+                "all commands have been sent; the car should stand "
+                f"{abs(x):.2f} m {'ahead of' if x >= 0.0 else 'behind'} its start, "
+                f"{abs(y):.2f} m to the {'left' if y >= 0.0 else 'right'}, "
+                f"and turned by {theta:.2f} rad"
             )
         elif self._car_pose.last:
-            raise DriveError(f"{self._lost()}, so it is not known where it is")
+            raise UserError(f"{self._lost()}, so it is not known where it is")
         else:
             rospy.loginfo(
-                "all commands have been sent; the %s of the plan ends at %s. No node reports the "
-                "car's pose, so it is not known where the car is",
-                name,
-                expected,
+                f"all commands have been sent; the {name} of the plan ends at {expected}. No node "
+                "reports the car's pose, so it is not known where the car is"
             )
 
     def _settled(self, prediction: Prediction) -> Optional[Report]:
@@ -165,38 +157,31 @@ class DriveMonitor:
             return last if last.stamp >= rest + (0 if is_there else STAMP_TOLERANCE) else None
 
         seconds = (rest - end + STAMP_TOLERANCE) / NANOSECONDS
-        return self._car_pose.wait_for(find, REPORT_TIMEOUT + seconds)
+        return ros_time.wait_for(find, REPORT_TIMEOUT + seconds)
 
     def _compare(self, report: Report, prediction: Prediction, name: str) -> None:
         """Compare the final pose with the prediction.
 
         Raises:
-            DriveError: the car has hit a wall, or did not end at the predicted pose.
+            UserError: the car has hit a wall, or did not end at the predicted pose.
         """
         expected = prediction.pose
         if self._wall:
             total = length(self._plan)
             message = f"{self._wall}, {report.distance:.2f} m of {total:.2f} m driven"
-            raise DriveError(f"{message}. {self._cause()}" if self._others else message)
+            raise UserError(f"{message}. {self._cause()}" if self._others else message)
         distance, angle = report.pose.distance_to(expected), report.pose.angle_to(expected)
         is_close = report.pose.is_close_to(expected, TOLERANCE)
         if prediction.is_exact and not is_close:
-            raise DriveError(
+            raise UserError(
                 f"the car stopped at {report.pose}, but the {name} of the plan ends at {expected}, "
                 f"{distance:.2f} m and {angle:.2f} rad from there. {self._cause()}"
             )
+        done = "the plan has been driven" if is_close else "all commands of the plan have been sent"
+        rospy.loginfo(f"{done}; its {name} ends at {expected}")
         rospy.loginfo(
-            "%s; its %s ends at %s",
-            "the plan has been driven" if is_close else "all commands of the plan have been sent",
-            name,
-            expected,
-        )
-        rospy.loginfo(
-            "the car drove %.2f m and stopped at %s; difference %.1e m, %.1e rad",
-            report.distance,
-            report.pose,
-            distance,
-            angle,
+            f"the car drove {report.distance:.2f} m and stopped at {report.pose}; difference "
+            f"{distance:.1e} m, {angle:.1e} rad"
         )
 
     def _cause(self) -> str:
@@ -221,15 +206,6 @@ class DriveMonitor:
             return
         self._is_done = True
         position = self._timetable.position(ros_time.now())
-        before: Optional[Report] = None
-
-        def has_halted() -> bool:
-            nonlocal before
-            last = self._car_pose.last
-            same = last is not before and last and before and last.pose == before.pose
-            before = last
-            return bool(same)
-
-        self._car_pose.wait_for(has_halted, HALT_TIMEOUT)
+        ros_time.wait_for(self._car_pose.stands, HALT_TIMEOUT)
         last = self._car_pose.last
         rospy.logwarn("stopped in %s%s", position, f" at {last.pose}" if last else "")

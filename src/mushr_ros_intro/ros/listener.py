@@ -29,7 +29,8 @@ class Listener:
     """
 
     def __init__(self, topics: Sequence[str]) -> None:
-        self._headers: Dict[Tuple[str, str], Dict[str, str]] = {}
+        self.headers: Dict[Tuple[str, str], Dict[str, str]] = {}
+        """The connection header of each topic and node, with the keys type and md5sum."""
         self._messages: List[Tuple[str, rospy.AnyMsg]] = []
         self._subscribers: List[rospy.Subscriber] = []
         run_with_timeout(lambda: self._start(topics), _START_TIMEOUT)
@@ -50,22 +51,15 @@ class Listener:
             # The header is there before the first message, and for silent publishers too.
             for connection in subscriber.impl.connections:
                 header = connection.header or {}
-                self._headers[subscriber.resolved_name, header.get("callerid", "")] = header
-        return set(self._headers)
-
-    def header(self, topic: str, node: str) -> Dict[str, str]:
-        """Return the connection header of a publisher, with the keys type and md5sum."""
-        return self._headers.get((topic, node), {})
+                self.headers[subscriber.resolved_name, header.get("callerid", "")] = header
+        return set(self.headers)
 
     def messages(self, topic: str, kind: Any) -> List[Tuple[str, Any]]:
         """Return the node and the message, for each message of a type that came on a topic."""
-        headers = [
-            (msg._connection_header, msg._buff) for each, msg in self._messages if each == topic
-        ]
         return [
-            (header["callerid"], kind().deserialize(data))
-            for header, data in headers
-            if header["md5sum"] == kind._md5sum
+            (msg._connection_header["callerid"], kind().deserialize(msg._buff))
+            for each, msg in self._messages
+            if each == topic and msg._connection_header["md5sum"] == kind._md5sum
         ]
 
     def stop(self) -> None:

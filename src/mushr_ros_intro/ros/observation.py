@@ -4,7 +4,7 @@ import re
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 
 import rosgraph.network
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -12,14 +12,7 @@ from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Clock as ClockMsg
 from std_msgs.msg import String
 
-from mushr_ros_intro.doctor.facts import (
-    DEFAULT_MASTER,
-    Clock,
-    Facts,
-    Master,
-    Publisher,
-    Topic,
-)
+from mushr_ros_intro.doctor.facts import DEFAULT_MASTER, Clock, Facts, Master, Publisher, Topic
 from mushr_ros_intro.doctor.processes import abandoned_nodes
 from mushr_ros_intro.errors import CallError, CallFault
 from mushr_ros_intro.parameters import ParameterError
@@ -28,7 +21,7 @@ from mushr_ros_intro.ros.connections import ask
 from mushr_ros_intro.ros.listener import Listener
 from mushr_ros_intro.ros.network import is_local, resolve, run_in_parallel
 from mushr_ros_intro.ros.ros_time import wait_for
-from mushr_ros_intro.sim.mux_config import IDLE, parse_config
+from mushr_ros_intro.sim.mux import IDLE, parse_config
 
 _CLOCK_TIMEOUT = 5.5
 """How long to wait until /clock advances [s]; in lock-step it waits 5 s for commands."""
@@ -45,7 +38,7 @@ class _Graph:
     subscribers: Dict[str, List[str]]
     services: List[str]
     dead: Dict[str, CallFault]
-    pids: Dict[str, int]
+    pids: Set[int]
     """The process ids of the nodes that can be reached."""
 
     def live(self, nodes: Dict[str, List[str]], topic: str) -> List[str]:
@@ -134,32 +127,34 @@ class Observer:
         if uses_clock:
             instants = _instants(heard)
             window = (min(instants), max(instants)) if instants else None
-            resume = [each for each in graph.services if each.endswith("/car_sim/resume")]
-            clock = Clock(
-                tuple(graph.publishers.get("/clock", [])),
-                len(set(instants)) > 1,
-                next(iter(resume), ""),
-            )
+            resume = (each for each in graph.services if each.endswith("/car_sim/resume"))
+            publishers = tuple(graph.publishers.get("/clock", []))
+            clock = Clock(publishers, len(set(instants)) > 1, next(resume, ""))
         topics = {name: _topic(graph, heard, topic) for name, topic in inputs.items()}
         output = _topic(graph, heard, self._output)
         muxes = {node for topic in topics.values() for node in topic.subscribers}
         bypassing = tuple(each for each in output.publishers if each.node not in muxes)
         actives = [msg.data for _, msg in heard.messages(self._active, String)]
-        poses = {_pose(msg.pose) for _, msg in heard.messages(self._pose, PoseStamped)}
+        poses = {str(msg.pose) for _, msg in heard.messages(self._pose, PoseStamped)}
         contacts = [msg.poses for _, msg in heard.messages(self._collision, PoseArray)]
+        contact = [conversions.pose_from_msg(each) for each in contacts[-1]] if contacts else []
+        abandoned: List[str] = []
+        if facts.master.is_local:
+            pid = self._ask(self._uri, "getPid")
+            abandoned = abandoned_nodes(self._uri, pid, graph.pids)
         return replace(
             facts,
             inputs={"output": output._replace(publishers=bypassing), **topics},
             output=output,
             initial_pose=_topic(graph, heard, self._initial_pose, PoseWithCovarianceStamped),
             dead=graph.dead,
-            abandoned=self._abandoned(facts.master, graph),
+            abandoned=tuple(abandoned),
             strays=strays,
             other_cars=other_cars,
             active=actives[-1] if actives else IDLE,
             clock=clock,
             window=window,
-            contact=_pose(contacts[-1][0]) if contacts and contacts[-1] else "",
+            contact=str(contact[0]) if contact else "",
             moves=len(poses) > 1 if poses else None,
         )
 
@@ -178,21 +173,11 @@ class Observer:
 
         jobs = [lambda node=node: ping(node) for node in nodes]
         results = run_in_parallel(jobs, 1.5 * self._call_timeout)
-        dead = {
-            node: result.fault
-            for node, result in zip(nodes, results)
-            if isinstance(result, CallError)
-        }
+        pids = dict(zip(nodes, results))
+        dead = {node: pid.fault for node, pid in pids.items() if isinstance(pid, CallError)}
+        reached = {pid for pid in results if isinstance(pid, int)}
         names = [name for name, _ in services]
-        pids = {node: result for node, result in zip(nodes, results) if node not in dead}
-        return _Graph(dict(publishers), dict(subscribers), names, dead, pids)
-
-    def _abandoned(self, master: Master, graph: _Graph) -> Tuple[str, ...]:
-        """Return the nodes on this machine that have outlived their master."""
-        if not master.is_local:
-            return ()
-        pid = self._ask(self._uri, "getPid")
-        return tuple(abandoned_nodes(self._uri, pid, set(graph.pids.values())))
+        return _Graph(dict(publishers), dict(subscribers), names, dead, reached)
 
     def _read_inputs(self) -> Dict[str, str]:
         """Return the topics of the mux's inputs by name, by falling priority."""
@@ -247,7 +232,7 @@ def _topic(graph: _Graph, heard: Listener, name: str, kind: Any = AckermannDrive
     received = heard.messages(name, kind) if kind is AckermannDriveStamped else []
     publishers = []
     for node in graph.publishers.get(name, []):
-        header = heard.header(name, node)
+        header = heard.headers.get((name, node), {})
         commands = [msg for sender, msg in received if sender == node]
         publishers.append(
             Publisher(
@@ -265,11 +250,3 @@ def _topic(graph: _Graph, heard: Listener, name: str, kind: Any = AckermannDrive
 def _instants(heard: Listener) -> List[int]:
     """Return the instants [ns] that were received on /clock."""
     return [msg.clock.to_nsec() for _, msg in heard.messages("/clock", ClockMsg)]
-
-
-def _pose(msg: Any) -> str:
-    """Return a pose as text."""
-    try:
-        return str(conversions.pose_from_msg(msg))
-    except conversions.MessageError as error:
-        return str(error)

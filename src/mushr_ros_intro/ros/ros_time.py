@@ -16,10 +16,6 @@ from mushr_ros_intro.sim.stamps import (
 T = TypeVar("T")
 
 
-class ClockError(UserError):
-    """There is no clock, the clock jumped, or the node is too late."""
-
-
 POLL_PERIOD = 0.01
 """Period at which a condition is checked [s of wall-clock time]."""
 
@@ -96,10 +92,10 @@ def wait_for_clock(seconds: float) -> None:
         seconds: timeout [s of wall-clock time].
 
     Raises:
-        ClockError: /clock is not published, or use_sim_time was set after this node had started.
+        UserError: /clock is not published, or use_sim_time was set after this node had started.
         rospy.ROSInterruptException: the node is shut down.
     """
     if not is_simulated() and rospy.get_param("/use_sim_time", False):
-        raise ClockError("use_sim_time was set after this node had started; start the node again")
+        raise UserError("use_sim_time was set after this node had started; start the node again")
     if not wait_for(now, seconds):
-        raise ClockError(f"use_sim_time is set, but /clock was not published within {seconds:g} s")
+        raise UserError(f"use_sim_time is set, but /clock was not published within {seconds:g} s")

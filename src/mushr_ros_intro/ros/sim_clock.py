@@ -186,9 +186,8 @@ class KeptClock:
             self._stream = stream.expire()
             if self._factor == 0.0 and stream.drives and stream.patience == CLOCK_PATIENCE:
                 rospy.logwarn(
-                    "no command arrived within %g s of wall-clock time after a command to drive; "
-                    "the clock continues",
-                    stream.patience,
+                    f"no command arrived within {stream.patience:g} s of wall-clock time after a "
+                    "command to drive; the clock continues"
                 )
         return None
 

@@ -50,32 +50,21 @@ class StatePublisher:
         self._announced: Optional[Contact] = None
         self._is_on_map = True
         prefix = rospy.get_namespace().strip("/")
-        odom_frame, base_frame = (
-            f"{prefix}/{name}".lstrip("/") for name in ("odom", "base_footprint")
+        frames = f"{prefix}/odom".lstrip("/"), f"{prefix}/base_footprint".lstrip("/")
+        topics = (
+            ("car_pose", PoseStamped, conversions.car_pose_to_msg),
+            ("odom", Odometry, lambda state: conversions.odometry_to_msg(state, car, *frames)),
+            ("joint_states", JointState, lambda state: conversions.joint_states_to_msg(state, car)),
+            # Not tf2_ros.TransformBroadcaster: it publishes the same, and needs 7 MB.
+            ("/tf", TFMessage, lambda state: conversions.transforms_to_msg(state, *frames)),
         )
-
-        def odometry(state: State) -> Odometry:
-            return conversions.odometry_to_msg(state, car, odom_frame, base_frame)
-
-        def joint_states(state: State) -> JointState:
-            return conversions.joint_states_to_msg(state, car)
-
-        def transforms(state: State) -> TFMessage:
-            return TFMessage(conversions.transforms_to_msgs(state, odom_frame, base_frame))
-
         queue_size = 1 if loses_states else 10_000
         self._publishers = [
             (rospy.Publisher(topic, kind, queue_size=queue_size, tcp_nodelay=True), convert)
-            for topic, kind, convert in (
-                ("car_pose", PoseStamped, conversions.car_pose_to_msg),
-                ("odom", Odometry, odometry),
-                ("joint_states", JointState, joint_states),
-                # Not tf2_ros.TransformBroadcaster: it publishes the same, and needs 7 MB.
-                ("/tf", TFMessage, transforms),
-            )
+            for topic, kind, convert in topics
         ]
         self._collision_pub = rospy.Publisher("~collision", PoseArray, queue_size=10, latch=True)
-        self._collision_pub.publish(conversions.collision_to_msg(None, now))
+        self._collision_pub.publish(conversions.poses_to_msg([], now))
         self._driven_pub = rospy.Publisher("driven_path", Marker, queue_size=1000)
         self._predicted_pub = rospy.Publisher("predicted_path", Path, queue_size=1)
         self._last: Optional[State] = None
@@ -133,12 +122,13 @@ class StatePublisher:
     def _announce_contact(self, state: State) -> None:
         """Publish a changed collision; log once if the car hit a wall or left the map."""
         if state.collision != self._announced:
-            self._announced = state.collision
-            self._collision_pub.publish(conversions.collision_to_msg(state.collision, state.stamp))
-            if state.collision:
+            self._announced = contact = state.collision
+            poses, stamp = ([contact.pose], contact.stamp) if contact else ([], state.stamp)
+            self._collision_pub.publish(conversions.poses_to_msg(poses, stamp))
+            if contact:
                 rospy.logwarn(
-                    f"the car hit a wall and stopped at {state.collision.pose}; drive it away from "
-                    "the wall, or place it elsewhere"
+                    f"the car hit a wall and stopped at {contact.pose}; drive it away from the "
+                    "wall, or place it elsewhere"
                 )
         if self.world is None:
             return

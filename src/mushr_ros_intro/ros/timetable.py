@@ -9,7 +9,7 @@ from typing import Iterator
 import rosgraph
 import rospy
 
-from mushr_ros_intro.errors import CallError
+from mushr_ros_intro.errors import CallError, UserError
 from mushr_ros_intro.plan.model import Plan, Row
 from mushr_ros_intro.ros import ros_time
 from mushr_ros_intro.ros.connections import ask
@@ -77,7 +77,7 @@ class Timetable:
         """Yield the due time of each command of the next row [ns] when it has to be sent.
 
         Raises:
-            ClockError: see `wait_until`.
+            UserError: see `wait_until`.
             rospy.ROSInterruptException: the node is shut down.
         """
         begin, self.due = self.due, self.due + row.duration
@@ -100,7 +100,7 @@ class Timetable:
         """Sleep until a command that is due at `due` [ns] has to be sent.
 
         Raises:
-            ClockError: the clock differs from that instant by more than 1 s, so the rest of the
+            UserError: the clock differs from that instant by more than 1 s, so the rest of the
                 plan would be wrong.
             rospy.ROSInterruptException: the node is shut down.
         """
@@ -109,7 +109,7 @@ class Timetable:
             now = ros_time.now()
             early = wake - now
             if abs(early) > STAMP_TOLERANCE:
-                raise ros_time.ClockError(
+                raise UserError(
                     f"a command has to be sent {early / NANOSECONDS:+.1f} s from now; expected at "
                     "most 1 s. Either the clock was set, this machine was suspended, or the "
                     "network to the master is cut. The drive ends"
@@ -127,10 +127,6 @@ class Timetable:
         # call then takes longer than a command may be late, so the next one raises an error.
         with suppress(CallError):
             ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), "getPid")
-        rospy.loginfo(
-            "%s: %g m/s, %g rad; %.2f s left",
-            self.position(due),
-            row.speed,
-            row.steering_angle,
-            (self.end - due) / NANOSECONDS,
-        )
+        left = (self.end - due) / NANOSECONDS
+        command = f"{row.speed:g} m/s, {row.steering_angle:g} rad"
+        rospy.loginfo(f"{self.position(due)}: {command}; {left:.2f} s left")

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from mushr_ros_intro.sim.mux_config import IDLE
+from mushr_ros_intro.sim.mux import IDLE
 
 NOBODY = (IDLE, "default")
 """The active inputs, in lower case, if no input drives: MuSHR's `default` gets only stops."""

@@ -5,7 +5,7 @@ so is the area outside the map.
 """
 
 import math
-from typing import Callable, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ TOUCH = 1e-9
 """The body hits a wall if it overlaps it by more than this [m]; touching is not hitting."""
 
 _STEP = 0.005  # [m] between two samples of a path; half a cell if that is less
-_AT_ONCE = 32  # samples
+_AT_ONCE = 64  # samples that are tested together
 
 
 class Footprint(NamedTuple):
@@ -81,29 +81,20 @@ def free_distance(grid: Grid, footprint: Footprint, path: Path, length: float) -
     def sample(number: int) -> Pose:
         return path(min(number * step, length))
 
-    def first_hit(low: int, high: int) -> Optional[int]:
-        """Return the number of the first sample after `low` that hits a wall; `low` is free.
-
-        Samples without a wall nearby are skipped together.
-        """
-        if low >= high:
-            return None
-        between = (low + high) // 2
-        middle = grid.to_grid(sample(between))
-        radius = (high - between) * step
-        radius += math.hypot(max(footprint.front, footprint.back), footprint.half_width)
-        cells = _occupied(grid, middle.x, middle.y, radius, radius)
-        if not len(cells):
-            return None
-        if high - low > _AT_ONCE:
-            return first_hit(low, between) or first_hit(between, high)
-        poses = [grid.to_grid(sample(number)) for number in range(low + 1, high + 1)]
-        hits = _hits(cells, grid.resolution, footprint, poses)
-        return low + 1 + int(hits.argmax()) if hits.any() else None
-
+    radius = math.hypot(max(footprint.front, footprint.back), footprint.half_width)
+    radius += _AT_ONCE * step
     first = next((n for n in range(last + 1) if is_free(grid, footprint, sample(n))), last)
-    hit = first_hit(first, last)
-    if hit is None:
+    for low in range(first, last, _AT_ONCE):
+        here = grid.to_grid(sample(low))
+        cells = _occupied(grid, here.x, here.y, radius, radius)
+        if len(cells):
+            numbers = range(low + 1, min(low + _AT_ONCE, last) + 1)
+            poses = [grid.to_grid(sample(number)) for number in numbers]
+            hits = _hits(cells, grid.resolution, footprint, poses)
+            if hits.any():
+                hit = numbers[hits.argmax()]
+                break
+    else:
         return length
     free, blocked = (hit - 1) * step, min(hit * step, length)
     while blocked - free > TOUCH:

@@ -56,14 +56,9 @@ class Beams(NamedTuple):
 
 
 class Laser:
-    """A laser scanner in a map.
-
-    Raises:
-        UserError: a scanner cannot have these beams.
-    """
+    """A laser scanner in a map. Its beams have to pass `Beams.check`."""
 
     def __init__(self, grid: Grid, beams: Beams):
-        beams.check()
         self._grid = grid
         self._beams = beams
         begin, end, self._fronts, self._vertical = _find_faces(grid)

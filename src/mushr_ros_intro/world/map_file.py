@@ -1,7 +1,8 @@
 """Read maps in map_server's format: a YAML file and a PNG or PGM image.
 
-The values of the cells are exactly those of map_server (see "Value Interpretation" on its page in
-the ROS wiki, and the source code of its Noetic release for what the page leaves open).
+The values of the cells are exactly those of map_server in its default mode, trinary (see "Value
+Interpretation" on its page in the ROS wiki, and the source code of its Noetic release for what the
+page leaves open).
 """
 
 import math
@@ -25,16 +26,10 @@ from mushr_ros_intro.yaml_file import read_mapping
 MAX_COORDINATE = 1e6
 """The largest coordinate of an origin [m]; a larger one would cost digits."""
 
-MODES = ("trinary", "scale", "raw")
-
 _FORMATS = ("PNG", "PPM")  # Pillow's name for PGM is PPM
 
 _CHANNELS = {"1": "L", "L": "L", "LA": "RGBA", "RGB": "RGB", "RGBA": "RGBA"}
 """The channels that map_server's reader decodes from Pillow's image modes."""
-
-
-class MapError(UserError):
-    """A map that cannot be used."""
 
 
 def read_map(path: str) -> Grid:
@@ -46,13 +41,13 @@ def read_map(path: str) -> Grid:
     Raises:
         UserError: a file cannot be read, or a key is wrong.
     """
-    values = read_mapping(path, "a map's yaml file, with keys such as 'image: map.png'", MapError)
+    values = read_mapping(path, "a map's yaml file, with keys such as 'image: map.png'")
     keys = Parameters(values, f"{path}: ")
     resolution = keys.number("resolution", math.nan, "m", MIN_RESOLUTION, MAX_RESOLUTION)
     occupied = keys.number("occupied_thresh", math.nan, "", 0.0, 1.0)
     free = keys.number("free_thresh", math.nan, "", 0.0, occupied)
     negate = keys.integer("negate", math.nan, 0, 1)
-    mode = keys.choice("mode", MODES, "trinary")
+    keys.choice("mode", ["trinary"], "trinary")
     origin = values.get("origin")
     if not isinstance(origin, list) or len(origin) != 3:
         raise keys.error("origin", "[x, y, yaw] in m, m, rad")
@@ -66,11 +61,11 @@ def read_map(path: str) -> Grid:
         channels = _read_channels(image)
     except Exception as error:  # Pillow raises errors of many classes
         reason = getattr(error, "strerror", None) or error
-        raise MapError(
+        raise UserError(
             f"{path}: image: '{image}': {reason}; expected a PNG or PGM image, grey or RGB with 8 "
             "bits per channel, without a colour table or a transparent colour"
         ) from None
-    cells = _cells(channels, bool(negate), occupied, free, mode)
+    cells = _cells(channels, bool(negate), occupied, free)
     return Grid(cells, as_travelled(resolution), corner)
 
 
@@ -83,34 +78,16 @@ def _read_channels(path: str) -> np.ndarray:
         return np.atleast_3d(np.asarray(image.convert(_CHANNELS[image.mode])))
 
 
-def _cells(
-    channels: np.ndarray, negate: bool, occupied: float, free: float, mode: str
-) -> np.ndarray:
+def _cells(channels: np.ndarray, negate: bool, occupied: float, free: float) -> np.ndarray:
     """Return the values of the cells of an image, (height, width), row 0 at the bottom.
 
-    The shade of a pixel is the mean of its channels; in trinary mode map_server counts opacity as
-    one of them. In scale mode, cells between the thresholds are scaled and rounded down, and
-    unknown if the last channel is 0.
+    The shade of a pixel is the mean of its channels; map_server counts opacity as one of them.
     """
     number = channels.shape[2]
-    counted = 3 if number == 4 and mode != "trinary" else number
-    sums = channels[..., :counted].sum(axis=2, dtype=np.uint16)[::-1]
-
     # The value of each possible sum, which is faster than the value of each pixel.
-    shade = np.arange(255 * counted + 1) / counted
+    shade = np.arange(255 * number + 1) / number
     if negate:
         shade = 255.0 - shade
-    if mode == "raw":
-        return shade.astype(np.uint8).astype(np.int8)[sums]
     darkness = (255.0 - shade) / 255.0
-    values = np.full(shade.shape, UNKNOWN, np.int8)
-    is_between = (darkness >= free) & (darkness <= occupied)
-    if mode == "scale" and occupied > free:
-        ratio = (darkness[is_between] - free) / (occupied - free)
-        values[is_between] = (1 + 98 * ratio).astype(np.int8)
-    values[darkness < free] = 0
-    values[darkness > occupied] = 100
-    cells = values[sums]
-    if mode == "scale" and number > 1:
-        cells[is_between[sums] & (channels[::-1, :, -1] == 0)] = UNKNOWN
-    return cells
+    values = np.select([darkness > occupied, darkness < free], [100, 0], UNKNOWN).astype(np.int8)
+    return values[channels.sum(axis=2, dtype=np.uint16)[::-1]]

@@ -10,6 +10,7 @@ from mushr_ros_intro.car.bicycle import ORIGIN
 from mushr_ros_intro.car.model import Car, Command, at_rest
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.car.profile import car_from, read_profile
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import ParameterError, Parameters
 from support.cars import CARS, PROFILES
 
@@ -75,7 +76,7 @@ def test_a_bad_parameter(name, value, expected):
 
 def test_a_broken_profile(tmp_path):
     (tmp_path / "mine.yaml").write_text("- wheelbase")
-    with pytest.raises(ParameterError, match="expected parameters such as 'track: 0.25'"):
+    with pytest.raises(UserError, match="expected parameters such as 'track: 0.25'"):
         read_profile(str(tmp_path / "mine.yaml"))
 
 

@@ -15,7 +15,7 @@ from rospy.numpy_msg import numpy_msg
 from visualization_msgs.msg import Marker
 
 from mushr_ros_intro.car.bicycle import Pose, compose
-from mushr_ros_intro.car.model import Car, Command, Contact, InitialPose, at_rest
+from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.plan.model import as_float32
 from mushr_ros_intro.ros import conversions
@@ -167,15 +167,6 @@ def test_a_path_counts_its_stamps_from_its_beginning():
     assert conversions.pose_from_msg(path.poses[1].pose)[:2] == moving().pose[:2]
 
 
-def test_a_collision_has_a_pose_while_it_lasts():
-    contact = Contact(STAMP, Pose(1.0, 2.0, 0.5))
-    msg = conversions.collision_to_msg(contact, STAMP + 10**9)
-    assert (msg.header.frame_id, msg.header.stamp.to_nsec()) == ("map", STAMP)
-    assert [conversions.pose_from_msg(pose) for pose in msg.poses] == [pytest.approx(contact.pose)]
-    free = conversions.collision_to_msg(None, STAMP + 10**9)
-    assert (free.header.stamp.to_nsec(), free.poses) == (STAMP + 10**9, [])
-
-
 def test_ellipses():
     """Flat ones that take the place of what was shown before; none without a size."""
     ellipses = [(Pose(1.0, 2.0, 0.5), 3.0, 0.25), (Pose(-1.0, 0.0, -1.5), 0.5, 0.0)]
@@ -197,7 +188,8 @@ def test_pose_odometry_and_transforms_tell_the_same():
     state = moving()
     pose = conversions.car_pose_to_msg(state)
     odom = conversions.odometry_to_msg(state, Car(), "car/odom", "car/base_footprint")
-    first, second = conversions.transforms_to_msgs(state, "car/odom", "car/base_footprint")
+    transforms = conversions.transforms_to_msg(state, "car/odom", "car/base_footprint")
+    first, second = transforms.transforms
     for msg in (pose, odom, first, second):
         assert msg.header.stamp.to_nsec() == STAMP
     assert pose.header.frame_id == first.header.frame_id == "map"

@@ -3,8 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.sim.mux import Mux
-from mushr_ros_intro.sim.mux_config import IDLE, Input
+from mushr_ros_intro.sim.mux import IDLE, Input, Mux
 
 MS = 1_000_000
 """[ns]"""

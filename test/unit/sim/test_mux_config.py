@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.parameters import ParameterError
-from mushr_ros_intro.sim.mux_config import Config, Input, parse_config
+from mushr_ros_intro.sim.mux import Config, Input, parse_config
 
 MS = 1_000_000
 """[ns]"""

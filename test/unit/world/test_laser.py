@@ -183,7 +183,7 @@ def test_beams_of_less_than_a_full_turn(count):
 )
 def test_impossible_beams(beams, expected):
     with pytest.raises(UserError) as caught:
-        Laser(noise_map(1, 0.1)[0], beams)
+        beams.check()
     assert expected in str(caught.value)
 
 

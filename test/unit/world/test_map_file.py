@@ -10,7 +10,7 @@ from PIL import Image
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.world.grid import as_travelled
-from mushr_ros_intro.world.map_file import MODES, read_map
+from mushr_ros_intro.world.map_file import read_map
 from support.paths import PACKAGE
 
 MAPS = os.path.join(PACKAGE, "maps")
@@ -46,22 +46,15 @@ def fault_of(path):
     return str(caught.value)
 
 
-def expected_cell(channels, has_alpha, negate, occupied, free, mode):
+def expected_cell(channels, negate, occupied, free):
     """Return map_server's value of one pixel."""
-    counted = channels if mode == "trinary" or not has_alpha else channels[:-1]
-    shade = sum(counted) / len(counted)
+    shade = sum(channels) / len(channels)
     if negate:
         shade = 255 - shade
-    if mode == "raw":
-        return int(shade) if int(shade) < 128 else int(shade) - 256
     darkness = (255 - shade) / 255.0
     if darkness > occupied:
         return 100
-    if darkness < free:
-        return 0
-    if mode == "trinary" or (len(channels) > 1 and channels[-1] == 0):
-        return -1
-    return int(1 + 98 * (darkness - free) / (occupied - free))
+    return 0 if darkness < free else -1
 
 
 # One image of each kind: Pillow's mode, its pixels, and the channels that map_server decodes.
@@ -82,25 +75,22 @@ IMAGES = {
 
 
 @pytest.mark.parametrize("kind", IMAGES)
-@pytest.mark.parametrize("mode", MODES)
-def test_every_pixel_has_map_servers_value(tmp_path, kind, mode):
+def test_every_pixel_has_map_servers_value(tmp_path, kind):
     image_mode, pixels, channels = IMAGES[kind]
     write_png(tmp_path, pixels, image_mode)
-    has_alpha = channels.shape[2] == 4
     for occupied, free, negate in ((0.65, 0.196, 0), (0.1, 0.09, 1), (1.0, 0.0, 0), (0.5, 0.5, 1)):
-        if mode == "scale" and occupied == free:
-            continue  # map_server divides by zero
         limits = {"occupied_thresh": occupied, "free_thresh": free}
-        path = write_yaml(tmp_path, mode=mode, negate=negate, **limits)
-        rule = (has_alpha, negate, occupied, free, mode)
+        path = write_yaml(tmp_path, negate=negate, **limits)
+        rule = (negate, occupied, free)
         expected = [[expected_cell(each, *rule) for each in row] for row in channels.tolist()[::-1]]
         assert read_map(path).cells.tolist() == expected
 
 
 def test_a_pgm_image_in_another_folder(tmp_path):
     (tmp_path / "map.png").write_bytes(b"P5\n# a comment\n32 8\n255\n" + bytes(range(256)))
-    cells = read_map(write_yaml(tmp_path, mode="raw")).cells
-    assert (cells == GREY[::-1].astype(np.uint8).astype(np.int8)).all()
+    cells = read_map(write_yaml(tmp_path, mode="trinary")).cells
+    darkness = (255 - GREY[::-1]) / 255
+    assert (cells == np.where(darkness > 0.65, 100, np.where(darkness < 0.196, 0, -1))).all()
     (tmp_path / "below").mkdir()
     for image in ("../map.png", str(tmp_path / "map.png")):
         read_map(write_yaml(tmp_path / "below", image=image))
@@ -109,12 +99,8 @@ def test_a_pgm_image_in_another_folder(tmp_path):
 def test_values_by_hand(tmp_path):
     write_png(tmp_path, [[0, 128, 255], [90, 89, 206]])
     # The darkness is 1, 0.498, 0 and, in the lower row, 0.647, 0.651, 0.192.
-    for mode, expected in (
-        ("trinary", [[-1, 100, 0], [100, -1, 0]]),
-        ("scale", [[98, 100, 0], [100, 66, 0]]),
-        ("raw", [[90, 89, -50], [0, -128, -1]]),
-    ):
-        assert read_map(write_yaml(tmp_path, mode=mode)).cells.tolist() == expected
+    cells = read_map(write_yaml(tmp_path)).cells.tolist()
+    assert cells == [[-1, 100, 0], [100, -1, 0]]
 
 
 def test_size_resolution_and_origin(tmp_path):
@@ -145,7 +131,7 @@ def test_size_resolution_and_origin(tmp_path):
         ({"free_thresh": "0.7"}, "free_thresh is 0.7; expected a number from 0 to 0.65"),
         ({"negate": None}, "negate is not set; expected a number from 0 to 1"),
         ({"negate": "2"}, "negate is 2; expected a number from 0 to 1"),
-        ({"mode": "Trinary"}, "mode is 'Trinary'; expected one of trinary, scale, raw"),
+        ({"mode": "scale"}, "mode is 'scale'; expected one of trinary"),
         ({"image": None}, "image is not set; expected the path of a PNG or PGM image"),
         ({"image": "none.png"}, "none.png': No such file or directory; expected a PNG or PGM"),
         ({"image": "."}, "Is a directory; expected a PNG or PGM image"),
