@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mushr_ros_intro.authoring.plan_file import plan_text
 from mushr_ros_intro.authoring.recording import Recording
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest
 from mushr_ros_intro.plan.model import as_float32
 from mushr_ros_intro.plan.parse import parse_plan
-from mushr_ros_intro.plan.write import plan_text
 from mushr_ros_intro.preview.prediction import final_pose
 from mushr_ros_intro.sim.stamps import STAMP_TOLERANCE
 
