@@ -11,7 +11,7 @@ from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.model import Plan, Row, as_float32
-from mushr_ros_intro.preview.prediction import final_pose
+from mushr_ros_intro.preview.prediction import rest
 from mushr_ros_intro.sim.stamps import from_seconds
 
 _EPSILON = 1e-9
@@ -69,4 +69,4 @@ def row_to(pose: Pose, point: Tuple[float, float], speed: float, car: Car) -> Ro
 
 def extend(plan: Plan, point: Tuple[float, float], speed: float, car: Car) -> Plan:
     """Return a plan with one more row, which ends at a point; see `row_to`."""
-    return plan._replace(rows=(*plan.rows, row_to(final_pose(plan, car), point, speed, car)))
+    return plan._replace(rows=(*plan.rows, row_to(rest(plan, car)[1], point, speed, car)))

@@ -26,6 +26,8 @@ class Step(NamedTuple):
     """Steering angle at the begin [rad]."""
     distance: float
     """Distance driven, forward and in reverse [m]."""
+    bend: float
+    """The largest curvature of the path, left or right [1/m]."""
     pose: Pose
     """Pose at the end, in the map frame."""
 

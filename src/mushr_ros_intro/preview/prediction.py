@@ -27,32 +27,12 @@ class Leg(NamedTuple):
     end: int
     """Stamp of the next command; after the stop, the stamp from which on the car is at rest."""
 
-    def pieces(self, until: int) -> Iterator[Tuple[Piece, float]]:
-        """Yield the pieces of the motion up to a stamp, and the duration of each [s]."""
-        state = self.state
-        now, end = ((stamp - state.moved) / NANOSECONDS for stamp in (state.stamp, until))
-        piece_ends = [piece.begin for piece in state.motion[1:]] + [math.inf]
-        for piece, piece_end in zip(state.motion, piece_ends):
-            piece_end = min(piece_end, end)
-            if now >= piece_end:
-                continue
-            if now > piece.begin:  # a repeated stop, while the car still brakes
-                piece = piece._replace(
-                    begin=now,
-                    pose=state.pose,
-                    wheel_angles=state.wheel_angles,
-                    speed=state.speed,
-                    steering_angle=state.steering_angle,
-                )
-            yield piece, piece_end - now
-            now = piece_end
-
-    def distance(self, until: int) -> float:
-        """Return the distance driven up to a stamp, forward and in reverse [m]."""
-        return math.fsum(
-            abs(piece.speed + 0.5 * piece.acceleration * seconds) * seconds
-            for piece, seconds in self.pieces(until)
-        )
+    def pieces(self) -> Iterator[Tuple[Piece, float]]:
+        """Yield the pieces of the motion, and the duration of each [s]."""
+        motion, end = self.state.motion, (self.end - self.state.stamp) / NANOSECONDS
+        for piece, piece_end in zip(motion, [*(piece.begin for piece in motion[1:]), end]):
+            if piece.begin < end:
+                yield piece, min(piece_end, end) - piece.begin
 
 
 def drive(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg]:
@@ -75,11 +55,11 @@ def drive(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg]:
         for stamp in range(now, row_end, period):
             command = Command(stamp, row.speed, row.steering_angle)
             state = apply(advance(state, stamp, car), command, car, world)
+            state = state._replace(command=None)  # a repeated stop then begins a motion, too
             yield Leg(index, state, min(stamp + period, row_end))
         now = row_end
     state = apply(advance(state, now, car), Command(now, 0.0, 0.0), car, world)
-    end = state.moved + math.ceil(state.motion[-1].begin * NANOSECONDS)
-    yield Leg(len(plan.rows), state, max(end, now))
+    yield Leg(len(plan.rows), state, now + math.ceil(state.motion[-1].begin * NANOSECONDS))
 
 
 def trajectory(plan: Plan, car: Car, period: int, world: Optional[World] = None) -> Iterator[State]:
@@ -88,6 +68,15 @@ def trajectory(plan: Plan, car: Car, period: int, world: Optional[World] = None)
     There is one state every `period` [ns], and a last one when the car has come to rest.
     """
     return sampled(drive(plan, car, world), car, period)
+
+
+def sample_period(duration: int) -> int:
+    """Return the period at which the states of a drive describe its path; both are in [ns].
+
+    It is 0.01 s: the path is then exact to 0.1 mm at 2 m/s on a radius of 0.5 m. A drive of more
+    than 10,000 states has a longer period.
+    """
+    return max(NANOSECONDS // 100, duration // 10_000)
 
 
 def sampled(legs: Iterable[Leg], car: Car, period: int) -> Iterator[State]:
@@ -119,11 +108,6 @@ def rest(plan: Plan, car: Car, world: Optional[World] = None) -> Tuple[int, Pose
     """Return when the car comes to rest after the plan [ns], and its pose in the map frame."""
     (last,) = deque(drive(plan, car, world), maxlen=1)
     return last.end, advance(last.state, last.end, car).pose
-
-
-def final_pose(plan: Plan, car: Car, world: Optional[World] = None) -> Pose:
-    """Return the pose at which the car comes to rest after the plan, in the map frame."""
-    return rest(plan, car, world)[1]
 
 
 def length(plan: Plan) -> float:

@@ -25,15 +25,8 @@ from mushr_ros_intro.preview.spread import spread
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import is_published
 from mushr_ros_intro.ros.node import package_folder, simulated_car_parameters
-from mushr_ros_intro.sim.stamps import (
-    COMMAND_PERIOD,
-    CONNECTION_TIMEOUT,
-    NANOSECONDS,
-)
+from mushr_ros_intro.sim.stamps import CONNECTION_TIMEOUT, NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
-
-MAX_PATH_POSES = 10_000
-"""The predicted path of a long plan has about this many poses."""
 
 SPREAD_RUNS = 1000
 SPREAD_SEED = 1
@@ -134,7 +127,7 @@ class Preview:
         _warn(report.faults)
         world = World(grid) if grid and report.hit else None
         rest, pose = prediction.rest(self.plan, car, world)
-        period = max(COMMAND_PERIOD, rest // MAX_PATH_POSES)
+        period = prediction.sample_period(rest)
         states = prediction.trajectory(self.plan, car, period, world)
         self._path = conversions.path_to_msg(states, ros_time.now())
         self.publish_path()

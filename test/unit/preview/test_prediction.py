@@ -46,7 +46,7 @@ def test_the_trajectory_of_figure_8_consists_of_arcs():
             pose = states[number * SECOND + tenth * SECOND // 10].pose
             assert pose == pytest.approx((point.real, point.imag, turned), abs=ROUNDING)
         position, heading = point, turned
-    assert prediction.final_pose(plan, Car()) == pytest.approx(pose, abs=ROUNDING)
+    assert prediction.rest(plan, Car())[1] == pytest.approx(pose, abs=ROUNDING)
 
 
 def test_a_straight_line_is_exact():
@@ -77,7 +77,7 @@ def test_when_a_car_with_limits_comes_to_rest():
 
 def test_a_wall_stops_the_car():
     plan = plan_named("straight_line")
-    end = prediction.final_pose(plan, Car(), WALLS)
+    end = prediction.rest(plan, Car(), WALLS)[1]
     assert end.x == pytest.approx(2.0 - Footprint().front, abs=1e-8)  # [m] walls are known to 1e-9
     assert any(state.collision for state in prediction.trajectory(plan, Car(), SECOND, WALLS))
 
@@ -137,4 +137,4 @@ def test_every_car_drives_as_predicted(name, profile, noise, walls):
 def test_noise_of_the_steering_angle_alone_is_drawn_for_each_command():
     plan, car = plan_of("0,0,0\n1,0.1\n"), Car(steering_noise=0.1, seed=3)
     last = driven(car, plan, None)[-1]
-    assert last.pose == pytest.approx(prediction.final_pose(plan, car), abs=DRIVEN)
+    assert last.pose == pytest.approx(prediction.rest(plan, car)[1], abs=DRIVEN)
