@@ -15,7 +15,7 @@ from mushr_ros_intro.authoring.plan_file import PlanFile, summary
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.plan.model import MAX_SPEED, MAX_STEERING_ANGLE, Plan
-from mushr_ros_intro.preview.prediction import sample_period, trajectory
+from mushr_ros_intro.preview.prediction import trajectory
 from mushr_ros_intro.ros import conversions, node, ros_time, services
 
 DEFAULT_STEERING_LIMIT = 0.34
@@ -146,8 +146,7 @@ class ClickPlanner:
         """Publish the path of the plan so far; needs the lock."""
         states = []
         if self._plan is not None:
-            period = sample_period(self._plan.duration)
-            states = list(trajectory(self._plan, self._car, period))
+            states = list(trajectory(self._plan, self._car))
         self._path_pub.publish(conversions.path_to_msg(states, ros_time.now()))
 
 

@@ -62,26 +62,18 @@ def drive(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg]:
     yield Leg(len(plan.rows), state, now + math.ceil(state.motion[-1].begin * NANOSECONDS))
 
 
-def trajectory(plan: Plan, car: Car, period: int, world: Optional[World] = None) -> Iterator[State]:
-    """Yield the states of the car from the start of the plan until it comes to rest.
+def trajectory(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[State]:
+    """Yield the states of the car from the start of the plan to rest; see `sampled`."""
+    return sampled(drive(plan, car, world), car, plan.duration)
 
-    There is one state every `period` [ns], and a last one when the car has come to rest.
+
+def sampled(legs: Iterable[Leg], car: Car, duration: int) -> Iterator[State]:
+    """Yield the states of the car every 0.01 s, and at the end of the last leg.
+
+    So the path is exact to 0.1 mm at 2 m/s on a radius of 0.5 m. In a drive of a longer `duration`
+    [ns], there are about 10,000 states.
     """
-    return sampled(drive(plan, car, world), car, period)
-
-
-def sample_period(duration: int) -> int:
-    """Return the period at which the states of a drive describe its path; both are in [ns].
-
-    It is 0.01 s: the path is then exact to 0.1 mm at 2 m/s on a radius of 0.5 m. A drive of more
-    than 10,000 states has a longer period.
-    """
-    return max(NANOSECONDS // 100, duration // 10_000)
-
-
-def sampled(legs: Iterable[Leg], car: Car, period: int) -> Iterator[State]:
-    """Yield the states of the car every `period` [ns], and at the end of the last leg."""
-    due = 0
+    period, due = max(NANOSECONDS // 100, duration // 10_000), 0
     for leg in legs:
         while due < leg.end:
             yield advance(leg.state, due, car)

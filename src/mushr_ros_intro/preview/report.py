@@ -12,7 +12,7 @@ from mushr_ros_intro.car.model import Car, Contact, State
 from mushr_ros_intro.car.motion import advance
 from mushr_ros_intro.plan.model import Fault, Plan
 from mushr_ros_intro.preview.limits import Step, limit_faults, ramp_faults
-from mushr_ros_intro.preview.prediction import Leg, drive, sample_period, sampled
+from mushr_ros_intro.preview.prediction import Leg, drive, sampled
 from mushr_ros_intro.preview.walls import drive_to, map_fault
 from mushr_ros_intro.world.grid import Grid
 
@@ -28,7 +28,7 @@ class Report(NamedTuple):
     steps: Tuple[Step, ...]
     """The motion during each row that is driven, and during the stop after the last row."""
     states: Tuple[State, ...]
-    """The states of the car every `sample_period`, and at the end."""
+    """The states of the car along the drive; see `prediction.sampled`."""
     faults: Tuple[Fault, ...]
     hit: Optional[Contact]
     """The contact with a wall that ends the drive, or None."""
@@ -83,7 +83,7 @@ def check(
         faults += [fault] if fault else []
     if hit is not None:
         steps = _steps(drive_to(hit, plan, car), car)
-    states = tuple(sampled(drive_to(hit, plan, car), car, sample_period(steps[-1].end)))
+    states = tuple(sampled(drive_to(hit, plan, car), car, steps[-1].end))
     faults.sort(key=lambda fault: (fault.line, fault.column))
     return Report(plan, car_name, car, map_name, steps, states, tuple(faults), hit)
 

@@ -106,7 +106,8 @@ def test_the_figures_of_figure_8():
 def test_the_box_is_that_of_the_path(rows, car):
     text = "1, 2, 3\n" + "".join("{:.6f}, {:.6f}, {}\n".format(*row) for row in rows)
     report = checked(text, car)
-    poses = [state.pose for state in prediction.trajectory(report.plan, car, 5_000_000)]
+    instants = [*range(0, report.rest, 5_000_000), report.rest]
+    poses = [state.pose for state in prediction.states_at(report.plan, car, instants)]
     (left, bottom, _), (right, top, _) = np.min(poses, axis=0), np.max(poses, axis=0)
     assert report.box == pytest.approx((left, right, bottom, top), abs=BOX)
 
@@ -293,7 +294,7 @@ def test_the_faults_of_rows_after_a_wall():
 def test_a_wall_is_hit_where_the_simulated_car_hits_it(rows, car_name):
     grid, car = walled(), CARS[car_name]
     report = checked(f"0, 0, 0.3\n{rows}\n", car_name, grid)
-    trajectory = prediction.trajectory(report.plan, car, 100_000_000, World(grid))
+    trajectory = prediction.trajectory(report.plan, car, World(grid))
     contact = next(state.collision for state in trajectory if state.collision)
     assert report.hit.pose == pytest.approx(contact.pose, abs=1e-7)  # [m] a nudge at most
     (fault,) = (each for each in report.faults if "wall" in each.text)
