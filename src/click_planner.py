@@ -17,16 +17,9 @@ from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.plan.model import MAX_SPEED, MAX_STEERING_ANGLE, Plan
 from mushr_ros_intro.preview.prediction import trajectory
 from mushr_ros_intro.ros import conversions, node, ros_time, services
-from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 DEFAULT_STEERING_LIMIT = 0.34
 """For a car whose profile has no limit [rad]; the one of MuSHR's teleop."""
-
-PERIOD = NANOSECONDS // 50
-"""Time between the poses of the published path [ns]."""
-
-MAX_PATH_POSES = 10_000
-"""The largest number of poses in a path; the poses of a longer plan are further apart."""
 
 SAME_POSE = 1e-9
 """Start poses that differ by less are the same [m, rad]: messages round them."""
@@ -153,8 +146,7 @@ class ClickPlanner:
         """Publish the path of the plan so far; needs the lock."""
         states = []
         if self._plan is not None:
-            period = max(PERIOD, self._plan.duration // MAX_PATH_POSES)
-            states = list(trajectory(self._plan, self._car, period))
+            states = list(trajectory(self._plan, self._car))
         self._path_pub.publish(conversions.path_to_msg(states, ros_time.now()))
 
 

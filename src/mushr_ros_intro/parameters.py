@@ -123,18 +123,17 @@ def find_file(name: str, folder: str, ending: str) -> str:
         UserError: there is no such file; the message names the closest one in `folder`, the
             folders searched, and all files in `folder`.
     """
-    candidates = [user_path(name), os.path.abspath(name)] if name else []
+    candidates = [user_path(name), os.path.abspath(name)]
     if os.sep not in name:
         in_folder = os.path.join(folder, name)
         candidates = [in_folder + ending, in_folder, *candidates]
-    for exists in (os.path.isfile, os.path.exists):  # the reader explains what is not a file
-        for candidate in candidates:
-            if name and exists(candidate):
-                return candidate
+    for candidate in candidates:
+        if os.path.exists(candidate):
+            return candidate
     known = sorted(entry[: -len(ending)] for entry in os.listdir(folder) if entry.endswith(ending))
     close = get_close_matches(os.path.basename(name).replace(ending, ""), known, 1)
     searched = dict.fromkeys(os.path.dirname(candidate) for candidate in candidates)
     raise UserError(
-        f"{name or repr(name)}: no such file{''.join(f'; did you mean {each}?' for each in close)} "
+        f"{name}: no such file{''.join(f'; did you mean {each}?' for each in close)} "
         f"(searched: {', '.join(searched)}); expected a path, or one of {', '.join(known)}"
     )

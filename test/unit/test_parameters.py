@@ -142,8 +142,9 @@ def test_files_are_found_by_name_and_by_path(folders, monkeypatch):
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("", "'': no such file (searched: PLANS); expected a path, or one of circle, eight"),
         ("eigth", "eigth: no such file; did you mean eight? (searched: PLANS, HERE, "),
+        ("x", "x: no such file (searched: PLANS, HERE, "),
+        ("x", "); expected a path, or one of circle, eight"),
         ("cirlce.txt", "; did you mean circle? (searched: PLANS, HERE"),
         ("here/own", "here/own: no such file (searched: HERE/here, "),
         ("/nowhere/own.txt", "/nowhere/own.txt: no such file (searched: /nowhere); expected"),

@@ -11,7 +11,7 @@ from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.model import Plan, Row, as_float32
-from mushr_ros_intro.preview.prediction import final_pose
+from mushr_ros_intro.preview.prediction import rest
 from mushr_ros_intro.sim.stamps import from_seconds
 
 _EPSILON = 1e-9
@@ -43,8 +43,8 @@ def arc_to(pose: Pose, point: Tuple[float, float]) -> Tuple[float, float]:
     return distance, 2.0 * half_turn / distance
 
 
-def row_to(pose: Pose, point: Tuple[float, float], speed: float, car: Car) -> Row:
-    """Return the row that takes a car from a pose to a point (x [m], y [m]), in the map frame.
+def extend(plan: Plan, point: Tuple[float, float], speed: float, car: Car) -> Plan:
+    """Return a plan with one more row, which ends at a point (x [m], y [m]) in the map frame.
 
     Forward and in reverse, the car drives with `speed` [m/s].
 
@@ -52,7 +52,7 @@ def row_to(pose: Pose, point: Tuple[float, float], speed: float, car: Car) -> Ro
         ClickError: the point is where the car is, or needs too much steering.
     """
     shown = f"({point[0]:.3f}, {point[1]:.3f})"
-    distance, curvature = arc_to(pose, point)
+    distance, curvature = arc_to(rest(plan, car)[1], point)
     speed = as_float32(speed)
     duration = from_seconds(abs(distance) / speed)
     if duration == 0:
@@ -64,9 +64,5 @@ def row_to(pose: Pose, point: Tuple[float, float], speed: float, car: Car) -> Ro
             f"the point {shown} needs a steering angle of {angle:.4f} rad; the car's limit on "
             f"the {'left' if angle > 0.0 else 'right'} is {abs(nearest):.4f} rad"
         )
-    return Row(math.copysign(speed, distance), as_float32(angle), duration, 0)
-
-
-def extend(plan: Plan, point: Tuple[float, float], speed: float, car: Car) -> Plan:
-    """Return a plan with one more row, which ends at a point; see `row_to`."""
-    return plan._replace(rows=(*plan.rows, row_to(final_pose(plan, car), point, speed, car)))
+    row = Row(math.copysign(speed, distance), as_float32(angle), duration)
+    return plan._replace(rows=(*plan.rows, row))

@@ -1,13 +1,20 @@
 """Save a plan while it is being made, and remember what has been saved."""
 
-from typing import Optional
+import itertools
+import os
+from contextlib import ExitStack
+from typing import Optional, Sequence
 
-from mushr_ros_intro.errors import counted
+from mushr_ros_intro.errors import UserError, counted
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.plan.model import Plan
-from mushr_ros_intro.plan.write import WriteError, write_plan
+from mushr_ros_intro.plan.model import Plan, PlanError, Row, shortest_decimal
+from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview.prediction import length
 from mushr_ros_intro.sim.stamps import NANOSECONDS
+
+
+class WriteError(UserError):
+    """A plan that cannot be saved; the message names the reason."""
 
 
 class PlanFile:
@@ -30,15 +37,35 @@ class PlanFile:
     def save(self, plan: Optional[Plan], if_empty: str) -> str:
         """Write a plan into a new file; return a message with its path and size.
 
+        An existing file is not overwritten: the name of the new file gets a number. If writing
+        fails, the incomplete file is removed.
+
         Raises:
-            WriteError: it cannot be written, or it has no rows; `if_empty` is then the reason.
+            WriteError: the file cannot be written, `read_plan` would refuse it, or the plan has no
+                rows; `if_empty` is then the reason.
         """
         if plan is None or not plan.rows:
             raise WriteError(f"nothing saved: {if_empty}")
+        data = plan_text(plan.start, plan.rows).encode()
+        stem, ending = os.path.splitext(self._name)
+        numbered = (f"{stem}_{number}{ending}" for number in itertools.count(2))
+        paths = (
+            os.path.join(self.folder, each) for each in itertools.chain([self._name], numbered)
+        )
+        path = next(each for each in paths if not os.path.lexists(each))
         try:
-            path = write_plan(self.folder, self._name, plan.start, plan.rows)
-        except WriteError as error:
-            raise WriteError(f"nothing saved: {error}") from None
+            parse_plan(data, self._name)
+            with open(path, "xb") as file, ExitStack() as undo:
+                undo.callback(os.unlink, path)
+                file.write(data)
+                file.flush()
+                undo.pop_all()
+        except PlanError as error:
+            text = f"nothing saved: this is no plan that can be driven: {error}"
+            raise WriteError(text) from None
+        except OSError as error:
+            text = f"nothing saved: {path} cannot be written ({error.strerror})"
+            raise WriteError(text) from None
         self._saved, self._last = plan, f"{path}; {summary(plan)}"
         return f"saved {self._last}"
 
@@ -57,6 +84,26 @@ class PlanFile:
     def is_saved(self, plan: Optional[Plan]) -> bool:
         """Return whether a plan has no rows, or is the one that was saved last."""
         return plan is None or not plan.rows or plan == self._saved
+
+
+def plan_text(start: Sequence[float], rows: Sequence[Row]) -> str:
+    """Return the text of a plan file.
+
+    The start pose and the durations are exact. Speeds and steering angles have as many digits as
+    a float32 keeps.
+
+    Args:
+        start: x [m], y [m], theta [rad] in the map frame.
+        rows: the commands; their lines and columns are ignored.
+    """
+    lines = ["# x [m], y [m], theta [rad]", ", ".join(repr(float(value)) for value in start)]
+    lines.append("# speed [m/s], steering angle [rad], duration [s]")
+    for row in rows:
+        seconds, rest = divmod(row.duration, NANOSECONDS)
+        duration = f"{seconds}.{rest:09d}".rstrip("0") + ("" if rest else "0")
+        speed, angle = shortest_decimal(row.speed), shortest_decimal(row.steering_angle)
+        lines.append(f"{speed!r}, {angle!r}, {duration}")
+    return "\n".join(lines) + "\n"
 
 
 def summary(plan: Plan) -> str:

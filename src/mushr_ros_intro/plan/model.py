@@ -1,7 +1,8 @@
 """The values of a plan: a start pose and rows of commands."""
 
-import struct
 from typing import List, NamedTuple, Sequence, Tuple
+
+import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
@@ -32,7 +33,7 @@ class Row(NamedTuple):
     """Steering angle of the virtual middle front wheel [rad], left positive."""
     duration: int
     """Duration of the command [ns]."""
-    line: int
+    line: int = 0
     """Line in the file, counted from 1; 0 if the row comes from no file."""
     columns: Tuple[int, ...] = (1, 1)
     """Columns of speed, steering angle and, if it is written, duration, counted from 1."""
@@ -84,10 +85,10 @@ class Fault(NamedTuple):
         return f"{place}: {self.text}"
 
 
-def fault_lines(faults: Sequence[Fault], shown: int = 20) -> List[str]:
-    """Return the first few faults as lines of text, and the number of the others."""
-    more = len(faults) - shown
-    return [*map(str, faults[:shown]), *([f"... and {more} more faults"] if more > 0 else [])]
+def fault_lines(faults: Sequence[Fault]) -> List[str]:
+    """Return the first 20 faults as lines of text, and the number of the others."""
+    more = [f"... and {len(faults) - 20} more faults"] if len(faults) > 20 else []
+    return [*map(str, faults[:20]), *more]
 
 
 class PlanError(UserError):
@@ -99,20 +100,13 @@ class PlanError(UserError):
 
 
 def as_float32(value: float) -> float:
-    """Return `value` rounded to float32, the type of every field of an AckermannDrive.
-
-    Raises:
-        OverflowError: `value` is finite and too large for a float32.
-    """
-    return struct.unpack("<f", struct.pack("<f", value))[0]
+    """Return `value` rounded to float32, the type of every field of an AckermannDrive."""
+    return float(np.float32(value))
 
 
 def shortest_decimal(value: float) -> float:
     """Return the number with the fewest digits that `as_float32` rounds to the same value.
 
-    It is the number to show: 0.09 for 0.09000000357627869.
+    It is the number to show: 0.09 for 0.09000000357627869, and 0 for -0.
     """
-    value = as_float32(value)
-    texts = (f"{value:.{digits}g}" for digits in range(1, 10))  # nine digits are always enough
-    numbers = (float(text) for text in texts)
-    return next(each for each in numbers if as_float32(each) == value) + 0.0
+    return float(str(np.float32(value))) + 0.0

@@ -1,7 +1,6 @@
 """Check a plan against the limits of a car, and slow it down."""
 
 import itertools
-import math
 from typing import Iterator, List, NamedTuple, Sequence, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose
@@ -26,6 +25,8 @@ class Step(NamedTuple):
     """Steering angle at the begin [rad]."""
     distance: float
     """Distance driven, forward and in reverse [m]."""
+    bend: float
+    """The largest curvature of the path, left or right [1/m]."""
     pose: Pose
     """Pose at the end, in the map frame."""
 
@@ -36,34 +37,27 @@ def slowed(plan: Plan, max_speed: float) -> Tuple[Plan, List[Fault]]:
     Also return one fault for each run of rows that have been slowed down.
     """
     limit = as_float32(min(max_speed, MAX_SPEED))
-    is_fast = [abs(row.speed) > limit for row in plan.rows]
-    speeds = [row.speed for row in plan.rows]
     sent = f"the largest speed allowed is {max_speed:g} m/s, and that is sent"
     faults = [
-        plan.fault(first, 0, f"{_asks(first, last, speeds, 'm/s')}; {sent}")
-        for first, last in _runs(is_fast)
+        plan.fault(first, 0, f"{_asks(plan, first, last, 0)}; {sent}")
+        for first, last in _runs([abs(row.speed) > limit for row in plan.rows])
     ]
-    rows = tuple(
-        row._replace(speed=math.copysign(limit, row.speed)) if fast else row
-        for row, fast in zip(plan.rows, is_fast)
-    )
+    rows = tuple(row._replace(speed=max(-limit, min(limit, row.speed))) for row in plan.rows)
     return plan._replace(rows=rows), faults
 
 
 def limit_faults(plan: Plan, car_name: str, car: Car) -> Iterator[Fault]:
     """Yield a fault for each run of rows that exceed a limit of the car."""
-    speeds = [row.speed for row in plan.rows]
-    angles = [row.steering_angle for row in plan.rows]
     for cell, sign, limit, does in (
         (0, 1.0, car.speed_limit, "does {:.4g} m/s"),
         (0, -1.0, car.speed_limit, "does {:.4g} m/s in reverse"),
         (1, 1.0, car.steering_limit_left, "steers {:.4g} rad to the left"),
         (1, -1.0, car.steering_limit_right, "steers {:.4g} rad to the right"),
     ):
-        asked, unit = ((speeds, "m/s"), (angles, "rad"))[cell]
         limit_sent = as_float32(min(limit, MAX_SPEED))  # rows are rounded likewise
-        for first, last in _runs([sign * value > limit_sent for value in asked]):
-            text = f"{_asks(first, last, asked, unit)}; the {car_name} {does.format(limit)} at most"
+        for first, last in _runs([sign * row[:2][cell] > limit_sent for row in plan.rows]):
+            asks = _asks(plan, first, last, cell)
+            text = f"{asks}; the {car_name} {does.format(limit)} at most"
             yield plan.fault(first, cell, text)
 
 
@@ -103,9 +97,10 @@ def _named(first: int, last: int) -> str:
     return f"row {first + 1}" if first == last else f"rows {first + 1} to {last + 1}"
 
 
-def _asks(first: int, last: int, values: Sequence[float], unit: str) -> str:
-    """Return the text for what rows, counted from 0, ask for."""
-    part = values[first : last + 1]
-    span = sorted({min(part), max(part)}, key=abs)
+def _asks(plan: Plan, first: int, last: int, cell: int) -> str:
+    """Return the text for the speeds or the steering angles that rows, counted from 0, ask for."""
+    values = [row[:2][cell] for row in plan.rows[first : last + 1]]
+    span = sorted({min(values), max(values)}, key=abs)
     shown = " to ".join(f"{each:.6g}" for each in span)
+    unit = ("m/s", "rad")[cell]
     return f"{_named(first, last)} {'asks' if first == last else 'ask'} for {shown} {unit}"

@@ -1,23 +1,18 @@
 """Draw a plan: the path on the map, and below it speed and steering angle over time."""
 
-from typing import Any, List, Optional
+from typing import Any, Optional
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from mushr_ros_intro.car.model import State
 from mushr_ros_intro.errors import UserError, counted
 from mushr_ros_intro.preview.map_axes import draw_headings, finish, title_of
-from mushr_ros_intro.preview.prediction import sampled
 from mushr_ros_intro.preview.report import Report
 from mushr_ros_intro.preview.spread import Spread
-from mushr_ros_intro.preview.walls import drive_to
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 
-_PERIOD = NANOSECONDS // 50  # between two points of the path
-_MAX_POINTS = 20_000  # along a long path
 _MAX_ARROWS = 100
 
 
@@ -37,22 +32,19 @@ def write(path: str, report: Report, spread: Optional[Spread], grid: Optional[Gr
 
 def draw(report: Report, spread: Optional[Spread], grid: Optional[Grid]) -> Figure:
     """Return a drawing of a report, the spread and the map, if any."""
-    period = max(_PERIOD, report.rest // _MAX_POINTS)
-    legs = drive_to(report.hit, report.plan, report.car)
-    states = list(sampled(legs, report.car, period))
     figure = Figure(figsize=(8, 9), constrained_layout=True)
     above, key, below = figure.subplots(3, 1, gridspec_kw={"height_ratios": [12, 1, 4]})
     if spread is not None:
         _draw_spread(above, spread)
-    _draw_path(above, report, states)
+    _draw_path(above, report)
     finish(above, key, grid)
-    _draw_commands(below, report, states)
+    _draw_commands(below, report)
     return figure
 
 
-def _draw_path(axes: Any, report: Report, states: List[State]) -> None:
+def _draw_path(axes: Any, report: Report) -> None:
     """Draw the path with its start, its end and the headings between the rows."""
-    poses = np.array([state.pose for state in states])
+    poses = np.array([state.pose for state in report.states])
     axes.plot(poses[:, 0], poses[:, 1], color="C0", lw=1.5, label="path of the rear axle", zorder=3)
     begins = np.array([report.plan.start, *(step.pose for step in report.steps)])
     begins = begins[:: -(-len(begins) // _MAX_ARROWS)]
@@ -76,18 +68,18 @@ def _draw_spread(axes: Any, spread: Spread) -> None:
     shape.set_label("95 % ellipse, without walls")
 
 
-def _draw_commands(axes: Any, report: Report, states: List[State]) -> None:
+def _draw_commands(axes: Any, report: Report) -> None:
     """Draw speed and steering angle over time."""
     rows = report.plan.rows[: len(report.steps)]
     ends = [step.end / NANOSECONDS for step in report.steps[: len(rows)]]
-    times = [state.stamp / NANOSECONDS for state in states]
+    times = [state.stamp / NANOSECONDS for state in report.states]
     for side, field, unit, color in (
         (axes, "speed", "m/s", "C0"),
         (axes.twinx(), "steering_angle", "rad", "C1"),
     ):
         asked = [getattr(row, field) for row in rows]
         side.step([0.0, *ends], [asked[0], *asked], ls="--", color=color, lw=1.0)
-        side.plot(times, [getattr(state, field) for state in states], color=color, lw=1.8)
+        side.plot(times, [getattr(state, field) for state in report.states], color=color, lw=1.8)
         side.set_ylabel(f"{field.replace('_', ' ')} [{unit}]", color=color)
         side.tick_params(axis="y", colors=color)
         side.margins(y=0.15)

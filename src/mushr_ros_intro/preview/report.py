@@ -7,24 +7,14 @@ middle of the rear axle on the ground, in the map frame. A drive that hits a wal
 import math
 from typing import Iterable, List, NamedTuple, Optional, Tuple
 
-import numpy as np
-
 from mushr_ros_intro.car.bicycle import Pose, curvature
-from mushr_ros_intro.car.model import Car, Contact, Piece
+from mushr_ros_intro.car.model import Car, Contact, State
 from mushr_ros_intro.car.motion import advance
 from mushr_ros_intro.plan.model import Fault, Plan
 from mushr_ros_intro.preview.limits import Step, limit_faults, ramp_faults
 from mushr_ros_intro.preview.prediction import Leg, drive, sampled
 from mushr_ros_intro.preview.walls import drive_to, map_fault
-from mushr_ros_intro.sim.stamps import NANOSECONDS
-from mushr_ros_intro.world.footprint import Footprint
 from mushr_ros_intro.world.grid import Grid
-
-_SAMPLE_PERIOD = NANOSECONDS // 100
-"""Period of the samples for the bounding box [ns]: to 0.1 mm at 2 m/s on a radius of 0.5 m."""
-
-_MAX_SAMPLES = 20_000
-"""The samples of a longer drive are further apart."""
 
 
 class Report(NamedTuple):
@@ -37,10 +27,8 @@ class Report(NamedTuple):
     """The map that the plan was checked against, or an empty text."""
     steps: Tuple[Step, ...]
     """The motion during each row that is driven, and during the stop after the last row."""
-    box: Tuple[float, float, float, float]
-    """Smallest and largest x, smallest and largest y of the path [m]."""
-    radius: float
-    """The smallest turning radius of the path [m]; infinite if the car only drives straight."""
+    states: Tuple[State, ...]
+    """The states of the car along the drive; see `prediction.sampled`."""
     faults: Tuple[Fault, ...]
     hit: Optional[Contact]
     """The contact with a wall that ends the drive, or None."""
@@ -56,6 +44,18 @@ class Report(NamedTuple):
         return sum(step.distance for step in self.steps)
 
     @property
+    def box(self) -> Tuple[float, float, float, float]:
+        """Smallest and largest x, smallest and largest y of the path [m]."""
+        x, y, _ = zip(*(state.pose for state in self.states))
+        return min(x), max(x), min(y), max(y)
+
+    @property
+    def radius(self) -> float:
+        """The smallest turning radius [m]; infinite if the car only drives straight."""
+        bend = max(step.bend for step in self.steps)
+        return 1.0 / bend if bend else math.inf
+
+    @property
     def final_pose(self) -> Pose:
         """The pose at which the car comes to rest."""
         return self.steps[-1].pose
@@ -68,56 +68,40 @@ class Report(NamedTuple):
 
 
 def check(
-    plan: Plan,
-    car_name: str,
-    car: Car,
-    map_name: str = "",
-    grid: Optional[Grid] = None,
-    footprint: Footprint = Footprint(),  # noqa: B008, it is immutable
+    plan: Plan, car_name: str, car: Car, map_name: str = "", grid: Optional[Grid] = None
 ) -> Report:
     """Check a plan against the limits of a car without its noise, and against a map, if any.
 
     The names of car and map are for messages.
     """
     car = car._replace(speed_noise=0.0, steering_noise=0.0)
-    steps, radius = _driven(drive(plan, car), car)
+    steps = _steps(drive(plan, car), car)
     faults = [*limit_faults(plan, car_name, car), *ramp_faults(plan, steps, car_name, car)]
     hit = None
     if grid is not None:
-        fault, hit = map_fault(plan, car, grid, footprint)
+        fault, hit = map_fault(plan, car, grid)
         faults += [fault] if fault else []
     if hit is not None:
-        steps, radius = _driven(drive_to(hit, plan, car), car)
-    box = _box(drive_to(hit, plan, car), car, steps[-1].end)
+        steps = _steps(drive_to(hit, plan, car), car)
+    states = tuple(sampled(drive_to(hit, plan, car), car, steps[-1].end))
     faults.sort(key=lambda fault: (fault.line, fault.column))
-    return Report(plan, car_name, car, map_name, steps, box, radius, tuple(faults), hit)
+    return Report(plan, car_name, car, map_name, steps, states, tuple(faults), hit)
 
 
-def _driven(legs: Iterable[Leg], car: Car) -> Tuple[Tuple[Step, ...], float]:
-    """Return the steps of a drive and its smallest turning radius [m]."""
+def _steps(legs: Iterable[Leg], car: Car) -> Tuple[Step, ...]:
+    """Return the steps of a drive."""
     steps: List[Step] = []
-    bend = 0.0
     for leg in legs:
-        state, pose = leg.state, advance(leg.state, leg.end, car).pose
-        step = Step(state.stamp, leg.end, state.speed, state.steering_angle, 0.0, pose)
-        if leg.row < len(steps):  # a repeated command of the same row
-            step = steps.pop()._replace(end=leg.end, pose=pose)
-        steps.append(step._replace(distance=step.distance + leg.distance(leg.end)))
-        for piece, seconds in leg.pieces(leg.end):
-            if piece.speed or piece.acceleration:
-                bend = max(bend, _tightest_bend(piece, seconds, car))
-    return tuple(steps), 1.0 / bend if bend else math.inf
-
-
-def _box(legs: Iterable[Leg], car: Car, rest: int) -> Tuple[float, float, float, float]:
-    """Return the bounding box of a drive that takes `rest` [ns], from samples of its path [m]."""
-    period = max(_SAMPLE_PERIOD, rest // _MAX_SAMPLES)
-    poses = np.array([state.pose for state in sampled(legs, car, period)])
-    (left, bottom, _), (right, top, _) = poses.min(axis=0).tolist(), poses.max(axis=0).tolist()
-    return left, right, bottom, top
-
-
-def _tightest_bend(piece: Piece, seconds: float, car: Car) -> float:
-    """Return the largest curvature on a piece of motion, left or right [1/m]."""
-    end_angle = piece.steering_angle + piece.steering_rate * seconds
-    return max(abs(curvature(angle, car.wheelbase)) for angle in (piece.steering_angle, end_angle))
+        state = leg.state
+        if leg.row == len(steps):  # otherwise it is a repeated command of the same row
+            begin = Step(state.stamp, 0, state.speed, state.steering_angle, 0.0, 0.0, state.pose)
+            steps.append(begin)
+        distance, bend = steps[-1].distance, steps[-1].bend
+        for piece, seconds in leg.pieces():
+            distance += abs(piece.speed + 0.5 * piece.acceleration * seconds) * seconds
+            if piece.direction:
+                angles = piece.steering_angle, piece.steering_angle + piece.steering_rate * seconds
+                bend = max(bend, *(abs(curvature(angle, car.wheelbase)) for angle in angles))
+        pose = advance(state, leg.end, car).pose
+        steps[-1] = steps[-1]._replace(end=leg.end, distance=distance, bend=bend, pose=pose)
+    return tuple(steps)

@@ -9,8 +9,13 @@ from typing import Iterable, Iterator, List, NamedTuple, Optional, Tuple
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.model import Plan, Row
+from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
+
+MAX_CAR_COMMANDS = 2_000_000_000
+"""Limit of the commands of a plan times the runs; so many take about five minutes."""
 
 CLOUD = 5000
 """The final poses of so many runs are kept."""
@@ -101,7 +106,16 @@ def spread(plan: Plan, car: Car, runs: int, seed: int) -> Spread:
     """Drive a plan at least two times, each run with its own errors.
 
     If the car has noise, the errors of a run are its noise and RUN_ERRORS; otherwise it has none.
+
+    Raises:
+        UserError: the runs would take hours.
     """
+    count = count_commands(plan) * runs
+    if count > MAX_CAR_COMMANDS:
+        raise UserError(
+            f"{runs} runs of {plan.path} are {count} commands to be driven; "
+            f"expected {MAX_CAR_COMMANDS} at most, so fewer --runs"
+        )
     errors = Errors()
     if car.speed_noise or car.steering_noise:
         errors = RUN_ERRORS._replace(speed=car.speed_noise, steering_angle=car.steering_noise)

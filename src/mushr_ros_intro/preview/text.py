@@ -25,17 +25,16 @@ def as_text(report: Report, spread: Optional[Spread] = None) -> Iterator[str]:
     x, y, theta = plan.start
     yield f"  start {'':43} {x:9.3f} {y:9.3f} {theta:8.3f}"
     half = SHOWN_ROWS // 2
-    rows = plan.rows[: len(report.steps)]
-    count = len(rows)
-    for index, row in enumerate(rows):
+    count = min(len(plan.rows), len(report.steps))
+    for index in range(count):
         if not half <= index < count - half:
-            yield _table_line(report, index, f"{index + 1:7}", row.speed, row.steering_angle)
+            yield _table_line(f"{index + 1:7}", _row(report, index))
         elif index == half:
             yield f"    ... {count - 2 * half} more rows ..."
     if count < len(plan.rows):
         yield f"    ... {counted(len(plan.rows) - count, 'more row')}, not driven ..."
     elif len(report.steps) > count and report.steps[-1].distance > 0.0:
-        yield _table_line(report, count, "   stop", 0.0, 0.0)
+        yield _table_line("   stop", _row(report, count))
     yield ""
     yield from _summary(report)
     if spread is not None:
@@ -43,14 +42,26 @@ def as_text(report: Report, spread: Optional[Spread] = None) -> Iterator[str]:
         yield from _spread_text(report, spread)
 
 
-def _table_line(report: Report, index: int, name: str, speed: float, angle: float) -> str:
-    """Return the line of a row, counted from 0, or of the stop after the last row."""
-    step = report.steps[index]
-    theta_before = report.steps[index - 1].pose.theta if index else report.plan.start.theta
-    seconds = (step.end - step.begin) / NANOSECONDS
-    cells = f"{name} {speed:7.2f} {angle:9.4f} {seconds:9.2f} {step.distance:9.3f}"
-    x, y, theta = step.pose
-    return f"{cells} {_near(theta - theta_before):>8} {_near(x):>9} {_near(y):>9} {_near(theta):>8}"
+def _row(report: Report, index: int) -> Dict[str, Any]:
+    """Return the values of a row, counted from 0, or of the stop after the last row."""
+    rows, step = [*report.plan.rows[index : index + 1], Row(0.0, 0.0, 0)], report.steps[index]
+    before = report.steps[index - 1].pose if index else report.plan.start
+    return {
+        "line": rows[0].line or None,
+        "speed": shortest_decimal(rows[0].speed),
+        "steering_angle": shortest_decimal(rows[0].steering_angle),
+        "duration": (step.end - step.begin) / NANOSECONDS,
+        "distance": step.distance,
+        "turn": step.pose.theta - before.theta,
+        **step.pose._asdict(),
+    }
+
+
+def _table_line(name: str, row: Dict[str, Any]) -> str:
+    """Return the line of a row in the table."""
+    columns = "{speed:7.2f} {steering_angle:9.4f} {duration:9.2f} {distance:9.3f}".format(**row)
+    turn, x, y, theta = (_near(row[each]) for each in ("turn", "x", "y", "theta"))
+    return f"{name} {columns} {turn:>8} {x:>9} {y:>9} {theta:>8}"
 
 
 def _summary(report: Report) -> Iterator[str]:
@@ -76,9 +87,9 @@ def _summary(report: Report) -> Iterator[str]:
     yield f"ends at rest    {'no, a wall ends the drive' if report.hit else rest}"
 
 
-def _near(value: float) -> str:
-    """Return a number with three decimals, and zero without a minus sign."""
-    return f"{value if abs(value) >= 5e-4 else 0.0:.3f}"
+def _near(value: float, digits: int = 3) -> str:
+    """Return a number with some decimals, and zero without a minus sign."""
+    return f"{round(value, digits) + 0.0:.{digits}f}"
 
 
 def verdict(faults: Sequence[Fault]) -> Iterator[str]:
@@ -121,7 +132,7 @@ def _spread_text(report: Report, spread: Spread) -> Iterator[str]:
     yield f"  mean          x {_near(x)} m, y {_near(y)} m, theta {_near(theta)} rad"
     units = ("[m m, m m, m rad]", "[m m, m m, m rad]", "[rad m, rad m, rad rad]")
     for title, row, unit in zip(("covariance", "", ""), spread.covariance[-1].tolist(), units):
-        cells = "".join(f"{each if abs(each) >= 5e-6 else 0.0:12.5f}" for each in row)
+        cells = "".join(f"{_near(each, 5):>12}" for each in row)
         yield f"  {title:12}{cells}   {unit}"
     major, minor, direction = spread.ellipses[-1]
     yield (
@@ -135,9 +146,8 @@ def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
     The rows are lists, one for each column. The last item is the stop at the end, except in a
     drive that ends at a wall.
     """
-    plan, steps = report.plan, report.steps
-    rows = [*plan.rows, Row(0.0, 0.0, 0, 0)][: len(steps)]
-    thetas = [plan.start.theta] + [step.pose.theta for step in steps]
+    plan = report.plan
+    rows = [_row(report, index) for index in range(len(report.steps))]
     gap, turned = report.closing_gap
     left, right, bottom, top = report.box
     values: Dict[str, Any] = {
@@ -145,17 +155,7 @@ def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
         "car": report.car_name,
         "map": report.map_name or None,
         "start": plan.start._asdict(),
-        "rows": {
-            "line": [row.line or None for row in rows],
-            "speed": [shortest_decimal(row.speed) for row in rows],
-            "steering_angle": [shortest_decimal(row.steering_angle) for row in rows],
-            "duration": [(step.end - step.begin) / NANOSECONDS for step in steps],
-            "distance": [step.distance for step in steps],
-            "turn": [after - before for before, after in zip(thetas, thetas[1:])],
-            "x": [step.pose.x for step in steps],
-            "y": [step.pose.y for step in steps],
-            "theta": thetas[1:],
-        },
+        "rows": {name: [row[name] for row in rows] for name in rows[0]},
         "length": report.length,
         "duration": min(plan.duration, report.rest) / NANOSECONDS,
         "final_pose": report.final_pose._asdict(),

@@ -7,7 +7,7 @@ import numpy as np
 
 from mushr_ros_intro.car.bicycle import Pose, compose, curvature
 from mushr_ros_intro.car.contact import World, free_time
-from mushr_ros_intro.car.model import Car, Contact, Piece
+from mushr_ros_intro.car.model import Car, Contact
 from mushr_ros_intro.car.quadrature import follow
 from mushr_ros_intro.plan.model import Fault, Plan
 from mushr_ros_intro.preview.prediction import Leg, drive
@@ -28,58 +28,34 @@ def drive_to(hit: Optional[Contact], plan: Plan, car: Car) -> Iterator[Leg]:
         yield leg
 
 
-def map_fault(
-    plan: Plan, car: Car, grid: Grid, footprint: Footprint
-) -> Tuple[Optional[Fault], Optional[Contact]]:
+def map_fault(plan: Plan, car: Car, grid: Grid) -> Tuple[Optional[Fault], Optional[Contact]]:
     """Return the first fault of a plan on a map, and the hit if the fault is a wall on the way.
 
     The car is driven until it touches a wall or an edge of the map.
     """
-    if not on_map(grid, footprint, plan.start):
+    if not on_map(grid, Footprint(), plan.start):
         return plan.fault(-1, 0, "the start pose is off the map, at least in part"), None
-    if not is_free(grid, footprint, plan.start):
+    if not is_free(grid, Footprint(), plan.start):
         return plan.fault(-1, 0, "the start pose is in a wall, at least in part"), None
-    world = World(_fenced(grid), footprint)
-    diagonal = math.hypot(grid.width, grid.height) * grid.resolution
+    corner = compose(grid.origin, Pose(-grid.resolution, -grid.resolution, 0.0))
+    fenced = Grid(np.pad(grid.cells, 1, constant_values=100), grid.resolution, corner)
     for leg in drive(plan, car):
-        for piece, seconds in leg.pieces(leg.end):
-            if piece.speed == 0.0 == piece.acceleration:
-                continue
-            seconds = _until_repeated(piece, seconds, car, diagonal)
-            free = free_time(piece, seconds, car, world)
+        for piece, seconds in leg.pieces():
+            turn_rate = abs(piece.speed * curvature(piece.steering_angle, car.wheelbase))
+            if turn_rate and not (piece.acceleration or piece.steering_rate):
+                seconds = min(seconds, math.tau / turn_rate)  # a second circle has no new points
+            free = free_time(piece, seconds, car, World(fenced)) if piece.direction else seconds
             if free == seconds:
                 continue
             pose = follow(piece, free, car)[0]
-            grown = Footprint(*(each + _MARGIN for each in footprint))
-            is_wall = on_map(grid, grown, pose)
+            now = leg.state.stamp + round((piece.begin + free) * NANOSECONDS)
+            x, y = (round(each, 1) + 0.0 for each in pose[:2])  # no negative zero
+            where = f"at t = {now / NANOSECONDS:.1f} s, ({x}, {y})"
             is_rolling = leg.row == len(plan.rows)
             name = "the car, rolling on after the last row," if is_rolling else f"row {leg.row + 1}"
-            now = leg.state.moved + round((piece.begin + free) * NANOSECONDS)
-            text = (
-                f"{name} {'hits a wall' if is_wall else 'leaves the map'} "
-                f"at t = {now / NANOSECONDS:.1f} s, "
-                f"({round(pose.x, 1) + 0.0}, {round(pose.y, 1) + 0.0})"  # no negative zero
-            )
-            text += "; it stops there" if is_wall else ""
-            return plan.fault(leg.row, 0, text), Contact(now, pose) if is_wall else None
+            grown = Footprint(*(each + _MARGIN for each in Footprint()))
+            if not on_map(grid, grown, pose):
+                return plan.fault(leg.row, 0, f"{name} leaves the map {where}"), None
+            text = f"{name} hits a wall {where}; it stops there"
+            return plan.fault(leg.row, 0, text), Contact(now, pose)
     return None, None
-
-
-def _until_repeated(piece: Piece, seconds: float, car: Car, diagonal: float) -> float:
-    """Return how long the car takes to pass every point of a piece [s].
-
-    That is `seconds`, the duration of the piece, or less at a constant speed and steering angle:
-    the time for a full circle, or for the longest arc on a map with this diagonal [m].
-    """
-    if piece.acceleration or piece.steering_rate:
-        return seconds
-    bend = abs(curvature(piece.steering_angle, car.wheelbase))
-    radius = min(1.0 / bend, diagonal) if bend else diagonal
-    return min(seconds, math.tau * radius / abs(piece.speed))
-
-
-def _fenced(grid: Grid) -> Grid:
-    """Return a map with walls around it, one cell thick."""
-    cells = np.pad(grid.cells, 1, constant_values=100)
-    corner = Pose(-grid.resolution, -grid.resolution, 0.0)
-    return Grid(cells, grid.resolution, compose(grid.origin, corner))

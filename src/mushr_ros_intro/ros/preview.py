@@ -14,7 +14,7 @@ from visualization_msgs.msg import MarkerArray
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
-from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.errors import UserError, counted
 from mushr_ros_intro.parameters import Parameters, find_file
 from mushr_ros_intro.plan.model import Fault, fault_lines
 from mushr_ros_intro.plan.parse import read_plan
@@ -25,15 +25,8 @@ from mushr_ros_intro.preview.spread import spread
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import is_published
 from mushr_ros_intro.ros.node import package_folder, simulated_car_parameters
-from mushr_ros_intro.sim.stamps import (
-    COMMAND_PERIOD,
-    CONNECTION_TIMEOUT,
-    NANOSECONDS,
-)
+from mushr_ros_intro.sim.stamps import CONNECTION_TIMEOUT, NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
-
-MAX_PATH_POSES = 10_000
-"""The predicted path of a long plan has about this many poses."""
 
 SPREAD_RUNS = 1000
 SPREAD_SEED = 1
@@ -89,9 +82,8 @@ class Preview:
         self._profile_name = parameters.optional_text("car") or "car"
         if parameters.optional_text("car"):
             name = parameters.choice("car", names_in(profiles))
-            self._profile = Parameters(
-                read_profile(os.path.join(profiles, f"{name}.yaml")), "~car: "
-            )
+            path = os.path.join(profiles, f"{name}.yaml")
+            self._profile = Parameters(read_profile(path), "~car: ")
         expected = "the name or the path of a plan, such as _plan_file:=figure_8"
         name = parameters.text("plan_file", expected=expected)
         path = find_file(name, package_folder("plans"), ".txt")
@@ -108,10 +100,9 @@ class Preview:
                 "~spread_ellipses", MarkerArray, queue_size=1, latch=True
             )
         rospy.loginfo(
-            "plan %s: %d %s, %g s, %.2f m",
+            "plan %s: %s, %g s, %.2f m",
             path,
-            len(self.plan.rows),
-            "row" if len(self.plan.rows) == 1 else "rows",
+            counted(len(self.plan.rows), "row"),
             self.plan.duration / NANOSECONDS,
             prediction.length(self.plan),
         )
@@ -134,8 +125,7 @@ class Preview:
         _warn(report.faults)
         world = World(grid) if grid and report.hit else None
         rest, pose = prediction.rest(self.plan, car, world)
-        period = max(COMMAND_PERIOD, rest // MAX_PATH_POSES)
-        states = prediction.trajectory(self.plan, car, period, world)
+        states = prediction.trajectory(self.plan, car, world)
         self._path = conversions.path_to_msg(states, ros_time.now())
         self.publish_path()
         if self._shows_spread:

@@ -77,10 +77,10 @@ class TestProfiles(RosTestCase):
         self.assertEqual({pose.header.frame_id for pose in path.poses}, {"map"})
         self.assertEqual(planar(path.poses[0].pose)[:2], (0.0, 0.0))
         self.assert_pose(planar(path.poses[-1].pose), end, PRINTED)
-        stamps = [(pose.header.stamp - path.header.stamp).to_sec() for pose in path.poses]
-        self.assertEqual(stamps[:221], [number / 10 for number in range(221)])
+        stamps = [(pose.header.stamp - path.header.stamp).to_nsec() for pose in path.poses]
+        self.assertEqual(stamps[:2201], list(range(0, 22_010_000_000, 10_000_000)))
         # Braking from 0.929 m/s takes 0.37 s.
-        self.assertAlmostEqual(stamps[-1], 22.0 + 0.9286 / 2.5, delta=1e-3)
+        self.assertAlmostEqual(stamps[-1] / 1e9, 22.0 + 0.9286 / 2.5, delta=1e-3)
 
 
 if __name__ == "__main__":

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.authoring.clicks import ClickError, arc_to, extend, row_to
+from mushr_ros_intro.authoring.clicks import ClickError, arc_to, extend
+from mushr_ros_intro.authoring.plan_file import plan_text
 from mushr_ros_intro.car.bicycle import ORIGIN, Pose, drive_arc
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.plan.model import Plan, as_float32
 from mushr_ros_intro.plan.parse import parse_plan
-from mushr_ros_intro.plan.write import plan_text
 from support.geometry import closed_form
 
 CAR = Car(steering_limit_left=0.34, steering_limit_right=0.25)
@@ -66,10 +66,15 @@ def test_arcs_by_hand(point, distance, curvature):
     assert turned == pytest.approx((distance, curvature), abs=1e-12)
 
 
+def row_to(point, speed, car):
+    """Return the row from the origin to a point."""
+    return extend(Plan("", ORIGIN, ()), point, speed, car).rows[0]
+
+
 @pytest.mark.parametrize("x, speed", [(2.0, 0.7), (-2.0, -0.7)])
 def test_rows_by_hand(x, speed):
     """A quarter of a circle of radius 2 m; numbers are rounded to float32, as messages are."""
-    row = row_to(ORIGIN, (x, 2.0), 0.7, CAR)
+    row = row_to((x, 2.0), 0.7, CAR)
     assert row.speed == as_float32(speed)
     assert row.steering_angle == as_float32(math.atan(0.33 / 2.0))
     assert row.duration == pytest.approx(math.pi / as_float32(0.7) * SECOND, abs=1)
@@ -107,14 +112,14 @@ def test_fifty_clicks(start, speed, seed):
 )
 def test_refused(point, expected):
     with pytest.raises(ClickError) as caught:
-        row_to(ORIGIN, point, 1.0, CAR)
+        row_to(point, 1.0, CAR)
     assert expected in str(caught.value)
 
 
 def test_the_limit_itself_is_driven():
     radius = 0.33 / math.tan(0.34)
-    row_to(ORIGIN, (0.0, 2.0 * radius * (1.0 + 1e-9)), 1.0, CAR)
+    row_to((0.0, 2.0 * radius * (1.0 + 1e-9)), 1.0, CAR)
     straight = Car(steering_limit_left=0.0, steering_limit_right=0.0)
-    assert row_to(ORIGIN, (1.0, 0.0), 1.0, straight).duration == SECOND
+    assert row_to((1.0, 0.0), 1.0, straight).duration == SECOND
     with pytest.raises(ClickError, match="is 0.0000 rad"):
-        row_to(ORIGIN, (1.0, 0.1), 1.0, straight)
+        row_to((1.0, 0.1), 1.0, straight)

@@ -7,7 +7,7 @@ import pytest
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.grading.replay import drive, frechet_distance
-from mushr_ros_intro.preview.prediction import final_pose
+from mushr_ros_intro.preview.prediction import rest
 from support.geometry import closed_form
 from support.recorded import BEGIN, PLAN, ROWS, SECOND, START, plan_of, replay
 
@@ -28,7 +28,7 @@ def test_the_prediction_is_the_closed_form_without_noise(car):
 
 def test_a_car_that_brakes_slowly_is_predicted_until_it_stands():
     car = Car(acceleration=0.5)
-    assert drive(replay(car=car)).predicted[-1] == pytest.approx(final_pose(PLAN, car))
+    assert drive(replay(car=car)).predicted[-1] == pytest.approx(rest(PLAN, car)[1])
 
 
 def test_after_a_recording_that_ends_early_the_car_stands():

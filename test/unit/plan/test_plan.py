@@ -1,16 +1,13 @@
-"""Plan files: reading good ones, the faults of bad ones, finding and writing them."""
+"""Plan files: reading good ones, and the faults of bad ones."""
 
 import os
-import resource
 
 import pytest
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.plan import parse
-from mushr_ros_intro.plan.model import PlanError, Row, as_float32, shortest_decimal
+from mushr_ros_intro.plan.model import PlanError, as_float32, shortest_decimal
 from mushr_ros_intro.plan.parse import parse_plan, read_plan
-from mushr_ros_intro.plan.write import WriteError, plan_text, write_plan
 from support.paths import FIXTURES, PLANS
 
 BROKEN_PLANS = os.path.join(FIXTURES, "broken_plans")
@@ -39,7 +36,6 @@ FAULTS = {
     "nan": ["2:6: steering angle is 'nan'; expected a finite number"],
     "no_command": ["4:1: no command after the start pose; expected 'speed, steering angle'"],
     "not_a_number": ["2:6: steering angle is 'left', which is not a number; expected one such as"],
-    "not_utf_8": ["2:17: byte 0xe9 is not UTF-8; expected a text file in UTF-8"],
     "nul_byte": ["2:6: steering angle is '0\\x00.09', which is not a number"],
     "one_column": ["2:4: 1 column; expected 'speed, steering angle' or"],
     "only_comments": ["1:1: the file is empty; expected a start pose"],
@@ -86,34 +82,24 @@ def test_every_broken_plan_is_in_the_table():
 
 
 def test_files_that_cannot_be_read(tmp_path):
-    os.mkfifo(tmp_path / "fifo")
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "file").touch()
-    with open(tmp_path / "huge", "wb") as file:
-        file.truncate(parse.MAX_FILE_SIZE + 1)
     for name, expected in {
         "missing": "the file cannot be read (No such file or directory); expected a plan",
-        ".": "the file cannot be read (this is not a regular file); expected a plan",
-        "fifo": "the file cannot be read (this is not a regular file); expected a plan",
+        ".": "the file cannot be read (Is a directory); expected a plan",
         "loop": "the file cannot be read (Too many levels of symbolic links)",
         "file/plan": "the file cannot be read (Not a directory)",
         "n" * 300: "the file cannot be read (File name too long)",
-        "nul\0": "the file cannot be read (",
-        "huge": "the file cannot be read (it has more than 100000000 bytes); expected a",
     }.items():
         path = os.path.join(str(tmp_path), name)
         (fault,) = faults_of(path)
         assert fault.startswith(f"{path}: {expected}")
 
 
-def test_only_the_first_faults_are_shown_and_too_many_end_the_search():
+def test_only_the_first_faults_are_shown():
     with pytest.raises(PlanError) as caught:
         rows_of("nan, 0\n" * 25)
     assert str(caught.value).splitlines()[20:] == ["... and 5 more faults"]
-    with pytest.raises(PlanError) as caught:
-        rows_of("nan, 0\n" * 100_000)
-    assert len(caught.value.faults) == parse.MAX_FAULTS + 1
-    assert "too many faults; the rest of the file" in caught.value.faults[-1].text
 
 
 @pytest.mark.parametrize(
@@ -136,8 +122,9 @@ def test_a_long_line_takes_no_more_than_linear_time(line):
         b"2.0,0.09\r-1,.5,0.25",
         b"\n  \t 2. , +9e-2\t\n\n -1.0E0 ,\t0.5 , 25e-2  \n\n",
         b"# a comment\n2.0,0.09# 1, 2, 3, 4\n  # nan\n-1,.5,0.25 # caf\xc3\xa9\n#",
+        b"2.0,0.09 # caf\xe9\n-1,.5,0.25\n",
     ],
-    ids=["plain", "CRLF", "CR", "spaces", "comments"],
+    ids=["plain", "CRLF", "CR", "spaces", "comments", "Latin-1"],
 )
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"], ids=["", "BOM"])
 def test_forms_of_the_same_plan(text, mark):
@@ -221,7 +208,7 @@ def check_verdict(data):
             assert 1 <= fault.line <= len(lines)
             assert 1 <= fault.column <= len(lines[fault.line - 1]) + 1
         return
-    text = data.decode("utf-8-sig").replace("\r", "\n")
+    text = data.decode("utf-8-sig", errors="replace").replace("\r", "\n")
     content = [line for line in text.split("\n") if line.split("#")[0].strip()]
     assert len(content) == 1 + len(plan.rows) >= 2, "a line was left out"
     assert all(abs(value) <= 1e6 for value in plan.start)
@@ -234,87 +221,3 @@ def test_any_bytes_are_a_plan_or_a_plan_error(data, text):
     check_verdict(data)
     check_verdict(text)
     check_verdict(b"0,0,0\n1,0\n" + text)
-
-
-ends = st.sampled_from(["\n", "\r\n", " \n", " # 1, 2\n", "\n\n", "\n\t# caf\u00e9\r\n"])
-DAYS = 10**15
-"""Longest duration drawn [ns]; up to here a float of seconds is good to a nanosecond."""
-
-
-lines = st.tuples(st.floats(-1e3, 1e3), st.floats(-1.57, 1.57), st.integers(1, DAYS), ends)
-
-
-@given(st.tuples(*[st.floats(-1e6, 1e6)] * 3), st.lists(lines, min_size=1, max_size=8))
-@example((0.0, 0.0, 0.0), [(1.1094741225242617, -1.1094741225242617, 1, "\n")])
-def test_a_plan_has_the_numbers_of_its_file_and_when_written(start, rows):
-    text = "{!r}, {!r}, {!r}\n".format(*start)
-    for speed, angle, duration, end in rows:
-        text += f"{speed!r},{angle!r} , {duration // SECOND}.{duration % SECOND:09d}{end}"
-    written = plan_text(start, [Row(*row[:3], 0) for row in rows])
-    expected = [(as_float32(v), as_float32(angle), duration) for v, angle, duration, _ in rows]
-    for each in (text, written):
-        plan = parse_plan(each.encode(), "plan")
-        assert plan.start == start
-        assert [row[:3] for row in plan.rows] == expected
-
-
-ROWS = [Row(2.0, 0.3400000035762787, 250_000_001, 0), Row(-0.5, -0.0, 10 * SECOND, 0)]
-
-NOBODY = 65534
-"""A user without rights."""
-
-
-def test_text_of_a_plan():
-    assert plan_text((0.0, -1.5, 0.785), ROWS) == (
-        "# x [m], y [m], theta [rad]\n"
-        "0.0, -1.5, 0.785\n"
-        "# speed [m/s], steering angle [rad], duration [s]\n"
-        "2.0, 0.34, 0.250000001\n"
-        "-0.5, 0.0, 10.0\n"
-    )
-
-
-def test_no_file_is_overwritten(tmp_path):
-    (tmp_path / "mine_2.txt").mkdir()
-    paths = [write_plan(str(tmp_path), "mine.txt", (0, 0, x), ROWS) for x in range(3)]
-    assert [os.path.basename(path) for path in paths] == ["mine.txt", "mine_3.txt", "mine_4.txt"]
-    assert [read_plan(path).start[2] for path in paths] == [0.0, 1.0, 2.0]
-
-
-def test_a_folder_without_write_access(tmp_path):
-    gone = str(tmp_path / "gone")
-    with pytest.raises(WriteError, match=r"gone/mine.txt cannot be written \(No such file or dir"):
-        write_plan(gone, "mine.txt", (0, 0, 0), ROWS)
-    locked = tmp_path / "locked"
-    locked.mkdir()
-    locked.chmod(0o555)
-    user = os.geteuid()
-    if user == 0:
-        os.seteuid(NOBODY)  # root may write anywhere
-    try:
-        with pytest.raises(WriteError, match=r"mine.txt cannot be written \(Permission denied\)"):
-            write_plan(str(locked), "mine.txt", (0, 0, 0), ROWS)
-    finally:
-        os.seteuid(user)
-    assert os.listdir(str(locked)) == []
-
-
-def test_an_incomplete_file_is_removed(tmp_path):
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (50, limits[1]))
-    try:
-        with pytest.raises(WriteError, match=r"mine.txt cannot be written \(File too large\)"):
-            write_plan(str(tmp_path), "mine.txt", (0, 0, 0), ROWS)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert os.listdir(str(tmp_path)) == []
-
-
-def test_plans_that_could_not_be_read_are_not_written(tmp_path):
-    for row, expected in (
-        (Row(1.0, 1.5705, SECOND, 0), "mine.txt:4:6: steering angle '1.5705' is out of range"),
-        (Row(1.0, 0.0, 10**19, 0), "duration '10000000000.0' is out of range"),
-    ):
-        with pytest.raises(WriteError, match=expected):
-            write_plan(str(tmp_path), "mine.txt", (0, 0, 0), [row])
-    assert os.listdir(str(tmp_path)) == []

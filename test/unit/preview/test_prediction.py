@@ -35,7 +35,7 @@ WALLS = World(
 def test_the_trajectory_of_figure_8_consists_of_arcs():
     """Each arc by its turning centre, in complex numbers."""
     plan = plan_named("figure_8")
-    states = {s.stamp: s for s in prediction.trajectory(plan, Car(), SECOND // 10)}
+    states = {s.stamp: s for s in prediction.trajectory(plan, Car())}
     position, heading = complex(*plan.start[:2]), plan.start[2]
     for number, row in enumerate(plan.rows):
         rate = row.speed * math.tan(row.steering_angle) / 0.33
@@ -46,7 +46,7 @@ def test_the_trajectory_of_figure_8_consists_of_arcs():
             pose = states[number * SECOND + tenth * SECOND // 10].pose
             assert pose == pytest.approx((point.real, point.imag, turned), abs=ROUNDING)
         position, heading = point, turned
-    assert prediction.final_pose(plan, Car()) == pytest.approx(pose, abs=ROUNDING)
+    assert prediction.rest(plan, Car())[1] == pytest.approx(pose, abs=ROUNDING)
 
 
 def test_a_straight_line_is_exact():
@@ -69,17 +69,17 @@ def test_rows_have_durations_and_go_in_reverse():
 def test_when_a_car_with_limits_comes_to_rest():
     plan, car = plan_of("0,0,0\n0.5,0\n"), Car(acceleration=2.5)
     assert prediction.rest(plan, car) == (12 * SECOND // 10, pytest.approx((0.5, 0, 0)))
-    stamps = [state.stamp for state in prediction.trajectory(plan, car, SECOND // 2)]
-    assert stamps == [0, SECOND // 2, SECOND, 12 * SECOND // 10]
+    stamps = [state.stamp for state in prediction.trajectory(plan, car)]
+    assert stamps == list(range(0, 121 * SECOND // 100, SECOND // 100))
     plan = plan_of("0,0,0\n0.5,0\n0,0\n0,0\n")  # it is at rest before the end
     assert prediction.rest(plan, car) == (3 * SECOND, pytest.approx((0.5, 0, 0)))
 
 
 def test_a_wall_stops_the_car():
     plan = plan_named("straight_line")
-    end = prediction.final_pose(plan, Car(), WALLS)
+    end = prediction.rest(plan, Car(), WALLS)[1]
     assert end.x == pytest.approx(2.0 - Footprint().front, abs=1e-8)  # [m] walls are known to 1e-9
-    assert any(state.collision for state in prediction.trajectory(plan, Car(), SECOND, WALLS))
+    assert any(state.collision for state in prediction.trajectory(plan, Car(), WALLS))
 
 
 # The simulated car ------------------------------------------------------------------------------
@@ -122,7 +122,7 @@ def test_every_car_drives_as_predicted(name, profile, noise, walls):
         assert one.speed == pytest.approx(other.speed, abs=DRIVEN)
         assert (one.collision is None) == (other.collision is None)
 
-    trajectory = list(prediction.trajectory(plan, car, SECOND // 100, world))
+    trajectory = list(prediction.trajectory(plan, car, world))
     stamps = [number * SECOND // 100 for number in range(len(trajectory) - 1)]
     assert [state.stamp for state in trajectory[:-1]] == stamps
     at = {state.stamp: state for state in states}
@@ -137,4 +137,4 @@ def test_every_car_drives_as_predicted(name, profile, noise, walls):
 def test_noise_of_the_steering_angle_alone_is_drawn_for_each_command():
     plan, car = plan_of("0,0,0\n1,0.1\n"), Car(steering_noise=0.1, seed=3)
     last = driven(car, plan, None)[-1]
-    assert last.pose == pytest.approx(prediction.final_pose(plan, car), abs=DRIVEN)
+    assert last.pose == pytest.approx(prediction.rest(plan, car)[1], abs=DRIVEN)

@@ -66,7 +66,7 @@ def test_without_errors_every_car_is_where_the_single_car_is(name, car):
     poses = sample(plan, car, Errors(), 3, 1, [*ends, plan.duration])[..., :3]
     assert poses.shape == (len(plan.rows), 3, 3)
     states = prediction.states_at(plan, car, ends)
-    expected = [*(state.pose for state in states), prediction.final_pose(plan, car)]
+    expected = [*(state.pose for state in states), prediction.rest(plan, car)[1]]
     largest = np.abs(poses - np.array(expected)[:, None]).max()
     assert largest <= (ROUNDING if car == IDEAL else RAMPS)
 
@@ -84,7 +84,7 @@ def test_without_errors_every_car_is_where_the_single_car_is(name, car):
 @example([(2.0, 0.0099, 22)])
 def test_without_errors_an_ideal_car_ends_where_the_single_car_ends(rows):
     plan = plan_of("1, 2, 3\n" + "".join("{:.9f}, {:.9f}, {}\n".format(*row) for row in rows))
-    expected = np.array(prediction.final_pose(plan, IDEAL))
+    expected = np.array(prediction.rest(plan, IDEAL)[1])
     assert np.abs(drive(plan, Errors())[0, 0] - expected).max() <= ROUNDING
 
 
@@ -180,7 +180,7 @@ def test_the_planned_poses_and_distances_are_those_of_the_car_without_errors():
     assert result.distances.tolist() == pytest.approx(ramp + there + back)
     assert tuple(result.planned[2]) == pytest.approx((2.0, 0.0, 0.0))
     quiet = car._replace(speed_noise=0.0)
-    assert result.planned[-1] == pytest.approx(prediction.final_pose(plan, quiet), abs=RAMPS)
+    assert result.planned[-1] == pytest.approx(prediction.rest(plan, quiet)[1], abs=RAMPS)
 
 
 def test_an_error_of_the_speed_grows_with_the_distance(monkeypatch):
