@@ -75,7 +75,8 @@ class TestPathPublisher(RosTestCase):
     def test_another_node_drives_the_car(self):
         """The node that publishes on the same topic is named, also if it has ended."""
         path = self.plan("0,0,0\n1.0,0.2,3\n")
-        other = self.plan("0,0,0\n-1.0,0.2,0.5\n", "other.txt")
+        # So fast that the car ends elsewhere even if each of its commands applies for 1 ms only.
+        other = self.plan("0,0,0\n-20.0,0.2,0.5\n", "other.txt")
         with node("path_publisher.py", f"_plan_file:={path}") as publisher:
             wait_for(lambda: len(self.commands.messages) >= 5, "five commands")
             arguments = (f"_plan_file:={other}", "__name:=other", "_send_init_pose:=false")
