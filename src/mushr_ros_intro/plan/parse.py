@@ -91,7 +91,7 @@ def parse_plan(data: bytes, path: str) -> Plan:
         faults += [Fault(path, number, column, text) for column, text in found]
         if found:
             continue
-        values = [float(cell) for cell in cells]
+        values = [float(cell.strip()) for cell in cells]  # float() accepts fewer spaces
         if count == 1:
             plan = Plan(path, Pose(*values), (), number, columns)
             continue

@@ -37,6 +37,7 @@ _THIN = 1e-3  # [m] rviz shows nothing that has no size
 _ELLIPSE_COLOUR = (0.85, 0.15, 0.15, 0.3)
 _LINE_COLOUR = (0.0, 0.43, 1.0, 1.0)
 _LINE_WIDTH = 0.1  # [m]
+_LINE_HEIGHT = 0.01  # [m], above the predicted path
 
 
 class MessageError(ValueError):
@@ -193,7 +194,7 @@ def line_to_msg(poses: Iterable[Pose], number: int, stamp: int) -> Marker:
 
     Without poses, return the marker that removes all lines. The stamp is in ns.
     """
-    points = [Point(pose.x, pose.y, _THIN) for pose in poses]
+    points = [Point(pose.x, pose.y, _LINE_HEIGHT) for pose in poses]
     marker = Marker(header=_header(stamp), type=Marker.LINE_STRIP, id=number, points=points)
     marker.action = Marker.ADD if points else Marker.DELETEALL
     marker.pose.orientation.w = 1.0

@@ -8,6 +8,7 @@ from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 
 import rosgraph.network
 from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import Pose as PoseMsg
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Clock as ClockMsg
 from std_msgs.msg import String
@@ -137,7 +138,7 @@ class Observer:
         actives = [msg.data for _, msg in heard.messages(self._active, String)]
         poses = {str(msg.pose) for _, msg in heard.messages(self._pose, PoseStamped)}
         contacts = [msg.poses for _, msg in heard.messages(self._collision, PoseArray)]
-        contact = [conversions.pose_from_msg(each) for each in contacts[-1]] if contacts else []
+        touches = bool(contacts and contacts[-1])
         abandoned: List[str] = []
         if facts.master.is_local:
             pid = self._ask(self._uri, "getPid")
@@ -154,7 +155,7 @@ class Observer:
             active=actives[-1] if actives else IDLE,
             clock=clock,
             window=window,
-            contact=str(contact[0]) if contact else "",
+            contact=_shown(contacts[-1][0]) if touches else "",
             moves=len(poses) > 1 if poses else None,
         )
 
@@ -250,3 +251,11 @@ def _topic(graph: _Graph, heard: Listener, name: str, kind: Any = AckermannDrive
 def _instants(heard: Listener) -> List[int]:
     """Return the instants [ns] that were received on /clock."""
     return [msg.clock.to_nsec() for _, msg in heard.messages("/clock", ClockMsg)]
+
+
+def _shown(msg: PoseMsg) -> str:
+    """Return a pose as text, or why it is not a pose."""
+    try:
+        return str(conversions.pose_from_msg(msg))
+    except conversions.MessageError as error:
+        return str(error)

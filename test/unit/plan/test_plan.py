@@ -120,11 +120,12 @@ def test_a_long_line_takes_no_more_than_linear_time(line):
         b"2.0,0.09\n-1,.5,0.25\n",
         b"2.0,0.09\r\n-1,.5,0.25\r\n",
         b"2.0,0.09\r-1,.5,0.25",
-        b"\n  \t 2. , +9e-2\t\n\n -1.0E0 ,\t0.5 , 25e-2  \n\n",
+        b"\n  \t 2. , +9e-2\t\n\n -1.0E0 ,\t0.5 , 25e-2  \n\n\x1e",
+        b"\x1e2.0,0.09\n-1,.5,\xc2\xa00.25\n",
         b"# a comment\n2.0,0.09# 1, 2, 3, 4\n  # nan\n-1,.5,0.25 # caf\xc3\xa9\n#",
         b"2.0,0.09 # caf\xe9\n-1,.5,0.25\n",
     ],
-    ids=["plain", "CRLF", "CR", "spaces", "comments", "Latin-1"],
+    ids=["plain", "CRLF", "CR", "spaces", "odd spaces", "comments", "Latin-1"],
 )
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"], ids=["", "BOM"])
 def test_forms_of_the_same_plan(text, mark):
