@@ -66,7 +66,8 @@ def test_repeats_of_a_held_key_are_one_long_press():
 
 def test_a_key_that_goes_up_is_released():
     keys = down("wa").up("a", 5 * MS)
-    assert keys.at(5 * MS + BOUNCE).drive(2.0, 0.34) == (2.0, 0.0)
+    assert keys.at(24 * MS).drive(2.0, 0.34) == (2.0, 0.34)
+    assert keys.at(25 * MS).drive(2.0, 0.34) == (2.0, 0.0)
     assert keys.up("W", 6 * MS).at(6 * MS + BOUNCE) == Keys()
 
 

@@ -36,6 +36,7 @@ def test_after_a_recording_that_ends_early_the_car_stands():
     count = int(np.searchsorted(right.stamps, BEGIN + SECOND // 2))
     path = drive(right._replace(stamps=right.stamps[:count], poses=right.poses[:count]))
     assert path.predicted[-1] == pytest.approx(END, abs=ROUNDING)
+    assert path.times == pytest.approx(0.02 * np.arange(len(path.times)))
     assert (path.driven[count - 5 :] == right.poses[count - 1]).all()
 
 
