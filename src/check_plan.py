@@ -59,6 +59,7 @@ def run() -> int:
 
     faults: List[Fault] = []
     results = []
+    report = result = None
     for name in arguments.plans:
         try:
             plan = read_plan(shortened(find_file(name, plans, ".txt")))
@@ -72,16 +73,16 @@ def run() -> int:
             result = spread(plan, car, runs, seed) if runs else None
             text = as_text(report, result)
             values = as_json(report, result) if arguments.json else {}
-            if arguments.plot:
-                from mushr_ros_intro.preview.plot import write  # matplotlib is slow to import
-
-                write(arguments.plot, report, result, grid)
         results.append(values)
         if not arguments.json:
             print(*([""] if len(results) > 1 else []), *text, sep="\n")
     if arguments.json:
         json.dump(results, sys.stdout, allow_nan=False)
         print()
+    if arguments.plot and report:
+        from mushr_ros_intro.preview.plot import write  # matplotlib is slow to import
+
+        write(arguments.plot, report, result, grid)
     return 1 if faults else 0
 
 

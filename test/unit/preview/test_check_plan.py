@@ -479,6 +479,7 @@ def test_plot(run, tmp_path):
     options = ("--plot=out.png", "--map=race_loop", "--car=mushr_nano", "--runs=200")
     status, _, errors = run("slalom", *options)
     assert (status, errors) == (1, "")
+    assert "no faults" in run("circle", "--plot=out.mp3")[1]
     assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
 
 
