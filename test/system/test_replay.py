@@ -11,6 +11,7 @@ import pytest
 
 PLAN = "1,2,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n0.5,0.0\n"
 
+CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 LISTING = "mushr_ros_intro listing.py"
 WRONG = "mushr_ros_intro wrong_listing.py"
 
@@ -24,10 +25,16 @@ REPORTED = ("report:=report",)
 NO_MAP = ("map:=none",)
 NO_STOP = "all checks passed\nnote: the node sends no stop at the end"
 
-# Name: the publisher (or the default), more arguments, the failed test cases, the report.
+# Name: the publisher, more arguments, the failed test cases, the report.
 REPLAYS = {
-    "ours": (None, EXACT + REPORTED, set(), "all checks passed\n"),
+    "ours": (
+        "mushr_ros_intro path_publisher.py",
+        EXACT + REPORTED,
+        set(),
+        "plan.txt with the car ideal:\nok   node: the node ran without an error\n",
+    ),
     "listing": (LISTING, NO_MAP, set(), NO_STOP),
+    "remap": (LISTING, NO_MAP + (f"remap:=_control_topic=/cmd /cmd={CONTROL}",), set(), NO_STOP),
     "crash": (
         f"{WRONG} crash",
         NO_MAP,
@@ -51,8 +58,7 @@ REPLAYS = {
         f"{WRONG} silent",
         NO_MAP + ("patience:=8.0",),
         NEVER_DROVE,
-        "FAIL node: the node runs, but published no command on "
-        "/car/mux/ackermann_cmd_mux/input/navigation for 8 s; it publishes ",
+        f"FAIL node: the node runs, but published no command on {CONTROL} for 8 s; it publishes ",
     ),
 }
 
@@ -80,9 +86,7 @@ def replays(tmp_path_factory):
 
     def run(name):
         publisher, arguments, _, _ = REPLAYS[name]
-        if publisher:
-            arguments += (f"publisher:={publisher}",)
-        return rostest(folder, name, "plan_file:=plan.txt", *arguments)
+        return rostest(folder, name, "plan_file:=plan.txt", f"publisher:={publisher}", *arguments)
 
     with concurrent.futures.ThreadPoolExecutor(5) as pool:
         return folder, dict(zip(REPLAYS, pool.map(run, REPLAYS)))
@@ -109,6 +113,20 @@ def test_verdict(replays, name):
         first_pass = output.find("ok  ")
         assert first_pass < 0 or output.index(verdict) < first_pass, "failures come first"
         assert verdict.split("node: ", 1)[1].split(";")[0] in failures["node"]
+
+
+def test_a_publisher_that_roslaunch_ignores(tmp_path):
+    """With two := the argument does not arrive; no other node may pass in its place."""
+    done = subprocess.run(
+        ["rostest", "mushr_ros_intro", "replay.test", f"publisher:={LISTING} _loop:=true"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env={**os.environ, "ROS_TEST_RESULTS_DIR": str(tmp_path)},
+        timeout=120.0,
+        check=False,
+    )
+    assert done.returncode != 0
+    assert b"requires the 'publisher' arg to be set" in done.stdout
 
 
 def test_last_output(replays):

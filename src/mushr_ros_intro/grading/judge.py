@@ -65,6 +65,8 @@ class Report(NamedTuple):
     drive: Drive
     tolerances: Tolerances
     checks: Sequence[Check] = ()
+    title: str = ""
+    """The first line of the verdict: the node, the plan and the car."""
 
     @property
     def passed(self) -> bool:
@@ -77,7 +79,8 @@ class Report(NamedTuple):
         ordered = sorted(
             self.checks, key=lambda each: 2 * each.passed or "not judged" in each.message
         )
-        lines = [
+        lines = [self.title] if self.title else []
+        lines += [
             " ".join(["ok  " if check.passed else "FAIL", f"{check.name}:", *_ends(check.message)])
             for check in ordered
         ]

@@ -1,7 +1,7 @@
 """Let a node drive a plan on the simulated car, and judge it."""
 
 import time
-from typing import Set, Tuple
+from typing import Dict, Set, Tuple
 
 import rospy
 
@@ -40,6 +40,7 @@ def replay() -> Report:
     parameters = Parameters({name: each for name, each in arguments.items() if each != "auto"})
     plan = read_plan(find_file(parameters.text("plan_file"), node.package_folder("plans"), ".txt"))
     publisher = parameters.text("publisher")
+    remap = _pairs(parameters.optional_text("remap") or "")
     patience = parameters.number("patience", 30.0, "s", 0.1, 1e4)
     has_map = parameters.text("map", "none") != "none"
     folder = parameters.optional_text("report")
@@ -50,7 +51,9 @@ def replay() -> Report:
         parameters.number("angle_tolerance", default.angle, "rad", 0.0, 1e6),
         parameters.number("path_tolerance", default.path, "m", 0.0, 1e6),
     )
-    report = judge(observe(plan, car, publisher, patience, has_map), tolerances)
+    title = f"{publisher} drives {plan.path} with the car {parameters.text('car')}:"
+    replay = observe(plan, car, publisher, remap, patience, has_map)
+    report = judge(replay, tolerances)._replace(title=title)
     if folder:
         from mushr_ros_intro.grading import files  # matplotlib is slow to import
 
@@ -58,13 +61,31 @@ def replay() -> Report:
     return report
 
 
-def observe(plan: Plan, car: Car, publisher: str, patience: float, has_map: bool) -> Replay:
+def _pairs(text: str) -> Dict[str, str]:
+    """Return remappings and parameters by name, given text such as "control=/cmd _rate=10".
+
+    Raises:
+        UserError: a word has another form.
+    """
+    pairs = {}
+    for word in text.split():
+        name, _, value = word.partition("=")
+        if not (name and value) or ":" in word:
+            raise UserError(f"remap contains '{word}'; expected FROM=TO, such as control=/cmd")
+        pairs[name] = value
+    return pairs
+
+
+def observe(
+    plan: Plan, car: Car, publisher: str, remap: Dict[str, str], patience: float, has_map: bool
+) -> Replay:
     """Let a node drive a plan, and return what was recorded.
 
     Args:
         plan: the plan that the node has to drive.
         car: the car.
         publisher: the node, "PACKAGE NODE [ARGUMENT...]".
+        remap: remappings and parameters of the node, by name.
         patience: the longest time without a command [s of wall-clock time].
         has_map: whether there is a map.
 
@@ -73,7 +94,11 @@ def observe(plan: Plan, car: Car, publisher: str, patience: float, has_map: bool
     """
     observer = ReplayObserver(has_map)
     known = _publications()
-    candidate = Candidate(publisher, [f"_plan_file:={plan.path}", *observer.remappings])
+    ours = observer.remappings
+    # ROS remaps a name only once, so the node's own remappings lead to our topics at once.
+    pairs = {**{name: ours.get(value, value) for name, value in remap.items()}, **ours}
+    arguments = [f"{name}:={value}" for name, value in pairs.items()]
+    candidate = Candidate(publisher, [f"_plan_file:={plan.path}", *arguments])
     try:
         outcome = _watch(candidate, observer, plan, patience, known)
     finally:

@@ -86,11 +86,11 @@ class ReplayObserver:
             "~start_pose", PoseWithCovarianceStamped, self._on_initial_pose
         )
         commands = subscribe("~commands", AckermannDriveStamped, self._on_command)
-        self.remappings = [
-            f"{INITIAL_POSES}:={self._initial_pose_sub.resolved_name}",
-            f"{CONTROL}:={commands.resolved_name}",
-        ]
-        """Arguments for the node."""
+        self.remappings = {
+            INITIAL_POSES: self._initial_pose_sub.resolved_name,
+            CONTROL: commands.resolved_name,
+        }
+        """The remappings of the node: the topics of this process by the names of the car's."""
         threading.Thread(target=self._step_clock, daemon=True).start()
 
     def take_clock(self) -> None:
