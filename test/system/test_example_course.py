@@ -37,8 +37,7 @@ def results(tmp_path_factory):
         start, straight, left, right, end = file
     (folder / "wrong.txt").write_text("".join((start, straight, right, left, end)))
     with concurrent.futures.ThreadPoolExecutor() as pool:
-        publisher = "publisher:=example_course drive_plan.py"
-        node = pool.submit(rostest, folder, "node.test", publisher)
+        node = pool.submit(rostest, folder, "solution.test")
         plan = pool.submit(rostest, folder, "plan.test", f"plan_file:={folder}/wrong.txt")
         return node.result(), plan.result()
 
