@@ -7,13 +7,10 @@ nanoseconds.
 
 from typing import Dict, NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.sim.stamps import NANOSECONDS
+from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
 
 DIRECTIONS: Dict[str, Tuple[int, int]] = {"w": (1, 0), "s": (-1, 0), "a": (0, 1), "d": (0, -1)}
 """The effect of each key: forward, left."""
-
-PERIOD = NANOSECONDS // 10
-"""Time between commands while a key is held [ns]."""
 
 BOUNCE = NANOSECONDS // 50
 """A key that goes up and down again within this time was held throughout [ns]."""
@@ -106,13 +103,13 @@ class Schedule(NamedTuple):
     ) -> Tuple["Schedule", Optional[Tuple[float, float]]]:
         """Return the new state, and the command to send at `now` [ns] or None.
 
-        Send a new command at once, and repeat it every PERIOD. After the last one send one stop,
-        then nothing, so that the mux passes on the commands of others.
+        Send a new command at once, and repeat it every COMMAND_PERIOD. After the last one
+        send one stop, then nothing, so that the mux passes on the commands of others.
         """
         if wanted is None:
             return Schedule(), STOP if self.last is not None else None
         early = self.due - now
-        if wanted == self.last and 0 < early <= PERIOD:
+        if wanted == self.last and 0 < early <= COMMAND_PERIOD:
             return self, None
-        on_time = wanted == self.last and -PERIOD < early <= 0
-        return Schedule(wanted, (self.due if on_time else now) + PERIOD), wanted
+        on_time = wanted == self.last and -COMMAND_PERIOD < early <= 0
+        return Schedule(wanted, (self.due if on_time else now) + COMMAND_PERIOD), wanted

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.authoring import teleop
-from mushr_ros_intro.authoring.teleop import BOUNCE, PERIOD, STOP, Keys, Schedule
+from mushr_ros_intro.authoring.teleop import BOUNCE, STOP, Keys, Schedule
+from mushr_ros_intro.sim.stamps import COMMAND_PERIOD
 
 MS = 1_000_000
 """[ns]"""
@@ -117,11 +118,11 @@ def sent(*wants):
 
 def test_a_held_key_sends_ten_times_a_second():
     """A poll every 7 ms, which does not divide the period, loses no command in 10 s."""
-    messages = sent(*((now, (2.0, 0.0)) for now in range(0, 100 * PERIOD, 7 * MS)))
+    messages = sent(*((now, (2.0, 0.0)) for now in range(0, 100 * COMMAND_PERIOD, 7 * MS)))
     assert len(messages) == 100
     for number, (now, message) in enumerate(messages):
         assert message == (2.0, 0.0)
-        assert number * PERIOD <= now < number * PERIOD + 7 * MS
+        assert number * COMMAND_PERIOD <= now < number * COMMAND_PERIOD + 7 * MS
 
 
 def test_a_change_is_sent_at_once_and_the_stop_once():
@@ -130,7 +131,7 @@ def test_a_change_is_sent_at_once_and_the_stop_once():
     assert sent(*wants) == [(0, w), (5, wa), (9, STOP), (10**10, ws)]
 
 
-@pytest.mark.parametrize("now", [50 * PERIOD, -50 * PERIOD])
+@pytest.mark.parametrize("now", [50 * COMMAND_PERIOD, -50 * COMMAND_PERIOD])
 def test_after_a_pause_or_a_jump_of_the_clock_there_is_one_command(now):
     wants = [(each, (1.0, 0.0)) for each in (0, now, now + 1)]
     assert sent(*wants) == wants[:2]

@@ -76,6 +76,10 @@ def test_poses_compose(one, two, three):
     assert close(compose(compose(one, two), three), compose(one, compose(two, three)))
 
 
+def test_a_pose_as_text():
+    assert str(Pose(1.00004, -1e-9, math.tau + 0.5)) == "(1.0000 m, 0.0000 m, 0.5000 rad)"
+
+
 def test_poses_by_hand():
     assert close(compose(Pose(1, 2, math.pi / 2), Pose(3, 4, 0.5)), (-3, 5, math.pi / 2 + 0.5))
     assert close(inverse(Pose(1, 2, math.pi / 2)), (-2, 1, -math.pi / 2))

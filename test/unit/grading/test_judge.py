@@ -93,7 +93,7 @@ def scaled(speed, angle):
 
 
 TIME = COMMANDS[5].time
-HURRIED = [each._replace(time=BEGIN + k * TENTH * 7 // 10) for k, each in enumerate(COMMANDS[:10])]
+HURRIED = [each._replace(time=BEGIN + k * TENTH * 8 // 10) for k, each in enumerate(COMMANDS[:10])]
 SWAPPED = [each._replace(speed=each.steering_angle, steering_angle=each.speed) for each in COMMANDS]
 UNSTAMPED = [each._replace(stamped=False) for each in COMMANDS]
 
@@ -108,7 +108,7 @@ ROW = "commands: row 1 (1 s): received "
     [
         (COMMANDS[:4] + COMMANDS[5:], RATE + "9 commands received, 8.89 per second; expected 10"),
         (COMMANDS[:1] + COMMANDS[10:], RATE + "1 command received; expected 10"),
-        (HURRIED + COMMANDS[10:], RATE + "the stamps of its 10 commands span 0.63 s; expected 1 s"),
+        (HURRIED + COMMANDS[10:], RATE + "the stamps of its 10 commands span 0.72 s; expected 1 s"),
         (changed(5, time=TIME + TENTH * 6 // 10), RATE + "0.16 s between the stamps of messages 5"),
         (changed(5, time=TIME + TENTH * 6 // 10, stamped=False), ""),
         (changed(5, time=TIME + TENTH * 4 // 10), ""),

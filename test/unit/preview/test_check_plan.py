@@ -10,6 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.patches import Ellipse
 from matplotlib.transforms import Bbox
 
 from mushr_ros_intro.car.bicycle import Pose
@@ -365,7 +366,8 @@ def test_straight_line_twice_hits_the_wall_of_the_sandbox():
 
 def test_the_text_on_the_spread():
     report = checked("0,0,0\n1,0,2\n")
-    text = list(as_text(report, spread(report.plan, Car(speed_noise=0.1), 50, 3)))
+    result = spread(report.plan, Car(speed_noise=0.1), 50, 3)
+    text = list(as_text(report, result))
     assert "spread of 50 runs, seed 3, as standard deviations:" in text
     assert "  every command   speed 0.1 m/s, steering 0 rad" in text
     header = text.index(
@@ -373,7 +375,14 @@ def test_the_text_on_the_spread():
     )
     assert text[header + 1].startswith("   0.2      0.20 ")
     assert text[header + 10].startswith("   2.0      2.00 ")
-    assert any("covariance" in line and line.endswith("[m m, m m, m rad]") for line in text)
+    x, y, _ = result.mean[-1]
+    assert any(line.startswith(f"  mean          x {x:.3f} m, y {y:.3f} m, theta") for line in text)
+    variance = f"{result.covariance[-1][0, 0]:.5f}"
+    (line,) = (line for line in text if "covariance" in line)
+    assert line.split()[1] == variance and line.endswith("[m m, m m, m rad]")
+    ellipses = draw(report, result, None).axes[0].findobj(Ellipse)
+    sizes = [(each.width, each.height) for each in ellipses]
+    assert sizes == [(2.0 * major, 2.0 * minor) for major, minor, _ in result.ellipses]
     text = list(as_text(report, spread(report.plan, Car(), 2, 1)))
     assert "  the ideal car has no errors, so all runs end in the same place" in text
 
@@ -460,6 +469,7 @@ def test_json(run, tmp_path):
     assert parking["rows"]["line"] == [4, 5, 6, 7, 8, 9, 10, None]
     assert len(set(map(len, parking["rows"].values()))) == 1
     assert parking["ends_at_rest"] is False
+    assert as_json(checked("0,0,0\n1,0\n0,0\n"))["ends_at_rest"] is True
     for name in ("speed", "steering_angle"):
         assert parking["rows"][name][-1] == 0.0, name  # the stop
     assert parking["spread"]["runs"] == 50
