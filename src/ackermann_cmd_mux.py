@@ -100,13 +100,10 @@ class AckermannCmdMux:
             self._mux = self._mux.restart(self._time.now)
         return self._time.now
 
+    @conversions.ignore_bad_messages
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
         """Forward a command unchanged if its input may drive."""
-        try:
-            command = conversions.command_from_msg(msg)
-        except conversions.MessageError as error:
-            rospy.logwarn_throttle(1.0, f"ignored a command of input {source.name}: {error}")
-            return
+        command = conversions.command_from_msg(msg)
         with self._lock:
             self._read_clock()
             stamp = ros_time.received_stamp(command.stamp)

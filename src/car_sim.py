@@ -106,13 +106,10 @@ class CarSim:
         self._read_clock()
         return [self._history.state_at(instant) for instant in instants]
 
+    @conversions.ignore_bad_messages
     def _on_map(self, msg: OccupancyGrid) -> None:
         """Use a new map."""
-        try:
-            world = World(conversions.grid_from_msg(msg))
-        except conversions.MessageError as error:
-            rospy.logwarn(f"ignored a map on {self._map_sub.resolved_name}: {error}")
-            return
+        world = World(conversions.grid_from_msg(msg))
         is_free(*world, self._start)  # fills the map's caches before the lock is taken
         with self._changed:
             now = self._read_clock()
@@ -124,14 +121,11 @@ class CarSim:
                 f"the car is inside a wall at {state.pose}; drive it out, or place it elsewhere"
             )
 
+    @conversions.ignore_bad_messages
     def _on_message(self, msg: rospy.Message, read: Callable[[rospy.Message], Event]) -> None:
         """Add a command or an initial pose to the history; it applies at its stamp."""
         topic = msg._connection_header["topic"]
-        try:
-            event = read(msg)
-        except conversions.MessageError as error:
-            rospy.logwarn_throttle(1.0, f"ignored a message on {topic}: {error}")
-            return
+        event = read(msg)
         if not self._accepts(event, topic):
             return
         with self._changed:

@@ -10,10 +10,11 @@ import rospy
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 
-from mushr_ros_intro.authoring.clicks import ClickError, extend
+from mushr_ros_intro.authoring.clicks import extend
 from mushr_ros_intro.authoring.plan_file import PlanFile, summary
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.model import MAX_SPEED, MAX_STEERING_ANGLE, Plan
 from mushr_ros_intro.preview.prediction import trajectory
 from mushr_ros_intro.ros import conversions, node, ros_time, services
@@ -71,19 +72,16 @@ class ClickPlanner:
         self._start_sub = rospy.Subscriber(
             init_pose_topic, PoseWithCovarianceStamped, self._on_start
         )
-        self._point_sub = rospy.Subscriber("clicked_point", PointStamped, self._on_point)
+        rospy.Subscriber("clicked_point", PointStamped, self._on_point)
 
     def run(self) -> None:
         """Run until the node is shut down."""
         rospy.spin()
 
+    @conversions.ignore_bad_messages
     def _on_start(self, msg: PoseWithCovarianceStamped) -> None:
         """Begin a new plan."""
-        try:
-            pose = conversions.initial_pose_from_msg(msg).pose
-        except conversions.MessageError as error:
-            rospy.logwarn(f"ignored a start pose on {self._start_sub.resolved_name}: {error}")
-            return
+        pose = conversions.initial_pose_from_msg(msg).pose
         with self._lock:
             # path_publisher sends the start pose of the plan that it drives: keep that plan.
             if self._plan is not None and pose.is_close_to(self._plan.start, SAME_POSE):
@@ -94,13 +92,10 @@ class ClickPlanner:
             self._publish_path()
         rospy.loginfo("a new plan starts at %s; click the points to drive to", pose)
 
+    @conversions.ignore_bad_messages
     def _on_point(self, msg: PointStamped) -> None:
         """Add the arc to a point."""
-        try:
-            point = conversions.point_from_msg(msg)
-        except conversions.MessageError as error:
-            rospy.logwarn(f"ignored a point on {self._point_sub.resolved_name}: {error}")
-            return
+        point = conversions.point_from_msg(msg)
         with self._lock:
             if self._plan is None:
                 rospy.logwarn(
@@ -110,7 +105,7 @@ class ClickPlanner:
                 return
             try:
                 self._plan = extend(self._plan, point, self._speed, self._car)
-            except ClickError as error:
+            except UserError as error:
                 rospy.logwarn(f"refused: {error}")
                 return
             self._publish_path()
@@ -124,10 +119,10 @@ class ClickPlanner:
         """Remove the last click; return a message; needs the lock.
 
         Raises:
-            ClickError: there is none.
+            UserError: there is none.
         """
         if self._plan is None or not self._plan.rows:
-            raise ClickError("there is no click to undo")
+            raise UserError("there is no click to undo")
         return self._keep(len(self._plan.rows) - 1)
 
     def _keep(self, count: int) -> str:

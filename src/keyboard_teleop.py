@@ -33,7 +33,7 @@ class KeyboardTeleop:
         """Drive until the keyboard is closed or the node is shut down.
 
         Raises:
-            NoKeyboardError: there is neither a display nor a terminal.
+            UserError: there is neither a display nor a terminal.
         """
         keyboard = open_keyboard(
             f"Teleop {self._car_name}".strip(),

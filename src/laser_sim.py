@@ -58,16 +58,14 @@ class LaserSim:
         """Scan until the node is shut down."""
         rospy.spin()
 
+    @conversions.ignore_bad_messages
     def _on_map(self, msg: OccupancyGrid) -> None:
         """Use this map for the following scans."""
-        try:
-            grid = conversions.grid_from_msg(msg)
-        except conversions.MessageError as error:
-            rospy.logwarn(f"ignored a map on {self._map_sub.resolved_name}: {error}")
-            return
+        grid = conversions.grid_from_msg(msg)
         self._laser = Laser(grid, self._beams)
         rospy.loginfo("scanning in a map of %d x %d cells", grid.width, grid.height)
 
+    @conversions.ignore_bad_messages
     def _on_pose(self, msg: PoseStamped) -> None:
         """Publish a scan if this is the first pose of its period."""
         stamp = msg.header.stamp.to_nsec()
@@ -77,13 +75,7 @@ class LaserSim:
         self._slot = slot
         if not self._scan_pub.get_num_connections():
             return
-        try:
-            pose = conversions.pose_from_msg(msg.pose)
-        except conversions.MessageError as error:
-            rospy.logwarn_throttle(
-                1.0, f"ignored a pose on {self._pose_sub.resolved_name}: {error}"
-            )
-            return
+        pose = conversions.pose_from_msg(msg.pose)
         ranges = laser.scan(compose(pose, self._mount))
         if self._noise_std:
             ranges = add_noise(ranges, self._beams, self._noise_std, (self._seed, stamp))

@@ -61,40 +61,32 @@ class PlanRecorder:
         """Record until the node is shut down; then save the drive, and log what was saved.
 
         Raises:
-            WriteError: it cannot be saved.
+            UserError: it cannot be saved.
         """
         rospy.spin()
         # Not in rospy.on_shutdown: the process would not wait for a hook in another thread.
         with self._lock:
             rospy.loginfo("%s", self._file.finish(self._recording.plan(), self._empty))
 
+    @conversions.ignore_bad_messages
     def _on_pose(self, msg: PoseStamped) -> None:
         """Add a reported pose."""
-        try:
-            pose = conversions.pose_from_msg(msg.pose)
-        except conversions.MessageError as error:
-            topic = self._pose_sub.resolved_name
-            rospy.logwarn_throttle(1.0, f"ignored a pose on {topic}: {error}")
-            return
+        pose = conversions.pose_from_msg(msg.pose)
         with self._event() as now:
             self._recording.add_pose(msg.header.stamp.to_nsec(), pose, now)
 
+    @conversions.ignore_bad_messages
     def _on_initial_pose(self, msg: PoseWithCovarianceStamped) -> None:
         """Begin a new recording at an initial pose."""
-        try:
-            initial_pose = conversions.initial_pose_from_msg(msg)
-        except conversions.MessageError:
-            return  # the car ignores it too, and warns
+        initial_pose = conversions.initial_pose_from_msg(msg)
         with self._event() as now:
             if not self._file.is_saved(self._recording.place(initial_pose, now)):
                 rospy.logwarn("new initial pose: recording begins anew; the drive was not saved")
 
+    @conversions.ignore_bad_messages
     def _on_command(self, msg: AckermannDriveStamped) -> None:
         """Add a command."""
-        try:
-            command = conversions.command_from_msg(msg)
-        except conversions.MessageError:
-            return  # the mux and the car ignore it too, and warn
+        command = conversions.command_from_msg(msg)
         if command.acceleration or command.steering_angle_velocity:
             rospy.logwarn_throttle(
                 10.0, "the commands limit the acceleration or the steering rate; a plan cannot"
@@ -133,7 +125,7 @@ class PlanRecorder:
         """Write the drive so far into a new file; return a message; needs the lock.
 
         Raises:
-            WriteError: there is no drive, or it cannot be written.
+            UserError: there is no drive, or it cannot be written.
         """
         return self._file.save(self._recording.plan(), self._empty)
 

@@ -8,14 +8,10 @@ from typing import Any, Dict, Mapping, Optional, Sequence
 from mushr_ros_intro.errors import UserError
 
 
-class ParameterError(UserError):
-    """A parameter that cannot be used; names the parameter, its value and what was expected."""
-
-
 class Parameters:
     """The parameters of a node, or of a file.
 
-    Each method returns one parameter, or raises ParameterError if its value is anything else than
+    Each method returns one parameter, or raises UserError if its value is anything else than
     the method returns.
 
     Args:
@@ -87,16 +83,16 @@ class Parameters:
         is_name = value not in (".", "..") and os.sep not in value
         return str(self._checked(name, value, is_name, "a file name without a folder"))
 
-    def error(self, name: str, expected: str) -> ParameterError:
+    def error(self, name: str, expected: str) -> UserError:
         """Return the error that says what was expected of a parameter."""
         what = f"is {self._values[name]!r}" if name in self._values else "is not set"
-        return ParameterError(f"parameter {self._prefix}{name} {what}; expected {expected}")
+        return UserError(f"parameter {self._prefix}{name} {what}; expected {expected}")
 
     def _checked(self, name: str, value: Any, is_valid: bool, expected: str) -> Any:
         """Note the value of a parameter, and return it.
 
         Raises:
-            ParameterError: the value is not valid.
+            UserError: the value is not valid.
         """
         if not is_valid:
             raise self.error(name, expected)

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import ParameterError, Parameters, find_file, user_path
+from mushr_ros_intro.parameters import Parameters, find_file, user_path
 
 
 def read(kind, value, *arguments):
@@ -13,7 +13,7 @@ def read(kind, value, *arguments):
 
 
 def refusal(kind, value, *arguments):
-    with pytest.raises(ParameterError) as caught:
+    with pytest.raises(UserError) as caught:
         read(kind, value, *arguments)
     return str(caught.value)
 
@@ -76,7 +76,7 @@ def test_a_missing_parameter_has_its_default():
     assert parameters.file_name("file", "plan.txt") == "plan.txt"
     resolved = {"rate": 3.0, "loop": True, "topic": "/a", "car": "a", "file": "plan.txt"}
     assert parameters.resolved == resolved
-    with pytest.raises(ParameterError) as caught:
+    with pytest.raises(UserError) as caught:
         Parameters({}, "/car/car_sim/").text("plan_file", expected="a plan")
     assert str(caught.value) == "parameter /car/car_sim/plan_file is not set; expected a plan"
 

@@ -18,10 +18,6 @@ _EPSILON = 1e-9
 """A point closer to the car is at the car [m]; closer to its axle line, it is beside it [rad]."""
 
 
-class ClickError(UserError):
-    """A point that the car cannot drive to."""
-
-
 def arc_to(pose: Pose, point: Tuple[float, float]) -> Tuple[float, float]:
     """Return the arc from `pose` to `point` (x [m], y [m]), both in the same frame.
 
@@ -49,18 +45,18 @@ def extend(plan: Plan, point: Tuple[float, float], speed: float, car: Car) -> Pl
     Forward and in reverse, the car drives with `speed` [m/s].
 
     Raises:
-        ClickError: the point is where the car is, or needs too much steering.
+        UserError: the point is where the car is, or needs too much steering.
     """
     shown = f"({point[0]:.3f}, {point[1]:.3f})"
     distance, curvature = arc_to(rest(plan, car)[1], point)
     speed = as_float32(speed)
     duration = from_seconds(abs(distance) / speed)
     if duration == 0:
-        raise ClickError(f"the plan already ends at the point {shown}; expected another point")
+        raise UserError(f"the plan already ends at the point {shown}; expected another point")
     angle = math.atan(curvature * car.wheelbase)
     nearest = car.within_limits(0.0, angle)[1]
     if nearest != angle:
-        raise ClickError(
+        raise UserError(
             f"the point {shown} needs a steering angle of {angle:.4f} rad; the car's limit on "
             f"the {'left' if angle > 0.0 else 'right'} is {abs(nearest):.4f} rad"
         )

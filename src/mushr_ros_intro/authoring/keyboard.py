@@ -21,10 +21,6 @@ POLL = 0.01
 """The longest time that `read` waits [s]."""
 
 
-class NoKeyboardError(UserError):
-    """Keys cannot be read."""
-
-
 class Window:
     """A window that shows the help, and which keys are held.
 
@@ -33,7 +29,7 @@ class Window:
         values: of speed and steering angle, shown while the window has the focus.
 
     Raises:
-        NoKeyboardError: there is no display, or no tkinter.
+        UserError: there is no display, or no tkinter.
     """
 
     HELD, RELEASED = "#d9141a", "#d0d0d4"
@@ -42,11 +38,11 @@ class Window:
         try:
             import tkinter  # a separate package in Debian
         except ImportError:
-            raise NoKeyboardError("tkinter is missing (Debian's package python3-tk)") from None
+            raise UserError("tkinter is missing (Debian's package python3-tk)") from None
         try:
             self._root = tkinter.Tk(className="keyboard_teleop")
         except tkinter.TclError as error:
-            raise NoKeyboardError(str(error)) from None
+            raise UserError(str(error)) from None
         self.is_open = True
         self._keys = Keys()
         self._values = values
@@ -105,7 +101,7 @@ class Terminal:
         command: starts the node in a terminal, for the error message.
 
     Raises:
-        NoKeyboardError: the standard input is not a terminal.
+        UserError: the standard input is not a terminal.
     """
 
     def __init__(self, command: str) -> None:
@@ -113,7 +109,7 @@ class Terminal:
         try:
             self._settings = termios.tcgetattr(self._input)
         except termios.error:
-            raise NoKeyboardError(
+            raise UserError(
                 "no keyboard to drive with: the standard input is not a terminal; set DISPLAY, or "
                 f"start the node in a terminal: {command}"
             ) from None
@@ -155,10 +151,10 @@ def open_keyboard(title: str, values: str, command: str) -> Union[Window, Termin
     """Open a window, or the terminal if there is no display; see `Window` and `Terminal`.
 
     Raises:
-        NoKeyboardError: neither can be opened.
+        UserError: neither can be opened.
     """
     try:
         return Window(title, values)
-    except NoKeyboardError as error:
+    except UserError as error:
         print(f"no window ({error}), so keys are read from the terminal", flush=True)
     return Terminal(command)

@@ -13,10 +13,6 @@ from mushr_ros_intro.preview.prediction import length
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 
-class WriteError(UserError):
-    """A plan that cannot be saved; the message names the reason."""
-
-
 class PlanFile:
     """The file that a plan is saved in, a new one each time.
 
@@ -25,7 +21,7 @@ class PlanFile:
         default_name: of the file.
 
     Raises:
-        ParameterError: a parameter is wrong.
+        UserError: a parameter is wrong.
     """
 
     def __init__(self, parameters: Parameters, default_name: str) -> None:
@@ -41,11 +37,11 @@ class PlanFile:
         fails, the incomplete file is removed.
 
         Raises:
-            WriteError: the file cannot be written, `read_plan` would refuse it, or the plan has no
+            UserError: the file cannot be written, `read_plan` would refuse it, or the plan has no
                 rows; `if_empty` is then the reason.
         """
         if plan is None or not plan.rows:
-            raise WriteError(f"nothing saved: {if_empty}")
+            raise UserError(f"nothing saved: {if_empty}")
         data = plan_text(plan.start, plan.rows).encode()
         stem, ending = os.path.splitext(self._name)
         numbered = (f"{stem}_{number}{ending}" for number in itertools.count(2))
@@ -62,10 +58,10 @@ class PlanFile:
                 undo.pop_all()
         except PlanError as error:
             text = f"nothing saved: this is no plan that can be driven: {error}"
-            raise WriteError(text) from None
+            raise UserError(text) from None
         except OSError as error:
             text = f"nothing saved: {path} cannot be written ({error.strerror})"
-            raise WriteError(text) from None
+            raise UserError(text) from None
         self._saved, self._last = plan, f"{path}; {summary(plan)}"
         return f"saved {self._last}"
 
@@ -73,7 +69,7 @@ class PlanFile:
         """Write a plan unless it is saved; return a message: what was written, or why nothing.
 
         Raises:
-            WriteError: it cannot be written.
+            UserError: it cannot be written.
         """
         if not self.is_saved(plan):
             return self.save(plan, if_empty)

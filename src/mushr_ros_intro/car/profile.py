@@ -28,7 +28,7 @@ def car_from(parameters: Parameters) -> Car:
     """Return the car that parameters describe; the defaults are those of the ideal car.
 
     Raises:
-        ParameterError: a parameter is of the wrong type or out of range.
+        UserError: a parameter is of the wrong type or out of range.
     """
     ideal, number = Car(), parameters.number
     has_noise = parameters.flag("noise", False)

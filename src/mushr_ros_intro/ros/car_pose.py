@@ -125,13 +125,10 @@ class CarPose:
             self._reports.append(newest._replace(distance=newest.distance - report.distance))
         return report.stamp
 
+    @conversions.ignore_bad_messages
     def _on_pose(self, msg: PoseStamped) -> None:
         """Add a report."""
-        try:
-            pose = conversions.pose_from_msg(msg.pose)
-        except conversions.MessageError as error:
-            rospy.logwarn_throttle(1.0, f"ignored a pose on {self.topic}: {error}")
-            return
+        pose = conversions.pose_from_msg(msg.pose)
         stamp = ros_time.received_stamp(msg.header.stamp.to_nsec())
         with self._lock:
             self._arrival = time.monotonic()

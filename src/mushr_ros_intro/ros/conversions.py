@@ -1,10 +1,12 @@
 """Convert the package's values to ROS messages and back."""
 
+import functools
 import math
-from typing import Iterable, Tuple
+from typing import Any, Callable, Iterable, Tuple, TypeVar
 
 import genpy
 import numpy as np
+import rospy
 from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 from geometry_msgs.msg import (
     Point,
@@ -31,6 +33,8 @@ from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid, as_travelled
 from mushr_ros_intro.world.laser import Beams
 
+F = TypeVar("F", bound=Callable[..., None])
+
 MAP_FRAME = "map"
 
 _THIN = 1e-3  # [m] rviz shows nothing that has no size
@@ -42,6 +46,23 @@ _LINE_HEIGHT = 0.01  # [m], above the predicted path
 
 class MessageError(ValueError):
     """A message that cannot be used. The text names the fault and what was expected."""
+
+
+def ignore_bad_messages(callback: F) -> F:
+    """Decorate the callback of a subscriber: a MessageError is logged as a warning.
+
+    The warning names the topic. The same warning is not repeated within a second.
+    """
+
+    @functools.wraps(callback)
+    def call(node: Any, msg: rospy.Message, *arguments: Any) -> None:
+        try:
+            callback(node, msg, *arguments)
+        except MessageError as error:
+            topic = msg._connection_header["topic"]
+            rospy.logwarn_throttle_identical(1.0, f"ignored a message on {topic}: {error}")
+
+    return call  # type: ignore
 
 
 def time_from(stamp: int) -> genpy.Time:

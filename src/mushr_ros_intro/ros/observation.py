@@ -15,8 +15,7 @@ from std_msgs.msg import String
 
 from mushr_ros_intro.doctor.facts import DEFAULT_MASTER, Clock, Facts, Master, Publisher, Topic
 from mushr_ros_intro.doctor.processes import abandoned_nodes
-from mushr_ros_intro.errors import CallError, CallFault
-from mushr_ros_intro.parameters import ParameterError
+from mushr_ros_intro.errors import CallError, CallFault, UserError
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.connections import ask
 from mushr_ros_intro.ros.listener import Listener
@@ -183,7 +182,7 @@ class Observer:
     def _read_inputs(self) -> Dict[str, str]:
         """Return the topics of the mux's inputs by name, by falling priority."""
         inputs = {each: f"input/{each}" for each in _MUX_INPUTS}
-        with suppress(ParameterError):
+        with suppress(UserError):
             config = parse_config(self._parameter(self._mux))
             inputs = {each.name: each.topic for each in config.inputs}
         return {

@@ -49,10 +49,6 @@ class Prediction(NamedTuple):
     """Whether the parameters of the car are known, and it has no noise."""
 
 
-class StrictError(UserError):
-    """A plan with faults that is not driven, because ~strict is set."""
-
-
 class Preview:
     """The check and the prediction of a plan before the drive.
 
@@ -70,7 +66,7 @@ class Preview:
             is_placed: whether the car is placed at the start pose.
 
         Raises:
-            ParameterError, PlanError: a parameter or the plan is invalid.
+            UserError: a parameter or the plan is invalid.
         """
         self._car_name = car_name
         self._is_placed = is_placed
@@ -111,8 +107,8 @@ class Preview:
         """Check the plan, log its faults, publish the predicted path, and return the prediction.
 
         Raises:
-            StrictError: the plan has faults, and ~strict is set.
-            ParameterError: a parameter of the simulated car is invalid.
+            UserError: the plan has faults, and ~strict is set.
+            UserError: a parameter of the simulated car is invalid.
         """
         profile = self._profile or simulated_car_parameters(self._car_name)
         is_known = bool(self._profile) or rospy.has_param(f"/{self._car_name}/car_sim")
@@ -121,7 +117,7 @@ class Preview:
         report = check(self.plan, self._profile_name, car, "", grid)
         if report.faults and self._is_strict:
             faults = "\n".join(fault_lines(report.faults))
-            raise StrictError(f"~strict is set and the plan has faults; it is not driven\n{faults}")
+            raise UserError(f"~strict is set and the plan has faults; it is not driven\n{faults}")
         _warn(report.faults)
         world = World(grid) if grid and report.hit else None
         rest, pose = prediction.rest(self.plan, car, world)

@@ -9,7 +9,8 @@ import itertools
 import math
 from typing import Any, NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.parameters import ParameterError, Parameters
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.sim.stamps import from_seconds
 
 IDLE = "idle"
@@ -91,7 +92,7 @@ def parse_config(raw: Any) -> Config:
             "publisher": topic}``; short_desc is optional.
 
     Raises:
-        ParameterError: keys are missing or unknown, values have the wrong type, two inputs have
+        UserError: keys are missing or unknown, values have the wrong type, two inputs have
             the same name, topic or priority, or an input has the topic of the publisher.
     """
     parameters = _parameters(raw, "~", "subscribers", "publisher")
@@ -104,7 +105,7 @@ def parse_config(raw: Any) -> Config:
         for field in ("name", "topic", "priority"):
             value = getattr(one, field)
             if value == getattr(other, field):
-                raise ParameterError(
+                raise UserError(
                     f"inputs '{one.name}' and '{other.name}' share the {field} {value!r}; "
                     "expected each input to have its own"
                 )
@@ -128,7 +129,7 @@ def _parameters(raw: Any, prefix: str, *known: str) -> Parameters:
     """Return the parameters of a mapping that has known keys only."""
     expected = f"only the keys {', '.join(known)}"
     if not isinstance(raw, dict):
-        raise ParameterError(f"parameter {prefix} is {raw!r}; expected {expected}")
+        raise UserError(f"parameter {prefix} is {raw!r}; expected {expected}")
     parameters = Parameters(raw, prefix)
     for key in raw:
         if key not in known:

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.authoring.clicks import ClickError, arc_to, extend
+from mushr_ros_intro.authoring.clicks import arc_to, extend
 from mushr_ros_intro.authoring.plan_file import plan_text
 from mushr_ros_intro.car.bicycle import ORIGIN, Pose, drive_arc
 from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.model import Plan, as_float32
 from mushr_ros_intro.plan.parse import parse_plan
 from support.geometry import closed_form
@@ -91,7 +92,7 @@ def test_fifty_clicks(start, speed, seed):
         point = (x + distance * math.cos(bearing), y + distance * math.sin(bearing))
         try:
             plan = extend(plan, point, speed, CAR)
-        except ClickError:
+        except UserError:
             continue
         clicks.append(point)
     rows = parse_plan(plan_text(start, plan.rows).encode(), "clicked.txt").rows
@@ -111,7 +112,7 @@ def test_fifty_clicks(start, speed, seed):
     ],
 )
 def test_refused(point, expected):
-    with pytest.raises(ClickError) as caught:
+    with pytest.raises(UserError) as caught:
         row_to(point, 1.0, CAR)
     assert expected in str(caught.value)
 
@@ -121,5 +122,5 @@ def test_the_limit_itself_is_driven():
     row_to((0.0, 2.0 * radius * (1.0 + 1e-9)), 1.0, CAR)
     straight = Car(steering_limit_left=0.0, steering_limit_right=0.0)
     assert row_to((1.0, 0.0), 1.0, straight).duration == SECOND
-    with pytest.raises(ClickError, match="is 0.0000 rad"):
+    with pytest.raises(UserError, match="is 0.0000 rad"):
         row_to((1.0, 0.1), 1.0, straight)

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.authoring.plan_file import PlanFile, WriteError, plan_text
+from mushr_ros_intro.authoring.plan_file import PlanFile, plan_text
 from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.model import Plan, Row, as_float32
 from mushr_ros_intro.plan.parse import parse_plan, read_plan
@@ -76,7 +77,7 @@ def test_a_folder_without_write_access(file, tmp_path):
     if user == 0:
         os.seteuid(NOBODY)  # root may write anywhere
     try:
-        with pytest.raises(WriteError, match=r"mine.txt cannot be written \(Permission denied\)"):
+        with pytest.raises(UserError, match=r"mine.txt cannot be written \(Permission denied\)"):
             save(file)
     finally:
         os.seteuid(user)
@@ -87,7 +88,7 @@ def test_an_incomplete_file_is_removed(file, tmp_path):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (50, limits[1]))
     try:
-        with pytest.raises(WriteError, match=r"mine.txt cannot be written \(File too large\)"):
+        with pytest.raises(UserError, match=r"mine.txt cannot be written \(File too large\)"):
             save(file)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -99,6 +100,6 @@ def test_plans_that_could_not_be_read_are_not_written(file, tmp_path):
         (Row(1.0, 1.5705, SECOND), "mine.txt:4:6: steering angle '1.5705' is out of range"),
         (Row(1.0, 0.0, 10**19), "duration '10000000000.0' is out of range"),
     ):
-        with pytest.raises(WriteError, match=expected):
+        with pytest.raises(UserError, match=expected):
             save(file, rows=[row])
     assert os.listdir(str(tmp_path)) == []

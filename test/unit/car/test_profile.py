@@ -11,7 +11,7 @@ from mushr_ros_intro.car.model import Car, Command, at_rest
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.car.profile import car_from, read_profile
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import ParameterError, Parameters
+from mushr_ros_intro.parameters import Parameters
 from support.cars import CARS, PROFILES
 
 
@@ -68,7 +68,7 @@ def test_limits_are_those_of_the_motor_controller(name, erpm_gain, servo_gain, s
     ],
 )
 def test_a_bad_parameter(name, value, expected):
-    with pytest.raises(ParameterError) as error:
+    with pytest.raises(UserError) as error:
         car_from(Parameters({name: value}, "/car/car_sim/"))
     assert str(error.value).startswith(f"parameter /car/car_sim/{name} is ")
     assert expected in str(error.value)
@@ -92,7 +92,7 @@ def test_any_parameters_make_a_car_or_an_error(values):
     """The car drives to a finite pose, or there is a clear error."""
     try:
         car = car_from(Parameters(values))
-    except ParameterError as error:
+    except UserError as error:
         assert "; expected" in str(error)
         return
     driving = apply(at_rest(0, ORIGIN), Command(0, 1.0, 0.3), car)

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.parameters import ParameterError
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.sim.mux import Config, Input, parse_config
 
 MS = 1_000_000
@@ -58,7 +58,7 @@ def test_bad_input(key, value, expected):
     raw["subscribers"][0].pop(key, None)
     if value is not MISSING:
         raw["subscribers"][0][key] = value
-    with pytest.raises(ParameterError) as caught:
+    with pytest.raises(UserError) as caught:
         parse_config(raw)
     assert expected in str(caught.value)
 
@@ -77,7 +77,7 @@ def test_bad_input(key, value, expected):
     ],
 )
 def test_bad_configuration(raw, expected):
-    with pytest.raises(ParameterError) as caught:
+    with pytest.raises(UserError) as caught:
         parse_config(raw)
     assert expected in str(caught.value)
 
@@ -97,5 +97,5 @@ def test_any_configuration_is_read_or_refused(raw, publisher, entry):
     for each in (raw, {"subscribers": [plausible, raw], "publisher": publisher}):
         try:
             assert parse_config(each).inputs
-        except ParameterError as error:
+        except UserError as error:
             assert str(error)
