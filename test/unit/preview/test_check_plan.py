@@ -375,6 +375,8 @@ def test_the_text_on_the_spread():
     )
     assert text[header + 1].startswith("   0.2      0.20 ")
     assert text[header + 10].startswith("   2.0      2.00 ")
+    off = result.rms_errors[-1]
+    assert text[header + 10].endswith(f"{off:9.3f}{100 * off / 2.0:7.1f} %")
     x, y, _ = result.mean[-1]
     assert any(line.startswith(f"  mean          x {x:.3f} m, y {y:.3f} m, theta") for line in text)
     variance = f"{result.covariance[-1][0, 0]:.5f}"
@@ -505,6 +507,10 @@ def test_the_drawing():
         text.get_text() for text in key.get_legend().get_texts()
     }
     assert key.get_legend().get_window_extent().y1 < axes.bbox.y0
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    low, high = axes.dataLim.get_points()
+    space = [*(low - (left, bottom)), *((right, top) - high)]
+    assert min(space) >= 0.5  # [m] of margin
     ellipses = [each.get_window_extent() for each in axes.patches]
     assert len(ellipses) == 9
     assert Bbox.union([axes.bbox, *ellipses]).bounds == axes.bbox.bounds
