@@ -1,10 +1,10 @@
-"""What every unit test shares: how hypothesis draws its examples."""
+"""The settings of hypothesis for all unit tests."""
 
 from hypothesis import HealthCheck, settings
 
-collect_ignore_glob = ["*_test.py"]  # the nodes of the rostests
+collect_ignore_glob = ["*_test.py"]  # rostests
 
-# The same examples in every run, no file written, and no verdict on how fast the machine is.
+# Use the same examples in every run, write no file, and accept a slow machine.
 settings.register_profile(
     "repeatable",
     derandomize=True,

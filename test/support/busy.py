@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Keep one core busy for as long as the test runs."""
+"""Keep one core busy."""
 
 import rospy
 

@@ -1,4 +1,4 @@
-"""The cars and plans of the package, plans from text, and histories of simulated cars."""
+"""Cars and plans of the package, plans from text, and histories of simulated cars."""
 
 import os
 
@@ -20,10 +20,10 @@ SECOND = 1000 * MS
 """[ns]"""
 
 BEGIN = 1_700_000_000 * SECOND
-"""The instant from which offsets count [ns]."""
+"""The instant of the offset 0 [ns]."""
 
 ROUNDING = 1e-12
-"""[m, rad, m/s] For some operations on doubles of the size of 10."""
+"""[m, rad, m/s] The error of some operations on doubles of about 10."""
 
 
 def plan_named(name):
@@ -35,7 +35,7 @@ def plan_of(text):
 
 
 def history_of(car, start, *events, world=None):
-    """Return a history of events, each of which arrives at its stamp.
+    """Return a history of events; each event arrives at its stamp.
 
     An event is an offset [ms] with a pose, or with a speed [m/s], a steering angle [rad] and
     optional rates.

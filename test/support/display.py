@@ -1,4 +1,4 @@
-"""A display of a test's own, without a screen: Xvfb on a free number."""
+"""A virtual display: Xvfb with a free display number."""
 
 import os
 import select
@@ -21,7 +21,7 @@ class Display:
 
     def __init__(self):
         reader, writer = os.pipe()
-        # Without -noreset it refuses new clients while it resets after its last client.
+        # Without -noreset, it resets after its last client, and refuses new clients meanwhile.
         options = ["-screen", "0", "1280x900x24", "-noreset", "-nolisten", "tcp"]
         self._server = subprocess.Popen(
             ["Xvfb", "-displayfd", str(writer), *options],
@@ -34,15 +34,15 @@ class Display:
             self.name = ":" + answer.readline().strip() if ready else ":"
         if self.name == ":":
             self.end()
-            raise AssertionError(f"Xvfb named no display within {PATIENCE:g} s")
+            raise AssertionError(f"Xvfb printed no display number within {PATIENCE:g} s")
 
     def end(self):
-        """End the server, and with it every window."""
+        """End the server; this closes all windows."""
         self._server.terminate()
         self._server.wait()
 
     def xdotool(self, *arguments):
-        """Run xdotool on this display; return the words that it prints."""
+        """Run xdotool on this display; return the words of its output."""
         return subprocess.run(
             ["xdotool", *arguments],
             env={**os.environ, "DISPLAY": self.name},
@@ -52,7 +52,7 @@ class Display:
         ).stdout.split()
 
     def focus_on(self, title):
-        """Wait for a window by its title (a regular expression), and give it the focus."""
+        """Wait for a window with this title (a regular expression), and give it the focus."""
         window = wait_for(lambda: self.xdotool("search", "--name", title), f"window {title}")[-1]
 
         def has_focus():

@@ -1,4 +1,4 @@
-"""The base class of the tests that inject faults while the car drives."""
+"""The base class of tests with faults during a drive."""
 
 import math
 
@@ -10,14 +10,11 @@ from std_msgs.msg import String
 from mushr_ros_intro.ros.connections import wait_until_connected
 from support.geometry import closed_form, planar
 from support.helpers import Recording, RosTestCase, node, publisher
-from support.messages import at, command, placement
+from support.messages import COMMAND_TIMEOUT, MUX, OUTPUT, at, command, placement
 
-MUX = "/car/mux/ackermann_cmd_mux"
-TIMEOUT = 0.2
-"""[s] How long the mux and the car obey a command."""
 LEAD = 0.4
-"""[s] How far ahead of the clock the tests stamp their first message."""
-ROWS = [(2.0, 0.3, 0.1), (-1.0, -0.2, 0.1), (1.5, 0.1, TIMEOUT)]
+"""[s] The stamp of the first message is in the future by this time."""
+ROWS = [(2.0, 0.3, 0.1), (-1.0, -0.2, 0.1), (1.5, 0.1, COMMAND_TIMEOUT)]
 """[m/s, rad, s]"""
 
 
@@ -32,7 +29,7 @@ def start_car(**environment):
 class DrivenCarTestCase(RosTestCase):
     """A test case with recordings of a car's topics.
 
-    It starts the car and its mux, unless `starts_car` is False because the launch file does.
+    It starts the car and its mux, unless `starts_car` is False.
     """
 
     starts_car = True
@@ -41,7 +38,7 @@ class DrivenCarTestCase(RosTestCase):
     def setUpClass(cls):
         cls.nodes = cls.car, cls.mux = start_car() if cls.starts_car else (None, None)
         cls.poses = Recording("/car/car_pose", PoseStamped).connected()
-        cls.output = Recording(f"{MUX}/output", AckermannDriveStamped).connected()
+        cls.output = Recording(OUTPUT, AckermannDriveStamped).connected()
         cls.active = Recording(f"{MUX}/active", String).connected()
         cls.placements = publisher("/initialpose", PoseWithCovarianceStamped)
         cls.inputs = {
@@ -60,12 +57,12 @@ class DrivenCarTestCase(RosTestCase):
         self.output.clear()
 
     def place(self, *pose, offset=0.0):
-        """Place the car with a stamp `offset` [s] from now, and wait until it reports the pose."""
+        """Place the car with a stamp `offset` [s] from now; wait until it reports this pose."""
         self.placements.publish(placement(at(rospy.Time.now(), offset), *pose))
         self.poses.shows(pose, rospy.Time())
 
     def assert_recovered(self):
-        """Fail unless the nodes run, the car stands, and a plan ends where it should."""
+        """Fail unless the nodes run, the car stands, and a drive ends at the right pose."""
         for each in filter(None, self.nodes):
             self.assertTrue(each.running)
         for each in (self.placements, self.inputs["navigation"]):
@@ -76,11 +73,11 @@ class DrivenCarTestCase(RosTestCase):
         for speed, angle, _ in ROWS:
             self.inputs["navigation"].publish(command(stamp, speed, angle))
             stamp = at(stamp, 0.1)
-        pose = self.poses.pose_at_rest(at(stamp, TIMEOUT))
+        pose = self.poses.pose_at_rest(at(stamp, COMMAND_TIMEOUT))
         self.assert_pose(pose, closed_form((1.0, 2.0, 0.5), ROWS))
         for msg in self.poses.messages:
             self.assertTrue(all(map(math.isfinite, planar(msg.pose))))
 
     def count(self, speed):
-        """Return how many commands of a speed [m/s] the mux has passed."""
+        """Return how many commands with a speed [m/s] the mux has passed."""
         return sum(msg.drive.speed == speed for msg in self.output.messages)

@@ -5,20 +5,20 @@ import math
 import struct
 
 POSITION_TOLERANCE = 1e-6
-"""[m] What the package promises; the sums of 1e-16 that are behind it reach about 1e-12."""
+"""[m] The promise of the package. Rounding errors add up to about 1e-12 only."""
 ANGLE_TOLERANCE = 1e-6
-"""[rad] Likewise."""
+"""[rad] As above."""
 
 
 def float32(value):
-    """Return `value` as it travels in an AckermannDrive."""
+    """Return `value` as an AckermannDrive holds it."""
     return struct.unpack("f", struct.pack("f", value))[0]
 
 
 def closed_form(start, rows, wheelbase=0.33):
     """Return the pose (x, y, theta) at the end of `rows` of (speed, steering angle, seconds).
 
-    Written in complex numbers, with the turning centre, and so not as the car does it.
+    This uses complex numbers and the turning centre, so it is independent of the car's code.
     """
     position, heading = complex(start[0], start[1]), start[2]
     for speed, steering_angle, duration in rows:

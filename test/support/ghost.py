@@ -1,4 +1,4 @@
-"""A node that the master knows, and that connects with nobody."""
+"""A registered node that never connects."""
 
 import os
 import threading
@@ -7,10 +7,11 @@ import rosgraph.xmlrpc
 
 
 class Ghost:
-    """A node that the master knows, and that connects with nobody, whatever it is told.
+    """A node that is registered at the master and never connects to other nodes.
 
-    Who asks for what it publishes is sent to a `port` of this machine, or nowhere. Who asks
-    whether it is connected is told nothing, or where there is a `silence` [s], then yes.
+    It answers a subscriber's request for a topic with a `port` of this machine, or refuses it. It
+    has no method getBusInfo. With a `silence` [s], it has one, which waits for this time and then
+    reports that the caller is connected.
     """
 
     def __init__(self, subscribes=(), publishes=(), port=None, silence=0.0):
@@ -23,7 +24,7 @@ class Ghost:
         self._subscribes, self._publishes = subscribes, publishes
         self._server.register_function(lambda *_: (1, "", os.getpid()), "getPid")
         if silence:
-            self._server.register_function(self._say_it_is_connected, "getBusInfo")
+            self._server.register_function(self._report_connected, "getBusInfo")
         offer = (1, "", ["TCPROS", "localhost", port]) if port else (0, "no", 0)
         for name, answer in (("publisherUpdate", (1, "", 0)), ("requestTopic", offer)):
             self._server.register_function(self._answer(name, answer), name)
@@ -40,12 +41,12 @@ class Ghost:
 
         return take
 
-    def _say_it_is_connected(self, caller):
+    def _report_connected(self, caller):
         self._ended.wait(self._silence)
         return 1, "", [[1, caller, "o", "TCPROS", topic, True, ""] for topic in self._publishes]
 
     def die(self):
-        """Answer no more; the master is not told."""
+        """Stop to answer, without unregistering."""
         self._ended.set()
         self._server.shutdown()
         self._server.server_close()

@@ -2,7 +2,6 @@
 
 import contextlib
 import glob
-import importlib.util
 import math
 import os
 import shutil
@@ -15,23 +14,25 @@ import time
 import unittest
 import weakref
 from urllib.parse import urlsplit
+from xml.etree import ElementTree
 
 import rosgraph
 import roslib.packages
 import rospkg
 import rospy
+import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
-from mushr_ros_intro.ros.connections import reannounce, receivers
+from mushr_ros_intro.ros.connections import receivers, wait_until_connected
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between, planar
-from support.messages import placement
+from support.messages import MUX, OUTPUT, placement
 
 PATIENCE = 60.0
-"""[s] The time limit of a wait for what an idle machine does at once."""
+"""[s] The time limit of a wait for something that takes no time on an idle machine."""
 
 LOG_LINES = 30
-"""How many lines of each log a failure shows."""
+"""The number of lines of each log in the message of a failure."""
 
 _processes = weakref.WeakSet()
 
@@ -44,10 +45,7 @@ class LoggedAssertionError(AssertionError):
 
 
 def logs():
-    """Return the last lines of what each process of the test has written.
-
-    Includes the nodes that the launch file of a rostest has started.
-    """
+    """Return the last lines of the output of each process and of each node of the launch file."""
     outputs = {process.command: process.output for process in _processes}
     if rospy.core.is_initialized():
         folder = os.path.join(rospkg.get_log_dir(), rospy.get_param("/run_id", ""))
@@ -73,17 +71,14 @@ def wait_for(condition, what, patience=PATIENCE):
 
 
 def free_port():
-    """Return a port of the loopback interface that nobody listens on."""
+    """Return a free port of the loopback interface."""
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         return unused.getsockname()[1]
 
 
 class RosTestCase(unittest.TestCase):
-    """A test case with a temporary folder for plans, and with a check of poses.
-
-    The message of a failure includes the logs of the nodes.
-    """
+    """A test case with a temporary folder for plans; a failure includes the logs of the nodes."""
 
     failureException = LoggedAssertionError
 
@@ -98,17 +93,28 @@ class RosTestCase(unittest.TestCase):
             file.write(text)
         return path
 
+    def ending(self, started):
+        """Return `started`, and call its method `end` after the test."""
+        self.addCleanup(started.end)
+        return started
+
+    def drive_plan(self, plan, *arguments, status=0):
+        """Run path_publisher with a plan, check its exit status, and return its output."""
+        with driver(plan, *arguments) as process:
+            self.assertEqual(process.wait(), status)
+        self.assertNotIn("Traceback", process.output)
+        return process.output
+
     def assert_pose(self, got, expected, tolerance=POSITION_TOLERANCE):
         """Fail unless two (x, y, theta) differ by at most `tolerance` [m, rad]."""
-        distance = math.hypot(got[0] - expected[0], got[1] - expected[1])
-        self.assertLessEqual(distance, tolerance, f"{got} is not {expected}")
-        turn = angle_between(got[2], expected[2])
-        self.assertLessEqual(turn, tolerance, f"{got} is not {expected}")
+        distance = math.dist(got[:2], expected[:2])
+        error = max(distance, angle_between(got[2], expected[2]))
+        self.assertLessEqual(error, tolerance, f"{got} is not {expected}")
 
     def assert_refused(self, *cases):
-        """Start nodes at once, by name, arguments and the messages that each must end with.
+        """Start nodes at the same time, and check that each ends with one fatal message.
 
-        Each must log one fatal message, and end with status 1.
+        A case is a node's file name, its arguments, and parts of its message.
         """
         started = [
             (node(name, f"__name:=refused_{number}", *arguments), messages)
@@ -128,52 +134,39 @@ class Recording:
 
     def __init__(self, topic, kind):
         self.topic = rospy.resolve_name(topic)
-        self._lock = threading.Lock()
         self._messages = []
-        self.subscriber = rospy.Subscriber(topic, kind, self._take, tcp_nodelay=True)
+        self.subscriber = rospy.Subscriber(topic, kind, self._messages.append, tcp_nodelay=True)
 
-    def _take(self, message):
-        with self._lock:
-            self._messages.append(message)
+    def clear(self):
+        self._messages.clear()
+
+    def end(self):
+        self.subscriber.unregister()
 
     @property
     def messages(self):
-        with self._lock:
-            return list(self._messages)
+        return list(self._messages)
 
     @property
     def last(self):
-        with self._lock:
-            return self._messages[-1] if self._messages else None
-
-    def clear(self):
-        with self._lock:
-            self._messages.clear()
+        return next(reversed(self._messages), None)
 
     def connected(self):
-        """Wait until somebody publishes the topic, of whom rospy may have to be told again."""
-        reminded = time.monotonic()
-
-        def is_connected():
-            nonlocal reminded
-            if time.monotonic() > reminded + 2.0:
-                reminded = time.monotonic()
-                reannounce(self.subscriber, "publishers")
-            return self.subscriber.get_num_connections()
-
-        wait_for(is_connected, f"a publisher of {self.topic}")
+        """Wait until there is a publisher and all publishers are connected; return `self`."""
+        if not wait_until_connected(self.subscriber, "publishers", PATIENCE, minimum=1):
+            raise LoggedAssertionError(f"no connection with a publisher of {self.topic}")
         return self
 
     def after(self, stamp, patience=PATIENCE):
-        """Return the first message that is stamped after `stamp` (a rospy.Time)."""
+        """Wait for a message with a later stamp than `stamp`; return the first one."""
 
         def find():
             return next((m for m in self.messages if m.header.stamp > stamp), None)
 
         return wait_for(find, f"a message on {self.topic} after {stamp.to_sec():.3f}", patience)
 
-    def shows(self, pose, since, patience=PATIENCE):
-        """Wait until the car reports from `since` on that it is at `pose` (x, y, theta)."""
+    def shows(self, pose, since):
+        """Wait until the car reports `pose` (x, y, theta) with a stamp of at least `since`."""
 
         def is_there():
             if not self.last or self.last.header.stamp < since:
@@ -182,12 +175,12 @@ class Recording:
             is_near = math.hypot(x - pose[0], y - pose[1]) < POSITION_TOLERANCE
             return is_near and angle_between(theta, pose[2]) < ANGLE_TOLERANCE
 
-        wait_for(is_there, f"the car of {self.topic} to be at {pose}", patience)
+        wait_for(is_there, f"the car of {self.topic} to be at {pose}")
 
-    def pose_at_rest(self, since, patience=PATIENCE):
-        """Return the pose (x, y, theta) of a car that reports the same one for 0.3 s after `since`.
+    def pose_at_rest(self, since):
+        """Wait until the car reports one pose (x, y, theta) for 0.3 s after `since`; return it.
 
-        0.3 s is longer than a command is good for.
+        0.3 s is longer than the car obeys a command.
         """
 
         def find():
@@ -200,34 +193,34 @@ class Recording:
             poses = {planar(m.pose) for m in messages if m.header.stamp >= tail}
             return poses if len(poses) == 1 else None
 
-        return wait_for(find, f"the car of {self.topic} to stand still", patience).pop()
+        return wait_for(find, f"the car of {self.topic} to stand still").pop()
 
 
-def publisher(topic, kind, **options):
-    """Return a publisher of `topic` that somebody listens to."""
-    made = rospy.Publisher(topic, kind, queue_size=100, tcp_nodelay=True, **options)
+def publisher(topic, kind):
+    """Return a publisher of `topic` that is connected to a subscriber."""
+    made = rospy.Publisher(topic, kind, queue_size=100, tcp_nodelay=True)
     wait_for(made.get_num_connections, f"a subscriber of {made.resolved_name}")
     return made
 
 
 class CarTestCase(RosTestCase):
-    """A test case with the poses of the car, and with publishers of what it obeys."""
+    """A test case with the poses of the car, and with publishers of commands and initial poses."""
 
     def setUp(self):
         super().setUp()
         self.poses = Recording("/car/car_pose", PoseStamped).connected()
-        self.commands = publisher("/car/mux/ackermann_cmd_mux/output", AckermannDriveStamped)
+        self.commands = publisher(OUTPUT, AckermannDriveStamped)
         self.placements = publisher("/initialpose", PoseWithCovarianceStamped)
 
     def place(self, x=0.0, y=0.0, theta=0.0):
-        """Place the car, and wait until it reports the pose."""
+        """Place the car, and wait until it reports this pose."""
         stamp = rospy.Time.now()
         self.placements.publish(placement(stamp, x, y, theta))
         self.poses.shows((x, y, theta), stamp)
 
 
 class Relay:
-    """Passes the messages of a topic on to another; `before` is called with each message first."""
+    """Forwards the messages of a topic to another topic, after a call of `before` with each."""
 
     def __init__(self, topic, to, kind, before):
         self._before = before
@@ -244,34 +237,27 @@ class Relay:
 
 
 def wait_for_recorder(name):
-    """Wait until what a plan_recorder needs to hear reaches it."""
+    """Wait until a plan_recorder receives the commands and the poses of the car."""
     master = rosgraph.Master(rospy.get_name())
-    topics = {
-        "/car/mux/ackermann_cmd_mux": "/car/mux/ackermann_cmd_mux/output",
-        "/car/car_sim": "/car/car_pose",
-    }
 
-    def hears(sender):
-        uri = master.lookupNode(sender)
-        return name in receivers(uri, PATIENCE, rospy.get_name(), topics[sender])
+    def is_received(sender, topic):
+        return name in receivers(master.lookupNode(sender), PATIENCE, rospy.get_name(), topic)
 
-    wait_for(lambda: all(map(hears, topics)), f"{name} to listen")
+    wait_for(lambda: is_received(MUX, OUTPUT), f"{name} to receive commands")
+    wait_for(lambda: is_received("/car/car_sim", "/car/car_pose"), f"{name} to receive poses")
 
 
 ENDING = 5.0
-"""How long a process may take to end when it is told to [s], before it is killed."""
-
+"""[s] A process that has not ended this long after SIGINT is killed."""
 
 _held = []
 
 
 def kill(name, pid):
-    """Kill a node, and keep its port from others until this process ends.
+    """Kill a node, and occupy its port until this process ends.
 
-    When the next node of its name comes, the master has who listens there shut down; and who
-    subscribes to what it published asks there for it, which another's port for messages takes for
-    one that is slow to introduce itself, and accepts nobody else meanwhile. Either may be a node
-    of another test by then.
+    The master and the former subscribers of the node may still call this port. If a node of
+    another test had it then, a call could shut it down, or could block its other connections.
     """
     uri = rosgraph.Master("/kill").lookupNode(name)
     os.kill(pid, signal.SIGKILL)
@@ -288,7 +274,7 @@ def kill(name, pid):
 
 
 class Process:
-    """A command that a test starts, watches and ends."""
+    """A process, its output, and its end."""
 
     def __init__(self, *command, **environment):
         self.command = " ".join(map(os.path.basename, command)).split("\n")[0]
@@ -321,11 +307,11 @@ class Process:
         return self._process.poll() is None
 
     def send_signal(self, number):
-        """Send a signal to the process and to all that it has started."""
+        """Send a signal to the process and to its child processes."""
         os.killpg(self._process.pid, number)
 
     def wait(self, patience=PATIENCE):
-        """Return the exit status."""
+        """Wait for the end of the process; return its exit status."""
         try:
             status = self._process.wait(patience)
         except subprocess.TimeoutExpired:
@@ -335,10 +321,10 @@ class Process:
         return status
 
     def end(self):
-        """End the process, as a rule so that a node signs off at the master.
+        """End the process with SIGINT, or kill it after `ENDING`.
 
-        Otherwise the next one of its name makes the master call where this one listened: there
-        may be a node of another test by then, and be told to shut down.
+        With SIGINT, a node unregisters at the master. Otherwise the master would call the node's
+        address when the next node of its name starts, and could shut down a node of another test.
         """
         if self.running:
             self.send_signal(signal.SIGINT)
@@ -355,28 +341,47 @@ class Process:
         self.end()
 
 
-def module(name):
-    """Return a node of this package as a module, for what needs no process of its own."""
-    path = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "src", name)
-    spec = importlib.util.spec_from_file_location(os.path.splitext(name)[0], path)
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
-    return made
+def node(name, *arguments, **environment):
+    """Start a node of this package as rosrun does, but without rosrun's search of one second."""
+    path = roslib.packages.find_node("mushr_ros_intro", name)[0]
+    return Process(path, *arguments, **environment)
+
+
+def driver(plan, *arguments, **environment):
+    """Start path_publisher with the path or the name of a plan."""
+    return node("path_publisher.py", f"_plan_file:={plan}", *arguments, **environment)
 
 
 @contextlib.contextmanager
-def private_parameters(parameters):
-    """Let the node that this process is have `parameters` for a while."""
-    try:
-        for name, value in parameters.items():
-            rospy.set_param(f"~{name}", value)
-        yield
-    finally:
-        for name in parameters:
-            rospy.delete_param(f"~{name}")
+def master(caller, **environment):
+    """Run a master; yield its process, and a proxy with which `caller` calls it."""
+    port = free_port()
+    proxy = rosgraph.Master(caller, f"http://localhost:{port}")
+    with Process("rosmaster", "--core", "-p", str(port), **environment) as process:
+        wait_for(proxy.is_online, "the master")
+        yield process, proxy
 
 
-def node(name, *arguments, **environment):
-    """Start a node of this package as rosrun does, without rosrun's second of searching."""
-    path = roslib.packages.find_node("mushr_ros_intro", name)[0]
-    return Process(path, *arguments, **environment)
+def rostest_results(path, *arguments, **environment):
+    """Run rostest; return its process, and the root of its result file.
+
+    `path` is the pattern of the result file: FOLDER/PACKAGE/FILE.
+    """
+    environment["ROS_TEST_RESULTS_DIR"] = os.path.dirname(os.path.dirname(path))
+    with Process("rostest", *arguments, **environment) as process:
+        process.wait(2 * PATIENCE)
+    paths = glob.glob(path)
+    if len(paths) != 1:
+        raise LoggedAssertionError(f"the result files are {paths}")
+    return process, ElementTree.parse(paths[0]).getroot()
+
+
+def failures_in(result):
+    """Return the failure, or None, of each test case of a result file, by the name of the case."""
+    return {case.get("name"): case.findtext("failure") for case in result.iter("testcase")}
+
+
+def run(name, tests):
+    """Run the tests of a rostest in a node with the name `name`_test."""
+    rospy.init_node(f"{name}_test")
+    rostest.rosrun("mushr_ros_intro", name, tests)

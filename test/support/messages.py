@@ -1,4 +1,4 @@
-"""Messages that the tests send, and their stamps."""
+"""Topics and messages of the tests, and the stamps of messages."""
 
 import math
 
@@ -6,12 +6,20 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
+MUX = "/car/mux/ackermann_cmd_mux"
+NAVIGATION = f"{MUX}/input/navigation"
+TELEOP = f"{MUX}/input/teleop"
+OUTPUT = f"{MUX}/output"
+
+COMMAND_TIMEOUT = 0.2
+"""[s] The mux and the car obey a command for this time."""
+
 LEAD = rospy.Duration(0.3)
-"""How far ahead of the clock the tests stamp their first message: time to send the rest."""
+"""The stamp of the first message is in the future by this time, so the others are sent in time."""
 
 
 def command(stamp, speed, steering_angle):
-    """Return a command."""
+    """Return a command [m/s, rad]."""
     msg = AckermannDriveStamped()
     msg.header.stamp = stamp
     msg.header.frame_id = "car/base_footprint"
@@ -20,7 +28,7 @@ def command(stamp, speed, steering_angle):
 
 
 def placement(stamp, x, y, theta, frame="map"):
-    """Return a message that places the car."""
+    """Return an initial pose [m, m, rad]."""
     msg = PoseWithCovarianceStamped()
     msg.header.stamp = stamp
     msg.header.frame_id = frame
@@ -31,10 +39,10 @@ def placement(stamp, x, y, theta, frame="map"):
 
 
 def at(begin, seconds):
-    """Return the instant `seconds` after another."""
+    """Return the instant `seconds` after `begin`."""
     return begin + rospy.Duration.from_sec(seconds)
 
 
 def is_stop(message):
-    """Return whether a command tells the car to stand with straight wheels."""
+    """Return whether speed and steering angle of a command are 0."""
     return not message.drive.speed and not message.drive.steering_angle

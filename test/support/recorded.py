@@ -1,4 +1,4 @@
-"""Recordings of replays that are computed instead of driven."""
+"""Computed recordings of replays, for tests that need no drive."""
 
 import numpy as np
 
@@ -45,12 +45,12 @@ COMMANDS = commands([*ROWS, STOP])
 
 
 def map_of(width, height, origin):
-    """Return a map without walls; its size is in m."""
+    """Return a map without walls [m]."""
     return Grid(np.zeros((height, width), np.int8), 1.0, origin)
 
 
 def replay(plan=PLAN, sent=COMMANDS, **changes):
-    """Return a replay in which the car drives the plan, except for `changes`."""
+    """Return a replay without faults, with `changes` of its fields."""
     instants = list(range(-TENTH, plan.duration + SECOND // 2, SECOND // 50))
     right = Replay(
         plan=plan,

@@ -1,4 +1,4 @@
-"""Print every command that reaches the car, and every pose that it reports, until it is ended."""
+"""Print every command to the car and every pose of the car."""
 
 import sys
 
@@ -8,17 +8,17 @@ from geometry import planar
 from geometry_msgs.msg import PoseStamped
 
 
-def tell(what, msg, *numbers):
+def show(what, msg, *numbers):
     words = (what, str(msg.header.stamp.to_nsec()), *map(float.hex, numbers))
-    sys.stdout.write(" ".join(words) + "\n")  # in one piece, as each topic has its thread
+    sys.stdout.write(" ".join(words) + "\n")  # one call, because each topic has a thread
 
 
 def on_command(msg):
-    tell("command", msg, msg.drive.speed, msg.drive.steering_angle)
+    show("command", msg, msg.drive.speed, msg.drive.steering_angle)
 
 
 def on_pose(msg):
-    tell("pose", msg, *planar(msg.pose))
+    show("pose", msg, *planar(msg.pose))
 
 
 if __name__ == "__main__":

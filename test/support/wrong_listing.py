@@ -1,9 +1,8 @@
 #!/usr/bin/python3
-"""The tutorial's listing with a fault: wrong_listing.py FAULT, for replays to find.
+"""The tutorial's listing with a fault, for tests of replays: wrong_listing.py FAULT.
 
-Apart from it, the node waits for its subscribers and counts its commands, because the listing's
-sleep and clock are not exact on a busy machine. The fault "hold_up" stops the replay, not the node,
-for half a second, as a busy machine can.
+Unlike the listing, the node waits for its subscribers and counts its commands: sleep and clock are
+not exact on a busy machine. The fault "hold_up" stops the replay, not the node, for half a second.
 """
 
 import os
@@ -15,21 +14,19 @@ import rosnode
 import rospy
 from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from tf.transformations import quaternion_from_euler
+from messages import NAVIGATION, placement
 
 from mushr_ros_intro.ros.connections import wait_until_connected
 
 FAULTS = ("crash", "hang", "hold_up", "kill_car", "silent")
 
 HELD_UP = 0.5
-"""[s] More than the delay that a replay tolerates."""
+"""[s] Longer than the delay that a replay tolerates."""
 
 
 def main(fault):
     rospy.init_node("wrong_listing")
-    commands = rospy.Publisher(
-        "/car/mux/ackermann_cmd_mux/input/navigation", AckermannDriveStamped, queue_size=10
-    )
+    commands = rospy.Publisher(NAVIGATION, AckermannDriveStamped, queue_size=10)
     placements = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=10)
     with open(rospy.get_param("~plan_file")) as plan_file:
         plan = [tuple(map(float, line.split(","))) for line in plan_file]
@@ -38,18 +35,13 @@ def main(fault):
     if fault == "silent":
         rospy.spin()
 
-    x, y, theta = plan[0]
-    placement = PoseWithCovarianceStamped()
-    position, orientation = placement.pose.pose.position, placement.pose.pose.orientation
-    position.x, position.y = x, y
-    orientation.x, orientation.y, orientation.z, orientation.w = quaternion_from_euler(0, 0, theta)
     if fault == "hold_up":
         os.kill(os.getppid(), signal.SIGSTOP)
         threading.Timer(HELD_UP, os.kill, [os.getppid(), signal.SIGCONT]).start()
-    placements.publish(placement)
+    placements.publish(placement(rospy.Time(), *plan[0], frame=""))
     for row, (speed, steering_angle) in enumerate(plan[1:], 1):
         if fault == "crash" and row == 3:
-            raise IndexError("list index out of range \x1b[0m")  # no character for XML
+            raise IndexError("list index out of range \x1b[0m")  # XML does not allow this character
         if fault == "kill_car" and row == 3:
             rosnode.kill_nodes(["/car/car_sim"])
         if fault == "hang" and row == 3:

@@ -8,15 +8,14 @@ import threading
 import time
 
 import rospy
-import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from rosgraph_msgs.msg import Clock
 
-from support.driven_car import MUX, TIMEOUT, DrivenCarTestCase
+from support.driven_car import DrivenCarTestCase
 from support.geometry import POSITION_TOLERANCE, closed_form, float32, planar
 from support.ghost import Ghost
-from support.helpers import Recording, Relay, node, publisher, wait_for
-from support.messages import at, command, is_stop
+from support.helpers import Recording, Relay, driver, node, publisher, run, wait_for
+from support.messages import COMMAND_TIMEOUT, NAVIGATION, at, command, is_stop
 
 
 def wait_seconds(seconds):
@@ -33,7 +32,7 @@ def busy_time(process):
 
 
 class OtherClock:
-    """A publisher of /clock, which makes the car keep no clock."""
+    """A publisher of /clock. With it, the car publishes no clock."""
 
     STEP = rospy.Duration(0, 10_000_000)
 
@@ -69,28 +68,25 @@ class TestClockFaults(DrivenCarTestCase):
         super().setUpClass()
 
     def test_a_node_that_is_not_connected_with_the_clock(self):
-        """The node asks again for the connection, which rospy sometimes does not."""
-        ghost = Ghost(publishes=["/clock"])
-        self.addCleanup(ghost.end)
+        """The node repeats the request for the connection, which rospy sometimes omits."""
+        ghost = self.ending(Ghost(publishes=["/clock"]))
         asked = ghost.calls["requestTopic"]
-        wait_for(lambda: len(asked) >= 3, "the test, the car and the mux to ask")
+        wait_for(lambda: len(asked) >= 3, "requests of the test, the car and the mux")
         with node("plan_recorder.py", f"_folder:={self.folder}"):
-            wait_for(lambda: len(asked) >= 5, "the node to ask, and to ask again")
+            wait_for(lambda: len(asked) >= 5, "two requests of the node")
 
     @contextlib.contextmanager
     def driving(self, text, *arguments):
         """Drive a plan; yield the node after three commands, and wait for its end."""
-        self.__class__.drives += 1  # parameters of an earlier name stay on the master
+        self.__class__.drives += 1  # the master keeps the parameters of earlier names
         name = f"__name:=driver_{self.drives}"
-        with node(
-            "path_publisher.py", f"_plan_file:={self.plan(text)}", name, *arguments
-        ) as driver:
+        with driver(self.plan(text), name, *arguments) as process:
             wait_for(lambda: self.count(1.0) >= 3, "three commands")
-            yield driver
-            driver.wait()
+            yield process
+            process.wait()
 
     def hold_stop(self, message):
-        """Hold a stop, which has the new time, until the car's clock has jumped too."""
+        """Hold a stop until the clock of the car has jumped, because the stop has the new time."""
         if is_stop(message):
             now = rospy.Time.now()
             wait_for(
@@ -99,15 +95,14 @@ class TestClockFaults(DrivenCarTestCase):
             )
 
     def test_commands_without_stamps(self):
-        """A command holds for its timeout by the wall clock too: the mux's clock may be late."""
+        """Such a command expires by the wall clock, too, because the mux's clock may be late."""
         inputs = (
             "[{name: late, topic: input/late, timeout: 5.0, priority: 1}, "
             "{name: quick, topic: input/quick, timeout: 0.2, priority: 2}]"
         )
         arguments = ("__name:=patient", f"_subscribers:={inputs}", "_publisher:=output")
         with node("ackermann_cmd_mux.py", *arguments) as patient:
-            output = Recording("/patient/output", AckermannDriveStamped).connected()
-            self.addCleanup(output.subscriber.unregister)
+            output = self.ending(Recording("/patient/output", AckermannDriveStamped).connected())
             late, quick = (
                 publisher(f"/patient/input/{name}", AckermannDriveStamped)
                 for name in ("late", "quick")
@@ -118,7 +113,7 @@ class TestClockFaults(DrivenCarTestCase):
                 wait_for(lambda: output.last and output.last.drive.speed == speed, f"{speed} m/s")
 
             send(rospy.Time(0), 1.0)
-            send(rospy.Time(0), 1.5, quick)  # expires sooner, and shortens nothing
+            send(rospy.Time(0), 1.5, quick)  # its timeout is shorter
             self.clock.set(jump=20.0)
             before = busy_time(patient)
             wait_seconds(1.0)
@@ -141,49 +136,47 @@ class TestClockFaults(DrivenCarTestCase):
             )
 
     def test_the_clock_stands(self):
-        """The plan stands too, without CPU load, and goes on with the clock."""
-        with self.driving("1,-1,0.5\n1.0,0.2,1.5\n") as driver:
+        """The drive stands, too, without CPU load, and goes on with the clock."""
+        with self.driving("1,-1,0.5\n1.0,0.2,1.5\n") as process:
             self.clock.set(stands=True)
             self.addCleanup(self.clock.set)
             before = list(map(busy_time, self.nodes))
             wait_seconds(0.5)
             after = list(map(busy_time, self.nodes))
-            self.assertTrue(driver.running)
+            self.assertTrue(process.running)
             self.clock.set()
-        self.assertEqual(driver.wait(), 0)
+        self.assertEqual(process.wait(), 0)
         self.assertLess(max(map(float.__sub__, after, before)), 0.25)
         pose = self.poses.pose_at_rest(self.output.last.header.stamp)
         self.assert_pose(pose, closed_form((1.0, -1.0, 0.5), [(1.0, 0.2, 1.5)]))
         self.assert_recovered()
 
     def test_the_clock_jumps(self):
-        """The plan is given up with a message, and the car stops when its last command expires."""
+        """The drive ends with a message, and the car stops when its last command expires."""
         for seconds in (10.0, -10.0):
             self.setUp()
             topic = f"/stops_held/{'ahead' if seconds > 0.0 else 'back'}"
-            navigation = f"{MUX}/input/navigation"
-            relay = Relay(topic, navigation, AckermannDriveStamped, self.hold_stop)
-            self.addCleanup(relay.end)
-            with self.driving("1,-1,0.5\n1.0,0.2,60\n", f"_control_topic:={topic}") as driver:
+            self.ending(Relay(topic, NAVIGATION, AckermannDriveStamped, self.hold_stop))
+            with self.driving("1,-1,0.5\n1.0,0.2,60\n", f"_control_topic:={topic}") as process:
                 self.clock.set(stands=True)
-                wait_seconds(2.0)  # until the car has received each command that was sent
+                wait_seconds(2.0)  # until the car has received all commands
                 self.clock.set(jump=seconds)
-            self.assertEqual(driver.wait(), 1)
-            self.assertIn("the clock was set", driver.output)
+            self.assertEqual(process.wait(), 1)
+            self.assertIn("the clock was set", process.output)
             now = rospy.Time.now()
             far = [m for m in self.poses.messages if abs((m.header.stamp - now).to_sec()) > 5.0]
             self.poses.clear()
             pose = self.poses.pose_at_rest(now)
-            # It is on its circle, and its heading is proportional to the driven time.
+            # On the circle, the heading is proportional to the driven time.
             reported, seconds_driven = (
                 (angle - 0.5) * 0.33 / math.tan(float32(0.2))
                 for angle in (planar(far[-1].pose)[2], pose[2])
             )
             self.assert_pose(pose, closed_form((1.0, -1.0, 0.5), [(1.0, 0.2, seconds_driven)]))
             rows = [msg for msg in self.output.messages if msg.drive.speed]
-            until = (rows[-1].header.stamp - rows[0].header.stamp).to_sec() + TIMEOUT
+            until = (rows[-1].header.stamp - rows[0].header.stamp).to_sec() + COMMAND_TIMEOUT
             self.assertGreaterEqual(seconds_driven, reported - POSITION_TOLERANCE)
-            if seconds < 0.0:  # at once, but for commands under way
+            if seconds < 0.0:  # the car stops at once, except for late commands
                 self.assertLess(seconds_driven, until + POSITION_TOLERANCE)
             else:
                 self.assertAlmostEqual(seconds_driven, until, delta=POSITION_TOLERANCE)
@@ -193,5 +186,4 @@ class TestClockFaults(DrivenCarTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("faults_clock_test")
-    rostest.rosrun("mushr_ros_intro", "faults_clock", TestClockFaults)
+    run("faults_clock", TestClockFaults)

@@ -5,32 +5,30 @@ import math
 import resource
 import signal
 import socket
-import struct
 import time
 import xmlrpc.client
 
-import rosgraph
+import rosgraph.network
 import rospy
-import rostest
 from nav_msgs.msg import Odometry
 from std_msgs.msg import String
 
-from support.driven_car import LEAD, MUX, TIMEOUT, DrivenCarTestCase
+from support.driven_car import LEAD, DrivenCarTestCase
 from support.geometry import ANGLE_TOLERANCE, closed_form, planar
-from support.helpers import Recording, node, wait_for
-from support.messages import at, command, placement
+from support.helpers import Recording, driver, run, wait_for
+from support.messages import COMMAND_TIMEOUT, MUX, at, command, placement
 
 MEMORY = 10_000_000
-"""[bytes] How much a node may grow: some queued messages, and a growing heap."""
+"""[bytes] The largest growth of a node: some queued messages and the heap."""
 
 
 def driven(messages, until):
-    """Return the driven rows (speed, angle, seconds) of a car that obeys these commands."""
+    """Return the rows (speed, angle, seconds) that a car drives with these commands."""
     stamps = sorted({msg.header.stamp: msg.drive for msg in messages}.items())
     stamps = [(stamp, drive) for stamp, drive in stamps if stamp < until]
     ends = [stamp for stamp, _ in stamps[1:]] + [until]
     return [
-        (drive.speed, drive.steering_angle, min((end - stamp).to_sec(), TIMEOUT))
+        (drive.speed, drive.steering_angle, min((end - stamp).to_sec(), COMMAND_TIMEOUT))
         for (stamp, drive), end in zip(stamps, ends)
     ]
 
@@ -42,7 +40,7 @@ def memory_of(process):
 
 
 class DeafSubscriber:
-    """A subscriber that never reads, like a process that has been stopped."""
+    """A subscriber that never reads, like a suspended process."""
 
     def __init__(self, topic, kind):
         name = "/deaf" + topic.replace("/", "_")
@@ -57,9 +55,7 @@ class DeafSubscriber:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_MAXSEG, 536)
         self._socket.connect((host, port))
         fields = {"callerid": name, "topic": topic, "type": kind._type, "md5sum": kind._md5sum}
-        lines = [f"{key}={value}".encode() for key, value in fields.items()]
-        header = b"".join(struct.pack("<I", len(line)) + line for line in lines)
-        self._socket.sendall(struct.pack("<I", len(header)) + header)
+        rosgraph.network.write_ros_handshake_header(self._socket, fields)
 
     def is_stuck(self):
         """Return whether the publisher has sent nothing for half a second."""
@@ -77,7 +73,7 @@ class TestMessageFaults(DrivenCarTestCase):
     def test_other_publishers(self):
         """The car obeys what the mux passes, and the plan goes on after teleop."""
         path = self.plan("1,-1,0.5\n1.0,0.2,60\n")
-        with node("path_publisher.py", f"_plan_file:={path}") as plan:
+        with driver(path) as plan:
             wait_for(lambda: len(self.output.messages) >= 5, "five commands")
             # Another publisher on the same input.
             begin = at(rospy.Time.now(), LEAD)
@@ -92,7 +88,7 @@ class TestMessageFaults(DrivenCarTestCase):
             wait_for(lambda: self.active.last.data == "teleop", "teleop to drive")
             wait_for(lambda: self.active.last.data == "navigation", "the plan to drive again")
             # The car has obeyed every command that the mux passed, at its stamp.
-            pose = self.poses.after(at(rospy.Time.now(), TIMEOUT))
+            pose = self.poses.after(at(rospy.Time.now(), COMMAND_TIMEOUT))
             self.output.after(pose.header.stamp)
             rows = driven(self.output.messages, pose.header.stamp)
             self.assertLessEqual({1.0, -0.5, 0.5}, {row[0] for row in rows})
@@ -111,11 +107,11 @@ class TestMessageFaults(DrivenCarTestCase):
             stamp = at(begin, 0.001 * number)
             wait_for(lambda stamp=stamp: rospy.Time.now() > at(stamp, -LEAD), "its time")
             self.inputs["navigation"].publish(command(stamp, 1.0, 0.2))
-        pose = self.poses.pose_at_rest(at(stamp, TIMEOUT))
+        pose = self.poses.pose_at_rest(at(stamp, COMMAND_TIMEOUT))
         # If a queue overflows on a busy machine, the car stands for a part of the time.
         seconds = pose[2] * 0.33 / math.tan(0.2)
         self.assert_pose(pose, closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)]))
-        self.assertTrue(0.5 < seconds < 0.9 + TIMEOUT + ANGLE_TOLERANCE, seconds)
+        self.assertTrue(0.5 < seconds < 0.9 + COMMAND_TIMEOUT + ANGLE_TOLERANCE, seconds)
         self.assert_recovered()
 
     def test_an_initial_pose_every_10_ms(self):
@@ -125,12 +121,12 @@ class TestMessageFaults(DrivenCarTestCase):
             stamp = at(begin, 0.01 * number)
             self.placements.publish(placement(stamp, 0.1 * number, 3.0, 0.0))
             self.inputs["navigation"].publish(command(stamp, 1.0, 0.0))
-        pose = self.poses.pose_at_rest(at(stamp, TIMEOUT))
-        self.assert_pose(pose, (2.9 + TIMEOUT, 3.0, 0.0))
+        pose = self.poses.pose_at_rest(at(stamp, COMMAND_TIMEOUT))
+        self.assert_pose(pose, (2.9 + COMMAND_TIMEOUT, 3.0, 0.0))
         self.assert_recovered()
 
     def test_messages_of_a_wrong_type(self):
-        """They do not arrive, the nodes report them, and the car still drives."""
+        """They do not arrive, the nodes log an error, and the car still drives."""
         self.active.clear()
         sender = rospy.Publisher(f"{MUX}/input/safety", String, queue_size=1)
         receiver = Recording("/car/joint_states", String)
@@ -147,7 +143,7 @@ class TestMessageFaults(DrivenCarTestCase):
         receiver.subscriber.unregister()
 
     def test_a_publisher_whose_clock_is_far_off(self):
-        """The car obeys each command on arrival, and logs why. By the stamps, it would stand."""
+        """The car applies each command on arrival, and logs a warning."""
         for offset in (10.0, -10.0, 1000.0, -1000.0):
             self.place(1.0, -1.0, 0.5, offset=offset)
             begin = rospy.Time.now()
@@ -162,7 +158,7 @@ class TestMessageFaults(DrivenCarTestCase):
         self.assert_recovered()
 
     def test_z_a_subscriber_that_never_reads(self):
-        """It delays neither the car nor the car's end. This test is the last: it ends the car."""
+        """It delays neither the car nor the end of the car. This test runs last."""
         before = memory_of(self.car)
         deaf = DeafSubscriber("/car/odom", Odometry)
         self.addCleanup(deaf.close)
@@ -177,5 +173,4 @@ class TestMessageFaults(DrivenCarTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("faults_messages_test")
-    rostest.rosrun("mushr_ros_intro", "faults_messages", TestMessageFaults)
+    run("faults_messages", TestMessageFaults)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Check the car after nodes have died or stood still, and without a master."""
+"""Check the car after nodes have died or were suspended, and without a master."""
 
 import contextlib
 import os
@@ -9,12 +9,11 @@ import xmlrpc.client
 
 import rosgraph
 import rospy
-import rostest
 
-from support.driven_car import MUX, TIMEOUT, DrivenCarTestCase, start_car
+from support.driven_car import DrivenCarTestCase, start_car
 from support.geometry import POSITION_TOLERANCE, planar
-from support.helpers import Process, free_port, kill, node, wait_for
-from support.messages import at
+from support.helpers import driver, kill, master, node, run, wait_for
+from support.messages import COMMAND_TIMEOUT, MUX, at
 
 COMPARISON = re.compile(r"the car drove (\S+) m .* difference (\S+) m")
 
@@ -27,17 +26,17 @@ def pid_of(name):
 
 
 class TestNodeFaults(DrivenCarTestCase):
-    starts_car = False  # roslaunch starts it
+    starts_car = False  # the launch file starts it
 
     def wait_until_it_drives(self):
-        """Wait until the car moves, from now on."""
+        """Wait until the car reports new, different poses."""
         self.poses.clear()
         wait_for(lambda: len({planar(m.pose) for m in self.poses.messages}) > 5, "the car to drive")
 
     def test_respawn(self):
-        """After roslaunch has restarted a car and a mux that died, the plan goes on."""
+        """After roslaunch has restarted the car and the mux, the drive goes on."""
         path = self.plan("1,-1,0.5\n1.0,0.2,60\n")
-        with node("path_publisher.py", f"_plan_file:={path}") as plan:
+        with driver(path) as plan:
             for name in ("/car/car_sim", MUX):
                 self.wait_until_it_drives()
                 killed = pid_of(name)
@@ -55,7 +54,7 @@ class TestNodeFaults(DrivenCarTestCase):
         path = self.plan("1,-1,0.5\n0.5,0.2,1\n")
         for name in ("/path_publisher", MUX, "/car/car_sim"):
             self.output.clear()
-            with node("path_publisher.py", f"_plan_file:={path}") as plan:
+            with driver(path) as plan:
                 wait_for(lambda: self.count(0.5) >= 8, "eight commands")
                 pid = pid_of(name)
                 os.kill(pid, signal.SIGSTOP)
@@ -64,10 +63,10 @@ class TestNodeFaults(DrivenCarTestCase):
                 os.kill(pid, signal.SIGCONT)
                 self.assertEqual(plan.wait(), 0)
             driven, difference = map(float, COMPARISON.search(plan.output).groups())
-            # Until the stop arrives, the reports may show the car moving on, for as long as a
-            # command is obeyed, and then back.
+            # Until the stop arrives, the car may report that it drives on, until its last command
+            # expires. Then it reports the right pose again.
             self.assertGreaterEqual(driven, 0.5)
-            self.assertLessEqual(driven, 0.5 + 2.0 * 0.5 * TIMEOUT)
+            self.assertLessEqual(driven, 0.5 + 2.0 * 0.5 * COMMAND_TIMEOUT)
             self.assertLess(difference, POSITION_TOLERANCE)
         self.assert_recovered()
 
@@ -81,7 +80,7 @@ class TestNodeFaults(DrivenCarTestCase):
         self.assertLess(difference, POSITION_TOLERANCE)
 
     def test_the_master_does_not_answer(self):
-        """As on a cut network: the drive ends, no node starts, and Ctrl-C works."""
+        """The drive ends, no node starts, and Ctrl-C works, as on a cut network."""
         with self.other_master() as (core, plan, environment):
             core.send_signal(signal.SIGSTOP)
             with node("car_sim.py", "__name:=late", **environment) as late:
@@ -94,20 +93,15 @@ class TestNodeFaults(DrivenCarTestCase):
 
     @contextlib.contextmanager
     def other_master(self):
-        """Drive a plan with a master of its own; check that all nodes end on Ctrl-C."""
-        port = free_port()
-        uri = f"http://localhost:{port}"
-        environment = {"ROS_MASTER_URI": uri, "ROS_LOG_DIR": "/proc/nowhere"}
-        with Process("rosmaster", "--core", "-p", str(port), **environment) as core:
-            master = rosgraph.Master("/faults", uri)
-            wait_for(master.is_online, "the other master")
-            master.setParam(MUX, rospy.get_param(MUX))
-            nodes = start_car(**environment)
-            for each in nodes:
-                self.addCleanup(each.end)
-            # So slow that the effect of a late message is below the last printed digit.
+        """Drive a plan with another master; check that all nodes end on Ctrl-C."""
+        environment = {"ROS_LOG_DIR": "/proc/nowhere"}
+        with master("/faults", **environment) as (core, proxy):
+            environment["ROS_MASTER_URI"] = proxy.master_uri
+            proxy.setParam(MUX, rospy.get_param(MUX))
+            nodes = list(map(self.ending, start_car(**environment)))
+            # The car is slow, so a late message does not change the printed digits.
             path = self.plan("1,-1,0.5\n0.02,0.2,1.5\n")
-            with node("path_publisher.py", f"_plan_file:={path}", **environment) as plan:
+            with driver(path, **environment) as plan:
                 wait_for(lambda: "row 1 of 1" in plan.output, "the plan to be driven")
                 yield core, plan, environment
             for each in nodes:
@@ -119,5 +113,4 @@ class TestNodeFaults(DrivenCarTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("faults_nodes_test")
-    rostest.rosrun("mushr_ros_intro", "faults_nodes", TestNodeFaults)
+    run("faults_nodes", TestNodeFaults)

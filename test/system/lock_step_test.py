@@ -11,7 +11,6 @@ import time
 
 import rosnode
 import rospy
-import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -20,18 +19,18 @@ from std_srvs.srv import Trigger
 
 from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.sim.stamps import CLOCK_PATIENCE_AT_REST
-from support.helpers import PATIENCE, Recording, Relay, RosTestCase, node, wait_for
-from support.messages import is_stop
+from support.helpers import PATIENCE, Recording, Relay, RosTestCase, driver, node, run, wait_for
+from support.messages import NAVIGATION, OUTPUT, is_stop
 from support.paths import PLANS
 
 PROMISED = 1e-9
-"""[m, rad] Between the predicted and the driven final pose."""
+"""[m, rad] The largest difference between the predicted and the driven final pose."""
 
 MUX_TIMEOUT = 0.2
-"""[s] How long after a command the mux stops the car; the commands of a plan are closer."""
+"""[s] The mux stops the car this long after the last command of a plan."""
 
 TAIL = rospy.Duration(0.5)
-"""How long after its last command a drive is recorded: it stands after 0.2 s."""
+"""The end of a recording, after the last command. The car stands after 0.2 s."""
 
 HELD_UP = 0.5
 """[s] The delay of a message: less than the publisher's lead of 0.9 s, and less than the clock's
@@ -41,20 +40,19 @@ LAPS = 3
 
 DIFFERENCE = re.compile(r"difference (\S+) m, (\S+) rad")
 
-NAVIGATION = "/car/mux/ackermann_cmd_mux/input/navigation"
 
 TOPICS = {
     "/car/car_pose": PoseStamped,
     "/car/odom": Odometry,
-    "/car/mux/ackermann_cmd_mux/output": AckermannDriveStamped,
+    OUTPUT: AckermannDriveStamped,
 }
 
 
 def in_bits(message, begin):
-    """Return a message as it travels, with its stamp counted from `begin`."""
+    """Return the stamp of a message since `begin` [ns], and the rest of the message in bytes."""
     since = message.header.stamp - begin
     message = copy.deepcopy(message)
-    message.header.seq = 0  # counts what the publisher has published since it began
+    message.header.seq = 0  # counts all messages of the publisher
     message.header.stamp = rospy.Time(0)
     buffer = io.BytesIO()
     message.serialize(buffer)
@@ -62,7 +60,7 @@ def in_bits(message, begin):
 
 
 def apart(messages):
-    """Return how far apart the stamps of two messages are [s]."""
+    """Return the difference between the stamps of messages [s]."""
     stamps = [message.header.stamp for message in messages]
     return (max(stamps) - min(stamps)).to_sec()
 
@@ -98,20 +96,17 @@ class TestLockStep(RosTestCase):
 
     def drive(self, plan, *arguments):
         """Drive a plan; return the messages of every topic."""
-        self.assertTrue(self.reset().success)  # or the odometry would go on
+        self.assertTrue(self.reset().success)  # this resets the odometry
         for recording in self.recordings:
             recording.clear()
         poses, _, commands = self.recordings
-        with node("path_publisher.py", f"_plan_file:={plan}", *arguments) as driver:
-            self.assertEqual(driver.wait(), 0)
-        found = DIFFERENCE.search(driver.output)
-        self.assertTrue(found)
+        found = DIFFERENCE.search(self.drive_plan(plan, *arguments))
         self.assertLess(max(map(float, found.groups())), PROMISED)
         begin = commands.messages[0].header.stamp
         self.wait_for_mux()
         said = [m.msg for m in self.log.messages if m.name == "/car/car_sim"]
         self.assertFalse([text for text in said if "no command arrived" in text])
-        # The plan's stop, and the one that the mux adds when nothing comes any more.
+        # The last two messages are the stop of the plan and the stop of the mux.
         end = next(m.header.stamp for m in commands.messages[::-1] if m.drive.speed) + TAIL
         poses.after(end)
         self.recordings[1].after(end)
@@ -121,7 +116,7 @@ class TestLockStep(RosTestCase):
         ]
 
     def first_drive(self, plan):
-        """Return what came on every topic when the plan was driven for the first time."""
+        """Return the messages of the first drive of a plan."""
         if plan not in self.drives:
             self.drives[plan] = self.drive(plan)
         return self.drives[plan]
@@ -134,31 +129,30 @@ class TestLockStep(RosTestCase):
             self.first_drive(plan)
         if rospy.get_param("~busy"):
             for number in range(os.cpu_count()):
-                busy = node("busy.py", f"__name:=busy_{number}")
-                self.addCleanup(busy.end)
+                self.ending(node("busy.py", f"__name:=busy_{number}"))
                 wait_for(lambda name=f"/busy_{number}": name in rosnode.get_node_names(), "busy.py")
         for plan in plans:
             self.assert_same_to_the_bit(plan, self.first_drive(plan), self.drive(plan))
 
     def delay(self, seconds):
-        """Delay the messages of a node; return the arguments with which it has to be started."""
+        """Delay the messages of a node; return the arguments for its start."""
         for topic, to, kind in (
             ("/delayed/initialpose", "/initialpose", PoseWithCovarianceStamped),
             ("/delayed/navigation", NAVIGATION, AckermannDriveStamped),
         ):
-            self.addCleanup(Relay(topic, to, kind, Delay(seconds)).end)
+            self.ending(Relay(topic, to, kind, Delay(seconds)))
         return ("_init_pose_topic:=/delayed/initialpose", "_control_topic:=/delayed/navigation")
 
     def test_to_the_bit_if_messages_are_delayed(self):
-        """The car stands at the start pose from the beginning, so its reports tell nothing."""
+        """The start pose of this plan is the pose of the car after a reset."""
         plan = "parallel_parking"
         again = self.drive(plan, *self.delay(HELD_UP))
         self.assert_same_to_the_bit(plan, self.first_drive(plan), again)
 
     def test_laps_to_the_bit(self):
-        """Also if the clock loses its patience between two laps. The plan has no row to stand.
+        """All laps are the same, even if the clock goes on without the node between two laps.
 
-        The first lap of the delayed node does not count: its initial pose comes after its stamp.
+        The first lap of the delayed node does not count: its initial pose arrives too late.
         """
         plan = "slalom"
         expected = self.first_drive(plan)
@@ -166,12 +160,10 @@ class TestLockStep(RosTestCase):
         for arguments in ((), self.delay(CLOCK_PATIENCE_AT_REST + 0.1)):
             for recording in self.recordings:
                 recording.clear()
-            options = (f"_plan_file:={plan}", "_loop:=true", "__name:=laps")
-            driver = node("path_publisher.py", *options, *arguments)
-            with driver:
+            with driver(plan, "_loop:=true", "__name:=laps", *arguments) as process:
                 wait_for(lambda: len(self.begins()) > LAPS, "laps")
-                driver.send_signal(signal.SIGINT)
-                self.assertEqual(driver.wait(), 0)
+                process.send_signal(signal.SIGINT)
+                self.assertEqual(process.wait(), 0)
             self.wait_for_mux()
             end = expected[2][-1][0]
             for begin in self.begins()[bool(arguments) : LAPS]:
@@ -200,5 +192,4 @@ class TestLockStep(RosTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("lock_step_test")
-    rostest.rosrun("mushr_ros_intro", "lock_step", TestLockStep)
+    run("lock_step", TestLockStep)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Check that nothing drifts, gets lost or grows, however long a plan is driven again and again."""
+"""Repeat a drive; check that no pose drifts, no message is lost, and no memory grows."""
 
 import bisect
 import collections
@@ -12,39 +12,39 @@ import unittest
 import xmlrpc.client
 
 import rosgraph
+import rosnode
 import rospkg
 import rospy
-import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped
 
 from mushr_ros_intro.plan.parse import read_plan
 from support.geometry import angle_between, closed_form, float32, planar
-from support.helpers import node, wait_for
+from support.helpers import node, run, wait_for
 
 PERIOD = 100_000_000
 """[ns] Between commands."""
 
 HOLD = 200_000_000
-"""[ns] How long a command is good for, and so how late the next may be without any harm."""
+"""[ns] The car obeys a command for this time, so the next one may be late by this time."""
 
 HINDSIGHT = 1_000_000_000
-"""[ns] After so long it is known which commands came late, in wall-clock time."""
+"""[ns] In wall-clock time, late commands have arrived after this time."""
 
 ROUNDING = 1e-9
-"""[m, rad] What is left to the arithmetic: sums of 1e-16, and quaternions of 1e-16."""
+"""[m, rad] The largest rounding error."""
 
 GROWTH = 2.0
-"""[MB] How much more memory a process may have than it had in the first minute."""
+"""[MB] The largest growth of the memory of a process after the first minute."""
 
 SETTLED = 60.0
-"""[s] That minute."""
+"""[s] The duration of the first minute."""
 
 SHOWN = 5
 
 
 class Drive:
-    """One car that is driven again and again, each message checked as it comes."""
+    """A car that repeats a drive. Each message is checked on arrival."""
 
     def __init__(self, car, plan):
         self.car = car
@@ -68,7 +68,7 @@ class Drive:
             rospy.Subscriber(topic, kind, take, tcp_nodelay=True)
 
     def _read(self):
-        """Note when each row of the plan begins, where the car is then, and what it is told."""
+        """Store the time and the pose at the beginning of each row, and all commands."""
         self._begins, self._starts, self._told, begin = [], [tuple(self._plan.start)], [], 0
         for row in self._plan.rows:
             self._begins.append(begin)
@@ -83,13 +83,13 @@ class Drive:
         return bisect.bisect_right(self._begins, offset) - 1
 
     def _expected(self, index):
-        """Return the stamp, speed and steering angle of a command, counted from the first."""
+        """Return the stamp, speed and steering angle of the command with this number."""
         lap, index = divmod(index, len(self._told))
         due, speed, steering_angle = self._told[index]
         return (self._laps[lap] + due, speed, steering_angle)
 
     def _begin_lap(self, index, stamp):
-        """Note when a lap begins, with its first command on either topic."""
+        """Store the beginning of a lap: its first command on one of the two topics."""
         lap, place = divmod(index, len(self._told))
         if lap == len(self._laps):
             if place or (lap and stamp < self._laps[-1] + self._plan.duration + PERIOD):
@@ -118,7 +118,7 @@ class Drive:
         self.lateness = max(self.lateness, self._note_lateness(stamp))
 
     def _note_lateness(self, stamp):
-        """Note between which instants a command that has just come may have been missing."""
+        """Store the time in which the car may have missed this command; return its delay [ns]."""
         late = time.time_ns() - stamp if rospy.rostime.is_wallclock() else 0
         if late > PERIOD // 2:
             self._late.append((stamp, stamp + late + HOLD))
@@ -127,15 +127,15 @@ class Drive:
     def _on_passed(self, msg):
         if self.over or self.first is None:
             return
-        if not self.passed:  # its first may have been here before the input's
+        if not self.passed:  # its first command may have arrived before the first one on the input
             while self._expected(self.passed)[0] < msg.header.stamp.to_nsec():
                 self.passed += 1
         is_stop = msg.drive.speed == msg.drive.steering_angle == 0.0
         if is_stop and self.passed % len(self._told) == 0:
-            return  # the mux's own, between two laps
+            return  # the stop of the mux between two laps
         self._begin_lap(self.passed, msg.header.stamp.to_nsec())
         if is_stop and self._expected(self.passed)[1] and rospy.rostime.is_wallclock():
-            self.stops += 1  # this machine stood still for longer than a command is good for
+            self.stops += 1  # this machine was suspended longer than a command holds
             return
         self._note_lateness(msg.header.stamp.to_nsec())
         self._check("what the mux passed on", self.passed, msg)
@@ -145,7 +145,7 @@ class Drive:
         stamp = msg.header.stamp.to_nsec()
         if self.over or self.first is None or stamp < self.first:
             return
-        if self._unjudged and stamp - self._unjudged[-1][0] > PERIOD:  # the car stood still
+        if self._unjudged and stamp - self._unjudged[-1][0] > PERIOD:  # the car was suspended
             self._late.append((self._unjudged[-1][0], stamp + HOLD))
         self._unjudged.append((stamp, planar(msg.pose)))
         hindsight = HINDSIGHT if rospy.rostime.is_wallclock() else 0
@@ -153,7 +153,7 @@ class Drive:
             self._judge(*self._unjudged.popleft())
 
     def _judge(self, stamp, found):
-        """See whether a pose is where the plan has the car, as long as no command was late."""
+        """Compare a pose with the plan, unless a command was late."""
         lap = bisect.bisect_right(self._laps, stamp) - 1
         offset = stamp - self._laps[lap]
         if offset > self._plan.duration:  # between two laps: at the end, or placed again
@@ -174,7 +174,7 @@ class Drive:
             self._blame(f"{offset / 1e9} s into the plan at {found}, expected {expected}")
 
     def _is_news(self, offset):
-        """Say whether a command has just changed something, so that the car may not know yet."""
+        """Return whether a command has just changed, so that the car may not have it yet."""
         if offset >= self._plan.duration - PERIOD // 10:
             return True
         index = self._row_at(offset)
@@ -182,7 +182,7 @@ class Drive:
         return self._plan.rows[index][:2] != before and offset - self._begins[index] < HOLD
 
     def _is_missing(self, stamp):
-        """Say whether the car may have missed a command at an instant, because it came late."""
+        """Return whether a command may have been missing at an instant, because it was late."""
         return any(begin <= stamp < end for begin, end in tuple(self._late))
 
 
@@ -191,16 +191,15 @@ class Memory:
 
     def __init__(self):
         master = rosgraph.Master(rospy.get_name())
-        names = {name for group in master.getSystemState() for _, each in group for name in each}
         self._pids = {}
-        for name in names - {rospy.get_name()}:
+        for name in set(rosnode.get_node_names()) - {rospy.get_name()}:
             with xmlrpc.client.ServerProxy(master.lookupNode(name)) as api:
                 self._pids[name] = api.getPid(rospy.get_name())[2]
         self.settled = dict.fromkeys(self._pids, 0.0)
         self.most = dict.fromkeys(self._pids, 0.0)
 
     def look(self, is_settled):
-        """Note how much each node has now [MB]."""
+        """Store the memory of each node [MB]."""
         for name, pid in self._pids.items():
             with open(f"/proc/{pid}/status") as file:
                 line = next(each for each in file if each.startswith("VmRSS:"))
@@ -209,7 +208,7 @@ class Memory:
             kept[name] = max(kept[name], resident)
 
     def growth(self):
-        """Return by how much each node has grown since the first minute [MB], if that is over."""
+        """Return the growth of each node [MB], or nothing in the first minute."""
         return {name: most - self.settled[name] for name, most in self.most.items() if most}
 
 
@@ -243,7 +242,6 @@ class TestSoak(unittest.TestCase):
             time.sleep(0.5)
         elapsed = time.monotonic() - began
         for drive, each in zip(drives, nodes):
-            # The clock may be here before them.
             wait_for(lambda d=drive: d.commands > duration / PERIOD, "the commands of that time")
             sent = drive.commands
             wait_for(lambda d=drive, n=sent: d.passed >= n, f"the mux to pass on {sent} commands")
@@ -267,5 +265,4 @@ class TestSoak(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("soak_test")
-    rostest.rosrun("mushr_ros_intro", "soak_test", TestSoak)
+    run("soak", TestSoak)

@@ -1,15 +1,12 @@
 """Check that the example of a course's package passes right solutions and fails wrong ones."""
 
 import concurrent.futures
-import glob
 import os
 import subprocess
 import xml.etree.ElementTree as ElementTree
 
-import pytest
-
 from support.geometry import angle_between, closed_form
-from support.helpers import PATIENCE, Process
+from support.helpers import failures_in, rostest_results
 from support.paths import PACKAGE
 
 COURSE = os.path.join(PACKAGE, "examples", "example_course")
@@ -18,39 +15,26 @@ PARKING = os.path.join(COURSE, "plans", "parking.txt")
 
 def rostest(folder, name, *arguments):
     """Run a test of the course; return its exit status, and the failures of its cases by name."""
-    environment = {
-        "ROS_PACKAGE_PATH": os.pathsep.join((COURSE, os.environ["ROS_PACKAGE_PATH"])),
-        "ROS_TEST_RESULTS_DIR": f"{folder}/{name}",
-    }
-    with Process("rostest", "example_course", name, *arguments, **environment) as run:
-        status = run.wait(2 * PATIENCE)
-    (path,) = glob.glob(f"{folder}/{name}/example_course/rosunit-*.xml")
-    cases = ElementTree.parse(path).getroot().iter("testcase")
-    return status, {case.get("name"): case.findtext("failure") for case in cases}
+    packages = os.pathsep.join((COURSE, os.environ["ROS_PACKAGE_PATH"]))
+    path = f"{folder}/{name}/example_course/rosunit-*.xml"
+    command = ("example_course", name, *arguments)
+    process, result = rostest_results(path, *command, ROS_PACKAGE_PATH=packages)
+    return process.wait(), failures_in(result)
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """Grade the student's node, and a plan that parks on the wrong side."""
-    folder = tmp_path_factory.mktemp("course")
+def test_verdicts(tmp_path):
+    """The student's node passes, and a plan that parks on the wrong side fails."""
     with open(PARKING) as file:
         start, straight, left, right, end = file
-    (folder / "wrong.txt").write_text("".join((start, straight, right, left, end)))
+    (tmp_path / "wrong.txt").write_text("".join((start, straight, right, left, end)))
     with concurrent.futures.ThreadPoolExecutor() as pool:
-        node = pool.submit(rostest, folder, "solution.test")
-        plan = pool.submit(rostest, folder, "plan.test", f"plan_file:={folder}/wrong.txt")
-        return node.result(), plan.result()
-
-
-def test_right_node(results):
-    (status, cases), _ = results
+        node = pool.submit(rostest, tmp_path, "solution.test")
+        plan = pool.submit(rostest, tmp_path, "plan.test", f"plan_file:={tmp_path}/wrong.txt")
+    status, cases = node.result()
     assert len(cases) > 8
     assert [message for message in cases.values() if message] == []
     assert status == 0
-
-
-def test_wrong_plan(results):
-    _, (status, cases) = results
+    status, cases = plan.result()
     assert "-0.8707 m, 0.0000 rad), 1.74 m" in str(cases["test_pose"])
     assert status != 0
 
@@ -67,7 +51,7 @@ def test_right_plan():
 
 
 def test_ros_does_not_find_the_example_inside_the_package():
-    """They do not search inside a package, so the example needs no CATKIN_IGNORE."""
+    """ROS does not search inside a package, so the example needs no CATKIN_IGNORE."""
     path = os.environ["ROS_PACKAGE_PATH"]
     listed = subprocess.run(["rospack", "list-names"], stdout=subprocess.PIPE, check=True)
     assert "mushr_ros_intro" in listed.stdout.decode().split(), path

@@ -1,54 +1,36 @@
-"""Check that the package runs from an install space alone, with no devel space sourced."""
+"""Check that the package runs from an install space, without a devel space."""
 
 import os
-import signal
-import subprocess
 
 import pytest
 
-from support.helpers import PATIENCE, free_port
+from support.helpers import PATIENCE, Process, free_port
 from support.paths import CHECKOUT
 
 NOETIC = "/opt/ros/noetic"
 
 
-def shell(script, folder, **variables):
-    """Return a process of bash that knows ROS, but neither the workspace nor the master in use."""
+def shell(script, folder, *variables):
+    """Start bash with the environment of ROS, but without that of the workspace and the master."""
     source = f"source {NOETIC}/setup.bash; " if os.path.isdir(NOETIC) else ""
-    environment = {
-        "PATH": "/usr/bin:/bin",
-        "HOME": str(folder),
-        "ROS_HOME": str(folder / "ros"),
-        "ROS_HOSTNAME": "localhost",
-        "LD_PRELOAD": os.environ.get("LD_PRELOAD", ""),  # see scripts/loopback.c
-        **variables,
-    }
-    return subprocess.Popen(
-        ["bash", "-c", source + script],
-        cwd=str(folder),
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
+    return Process(
+        *("env", "-i", "-C", str(folder), "PATH=/usr/bin:/bin", f"HOME={folder}"),
+        *(f"ROS_HOME={folder}/ros", "ROS_HOSTNAME=localhost"),
+        f"LD_PRELOAD={os.environ.get('LD_PRELOAD', '')}",  # see scripts/loopback.c
+        *(*variables, "bash", "-c", source + script),
     )
 
 
-def run(script, folder, **variables):
-    """Return the output of a script that has to succeed."""
-    process = shell(script, folder, **variables)
-    try:
-        output, _ = process.communicate(timeout=2 * PATIENCE)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        raise AssertionError(f"no end: {process.communicate()[0]}") from None
-    assert process.returncode == 0, output
-    return output
+def run(script, folder, *variables):
+    """Run a script, and return its output; fail if the script fails."""
+    with shell(script, folder, *variables) as process:
+        assert process.wait(2 * PATIENCE) == 0, process.output
+    return process.output
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Return the folder of a workspace of which only the install space is left."""
+    """Build and install the package; return a workspace that has only the install space."""
     folder = tmp_path_factory.mktemp("workspace")
     (folder / "src").mkdir()
     (folder / "src" / "mushr_ros_intro").symlink_to(CHECKOUT)
@@ -72,13 +54,9 @@ def test_modules_and_files_are_in_the_install_space(folder):
 def test_roslaunch_drives(folder):
     (folder / "short.txt").write_text("1, 2, 0\n1.0, 0.1, 0.2\n")
     port = free_port()
-    variables = {"ROS_MASTER_URI": f"http://localhost:{port}"}
+    uri = f"ROS_MASTER_URI=http://localhost:{port}"
     launch = f"source install/setup.bash; exec roslaunch -p {port} "
-    simulation = shell(f"{launch} mushr_ros_intro sim.launch >sim.log", folder, **variables)
-    try:
+    with shell(f"{launch} mushr_ros_intro sim.launch", folder, uri) as simulation:
         plan = f"path_publisher.launch plan_file:={folder}/short.txt"
-        output = run(f"{launch} --wait mushr_ros_intro {plan}", folder, **variables)
-    finally:
-        os.killpg(simulation.pid, signal.SIGINT)
-        messages, _ = simulation.communicate(timeout=2 * PATIENCE)
-    assert "difference" in output, output + messages
+        output = run(f"{launch} --wait mushr_ros_intro {plan}", folder, uri)
+    assert "difference" in output, output + simulation.output

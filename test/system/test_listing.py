@@ -4,9 +4,7 @@ import filecmp
 import os
 import shutil
 import signal
-import subprocess
 import sys
-import xml.etree.ElementTree as ElementTree
 
 import pytest
 import rosgraph
@@ -15,21 +13,19 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between, closed_form
-from support.helpers import PATIENCE, Process, Recording, free_port, wait_for
+from support.helpers import Process, Recording, failures_in, free_port, rostest_results, wait_for
+from support.messages import COMMAND_TIMEOUT, NAVIGATION
 from support.paths import PACKAGE, PLANS
 
 EXAMPLE = os.path.join(PACKAGE, "examples", "my_ros_intro")
 NODE = os.path.join(EXAMPLE, "src", "path_publisher.py")
-CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
-COMMAND_TIMEOUT = 0.2
-"""[s] How long the car obeys its last command."""
 PERIOD = 100_000_000
 """[ns] Between two commands."""
 START = (1.0, 2.0, 2.5)
 
-ELSEWHERE = ("_init_pose_topic:=/elsewhere", f"_control_topic:={CONTROL}2")
+ELSEWHERE = ("_init_pose_topic:=/elsewhere", f"_control_topic:={NAVIGATION}2")
 
-# Each fault: the plan, or None for no file; more arguments of the node; what its message says.
+# Each fault: the plan (None: no file), more arguments of the node, a part of its message.
 FAULTS = {
     "word": ("0,0,0\n\n2.0,fast\n", (), "plan.txt:3: '2.0,fast'; expected speed, steering angle"),
     "negative duration": ("0,0,0\n2.0,0.1,-1.0\n", (), "plan.txt:2: '2.0,0.1,-1.0'"),
@@ -42,9 +38,9 @@ FAULTS = {
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory):
-    """Let this process and those that it starts have a master of their own and the example.
+    """Use another master and a copy of the example in this process and its child processes.
 
-    The example is copied and its node made executable, as a student does.
+    As a student does, copy the example and make its node executable.
     """
     copied = shutil.copytree(EXAMPLE, str(tmp_path_factory.mktemp("src") / "my_ros_intro"))
     os.chmod(os.path.join(copied, "src", "path_publisher.py"), 0o755)
@@ -52,19 +48,18 @@ def environment(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_PACKAGE_PATH", packages)
         patch.setenv("ROS_MASTER_URI", f"http://localhost:{free_port()}")
-        patch.setenv("ROS_TEST_RESULTS_DIR", str(tmp_path_factory.mktemp("results")))
         yield
 
 
 class Car:
-    """The simulated car, and what it and its publishers send."""
+    """The simulated car: recordings of its commands and poses."""
 
     def __init__(self):
-        self.commands = Recording(CONTROL, AckermannDriveStamped)
+        self.commands = Recording(NAVIGATION, AckermannDriveStamped)
         self.poses = Recording("/car/car_pose", PoseStamped).connected()
 
     def assert_is_at(self, expected):
-        """Fail unless the car stops where expected."""
+        """Fail unless the car stops at the expected pose."""
         last = self.commands.last.header.stamp
         x, y, theta = self.poses.pose_at_rest(last + rospy.Duration(COMMAND_TIMEOUT))
         assert abs(complex(x, y) - complex(*expected[:2])) < POSITION_TOLERANCE
@@ -94,29 +89,21 @@ def car(sim):
     return sim
 
 
-def test_replay(environment):
-    """Every check passes; 1e-9 m and rad cover the rounding of sums of 1e-16."""
+def test_replay(environment, tmp_path):
+    """Every check passes, with errors of at most 1e-9 m and rad."""
     tolerances = [f"{name}_tolerance:=1e-9" for name in ("position", "angle", "path")]
-    done = subprocess.run(
-        [
-            *("rostest", "mushr_ros_intro", "replay.test", "result:=listing", *tolerances),
-            *("publisher:=my_ros_intro path_publisher.py", "plan_file:=figure_8"),
-        ],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        timeout=2 * PATIENCE,
-    )
-    assert done.returncode == 0, done.stdout.decode(errors="replace")
-    folder = os.path.join(os.environ["ROS_TEST_RESULTS_DIR"], "mushr_ros_intro")
-    result = ElementTree.parse(f"{folder}/rosunit-replay_listing.xml").getroot()
-    assert len(list(result.iter("testcase"))) > 8
-    assert (
-        result.findtext("system-out").splitlines()[-1] == "all checks passed"
-    )  # nothing about a missing stop
+    drive = ("publisher:=my_ros_intro path_publisher.py", "plan_file:=figure_8")
+    command = ("mushr_ros_intro", "replay.test", "result:=listing", *drive, *tolerances)
+    path = f"{tmp_path}/mushr_ros_intro/rosunit-replay_listing.xml"
+    process, result = rostest_results(path, *command)
+    assert process.wait() == 0, process.output
+    assert len(failures_in(result)) > 8
+    # There is no note about a missing stop.
+    assert result.findtext("system-out").splitlines()[-1] == "all checks passed"
 
 
 def test_real_time(car, tmp_path):
-    """In real time the commands are stamped every 0.1 s exactly, and the car ends exactly."""
+    """In real time, the stamps and the final pose are exact, too."""
     rows = [(2.0, 0.09, 1.0), (3.0, -0.15, 0.25), (-1.0, 0.3, 0.3)]
     plan = tmp_path / "plan.txt"
     plan.write_text("# comment\n\n1, 2, 2.5\n2.0, 0.09\n3.0, -0.15, 0.25  # short\n-1,0.3,0.3\n\n")
@@ -152,7 +139,7 @@ def test_interrupted(car, tmp_path):
 def test_refused(sim, tmp_path):
     """A fault is one line with the reason, and exit status 1."""
     Recording("/elsewhere", PoseWithCovarianceStamped)
-    Recording(f"{CONTROL}2", AckermannDriveStamped)
+    Recording(f"{NAVIGATION}2", AckermannDriveStamped)
     processes = {}
     for number, (name, (plan, arguments, _)) in enumerate(FAULTS.items()):
         path = tmp_path / str(number) / "plan.txt"
@@ -168,7 +155,7 @@ def test_refused(sim, tmp_path):
 
 
 def test_is_a_students():
-    """It uses nothing of this package's library, and its plans are the tutorial's."""
+    """The example does not use the library of this package. Its plans are those of the tutorial."""
     with open(NODE) as file:
         assert "mushr_ros_intro" not in file.read()
     plans = sorted(os.listdir(os.path.join(EXAMPLE, "plans")))

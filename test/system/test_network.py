@@ -1,6 +1,6 @@
-"""Two machines on one network: the car and the master on one, path_publisher on the other.
+"""Check two machines on a network: the car and the master on one, path_publisher on the other.
 
-The machines are network namespaces, joined by a pair of virtual Ethernet devices.
+The machines are network namespaces with a pair of virtual Ethernet devices.
 """
 
 import os
@@ -20,15 +20,15 @@ from support.paths import PACKAGE
 WITNESS = os.path.join(PACKAGE, "test", "support", "witness.py")
 DEVICE = "eth0"
 MASTER = "http://192.0.2.1:11311"
-"""The addresses are those that RFC 5737 sets aside for documentation."""
+"""RFC 5737 reserves these addresses for documentation."""
 
 START = (0.0, 0.0, 0.5)
 SHORT = [(1.0, 0.1, 1.0), (2.0, -0.2, 0.5)]
 LONG = [(1.0, 0.1, 60.0)]
 TIMEOUT = 200_000_000
-"""[ns] How long a command is good for."""
+"""[ns] The car obeys a command for this time."""
 ALL_ARRIVED = {"05", "06"}
-"""FIN_WAIT2 and TIME_WAIT: what /proc/net/tcp says of a connection whose end has arrived, too."""
+"""FIN_WAIT2 and TIME_WAIT: states in /proc/net/tcp after the end of a connection has arrived."""
 SHOWN = 0.5e-4
 """[m, rad] path_publisher rounds the pose in its output to four digits."""
 
@@ -62,21 +62,21 @@ class Machine:
             ip("-n", self.name, "link", "set", device, "up")
 
     def start(self, *command):
-        """Start a command as the README says: no ROS_HOSTNAME, ROS_MASTER_URI and ROS_IP."""
+        """Start a command with the environment of the README."""
         return Process(
             *("ip", "netns", "exec", self.name, "env", "-u", "ROS_HOSTNAME"),
-            *("-u", "LD_PRELOAD"),  # scripts/loopback.c, of which the README's reader has none
+            *("-u", "LD_PRELOAD"),  # scripts/loopback.c, which a user does not have
             *(f"ROS_MASTER_URI={MASTER}", f"ROS_IP={self.address}"),
             *command,
         )
 
     def is_silent(self):
-        """Return whether no connection from here has data under way."""
+        """Return whether all data of this machine's connections has arrived."""
         sockets = ip("netns", "exec", self.name, "cat", "/proc/net/tcp").splitlines()[1:]
         return all(line.split()[3] in ALL_ARRIVED for line in sockets)
 
     def end(self):
-        """End all that runs on the machine, and remove it."""
+        """Kill all processes on the machine, and remove the machine."""
         for pid in ip("netns", "pids", self.name).split():
             os.kill(int(pid), signal.SIGKILL)
         ip("netns", "delete", self.name)
@@ -94,7 +94,7 @@ class Network:
         wait_for(lambda: self.printed("pose"), "the car's first pose")
 
     def printed(self, what):
-        """Return what the witness has printed: [(stamp [ns], [number, ...]), ...]."""
+        """Return the output of the witness: [(stamp [ns], [number, ...]), ...]."""
         lines = [line.split() for line in self._witness.output.split("\n")[:-1]]
         found = [line[1:] for line in lines if line[0] == what]
         return [(int(stamp), list(map(float.fromhex, numbers))) for stamp, *numbers in found]
@@ -107,7 +107,7 @@ class Network:
         return self.laptop.start(*interpreter, node, f"_plan_file:={plan}")
 
     def drive(self, *interpreter):
-        """Drive a short plan; check where it ends."""
+        """Drive a short plan; check the final pose."""
         publisher = self.publisher(SHORT, *interpreter)
         assert publisher.wait() == 0, publisher.output
         pattern = r"stopped at \((\S+) m, (\S+) m, (\S+) rad\); difference (\S+) m"
@@ -120,7 +120,7 @@ class Network:
 
 @pytest.fixture(scope="module")
 def network(tmp_path_factory):
-    """Return the two machines with a car on one; skip if there can be none."""
+    """Return the two machines with a car on one; skip if this machine does not allow namespaces."""
     if os.geteuid() != 0:
         pytest.skip("network namespaces are for root")
     if not shutil.which("ip"):
@@ -143,7 +143,7 @@ def network(tmp_path_factory):
             machine.end()
 
 
-@pytest.mark.parametrize("offset", [0.3, -0.3])  # [s] more than a command is good for
+@pytest.mark.parametrize("offset", [0.3, -0.3])  # [s] longer than the timeout of a command
 def test_clocks_that_differ(network, offset):
     network.drive(sys.executable, "-c", WITH_ANOTHER_CLOCK, str(offset))
 
@@ -156,7 +156,6 @@ def test_clocks_that_differ_too_much(network):
 
 
 def test_a_slow_and_lossy_network(network):
-    # Towards the car.
     netem = ("netns", "exec", network.laptop.name, "tc", "qdisc")
     where = ("dev", DEVICE, "root")
     try:
@@ -176,7 +175,7 @@ def test_a_cut_in_mid_plan(network):
     assert not network.laptop.is_silent()
     ip("-n", network.car.name, "link", "set", DEVICE, "down")
 
-    # The car stops when its last command has run out.
+    # The car stops when its last command expires.
     wait_for(lambda: network.printed("command")[-1][1] == [0.0, 0.0], "the mux to stop the car")
     commands = network.printed("command")[before:]
     (begin, _), (last, _), (stop, _) = commands[0], commands[-2], commands[-1]
@@ -193,6 +192,6 @@ def test_a_cut_in_mid_plan(network):
 
     ip("-n", network.car.name, "link", "set", DEVICE, "up")
     assert publisher.wait() == 1, publisher.output
-    # TCP repeats the data under way after some seconds.
+    # TCP sends the lost data again after some seconds.
     wait_for(network.laptop.is_silent, "the data under way to arrive")
     network.drive()

@@ -3,90 +3,80 @@
 import concurrent.futures
 import json
 import math
-import os
-import subprocess
-import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-PLAN = "1,2,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n0.5,0.0\n"
+from support.helpers import Process, failures_in, rostest_results
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
-LISTING = "mushr_ros_intro listing.py"
-WRONG = "mushr_ros_intro wrong_listing.py"
+PLAN = "1,2,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n0.5,0.0\n"
 
 STOPPED = {"node", "commands", "final_pose", "path"}
 NEVER_DROVE = STOPPED | {"rate", "rest", "start_pose"}
 EVERY_CHECK = NEVER_DROVE | {"collision", "map"}
 
 EXACT = ("position_tolerance:=1e-9", "angle_tolerance:=1e-9", "path_tolerance:=1e-9")
-"""[m, rad] Prediction and car differ by the rounding of sums of 1e-16."""
-REPORTED = ("report:=report",)
-NO_MAP = ("map:=none",)
+"""[m, rad] Prediction and car differ by rounding errors only."""
 NO_STOP = "all checks passed\nnote: the node sends no stop at the end"
 
-# Name: the publisher, more arguments, the failed test cases, the report.
+
+def publisher(node, *arguments):
+    """Return the arguments of a replay of another node, without a map."""
+    return (f"publisher:=mushr_ros_intro {node}", "map:=none", *arguments)
+
+
+def wrong(fault):
+    return publisher(f"wrong_listing.py {fault}", "patience:=8.0")
+
+
+# Name: the arguments, the failed test cases, the report.
 REPLAYS = {
     "ours": (
-        "mushr_ros_intro path_publisher.py",
-        EXACT + REPORTED,
+        ("publisher:=mushr_ros_intro path_publisher.py", *EXACT, "report:=report"),
         set(),
         "plan.txt with the car ideal:\nok   node: the node ran without an error\n",
     ),
-    "listing": (LISTING, NO_MAP, set(), NO_STOP),
-    "remap": (LISTING, NO_MAP + (f"remap:=_control_topic=/cmd /cmd={CONTROL}",), set(), NO_STOP),
+    "listing": (publisher("listing.py"), set(), NO_STOP),
+    "remap": (
+        publisher("listing.py", f"remap:=_control_topic=/cmd /cmd={CONTROL}"),
+        set(),
+        NO_STOP,
+    ),
     "crash": (
-        f"{WRONG} crash",
-        NO_MAP,
+        wrong("crash"),
         STOPPED,
         "FAIL node: the node ended with exit status 1; its last output:",
     ),
     "hang": (
-        f"{WRONG} hang",
-        NO_MAP + ("patience:=8.0",),
+        wrong("hang"),
         STOPPED,
         "FAIL node: the node hangs: 20 of 50 commands arrived, and then none for 8 s",
     ),
-    "hold_up": (f"{WRONG} hold_up", NO_MAP, set(), NO_STOP),
+    "hold_up": (publisher("wrong_listing.py hold_up"), set(), NO_STOP),
     "kill_car": (
-        f"{WRONG} kill_car",
-        NO_MAP + ("patience:=8.0",),
+        wrong("kill_car"),
         {"replay"},
         "the replay failed: the simulated car /car/car_sim has died, so the node is not judged",
     ),
     "silent": (
-        f"{WRONG} silent",
-        NO_MAP + ("patience:=8.0",),
+        wrong("silent"),
         NEVER_DROVE,
         f"FAIL node: the node runs, but published no command on {CONTROL} for 8 s; it publishes ",
     ),
 }
 
 
-def rostest(folder, name, *arguments):
-    """Run a replay; return its exit status, its result and its output."""
-    done = subprocess.run(
-        ["rostest", "mushr_ros_intro", "replay.test", f"result:={name}", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        env={**os.environ, "ROS_TEST_RESULTS_DIR": str(folder), "PWD": str(folder)},
-        timeout=120.0,
-    )
-    output = done.stdout.decode(errors="replace")
-    path = os.path.join(str(folder), "mushr_ros_intro", f"rosunit-replay_{name}.xml")
-    assert os.path.exists(path), output
-    return done.returncode, ElementTree.parse(path).getroot(), output
-
-
 @pytest.fixture(scope="module")
 def replays(tmp_path_factory):
-    """Run every replay, several at a time."""
+    """Run all replays, five at the same time; return the folder, and the processes and results."""
     folder = tmp_path_factory.mktemp("replays")
     (folder / "plan.txt").write_text(PLAN)
 
     def run(name):
-        publisher, arguments, _, _ = REPLAYS[name]
-        return rostest(folder, name, "plan_file:=plan.txt", f"publisher:={publisher}", *arguments)
+        arguments = (*REPLAYS[name][0], "plan_file:=plan.txt", f"result:={name}")
+        command = ("mushr_ros_intro", "replay.test", *arguments)
+        path = f"{folder}/mushr_ros_intro/rosunit-replay_{name}.xml"
+        return rostest_results(path, *command, PWD=str(folder))
 
     with concurrent.futures.ThreadPoolExecutor(5) as pool:
         return folder, dict(zip(REPLAYS, pool.map(run, REPLAYS)))
@@ -95,19 +85,16 @@ def replays(tmp_path_factory):
 @pytest.mark.parametrize("name", REPLAYS)
 def test_verdict(replays, name):
     _, results = replays
-    _, _, failing, verdict = REPLAYS[name]
-    status, result, output = results[name]
-    failures = {
-        case.get("name"): case.find("failure").text
-        for case in result.iter("testcase")
-        if case.find("failure") is not None
-    }
-    cases = {case.get("name") for case in result.iter("testcase")}
-    assert cases == ({"replay"} if "replay" in failing else EVERY_CHECK)
+    _, failing, verdict = REPLAYS[name]
+    process, result = results[name]
+    output = process.output
+    cases = failures_in(result)
+    failures = {case: text for case, text in cases.items() if text is not None}
+    assert set(cases) == ({"replay"} if "replay" in failing else EVERY_CHECK)
     # On a busy machine a fault can fail more checks.
     assert set(failures) >= failing and bool(failures) == bool(failing), failures
-    assert (status == 0) == (not failing), output
-    assert verdict in output  # the student sees it on the terminal
+    assert (process.wait() == 0) == (not failing), output
+    assert verdict in output
     assert "Traceback" not in output or name == "crash"
     if "node" in failing:
         first_pass = output.find("ok  ")
@@ -115,22 +102,16 @@ def test_verdict(replays, name):
         assert verdict.split("node: ", 1)[1].split(";")[0] in failures["node"]
 
 
-def test_a_publisher_that_roslaunch_ignores(tmp_path):
+def test_a_publisher_that_roslaunch_ignores():
     """With two := the argument does not arrive; no other node may pass in its place."""
-    done = subprocess.run(
-        ["rostest", "mushr_ros_intro", "replay.test", f"publisher:={LISTING} _loop:=true"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        env={**os.environ, "ROS_TEST_RESULTS_DIR": str(tmp_path)},
-        timeout=120.0,
-        check=False,
-    )
-    assert done.returncode != 0
-    assert b"requires the 'publisher' arg to be set" in done.stdout
+    ignored = "publisher:=mushr_ros_intro listing.py _loop:=true"
+    with Process("rostest", "mushr_ros_intro", "replay.test", ignored) as process:
+        assert process.wait() != 0
+    assert "requires the 'publisher' arg to be set" in process.output
 
 
 def test_last_output(replays):
-    """The output of a node that crashes is quoted without the characters that XML cannot hold."""
+    """The result contains the output of a crashed node, without invalid characters."""
     output = replays[1]["crash"][1].findtext("system-out")
     assert "IndexError: list index out of range [0m" in output
 

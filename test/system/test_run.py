@@ -13,22 +13,17 @@ import pytest
 from support.geometry import POSITION_TOLERANCE
 from support.helpers import PATIENCE, wait_for
 from support.paths import CHECKOUT
+from support.scripts import add_programs, needs_workspace
 
-pytestmark = pytest.mark.skipif(
-    not os.path.exists(f"{CHECKOUT}/build/.workspace/sources"),
-    reason="scripts/setup has not built here, and a test does not install anything",
-)
+pytestmark = needs_workspace
 
 
 class Run:
-    """The script while it drives a plan, in an environment with wrong settings for ROS."""
+    """The script during a drive, in an environment with wrong settings for ROS."""
 
     def __init__(self, folder, seconds):
         self.mark = f"MARK={uuid.uuid4()}"
-        (folder / "bin").mkdir()
-        for name in ("cmake", "python", "python3"):
-            (folder / "bin" / name).write_text("#!/bin/sh\nexit 3\n")
-            (folder / "bin" / name).chmod(0o755)
+        add_programs(folder / "bin", ("cmake", "python", "python3"))
         (folder / "a plan.txt").write_text(f"1, 2, 0.5\n1.0, 0.1, {seconds}\n")
         environment = dict(
             [self.mark.split("=")],
@@ -54,7 +49,7 @@ class Run:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                # A shell ignores it in background processes.
+                # Without this, a background process ignores SIGINT.
                 preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
             )
 
@@ -63,10 +58,10 @@ class Run:
         assert text in self.log.read_text()
 
     def processes(self):
-        """Return the folders in /proc of the processes that the script has started."""
+        """Return the folders in /proc of the processes of the script."""
         found = []
         for path in glob.glob("/proc/[0-9]*/environ"):
-            with contextlib.suppress(OSError), open(path, "rb") as file:  # ended, another user's
+            with contextlib.suppress(OSError), open(path, "rb") as file:  # it has ended
                 if self.mark.encode() in file.read():
                     found.append(os.path.dirname(path))
         return found
@@ -85,29 +80,21 @@ class Run:
             addresses += [w[1] for w in lines if w[3] == "0A" and f"socket:[{w[9]}]" in files]
         return addresses
 
+    def __enter__(self):
+        return self
 
-@pytest.fixture
-def run(tmp_path):
-    """Return a function that starts the script with a plan of some seconds."""
-    started = []
-
-    def start(seconds):
-        started.append(Run(tmp_path, seconds))
-        return started[-1]
-
-    yield start
-    for each in started:
-        each.process.terminate()
-        each.process.wait(PATIENCE)
+    def __exit__(self, *_):
+        self.process.terminate()
+        self.process.wait(PATIENCE)
 
 
-def test_a_drive(run):
-    script = run(1.5)
-    script.wait_for_text("row 1 of 1")
-    addresses = script.listening()
+def test_a_drive(tmp_path):
+    with Run(tmp_path, 1.5) as script:
+        script.wait_for_text("row 1 of 1")
+        addresses = script.listening()
+        assert script.process.wait(PATIENCE) == 0, script.log.read_text()
     assert len(addresses) > 8  # two for each node, and the master
     assert all(re.match("0100007F:|0{24}01000000:", address) for address in addresses), addresses
-    assert script.process.wait(PATIENCE) == 0, script.log.read_text()
     difference = re.search(r"the car drove .* difference (\S+) m", script.log.read_text())
     assert float(difference.group(1)) < POSITION_TOLERANCE
     assert script.processes() == []
@@ -116,18 +103,18 @@ def test_a_drive(run):
 @pytest.mark.parametrize(
     "number, moment", [(signal.SIGTERM, "starting"), (signal.SIGINT, "row 1 of 1")]
 )
-def test_interrupted(run, number, moment):
-    script = run(100.0)
-    script.wait_for_text(moment)
-    script.process.send_signal(number)
-    assert script.process.wait(PATIENCE) == 128 + number, script.log.read_text()
-    assert script.processes() == []
+def test_interrupted(tmp_path, number, moment):
+    with Run(tmp_path, 100.0) as script:
+        script.wait_for_text(moment)
+        script.process.send_signal(number)
+        assert script.process.wait(PATIENCE) == 128 + number, script.log.read_text()
+        assert script.processes() == []
 
 
-def test_a_plan_that_is_not_there(run, tmp_path):
-    script = run(1.0)
-    script.wait_for_text("starting")
-    (tmp_path / "a plan.txt").unlink()
-    assert script.process.wait(PATIENCE) == 1
-    assert "a plan.txt: no such file" in script.log.read_text()
-    assert script.processes() == []
+def test_a_plan_that_is_not_there(tmp_path):
+    with Run(tmp_path, 1.0) as script:
+        script.wait_for_text("starting")
+        (tmp_path / "a plan.txt").unlink()
+        assert script.process.wait(PATIENCE) == 1
+        assert "a plan.txt: no such file" in script.log.read_text()
+        assert script.processes() == []

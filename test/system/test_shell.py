@@ -1,30 +1,21 @@
-"""Check scripts/shell: the commands of the documentation work, in spite of the user's settings."""
+"""Check that the documented commands work in scripts/shell, with any settings of the user."""
 
-import os
-import signal
 import subprocess
 
 import pytest
 
 from support.helpers import PATIENCE
 from support.paths import CHECKOUT
+from support.scripts import add_programs, needs_workspace
 
-pytestmark = pytest.mark.skipif(
-    not os.path.exists(f"{CHECKOUT}/build/.workspace/sources"),
-    reason="scripts/setup has not built here, and a test does not install anything",
-)
+pytestmark = needs_workspace
 
 
 @pytest.fixture
 def shell(tmp_path):
     """Return a function that runs the script in the home of a user with a .bashrc."""
-    (tmp_path / "bin").mkdir()
-    for name in ("cmake", "python3"):
-        (tmp_path / "bin" / name).write_text("#!/bin/sh\nexit 3\n")
-        (tmp_path / "bin" / name).chmod(0o755)
-    (tmp_path / "tools").mkdir()
-    (tmp_path / "tools" / "my_tool").write_text("#!/bin/sh\necho my tool\n")
-    (tmp_path / "tools" / "my_tool").chmod(0o755)
+    add_programs(tmp_path / "bin", ("cmake", "python3"))
+    add_programs(tmp_path / "tools", ("my_tool",), "echo my tool")
     (tmp_path / ".bashrc").write_text(
         "export PATH=~/bin:~/tools:$PATH PYTHONHOME=/nonsense PYTHONPATH=/nonsense\n"
         "export ROS_HOSTNAME=nonsense.example ROS_IP=192.0.2.1 ROS_NAMESPACE=/nonsense\n"
@@ -34,24 +25,19 @@ def shell(tmp_path):
     )
 
     def run(*command, typed="", checkout=CHECKOUT):
-        """Return the lines that the shell prints."""
-        process = subprocess.Popen(
+        """Return the output lines of the shell."""
+        done = subprocess.run(
             [f"{checkout}/scripts/shell", *command],
             cwd=str(tmp_path),
             env={"HOME": str(tmp_path), "PATH": f"{tmp_path}/bin:/usr/bin:/bin"},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
+            input=typed,
+            capture_output=True,
             text=True,
+            timeout=PATIENCE,
             start_new_session=True,
         )
-        try:
-            output, errors = process.communicate(typed, PATIENCE)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            raise AssertionError(f"no end: {process.communicate()}") from None
-        assert process.returncode == 0, errors
-        return output.splitlines()
+        assert done.returncode == 0, done.stderr
+        return done.stdout.splitlines()
 
     return run
 

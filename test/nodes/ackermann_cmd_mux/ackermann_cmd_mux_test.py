@@ -1,27 +1,20 @@
 #!/usr/bin/python3
-"""Check the mux: priorities, timeouts, the stop, the latched active input, a bad configuration."""
+"""Check the mux: priorities, timeouts, the stop, the active input, a wrong configuration."""
 
 import rospy
-import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
-from support.helpers import Recording, RosTestCase, publisher, wait_for
-from support.messages import LEAD, at, command
-
-MUX = "/car/mux/ackermann_cmd_mux"
-TIMEOUT = 0.2
-"""[s] Of each input, in the default configuration."""
+from support.helpers import Recording, RosTestCase, publisher, run, wait_for
+from support.messages import COMMAND_TIMEOUT, LEAD, MUX, OUTPUT, at, command
 
 
 class TestMux(RosTestCase):
     def setUp(self):
         super().setUp()
-        self.output = Recording(f"{MUX}/output", AckermannDriveStamped).connected()
-        self.active = Recording(f"{MUX}/active", String).connected()
-        # A connection that was made before the mux first latched gets no latched message, so each
-        # test makes its own.
-        self.addCleanup(self.active.subscriber.unregister)
+        self.output = Recording(OUTPUT, AckermannDriveStamped).connected()
+        # Only a new connection gets the latched message.
+        self.active = self.ending(Recording(f"{MUX}/active", String).connected())
         self.inputs = {
             name: publisher(f"{MUX}/input/{name}", AckermannDriveStamped)
             for name in ("safety", "teleop", "navigation", "default")
@@ -31,12 +24,12 @@ class TestMux(RosTestCase):
         self.begin = rospy.Time.now() + LEAD
 
     def tearDown(self):
-        # The topic "active" can be faster than the stop.
+        # The message on "active" can arrive before the stop.
         if self.output.messages:
             wait_for(lambda: self.output.last.drive.speed == 0.0, "the stop")
 
     def send(self, name, seconds, speed):
-        """Send a command on an input, stamped `seconds` after the test's beginning."""
+        """Send a command on an input, with a stamp `seconds` after the beginning of the test."""
         self.inputs[name].publish(command(at(self.begin, seconds), speed, 0.0))
 
     def sent(self):
@@ -69,22 +62,22 @@ class TestMux(RosTestCase):
         expected = [(0.0, 1.0), (0.05, 2.0), (0.25, 5.0), (0.45, 7.0), (0.5, 0.0)]
         self.expect(*expected)
         wait_for(lambda: self.active.last.data == "safety", "safety to drive")
-        self.expect(*expected, (0.5 + TIMEOUT, 0.0))
+        self.expect(*expected, (0.5 + COMMAND_TIMEOUT, 0.0))
 
     def test_one_stop_when_the_last_live_input_times_out(self):
         self.send("teleop", 0.0, 2.0)
-        self.expect((0.0, 2.0), (TIMEOUT, 0.0))
+        self.expect((0.0, 2.0), (COMMAND_TIMEOUT, 0.0))
         wait_for(lambda: self.active.last.data == "idle", "an idle mux")
         stop = self.output.last
         self.assertEqual(stop.drive.steering_angle, 0.0)
         self.assertEqual(stop.header.frame_id, "car/base_footprint")
-        # Long after, there still is the one stop.
-        later = rospy.Time.now() + rospy.Duration(3 * TIMEOUT)
+        # There is no second stop.
+        later = rospy.Time.now() + rospy.Duration(3 * COMMAND_TIMEOUT)
         wait_for(lambda: rospy.Time.now() > later, "time to pass")
-        self.expect((0.0, 2.0), (TIMEOUT, 0.0))
+        self.expect((0.0, 2.0), (COMMAND_TIMEOUT, 0.0))
 
     def test_messages_are_forwarded_as_they_are(self):
-        msg = AckermannDriveStamped()  # stamped zero, as the tutorial's listing does
+        msg = AckermannDriveStamped()  # the stamp is zero, as in the tutorial's listing
         msg.drive.speed, msg.drive.steering_angle, msg.drive.acceleration = 1.5, -0.25, 0.5
         self.inputs["navigation"].publish(msg)
         wait_for(lambda: self.output.last, "a command")
@@ -96,7 +89,7 @@ class TestMux(RosTestCase):
         self.send("safety", 0.0, float("nan"))
         self.send("safety", 0.05, float("inf"))
         self.send("navigation", 0.1, 1.0)
-        self.expect((0.1, 1.0), (0.1 + TIMEOUT, 0.0))
+        self.expect((0.1, 1.0), (0.1 + COMMAND_TIMEOUT, 0.0))
 
     def test_a_late_subscriber_gets_the_active_input(self):
         late = Recording(f"{MUX}/active", String).connected()
@@ -111,5 +104,4 @@ class TestMux(RosTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("ackermann_cmd_mux_test")
-    rostest.rosrun("mushr_ros_intro", "ackermann_cmd_mux", TestMux)
+    run("ackermann_cmd_mux", TestMux)

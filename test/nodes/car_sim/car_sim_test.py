@@ -7,7 +7,6 @@ import random
 import socket
 
 import rospy
-import rostest
 import tf2_ros
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped
@@ -21,7 +20,7 @@ from mushr_ros_intro.ros import sim_clock
 from mushr_ros_intro.ros.connections import wait_until_connected
 from support.geometry import POSITION_TOLERANCE, closed_form, planar, yaw_of
 from support.ghost import Ghost
-from support.helpers import CarTestCase, Recording, node, publisher, wait_for
+from support.helpers import CarTestCase, Recording, node, publisher, run, wait_for
 from support.messages import LEAD, at, command, placement
 
 ROWS = [(2.0, 0.3), (1.0, -0.2), (-1.5, 0.25), (3.0, 0.0), (0.5, 1.2), (2.5, -0.1)]
@@ -33,14 +32,14 @@ class TestCarSim(CarTestCase):
         return self.poses.pose_at_rest(at(stamp, 0.2))
 
     def drive(self, order):
-        """Send ROWS in some order, 0.1 s apart by their stamps; return where the car ends."""
+        """Send ROWS in some order, with stamps 0.1 s apart; return the final pose."""
         begin = rospy.Time.now() + LEAD
         for index in order:
             self.commands.publish(command(at(begin, 0.1 * index), *ROWS[index]))
         return self.rest_after(at(begin, 0.1 * (len(ROWS) - 1)))
 
     def test_0_start_pose(self):
-        # Tests run in the order of their names, so the car is at its own start pose.
+        # This test runs first, so the car is still at its start pose.
         self.assert_pose(planar(self.poses.after(rospy.Time(0)).pose), (1.0, -2.0, 0.5))
 
     def start_mux(self):
@@ -48,12 +47,12 @@ class TestCarSim(CarTestCase):
         self.addCleanup(publisher(topic, AckermannDriveStamped).unregister)
 
     def start_map(self):
-        self.addCleanup(node("map_server.py", "__ns:=/late", "_map_file:=sandbox").end)
+        self.ending(node("map_server.py", "__ns:=/late", "_map_file:=sandbox"))
         maps = Recording("/late/map", OccupancyGrid)
         wait_for(lambda: maps.last, "the map")
 
     def check_ready(self, first, second):
-        """A car that expects a map reports that it is ready after both steps, not after one."""
+        """Check that a car that expects a map is ready only after both steps."""
         arguments = ("__ns:=/late", "/map:=/late/map", "_x:=3", "_profile:=mine")
         with node("car_sim.py", *arguments, "_expects_map:=true") as car:
             poses = Recording("/late/car_pose", PoseStamped).connected()
@@ -88,7 +87,7 @@ class TestCarSim(CarTestCase):
         self.place()
         begin = rospy.Time.now() + rospy.Duration(0.1)
         wait_for(lambda: rospy.Time.now() > at(begin, 0.4), "time to pass")
-        # The car has reported later poses at rest, so it has to recompute them.
+        # The car has already reported later poses, at rest. It has to compute them again.
         self.commands.publish(command(at(begin, 0.1), 2.0, 0.3))
         self.placements.publish(placement(begin, 5.0, 5.0, 1.0))
         wait_for(lambda: planar(self.poses.last.pose)[1] > 4.0, "the car to be placed")
@@ -164,7 +163,7 @@ class TestCarSim(CarTestCase):
         for word, msg in bad_placements.items():
 
             def warned(word=word, msg=msg):
-                self.placements.publish(msg)  # again and again: there is one warning a second
+                self.placements.publish(msg)  # again, because there is only one warning per second
                 return any(word in m.msg for m in log.messages)
 
             wait_for(warned, f"a warning with the word {word}")
@@ -221,48 +220,37 @@ class TestCarSim(CarTestCase):
             self.assertAlmostEqual(1 / math.tan(right) - 1 / math.tan(left), 0.25 / 0.33, places=6)
         listener.unregister()
 
-    def test_a_subscriber_that_was_not_told_of_a_publisher(self):
-        """It is told again, at either end; rospy sometimes does not."""
+    def test_connections_are_requested_again(self):
+        """The publisher and the subscriber repeat the calls that rospy sometimes omits."""
         told = rospy.Publisher("/told", Empty, queue_size=1)
-        ghost = Ghost(subscribes=["/told"])
-        self.addCleanup(ghost.end)
-        self.assertFalse(wait_until_connected(told, "subscribers", seconds=3.0))
-        calls = wait_for(lambda: ghost.calls["publisherUpdate"], "the subscriber to be told")
+        ghost = self.ending(Ghost(subscribes=["/told"]))
+        self.assertFalse(wait_until_connected(told, "subscribers", seconds=1.5))
+        calls = wait_for(lambda: ghost.calls["publisherUpdate"], "a call of the subscriber")
         self.assertEqual(calls, [[told.resolved_name, [rospy.get_node_uri()]]] * len(calls))
 
         asks = rospy.Subscriber("/asks", Empty)
-        ghost = Ghost(publishes=["/asks"])
-        self.addCleanup(ghost.end)
-        wait_for(lambda: len(ghost.calls["requestTopic"]) == 1, "the subscriber to ask once")
-        self.assertFalse(wait_until_connected(asks, "publishers", seconds=3.0))
-        wait_for(lambda: len(ghost.calls["requestTopic"]) >= 2, "the subscriber to ask again")
+        ghost = self.ending(Ghost(publishes=["/asks"]))
+        wait_for(lambda: len(ghost.calls["requestTopic"]) == 1, "the first request")
+        self.assertFalse(wait_until_connected(asks, "publishers", seconds=1.5))
+        wait_for(lambda: len(ghost.calls["requestTopic"]) >= 2, "another request")
 
-    def test_a_subscriber_that_is_not_yet_connected(self):
-        """A connection that the publisher has not answered does not count, as it does in rospy."""
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            ghost = Ghost(publishes=["/begun"], port=server.getsockname()[1])
-            self.addCleanup(ghost.end)
-            begun = rospy.Subscriber("/begun", Empty)
-            wait_for(lambda: begun.get_num_connections() == 1, "the subscriber to connect")
-            self.assertFalse(wait_until_connected(begun, "publishers", seconds=1.0))
+    def test_a_publisher_that_does_not_answer(self):
+        """The connection does not count, although rospy counts it; the wait ends."""
+        for topic, silence in (("/begun", 0.0), ("/silent", 60.0)):
+            with socket.create_server(("127.0.0.1", 0)) as server:
+                port = server.getsockname()[1]
+                self.ending(Ghost(publishes=[topic], port=port, silence=silence))
+                begun = rospy.Subscriber(topic, Empty)
+                wait_for(begun.get_num_connections, "the subscriber to connect")
+                self.assertFalse(wait_until_connected(begun, "publishers", seconds=1.0))
         there = rospy.Subscriber("/car/car_pose", PoseStamped)
         self.assertTrue(wait_until_connected(there, "publishers"))
 
-    def test_a_publisher_that_does_not_answer(self):
-        """The wait ends, so that no node hangs at its start."""
-        with socket.create_server(("127.0.0.1", 0)) as server:
-            ghost = Ghost(publishes=["/silent"], port=server.getsockname()[1], silence=60.0)
-            self.addCleanup(ghost.end)
-            silent = rospy.Subscriber("/silent", Empty)
-            wait_for(lambda: silent.get_num_connections() == 1, "the subscriber to connect")
-            self.assertFalse(wait_until_connected(silent, "publishers", seconds=1.0))
-
     def test_a_node_that_died_without_unregistering(self):
-        """The master still lists it, but no publisher waits for it."""
+        """The master still lists it, but publishers do not wait for it."""
         left = rospy.Publisher("/left", Empty, queue_size=1)
-        ghost = Ghost(subscribes=["/left"])
-        self.addCleanup(ghost.end)
-        self.assertFalse(wait_until_connected(left, "subscribers", seconds=3.0))
+        ghost = self.ending(Ghost(subscribes=["/left"]))
+        self.assertFalse(wait_until_connected(left, "subscribers", seconds=1.0))
         ghost.die()
         self.assertTrue(wait_until_connected(left, "subscribers"))
 
@@ -273,8 +261,7 @@ class TestCarSim(CarTestCase):
         self.addCleanup(rospy.delete_param, "/use_sim_time")
         rospy.set_param("/use_sim_time", True)
         self.assertTrue(has_to_keep_it())
-        ghost = Ghost(publishes=["/clock"])
-        self.addCleanup(ghost.end)
+        ghost = self.ending(Ghost(publishes=["/clock"]))
         self.assertFalse(has_to_keep_it())
         ghost.die()
         self.assertTrue(has_to_keep_it())
@@ -287,5 +274,4 @@ class TestCarSim(CarTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("car_sim_test")
-    rostest.rosrun("mushr_ros_intro", "car_sim", TestCarSim)
+    run("car_sim", TestCarSim)

@@ -5,8 +5,8 @@ import re
 import signal
 import time
 
+import rosgraph
 import rospy
-import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
@@ -19,16 +19,16 @@ from support.geometry import closed_form, float32, planar
 from support.helpers import (
     Recording,
     RosTestCase,
+    driver,
     kill,
     node,
     publisher,
+    run,
     wait_for,
     wait_for_recorder,
 )
-from support.messages import at
+from support.messages import NAVIGATION, OUTPUT, at
 
-COMMANDS = "/car/mux/ackermann_cmd_mux/input/navigation"
-OUTPUT = "/car/mux/ackermann_cmd_mux/output"
 POSE_PERIOD = 20_000_000
 """[ns]"""
 ROWS = [(1.0, 0.2, 0.25), (-1.0, 0.1, 0.3)]
@@ -43,7 +43,7 @@ class TestAnyFactor(RosTestCase):
             rospy.wait_for_service(f"/car/car_sim/{name}")
             setattr(self, name, rospy.ServiceProxy(f"/car/car_sim/{name}", Trigger))
         self.poses = Recording("/car/car_pose", PoseStamped).connected()
-        self.commands = Recording(COMMANDS, AckermannDriveStamped)
+        self.commands = Recording(NAVIGATION, AckermannDriveStamped)
         self.addCleanup(self.resume)
 
     def plan_of(self, *rows):
@@ -55,7 +55,7 @@ class TestAnyFactor(RosTestCase):
         self.poses.after(at(rospy.Time.now(), seconds))
 
     def wait_until_clock_stands(self):
-        """Wait until the clock has stood for half a second."""
+        """Wait until the clock has not advanced for 0.5 s."""
         seen = {}
 
         def stands():
@@ -68,15 +68,15 @@ class TestAnyFactor(RosTestCase):
         return [m.header.stamp.to_nsec() for m in self.poses.messages]
 
     def test_every_pose_once_and_in_time(self):
-        """Also while a publisher is connected that never sends a command."""
-        silent = publisher(COMMANDS, AckermannDriveStamped)
+        """The promise holds with a silent publisher of commands, too."""
+        silent = publisher(NAVIGATION, AckermannDriveStamped)
         self.addCleanup(silent.unregister)
         clock = Recording("/clock", Clock).connected()
         for connection in clock.subscriber.impl.connections:
-            connection.protocol.queue_size = None  # rospy's own, which was there first, is one
+            connection.protocol.queue_size = None  # otherwise it is 1, as in rospy's own subscriber
         self.poses.clear()
         self.wait_for_clock(1.0)
-        # Poses that came before /clock did are not among those of that second.
+        # Wait for some more poses: the first ones can be older than the first message on /clock.
         wait_for(lambda: len(self.stamps()) > 50, "more than 50 poses")
         stamps = self.stamps()
         steps = {later - earlier for earlier, later in zip(stamps, stamps[1:])}
@@ -94,7 +94,7 @@ class TestAnyFactor(RosTestCase):
             answer = self.step()
             self.assertTrue(answer.success)
         now = float(answer.message.split()[0])
-        self.assertAlmostEqual(now, held + 0.1, delta=1e-6)  # a double holds it to 2.4e-7 s
+        self.assertAlmostEqual(now, held + 0.1, delta=1e-6)  # a double rounds to 2.4e-7 s
         wait_for(lambda: abs(self.poses.last.header.stamp.to_sec() - now) < 1e-6, "the last step")
         stamps = [stamp for stamp in self.stamps() if stamp > (held + 0.001) * 1e9]
         self.assertEqual(len(stamps), 5)
@@ -108,13 +108,12 @@ class TestLockStep(TestAnyFactor):
 
     def test_reset(self):
         odometry = Recording("/car/odom", Odometry).connected()
-        with node("path_publisher.py", f"_plan_file:={self.plan_of(*ROWS)}") as driver:
-            self.assertEqual(driver.wait(), 0)
+        self.drive_plan(self.plan_of(*ROWS))
         self.assert_pose(planar(self.poses.last.pose), closed_form((0.0, 0.0, 0.0), ROWS))
         answer = self.reset()
         self.assertTrue(answer.success)
         since = float(re.fullmatch("at the start pose since (.*) s", answer.message).group(1))
-        then = rospy.Time.from_sec(since + 0.001)  # a double holds it to 2.4e-7 s
+        then = rospy.Time.from_sec(since + 0.001)  # a double rounds to 2.4e-7 s
         reset = self.poses.after(then)
         self.assertEqual(planar(reset.pose), (0.0, 0.0, 0.0))
         after = odometry.after(then)
@@ -123,14 +122,14 @@ class TestLockStep(TestAnyFactor):
         self.assertEqual(stamps, sorted(stamps))
 
     def test_a_client_that_dies(self):
-        """The car stops when the last command runs out, and the clock goes on."""
+        """The car stops when the last command expires, and the clock goes on."""
         obeyed = Recording(OUTPUT, AckermannDriveStamped).connected()
         said = Recording("/rosout", Log).connected()
         path = self.plan_of((1.0, 0.2, 600.0))
-        with node("path_publisher.py", f"_plan_file:={path}", "__name:=killed") as driver:
+        with driver(path, "__name:=killed") as process:
             wait_for(lambda: len(obeyed.messages) >= 5, "five commands")
-            kill("/killed", driver.pid)
-            driver.wait()
+            kill("/killed", process.pid)
+            process.wait()
         self.wait_for_clock(1.0)
         warning = "no command arrived within 5 s of wall-clock time"
         wait_for(lambda: any(warning in m.msg for m in said.messages), "a warning")
@@ -140,16 +139,16 @@ class TestLockStep(TestAnyFactor):
         self.assert_pose(pose, closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)]))
 
     def test_a_client_that_stands_still(self):
-        """The clock goes on without it, and the client gives its plan up when it continues."""
+        """The clock goes on; the client stops its drive when it runs again."""
         path = self.plan_of((1.0, 0.2, 600.0))
-        with node("path_publisher.py", f"_plan_file:={path}") as driver:
+        with driver(path) as process:
             wait_for(lambda: len(self.commands.messages) >= 5, "five commands")
-            driver.send_signal(signal.SIGSTOP)
+            process.send_signal(signal.SIGSTOP)
             self.wait_until_clock_stands()  # every command has arrived
             self.wait_for_clock(2.0)
-            driver.send_signal(signal.SIGCONT)
-            self.assertEqual(driver.wait(), 1)
-            self.assertIn("was suspended", driver.output)
+            process.send_signal(signal.SIGCONT)
+            self.assertEqual(process.wait(), 1)
+            self.assertIn("was suspended", process.output)
         self.wait_for_clock(0.5)
 
     def test_a_recorder_that_stands_still(self):
@@ -162,10 +161,10 @@ class TestLockStep(TestAnyFactor):
             rospy.wait_for_service("/plan_recorder/save")
             save = rospy.ServiceProxy("/plan_recorder/save", Trigger)
             wait_for_recorder("/plan_recorder")
-            with node("path_publisher.py", f"_plan_file:={path}") as driver:
+            with driver(path) as process:
                 wait_for(lambda: obeyed.messages, "a command")
                 recorder.send_signal(signal.SIGSTOP)
-                self.assertEqual(driver.wait(), 0)
+                self.assertEqual(process.wait(), 0)
             recorder.send_signal(signal.SIGCONT)
 
             def recorded():
@@ -180,7 +179,5 @@ class TestLockStep(TestAnyFactor):
 
 
 if __name__ == "__main__":
-    rospy.init_node("clock_test")
-    factor = rospy.get_param("/car/car_sim/real_time_factor")
-    tests = TestLockStep if factor == 0 else TestAnyFactor
-    rostest.rosrun("mushr_ros_intro", "clock", tests)
+    factor = rosgraph.Master("/clock_test").getParam("/car/car_sim/real_time_factor")
+    run("clock", TestLockStep if factor == 0 else TestAnyFactor)

@@ -8,14 +8,14 @@ import socket
 import sys
 import threading
 import time
-import unittest
 from http.server import BaseHTTPRequestHandler, HTTPServer
+from unittest import mock
 
 import rosgraph
 import rosgraph.network
 import roslib.packages
+import rosnode
 import rospy
-import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Clock
@@ -24,75 +24,64 @@ from std_srvs.srv import Trigger, TriggerResponse
 from mushr_ros_intro.doctor.rules import diagnose
 from mushr_ros_intro.ros.observation import Observer
 from support.ghost import Ghost
-from support.helpers import Process, Recording, free_port, node, publisher, wait_for
-from support.messages import command, placement
+from support.helpers import (
+    Process,
+    Recording,
+    RosTestCase,
+    driver,
+    free_port,
+    master,
+    publisher,
+    run,
+    wait_for,
+)
+from support.messages import MUX, NAVIGATION, OUTPUT, TELEOP, command, placement
 
 DOCTOR = os.path.join(roslib.packages.get_pkg_dir("mushr_ros_intro"), "src", "doctor.py")
-MUX = "/car/mux/ackermann_cmd_mux"
-NAVIGATION = f"{MUX}/input/navigation"
 NOWHERE = "http://localhost:1/"
-"""An address at which nothing listens."""
+"""An address without a server."""
 
 
 class OtherCommand(AckermannDriveStamped):
-    """A message of the same name with another definition."""
+    """A message with the same name and another definition."""
 
     _md5sum = "0123456789abcdef0123456789abcdef"
 
 
-class Driver:
-    """Sends a command every 50 ms from a thread of its own.
+publishers = {}
+"""Publishers of commands by topic. Each stays registered until `release`.
 
-    Its publisher stays until it is released: rospy's subscribers may take a publisher that is
-    registered again for the former one, and not connect.
-    """
-
-    _publishers = {}
-
-    def __init__(self, topic, speed=1.0, stamp=rospy.Time.now):
-        if topic not in self._publishers:
-            made = rospy.Publisher(topic, AckermannDriveStamped, queue_size=10)
-            self._publishers[topic] = made
-        self._publisher = self._publishers[topic]
-        self._speed, self._stamp = speed, stamp
-        self._ends = threading.Event()
-        self._thread = threading.Thread(target=self._drive, daemon=True)
-
-    def _drive(self):
-        while not self._ends.wait(0.05):
-            self._publisher.publish(command(self._stamp(), self._speed, 0.0))
-
-    def __enter__(self):
-        self._thread.start()
-
-    def __exit__(self, *_):
-        self._ends.set()
-        self._thread.join()
-
-    @classmethod
-    def release(cls, *topics):
-        for topic in topics:
-            cls._publishers.pop(topic).unregister()
+If a publisher is registered again, rospy's subscribers may not connect to it.
+"""
 
 
-class Connections(rospy.SubscribeListener):
-    """Counts the subscribers that connect to a publisher."""
-
-    def __init__(self):
-        super().__init__()
-        self.count = 0
-
-    def peer_subscribe(self, topic_name, topic_publish, peer_publish):
-        self.count += 1
+def release(topic):
+    publishers.pop(topic).unregister()
 
 
-class TestDoctor(unittest.TestCase):
+@contextlib.contextmanager
+def driving(topic, speed=1.0, stamp=rospy.Time.now):
+    """Send a command every 50 ms."""
+    if topic not in publishers:
+        publishers[topic] = rospy.Publisher(topic, AckermannDriveStamped, queue_size=10)
+
+    def send(_):
+        publishers[topic].publish(command(stamp(), speed, 0.0))
+
+    timer = rospy.Timer(rospy.Duration(0.05), send)
+    yield
+    timer.shutdown()
+    timer.join()
+
+
+class TestDoctor(RosTestCase):
     def setUp(self):
+        super().setUp()
         self.uri = rosgraph.get_master_uri()
         self.me = rospy.get_name()
 
     def expect(self, *problems, car="car", **options):
-        """Observe until there is one finding for each of `problems`, and no other."""
+        """Observe until there is exactly one finding for each of `problems`."""
         options = {"listening_time": 0.2, **options}
         found = []
 
@@ -106,65 +95,50 @@ class TestDoctor(unittest.TestCase):
         except AssertionError as error:
             raise AssertionError(f"{error}; got {found}") from None
 
-    def unregister(self, name):
-        """Remove a node's registrations, as rosnode cleanup does."""
-        master, caller = rosgraph.Master("/doctor_test"), rosgraph.Master(name)
-        uri = master.lookupNode(name)
-        publishers, subscribers, services = master.getSystemState()
-        for topic, names in publishers:
-            if name in names:
-                caller.unregisterPublisher(topic, uri)
-        for topic, names in subscribers:
-            if name in names:
-                caller.unregisterSubscriber(topic, uri)
-        for service, names in services:
-            if name in names:
-                caller.unregisterService(service, master.lookupService(service))
-
     def test_0_no_publisher(self):
         self.expect(f"no node publishes commands: {NAVIGATION} has no publisher")
 
     def test_path_publisher(self):
-        # Healthy, blocked by another input, stopped, killed, unregistered.
-        Driver.release(NAVIGATION)
-        with node("path_publisher.py", "_plan_file:=circle", "_loop:=true") as process:
+        # It works, is blocked by another input, is stopped, is killed, and is unregistered.
+        release(NAVIGATION)
+        with driver("circle", "_loop:=true") as process:
             self.expect()
             with Process(sys.executable, DOCTOR) as doctor:
                 self.assertEqual(doctor.wait(), 0, doctor.output)
             expected = "no fault found: /path_publisher sends commands, and the car moves\n"
             self.assertEqual(doctor.output, expected)
             self.assertNotIn("doctor", process.output)  # no trace in other terminals
-            with Driver(f"{MUX}/input/teleop", 0.0):
+            with driving(TELEOP, 0.0):
                 self.expect(f"'teleop' of the mux has a higher priority and is in use by {self.me}")
-            Driver.release(f"{MUX}/input/teleop")
+            release(TELEOP)
             process.send_signal(signal.SIGSTOP)
             self.expect("/path_publisher does not respond", call_timeout=0.3)
             process.send_signal(signal.SIGKILL)
             process.wait()
             self.expect("/path_publisher has died")
-            self.unregister("/path_publisher")  # its parameters remain
+            rosnode.cleanup_master_blacklist(rosgraph.Master("/doctor_test"), ["/path_publisher"])
         self.expect(f"no node publishes commands: {NAVIGATION} has no publisher")
 
     def test_unknown_host(self):
         master, uri = rosgraph.Master("/ghost"), "http://nosuch.invalid:1/"
         master.registerPublisher("/ghostly", "std_msgs/String", uri)
         self.addCleanup(master.unregisterPublisher, "/ghostly", uri)
-        with Driver(NAVIGATION):
+        with driving(NAVIGATION):
             self.expect("/ghost cannot be reached: this machine cannot resolve the host name")
 
     def test_commands(self):
-        with Driver(NAVIGATION, 0.0):
+        with driving(NAVIGATION, 0.0):
             self.expect(f"all commands of {self.me} have speed 0")
-        with Driver(NAVIGATION, 1.0, lambda: rospy.Time(0)):
+        with driving(NAVIGATION, 1.0, lambda: rospy.Time(0)):
             self.expect()
-        with Driver(NAVIGATION, 1.0, lambda: rospy.Time.now() - rospy.Duration(9)):
+        with driving(NAVIGATION, 1.0, lambda: rospy.Time.now() - rospy.Duration(9)):
             self.expect("s behind the clock of this machine")
-        with Driver(f"{MUX}/output"):
+        with driving(OUTPUT):
             self.expect()
-        Driver.release(f"{MUX}/output")
-        with Driver("/cmd"):
+        release(OUTPUT)
+        with driving("/cmd"):
             self.expect(f"the commands of {self.me} have no effect: no node subscribes to /cmd")
-        Driver.release("/cmd")
+        release("/cmd")
         self.expect(f"no commands arrived from {self.me}")
 
     def test_another_definition_of_the_type(self):
@@ -186,8 +160,7 @@ class TestDoctor(unittest.TestCase):
                         ).start()
 
             threading.Thread(target=connect, daemon=True).start()
-            ghost = Ghost(publishes=[topic], port=server.getsockname()[1])
-            self.addCleanup(ghost.end)
+            self.ending(Ghost(publishes=[topic], port=server.getsockname()[1]))
             self.expect(f"/ghost publishes std_msgs/String on {topic}", listening_time=0.0)
 
     def test_a_waiting_publisher_goes_on_waiting(self):
@@ -195,16 +168,16 @@ class TestDoctor(unittest.TestCase):
         master = rosgraph.Master("/ghost")  # a dead subscriber
         master.registerSubscriber(topic, AckermannDriveStamped._type, NOWHERE)
         self.addCleanup(master.unregisterSubscriber, topic, NOWHERE)
-        connections = Connections()
+        connections = mock.Mock()
         waiting = rospy.Publisher(topic, AckermannDriveStamped, connections, queue_size=1)
         self.addCleanup(waiting.unregister)
         self.expect("/ghost has died", "the car 'car2' is not running", car="car2")
-        self.assertEqual(connections.count, 0)
+        connections.peer_subscribe.assert_not_called()
 
     def test_time(self):
         rospy.set_param("/use_sim_time", True)
         self.addCleanup(rospy.set_param, "/use_sim_time", False)
-        with Driver(NAVIGATION):
+        with driving(NAVIGATION):
             self.expect("use_sim_time is true, but no node publishes /clock")
             clock = rospy.Publisher("/clock", Clock, queue_size=1)
             self.addCleanup(clock.unregister)
@@ -224,12 +197,12 @@ class TestDoctor(unittest.TestCase):
         collisions = Recording("/car/car_sim/collision", PoseArray).connected()
         placements = publisher("/initialpose", PoseWithCovarianceStamped)
         placements.publish(placement(rospy.Time(), 48.9, 0.0, 0.0))
-        with Driver(NAVIGATION):
+        with driving(NAVIGATION):
             wait_for(lambda: collisions.last and collisions.last.poses, "the wall")
             collisions.subscriber.unregister()  # in one process, a topic has one type
             self.expect("the car touches a wall at (49.0200 m, 0.0000 m, 0.0000 rad)")
         placements.publish(placement(rospy.Time(), 0.0, 0.0, 0.0))
-        with Driver(NAVIGATION):
+        with driving(NAVIGATION):
             self.expect()
 
     def test_another_car(self):
@@ -264,7 +237,7 @@ class TestDoctor(unittest.TestCase):
             time.sleep(0.05)  # Linux measures the start of a process in steps of 0.01 s
             stack.enter_context(Process("rosmaster", "-p", str(port)))
             wait_for(rosgraph.Master("/doctor_test", self.uri).is_online, "the master")
-            with Process(*node, ROS_MASTER_URI=self.uri):  # it may still be about to register
+            with Process(*node, ROS_MASTER_URI=self.uri):  # it may still register
                 problem = "/car/rviz (process "
                 self.expect(problem, "the car 'car' is not running", default_master=NOWHERE)
 
@@ -275,16 +248,12 @@ class TestDoctor(unittest.TestCase):
         self.assertIn(f"ROS_MASTER_URI is {NOWHERE}, but no master runs there", doctor.output)
 
     def test_interrupts(self):
-        # Ctrl-C leaves no registration; a master that stops meanwhile is reported.
-        port = free_port()
-        uri = f"http://localhost:{port}"
-        master = rosgraph.Master("/doctor_test", uri)
-
+        # Ctrl-C leaves no registration. The doctor reports that a master has stopped.
         def nodes():
-            return [name for part in master.getSystemState() for _, names in part for name in names]
+            return [name for part in proxy.getSystemState() for _, names in part for name in names]
 
-        with Process("rosmaster", "-p", str(port)) as roscore:
-            wait_for(master.is_online, "the master")
+        with master("/doctor_test") as (roscore, proxy):
+            uri = proxy.master_uri
             with Process(sys.executable, DOCTOR, ROS_MASTER_URI=uri) as doctor:
                 wait_for(nodes, "the doctor to join")
 
@@ -304,5 +273,4 @@ class TestDoctor(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("doctor_test")
-    rostest.rosrun("mushr_ros_intro", "doctor", TestDoctor)
+    run("doctor", TestDoctor)

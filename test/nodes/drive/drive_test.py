@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Check that every plan ends where its closed form says, and that its commands are as written."""
+"""Check that every plan ends at the pose of its closed form, and that its commands are right."""
 
 import glob
 import math
@@ -7,31 +7,30 @@ import os
 import re
 
 import rosnode
-import rospkg
 import rospy
-import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from support.geometry import closed_form, float32, planar
-from support.helpers import Process, Recording, RosTestCase, node, wait_for
+from support.helpers import Process, Recording, RosTestCase, node, run, wait_for
+from support.paths import PLANS
 
 PERIOD = 100_000_000
 """[ns] Between two commands of a row."""
 
 BUSY = 8
-"""[s] How long both cores are busy during the plans."""
+"""[s] Both cores are busy for this part of the drives."""
 
 TUTORIAL = {"straight_line", "figure_8"}
-"""The plans that the tutorial has."""
+"""The plans of the tutorial."""
 
 
 def read(path):
-    """Read a plan file that is known to be good."""
+    """Read a plan without the package's parser."""
     with open(path) as file:
         lines = [line.split("#")[0].strip() for line in file]
-    numbers = [tuple(map(float, line.split(","))) for line in lines if line]
-    return numbers[0], [(row + (1.0,))[:3] for row in numbers[1:]]
+    start, *rows = (tuple(map(float, line.split(","))) for line in lines if line)
+    return start, [(*row, 1.0)[:3] for row in rows]
 
 
 class TestDrive(RosTestCase):
@@ -39,9 +38,8 @@ class TestDrive(RosTestCase):
 
     @classmethod
     def drive(cls):
-        """Drive every plan once, all at the same time."""
-        folder = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "plans")
-        cls.plans = {os.path.basename(p)[:-4]: read(p) for p in glob.glob(folder + "/*.txt")}
+        """Drive all plans at the same time."""
+        cls.plans = {os.path.basename(p)[:-4]: read(p) for p in glob.glob(f"{PLANS}/*.txt")}
         cls.starts, cls.commands, cls.poses, cls.outputs = {}, {}, {}, {}
         for name in cls.plans:
             topic = f"/{name}/mux/ackermann_cmd_mux/input/navigation"
@@ -79,7 +77,7 @@ class TestDrive(RosTestCase):
             self.assert_pose(self.poses[name].pose_at_rest(stop), closed_form(start, rows))
 
     def test_start_pose_comes_first(self):
-        """The car is there when the first command applies."""
+        """The car is at the start pose before the first command applies."""
         for name, (start, _) in self.plans.items():
             (placement,) = self.starts[name].messages
             self.assertEqual(placement.header.frame_id, "map", name)
@@ -97,7 +95,7 @@ class TestDrive(RosTestCase):
             self.assertIn("difference", self.outputs[name])
 
     def test_commands(self):
-        """Ten a second, each at the instant at which it is due, and a stop at the end."""
+        """There are ten commands per second, with exact stamps, and a stop at the end."""
         for name, (_, rows) in self.plans.items():
             messages = self.commands[name].messages
             begin = messages[0].header.stamp.to_nsec()
@@ -117,7 +115,7 @@ class TestDrive(RosTestCase):
             self.assertEqual(frames, {f"{name}/base_footprint"})
 
     def test_cars_share_nothing(self):
-        """Two cars have no topic and no node in common but /tf and the log's."""
+        """Cars have no common node, and no common topics except /rosout, /tf, /clock and /map."""
         master = rospy.get_master()
         _, _, (publishers, subscribers, _) = master.getSystemState()
         for topic, nodes in publishers + subscribers:
@@ -132,5 +130,4 @@ class TestDrive(RosTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("drive_test")
-    rostest.rosrun("mushr_ros_intro", "drive", TestDrive)
+    run("drive", TestDrive)

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Drive with the keys: in a window on a display of the test's own, and in a terminal."""
+"""Drive with the keys: in a window on a virtual display, and in a terminal."""
 
 import os
 import pty
@@ -9,22 +9,20 @@ import subprocess
 import termios
 import time
 import tkinter
-import unittest
 from unittest import mock
 
 import roslib.packages
 import rospy
-import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
 from mushr_ros_intro.authoring.keyboard import HELP, Window
 from support.display import Display, require
 from support.geometry import float32
-from support.helpers import PATIENCE, Process, Recording, wait_for
+from support.helpers import PATIENCE, Process, Recording, RosTestCase, run, wait_for
+from support.messages import MUX, TELEOP
 
 NODE = (*roslib.packages.find_node("mushr_ros_intro", "keyboard_teleop.py"), "__ns:=/car")
-TOPIC = "/car/mux/ackermann_cmd_mux/input/teleop"
 
 FORWARD = (2.0, 0.0)
 FORWARD_LEFT = (2.0, float32(0.34))
@@ -32,10 +30,10 @@ STOP = (0.0, 0.0)
 """[m/s, rad]"""
 
 SILENCE = 0.5
-"""Time without messages [s]: five command periods, longer than the mux's timeout of 0.2 s."""
+"""[s] Five command periods, and longer than the mux's timeout of 0.2 s."""
 
 REPEATING = 1.5
-"""Time to hold a key [s]: longer than the 0.5 or 0.66 s after which a display repeats it."""
+"""[s] A display repeats a key that is held for 0.5 or 0.66 s, so hold it longer."""
 
 
 def drives(messages):
@@ -43,19 +41,18 @@ def drives(messages):
 
 
 class Commands:
-    """Common parts of the tests of window and terminal: one node at a time drives the car."""
+    """Code of the tests of window and terminal. One node at a time drives the car."""
 
     def setUp(self):
-        self.commands = Recording(TOPIC, AckermannDriveStamped)
-        self.addCleanup(self.commands.subscriber.unregister)
-        self.active = Recording("/car/mux/ackermann_cmd_mux/active", String).connected()
-        self.addCleanup(self.active.subscriber.unregister)
+        super().setUp()
+        self.commands = self.ending(Recording(TELEOP, AckermannDriveStamped))
+        self.active = self.ending(Recording(f"{MUX}/active", String).connected())
 
     def wait_for_drive(self, wanted):
         wait_for(lambda: drives(self.commands.messages)[-1:] == [wanted], f"the command {wanted}")
 
     def check_silence(self):
-        """Wait for the stop, and check that it is the only one and the last message."""
+        """Wait for the stop; check that there is one stop and no later message."""
         self.wait_for_drive(STOP)
         wait_for(lambda: self.active.last.data == "idle", "the mux to be idle")
         count = len(self.commands.messages)
@@ -73,34 +70,28 @@ class Commands:
         self.assertEqual(frames, {"car/base_footprint"})
 
 
-class FaultsTest(unittest.TestCase):
+class FaultsTest(RosTestCase):
     """Faults that end the node with a message."""
 
-    def test_no_keyboard(self):
-        """There is neither a display nor a terminal."""
-        with Process(*NODE, DISPLAY="") as node:
-            self.assertEqual(node.wait(), 1)
-            self.assertIn("no keyboard to drive with", node.output)
-            self.assertIn("DISPLAY", node.output)
-
-    def test_bad_parameter(self):
-        for name, value in (("speed", "fast"), ("steering_angle", "1.6")):
-            with Process(*NODE, f"_{name}:={value}", DISPLAY="") as node:
-                self.assertEqual(node.wait(), 1)
-                self.assertIn(f"parameter ~{name} is", node.output)
-            rospy.delete_param(f"/car/keyboard_teleop/{name}")
+    @mock.patch.dict(os.environ, DISPLAY="")
+    def test_refusals(self):
+        """There is neither a display nor a terminal, or a parameter is wrong."""
+        name = "keyboard_teleop.py"
+        self.assert_refused(
+            (name, ["__ns:=/car"], "no keyboard to drive with", "DISPLAY"),
+            (name, ["__ns:=/car", "_speed:=fast"], "parameter ~speed is"),
+            (name, ["__ns:=/car", "_steering_angle:=1.6"], "parameter ~steering_angle is"),
+        )
 
 
-class WindowTest(Commands, unittest.TestCase):
-    """In a window, with keys that xdotool presses."""
+class WindowTest(Commands, RosTestCase):
+    """In a window; xdotool presses the keys."""
 
     def setUp(self):
         require(self, "Xvfb", "xdotool")
         super().setUp()
-        self.display = Display()
-        self.addCleanup(self.display.end)
-        self.node = Process(*NODE, DISPLAY=self.display.name)
-        self.addCleanup(self.node.end)
+        self.display = self.ending(Display())
+        self.node = self.ending(Process(*NODE, DISPLAY=self.display.name))
         self.addCleanup(self.display.xdotool, "keyup", "w", "keyup", "a")
         self.commands.connected()
         self.display.focus_on("^Teleop car$")
@@ -126,16 +117,13 @@ class WindowTest(Commands, unittest.TestCase):
         """The car stops when the window loses the focus, although the key is still down."""
         self.display.xdotool("keydown", "w")
         self.wait_for_drive(FORWARD)
-        other = Process(
-            *("/usr/bin/python3", "-c", "import tkinter; tkinter.Tk(className='other').mainloop()"),
-            DISPLAY=self.display.name,
-        )
-        self.addCleanup(other.end)
+        script = "import tkinter; tkinter.Tk(className='other').mainloop()"
+        self.ending(Process("/usr/bin/python3", "-c", script, DISPLAY=self.display.name))
         self.display.focus_on("^other$")
         self.check_silence()
 
     def test_end(self):
-        """Ctrl-C while a key is down: the stop is sent before the node ends."""
+        """Ctrl-C while a key is down: the node sends the stop before it ends."""
         self.display.xdotool("keydown", "w")
         self.wait_for_drive(FORWARD)
         self.node.send_signal(signal.SIGINT)
@@ -163,7 +151,7 @@ class WindowTest(Commands, unittest.TestCase):
         wait_for(lambda: shows("2 m/s"), "the help with the focus")
 
 
-class TerminalTest(Commands, unittest.TestCase):
+class TerminalTest(Commands, RosTestCase):
     """In a terminal, without a display."""
 
     def setUp(self):
@@ -195,7 +183,7 @@ class TerminalTest(Commands, unittest.TestCase):
         self.check_headers()
 
     def test_help(self):
-        """The help is printed again while keys are typed."""
+        """The node prints the help again while keys are typed."""
         output = b""
 
         def is_printed_again():
@@ -216,5 +204,4 @@ class TerminalTest(Commands, unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("keyboard_teleop_test")
-    rostest.rosrun("mushr_ros_intro", "keyboard_teleop", "keyboard_teleop_test")
+    run("keyboard_teleop", "keyboard_teleop_test")

@@ -1,16 +1,22 @@
 #!/usr/bin/python3
-"""Check laser_sim; the test publishes the poses of the car."""
+"""Check laser_sim. The test publishes the poses of the car."""
 
 import math
+import os
+import re
+import sys
 
 import rospy
-import rostest
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import LaserScan
 
 from mushr_ros_intro.errors import UserError
-from support.helpers import Recording, RosTestCase, module, private_parameters, publisher, wait_for
+from support.helpers import Recording, RosTestCase, publisher, run, wait_for
 from support.messages import placement
+from support.paths import PACKAGE
+
+sys.path.append(os.path.join(PACKAGE, "src"))
+from laser_sim import LaserSim  # noqa: E402
 
 HALF_TRACK = 1.4
 """[m] Distance of the walls from the middle of race_loop's straight."""
@@ -33,7 +39,7 @@ class TestLaserSim(RosTestCase):
         self.noisy = Recording("/noisy/scan", LaserScan).connected()
         self.poses = publisher("/car/car_pose", PoseStamped)
         wait_for(lambda: self.poses.get_num_connections() >= 2, "both lasers")
-        # Scans of the previous test may still arrive; its stamps are older.
+        # Stamps of different tests differ, because scans of the previous test may still arrive.
         TestLaserSim.begin += 1000
         self.stamp = rospy.Time(TestLaserSim.begin)
 
@@ -42,7 +48,7 @@ class TestLaserSim(RosTestCase):
         self.poses.publish(PoseStamped(header=placed.header, pose=placed.pose.pose))
 
     def scan_of(self, x, y, theta):
-        """Return both scans at a pose, which is published until the lasers have their map."""
+        """Return both scans at a pose; publish it until the lasers have their map."""
 
         def find():
             self.stamp += rospy.Duration(0.1)
@@ -77,7 +83,7 @@ class TestLaserSim(RosTestCase):
         self.assertLess(max(map(abs, differences)), 0.1)
 
     def test_offset(self):
-        """Towards a wall, the scanner is nearer to it than the rear axle."""
+        """The scanner is in front of the rear axle."""
         scan, _ = self.scan_of(2.0, 0.0, math.pi / 2)
         self.assertAlmostEqual(scan.ranges[4 * BEAM], HALF_TRACK - OFFSET, delta=EXACT)
 
@@ -120,14 +126,13 @@ class TestLaserSim(RosTestCase):
             ({"noise_std": -0.1}, "parameter ~noise_std is -0.1; expected a number from 0 to 1000"),
             ({"scan_rate": "often"}, "parameter ~scan_rate is 'often'; expected a number from 0.1"),
         )
-        laser_sim = module("laser_sim.py")
+        self.addCleanup(rospy.delete_param, rospy.get_name())
         for parameters, expected in cases:
-            with private_parameters(parameters), self.assertRaises(UserError) as caught:
-                laser_sim.LaserSim()
-            self.assertIn(expected, str(caught.exception))
+            rospy.set_param(rospy.get_name(), parameters)
+            with self.assertRaisesRegex(UserError, re.escape(expected)):
+                LaserSim()
         self.assert_refused(("laser_sim.py", ["_beams:=0"], "parameter ~beams is 0; expected"))
 
 
 if __name__ == "__main__":
-    rospy.init_node("laser_sim_test")
-    rostest.rosrun("mushr_ros_intro", "test_laser_sim", TestLaserSim)
+    run("laser_sim", TestLaserSim)

@@ -2,12 +2,11 @@
 """Check the topics, the service and the errors of map_server."""
 
 import rospy
-import rostest
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap
 
 from support.geometry import yaw_of
-from support.helpers import PATIENCE, Process, Recording, RosTestCase, node, wait_for
+from support.helpers import PATIENCE, Process, Recording, RosTestCase, node, run, wait_for
 from support.paths import FIXTURES
 
 CELLS = (100, 100, 0, -1, 0, 100, 0, 0, 0, 0, 0, 0, 100, 0, -1)
@@ -93,5 +92,4 @@ class TestMapServer(RosTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("map_server_test")
-    rostest.rosrun("mushr_ros_intro", "test_map_server", TestMapServer)
+    run("map_server", TestMapServer)

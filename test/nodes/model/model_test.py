@@ -1,21 +1,20 @@
 #!/usr/bin/python3
-"""Check the frames of the car's model for cars of any name, as robot_state_publisher sends them."""
+"""Check the frames of the models of two cars."""
 
 import math
 import unittest
 
 import rospy
-import rostest
 import tf2_ros
 from ackermann_msgs.msg import AckermannDriveStamped
 from tf.transformations import euler_from_quaternion
 from tf2_msgs.msg import TFMessage
 
-from support.helpers import PATIENCE, publisher, wait_for
+from support.helpers import PATIENCE, publisher, run, wait_for
 from support.messages import command
 
 ROUNDING = 1e-6
-"""[m, rad] robot_state_publisher rounds rotations."""
+"""[m, rad] The rounding errors of robot_state_publisher."""
 
 STEERING_ANGLE = 0.34
 """[rad] Of the virtual middle front wheel."""
@@ -34,7 +33,7 @@ class TestModel(unittest.TestCase):
             self.names |= {transform.header.frame_id, transform.child_frame_id}
 
     def lookup(self, target, source):
-        """Return the newest transform between two frames, when there is one."""
+        """Wait for a transform between two frames; return the newest one."""
         wait = rospy.Duration(PATIENCE)
         return self.buffer.lookup_transform(target, source, rospy.Time(0), wait).transform
 
@@ -43,13 +42,12 @@ class TestModel(unittest.TestCase):
         for car in ("car", "second"):
             laser = self.lookup(f"{car}/base_footprint", f"{car}/laser_link").translation
             expected = (0.158 - 0.0353, 0.0, 0.0947 + 0.1078)
-            for got, wanted in zip((laser.x, laser.y, laser.z), expected):
-                self.assertAlmostEqual(got, wanted, delta=ROUNDING)
+            self.assertLess(math.dist((laser.x, laser.y, laser.z), expected), ROUNDING)
             for end, x in (("front", 0.33), ("back", 0.0)):
                 for side, y in (("left", 0.125), ("right", -0.125)):
                     wheel = self.lookup("map", f"{car}/{end}_{side}_wheel_link").translation
-                    for got, wanted in zip((wheel.x, wheel.y, wheel.z), (x, y, 0.0488)):
-                        self.assertAlmostEqual(got, wanted, delta=ROUNDING)
+                    distance = math.dist((wheel.x, wheel.y, wheel.z), (x, y, 0.0488))
+                    self.assertLess(distance, ROUNDING)
         strangers = [name for name in self.names if not name.startswith(("car/", "second/"))]
         self.assertEqual(strangers, ["map"])
 
@@ -72,5 +70,4 @@ class TestModel(unittest.TestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("model_test")
-    rostest.rosrun("mushr_ros_intro", "model", TestModel)
+    run("model", TestModel)

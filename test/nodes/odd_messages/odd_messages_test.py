@@ -7,7 +7,6 @@ import math
 
 import genpy
 import rospy
-import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PointStamped, PoseStamped
 from nav_msgs.msg import OccupancyGrid, Odometry, Path
@@ -15,19 +14,18 @@ from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import String
 
 from support.driven_car import start_car
-from support.helpers import Recording, RosTestCase, node, publisher, wait_for
-from support.messages import command, placement
+from support.helpers import Recording, RosTestCase, node, publisher, run, wait_for
+from support.messages import MUX, NAVIGATION, OUTPUT, command, placement
 
 FLOATS = [math.nan, math.inf, -math.inf, 3e38, 1e30, -1e30, 1e6, -0.0, 1e-45, 5e-324, 1e308]
 INTEGERS = {"uint": [0, 1, 2**31, 2**32 - 1], "int": [0, 1, -1, 127, -128]}
 
-NAVIGATION = "/car/mux/ackermann_cmd_mux/input/navigation"
 OUTPUTS = {
     "/car/car_pose": PoseStamped,
     "/car/odom": Odometry,
     "/car/joint_states": JointState,
     "/car/scan": LaserScan,
-    "/car/mux/ackermann_cmd_mux/output": AckermannDriveStamped,
+    OUTPUT: AckermannDriveStamped,
     "/click_planner/path": Path,
 }
 
@@ -83,7 +81,7 @@ def good_messages():
     grid.data = [0, 100, -1, 0, 0, 0]
     return {
         NAVIGATION: command(now, 1.0, 0.2),
-        "/car/mux/ackermann_cmd_mux/output": command(now, 1.0, 0.2),
+        OUTPUT: command(now, 1.0, 0.2),
         "/initialpose": placement(now, 1.0, 2.0, 0.5),
         "/clicked_point": point,
         "/map": grid,
@@ -92,18 +90,15 @@ def good_messages():
 
 class TestOddMessages(RosTestCase):
     def test_any_number_in_any_message(self):
-        nodes = [
-            *start_car(),
-            node("laser_sim.py", "__ns:=/car"),
-            node("click_planner.py", f"_folder:={self.folder}"),
-            node("plan_recorder.py", f"_folder:={self.folder}"),
-        ]
+        nodes = [*start_car(), node("laser_sim.py", "__ns:=/car")]
+        for name in ("click_planner.py", "plan_recorder.py"):
+            nodes.append(node(name, f"_folder:={self.folder}"))
         for each in nodes:
-            self.addCleanup(each.end)
+            self.ending(each)
         outputs = [Recording(topic, kind) for topic, kind in OUTPUTS.items()]
         goods = good_messages()
         publishers = {topic: publisher(topic, type(msg)) for topic, msg in goods.items()}
-        active = Recording("/car/mux/ackermann_cmd_mux/active", String)
+        active = Recording(f"{MUX}/active", String)
         for topic, good in goods.items():
             for msg in odd_messages(good):
                 publishers[topic].publish(msg)
@@ -136,5 +131,4 @@ class TestOddMessages(RosTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("odd_messages_test")
-    rostest.rosrun("mushr_ros_intro", "odd_messages", TestOddMessages)
+    run("odd_messages", TestOddMessages)

@@ -7,26 +7,26 @@ import re
 import signal
 
 import rospy
-import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from support.geometry import closed_form
 from support.ghost import Ghost
-from support.helpers import Process, Recording, RosTestCase, kill, node, wait_for
+from support.helpers import Process, Recording, RosTestCase, driver, kill, node, run, wait_for
+from support.messages import COMMAND_TIMEOUT, NAVIGATION
 from support.paths import FIXTURES
-
-CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
-COMMAND_TIMEOUT = 0.2
-"""[s] How long the car obeys its last command."""
 
 
 class TestPathPublisher(RosTestCase):
     def setUp(self):
         super().setUp()
-        self.commands = Recording(CONTROL, AckermannDriveStamped)
+        self.commands = Recording(NAVIGATION, AckermannDriveStamped)
         self.placements = Recording("/initialpose", PoseWithCovarianceStamped)
         self.poses = Recording("/car/car_pose", PoseStamped).connected()
+
+    def drives(self):
+        """Return whether the recording has five commands."""
+        return len(self.commands.messages) >= 5
 
     def assert_rests_at(self, expected):
         last = self.commands.last.header.stamp
@@ -35,20 +35,19 @@ class TestPathPublisher(RosTestCase):
     def test_interrupted(self):
         """After Ctrl-C the last message is a stop; the node prints where the car stopped."""
         path = self.plan("0,0,0\n1.0,0.2,60\n")
-        with node("path_publisher.py", f"_plan_file:={path}") as publisher:
-            wait_for(lambda: len(self.commands.messages) >= 5, "five commands")
+        with driver(path) as publisher:
+            wait_for(self.drives, "five commands")
             publisher.send_signal(signal.SIGINT)
             self.assertEqual(publisher.wait(), 1)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
-        stamps = [m.header.stamp for m in self.commands.messages]
-        driven = [(1.0, 0.2, (stamps[-1] - stamps[0]).to_sec())]
-        end = closed_form((0.0, 0.0, 0.0), driven)
+        first, *_, last = self.commands.messages
+        seconds = (last.header.stamp - first.header.stamp).to_sec()
+        end = closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)])
         self.assert_rests_at(end)
-        stopped = re.search(
-            r"stopped in row 1 of 1 at \((.*) m, (.*) m, (.*) rad\)", publisher.output
-        )
-        self.assertTrue(stopped, publisher.output)
-        self.assert_pose(tuple(map(float, stopped.groups())), end, 1e-4)
+        stopped = r"stopped in row 1 of 1 at \((.*) m, (.*) m, (.*) rad\)"
+        self.assertRegex(publisher.output, stopped)
+        printed = re.search(stopped, publisher.output).groups()
+        self.assert_pose(tuple(map(float, printed)), end, 1e-4)
 
     def test_loop(self):
         """Each lap is a drive of its own, placed after the end of the last one."""
@@ -73,19 +72,19 @@ class TestPathPublisher(RosTestCase):
             self.assertEqual(self.commands.messages[(number + 1) * len(lap) - 1].drive.speed, 0.0)
 
     def test_another_node_drives_the_car(self):
-        """The node that publishes on the same topic is named, also if it has ended."""
+        """The message contains the name of the other publisher, even if it has ended."""
         path = self.plan("0,0,0\n1.0,0.2,3\n")
-        # Its second row is shifted by half a period. So the commands of at least one row are not
-        # replaced at once by those of the first node, and the car ends elsewhere.
+        # Half a period between its rows: the first node does not replace the commands of at least
+        # one row immediately, so the car ends at another pose.
         other = self.plan("0,0,0\n-1.0,0.2,0.45\n-1.0,0.2,0.5\n", "other.txt")
-        with node("path_publisher.py", f"_plan_file:={path}") as publisher:
-            wait_for(lambda: len(self.commands.messages) >= 5, "five commands")
+        with driver(path) as publisher:
+            wait_for(self.drives, "five commands")
             arguments = (f"_plan_file:={other}", "__name:=other", "_send_init_pose:=false")
             with node("path_publisher.py", *arguments) as second:
                 wait_for(lambda: "/other also publishes on" in publisher.output, "a warning")
                 self.assertEqual(second.wait(), 0)
             self.assertEqual(publisher.wait(), 1)
-        self.assertIn(f"/other also published on {CONTROL}", publisher.output)
+        self.assertIn(f"/other also published on {NAVIGATION}", publisher.output)
         self.assertNotIn("has been driven", publisher.output)
 
     def test_the_car_dies(self):
@@ -97,10 +96,10 @@ class TestPathPublisher(RosTestCase):
             "_loop:=false",
             "_car_name:=second",
             "_init_pose_topic:=/second_initialpose",
-            f"_control_topic:={CONTROL}",
+            f"_control_topic:={NAVIGATION}",
         )
-        with node("path_publisher.py", f"_plan_file:={path}", *arguments) as publisher:
-            wait_for(lambda: len(self.commands.messages) >= 5, "five commands")
+        with driver(path, *arguments) as publisher:
+            wait_for(self.drives, "five commands")
             kill("/second/car_sim", car.pid)
             warning = "the car no longer reports its pose on /second/car_pose"
             wait_for(lambda: warning in publisher.output, "a warning")
@@ -109,21 +108,21 @@ class TestPathPublisher(RosTestCase):
         self.assertNotIn("has been driven", publisher.output)
 
     def test_tutorial_listing(self):
-        """The tutorial's listing ends within 0.2 s of driving, as it sends no stop."""
+        """The listing sends no stop, so the car drives for up to 0.2 s longer."""
         rows = [(2.0, 0.09, 1.0), (3.0, -0.15, 1.0)]
         path = self.plan("0,0,0.0\n2.0,0.09\n3.0,-0.15")
         with node("listing.py", f"_plan_file:={path}") as listing:
             self.assertEqual(listing.wait(), 0)
         self.assertGreaterEqual(len(self.commands.messages), 19)
         x, y, _ = self.poses.pose_at_rest(rospy.Time.now() + rospy.Duration(COMMAND_TIMEOUT))
-        # Its rows begin when its thread wakes: they share 2 s, but not to the last millisecond.
+        # Its rows begin when its thread wakes up, so their durations are not exact.
         slack = 3.0 * (COMMAND_TIMEOUT + 0.05)
         expected = closed_form((0.0, 0.0, 0.0), rows)
         self.assertLess(math.hypot(x - expected[0], y - expected[1]), slack)
 
     def test_a_relative_path(self):
-        rospy.set_param("/path_publisher/send_init_pose", False)  # of an earlier drive
-        # So slow that the effect of a late message is below the last printed digit.
+        rospy.set_param("/path_publisher/send_init_pose", False)  # as if from an earlier drive
+        # The car is slow, so a late message does not change the printed digits.
         self.plan("3,4,1\n0.02,0.1,1\n", "mine.txt")
         launch = ("roslaunch", "mushr_ros_intro", "path_publisher.launch", "plan_file:=mine.txt")
         with Process(*launch, PWD=self.folder) as publisher:
@@ -133,12 +132,11 @@ class TestPathPublisher(RosTestCase):
 
     def test_refuses_and_publishes_nothing(self):
         """Each fault is one message and exit status 1, and no command is published."""
-        ghost = Ghost(subscribes=["/told_late"], publishes=["/ghost/car_pose"])
-        self.addCleanup(ghost.end)
+        ghost = self.ending(Ghost(subscribes=["/told_late"], publishes=["/ghost/car_pose"]))
         wrong = rospy.Subscriber("/wrong_initialpose", PoseWithCovarianceStamped)
         self.addCleanup(wrong.unregister)
         broken = os.path.join(FIXTURES, "broken_plans", "not_a_number.txt")
-        other_car = ("_car_name:=ghost", f"_control_topic:={CONTROL}")
+        other_car = ("_car_name:=ghost", f"_control_topic:={NAVIGATION}")
         cases = {
             f"{broken}:": [f"_plan_file:={broken}"],
             "circle, closed_figure_8, figure_8": ["_plan_file:=figure_9"],
@@ -156,11 +154,10 @@ class TestPathPublisher(RosTestCase):
             *(("path_publisher.py", [*common, *each], said) for said, each in cases.items())
         )
         self.assertEqual(self.commands.messages, [])
-        # It announces itself again to a subscriber, and asks a publisher again, that do not answer.
+        # It called the subscriber and the publisher that do not answer more than once.
         for calls in ghost.calls.values():
             self.assertGreater(len(calls), 1)
 
 
 if __name__ == "__main__":
-    rospy.init_node("path_publisher_test")
-    rostest.rosrun("mushr_ros_intro", "path_publisher", TestPathPublisher)
+    run("path_publisher", TestPathPublisher)

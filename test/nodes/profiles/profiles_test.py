@@ -7,14 +7,13 @@ import signal
 import time
 
 import rospy
-import rostest
 from nav_msgs.msg import Path
 
 from support.geometry import planar
-from support.helpers import Process, Recording, RosTestCase, node, wait_for
+from support.helpers import Process, Recording, RosTestCase, run, wait_for
 
 PROMISED = 1e-9
-"""[m, rad] Difference between the predicted and the final pose."""
+"""[m, rad] The largest difference between the predicted and the final pose."""
 
 PRINTED = 1e-4
 """[m, rad] Accuracy of printed poses."""
@@ -30,7 +29,7 @@ def car(*arguments):
     command = ("roslaunch", "mushr_ros_intro", "sim.launch", *options, "model:=false")
     with Process(*command, *arguments) as launch:
         try:
-            # Without the launch file's parameters path_publisher would run in wall-clock time.
+            # Without these parameters, path_publisher would use wall-clock time.
             wait_for(lambda: rospy.has_param("/car/car_sim/seed"), "the car's parameters")
             yield
         finally:
@@ -43,18 +42,14 @@ class TestProfiles(RosTestCase):
     def drive(self, plan):
         """Drive a plan; return the predicted final pose."""
         began = time.monotonic()
-        arguments = (f"_plan_file:={plan}", "_subscriber_timeout:=20.0", "__name:=driver")
-        with node("path_publisher.py", *arguments) as publisher:
-            self.assertEqual(publisher.wait(), 0, publisher.output)
+        output = self.drive_plan(plan, "_subscriber_timeout:=20.0", "__name:=driver")
         # There are progress lines, but at most 20 per second.
-        lines = publisher.output.count(" s left\n")
-        self.assertGreaterEqual(lines, 1, publisher.output)
-        self.assertLessEqual(lines, 1 + 20 * (time.monotonic() - began), publisher.output)
-        found = DIFFERENCE.search(publisher.output)
-        self.assertTrue(found, publisher.output)
-        for difference in map(float, found.groups()):
-            self.assertLess(difference, PROMISED, publisher.output)
-        return tuple(map(float, ENDS.search(publisher.output).groups()))
+        lines = output.count(" s left\n")
+        self.assertGreaterEqual(lines, 1)
+        self.assertLessEqual(lines, 1 + 20 * (time.monotonic() - began))
+        for difference in map(float, DIFFERENCE.search(output).groups()):
+            self.assertLess(difference, PROMISED)
+        return tuple(map(float, ENDS.search(output).groups()))
 
     def test_every_profile(self):
         ends = {}
@@ -84,5 +79,4 @@ class TestProfiles(RosTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("profiles_test")
-    rostest.rosrun("mushr_ros_intro", "profiles", TestProfiles)
+    run("profiles", TestProfiles)

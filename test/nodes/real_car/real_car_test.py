@@ -8,7 +8,6 @@ import signal
 
 import numpy as np
 import rospy
-import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Path
@@ -16,17 +15,16 @@ from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from support.geometry import angle_between, closed_form, planar
-from support.helpers import Process, Recording, RosTestCase, node, publisher, wait_for
+from support.helpers import Process, Recording, RosTestCase, driver, publisher, run, wait_for
+from support.messages import MUX, NAVIGATION, TELEOP
 
-MUX = "/car/mux/ackermann_cmd_mux"
 NAME = "/path_publisher"
 
 AT_WALL = 49.4 - 0.38
-"""[m] Where the sandbox's wall stops the rear axle of a car that drives straight at it."""
+"""[m] The x coordinate of a car that drives along x and stops at the sandbox's wall."""
 
 FOUND = 1e-6
 """[m, rad] The resolution of the contact, and the limit of the prediction's error."""
-
 
 WARNINGS = re.compile(r"\[WARN\] \[[^]]*\]: (.*)")
 
@@ -34,10 +32,10 @@ WARNINGS = re.compile(r"\[WARN\] \[[^]]*\]: (.*)")
 class TestRealCar(RosTestCase):
     def setUp(self):
         super().setUp()
-        self.commands = Recording(MUX + "/input/navigation", AckermannDriveStamped)
+        self.commands = Recording(NAVIGATION, AckermannDriveStamped)
         self.placements = Recording("/initialpose", PoseWithCovarianceStamped)
         self.paths = Recording("/car/predicted_path", Path)
-        # The latched message of an earlier node comes until its connection ends; the car stays.
+        # Wait until only the car is connected: an earlier node sends its latched message.
         connections = self.paths.subscriber.get_num_connections
         wait_for(lambda: connections() < 2, "the end of the earlier node")
         self.paths.clear()
@@ -49,22 +47,15 @@ class TestRealCar(RosTestCase):
 
     @staticmethod
     def forget():
-        """Delete the node's parameters, which the next node of that name would use."""
+        """Delete the node's parameters, because the next node has the same name."""
         with contextlib.suppress(KeyError):
             rospy.delete_param(NAME)
-
-    def drive(self, *arguments, status=0):
-        """Run path_publisher; return its output."""
-        with node("path_publisher.py", *arguments) as driver:
-            self.assertEqual(driver.wait(), status)
-        self.assertNotIn("Traceback", driver.output)
-        return driver.output
 
     # Before it drives
 
     def test_faults_are_warnings_and_the_prediction_ends_at_the_wall(self):
         plan = self.plan("47,0,0\n0.9,0\n2.0, 0.0, 3\n")
-        output = self.drive(f"_plan_file:={plan}", status=1)
+        output = self.drive_plan(plan, status=1)
         fast = "row 2 asks for 2 m/s; the car does 0.9286 m/s at most"
         wall = "row 2 hits a wall at t = 2.4 s, (49.0, 0.0); it stops there"
         warnings = WARNINGS.findall(output)
@@ -83,7 +74,7 @@ class TestRealCar(RosTestCase):
     def test_strict_refuses_faults_and_publishes_nothing(self):
         rows = "".join(f"{speed}, 0\n" for speed in 30 * (0.5, 1.5))
         plan = self.plan(f"0,0,0\n{rows}")
-        output = self.drive(f"_plan_file:={plan}", "_strict:=true", status=1)
+        output = self.drive_plan(plan, "_strict:=true", status=1)
         self.assertEqual(output.count("FATAL"), 1)
         self.assertIn("~strict is set and the plan has faults", output)
         self.assertEqual(output.count(f"{plan}:"), 20 + 1, output)  # and once when it is read
@@ -95,7 +86,7 @@ class TestRealCar(RosTestCase):
         cloud = Recording(NAME + "/spread_poses", PoseArray)
         ellipses = Recording(NAME + "/spread_ellipses", MarkerArray)
         plan = self.plan("1,2,0.5\n0.5,0.1\n0.8,-0.1,3\n")
-        output = self.drive(f"_plan_file:={plan}", "_strict:=true", "_spread:=true")
+        output = self.drive_plan(plan, "_strict:=true", "_spread:=true")
         self.assertIn(
             "spread of 1000 drives with random errors: the final positions are 0.", output
         )
@@ -113,9 +104,11 @@ class TestRealCar(RosTestCase):
         for value, size in zip(values[::-1], (last.scale.x, last.scale.y)):
             self.assertAlmostEqual(2.0 * math.sqrt(5.991464547 * value), size, places=6)
         direction = math.atan2(vectors[1, 1], vectors[0, 1])
-        off = angle_between(2.0 * direction, 2.0 * planar(last.pose)[2])  # an axis has no sense
+        off = angle_between(
+            2.0 * direction, 2.0 * planar(last.pose)[2]
+        )  # the two directions of an axis are equal
         self.assertLess(off, 1e-6)
-        # The cars are where the predicted car is, but for errors of centimetres.
+        # The errors of the final positions are some centimetres.
         predicted = planar(self.paths.last.poses[-1].pose)
         self.assertLess(math.dist(centre[:2], predicted[:2]), 0.1)
         self.assertLess(max(abs(marker.pose.position.z) for marker in markers), 1e-9)
@@ -146,7 +139,7 @@ class TestRealCar(RosTestCase):
 
     def test_real_car_launch(self):
         """No initial pose, limited speeds, a countdown, a stop, the end relative to the start."""
-        rospy.set_param("/path_publisher/loop", True)  # of an earlier drive
+        rospy.set_param("/path_publisher/loop", True)  # as if from an earlier drive
         plan = self.plan("5,6,1\n2.0,0.0\n-1.5,0.0,0.5\n0.5,0.0\n")
         arguments = (f"plan_file:={plan}", "countdown:=1", "car:=ideal")
         with Process("roslaunch", "mushr_ros_intro", "real_car.launch", *arguments) as launch:
@@ -164,12 +157,11 @@ class TestRealCar(RosTestCase):
     def test_interrupted_countdown(self):
         """Ctrl-C in the countdown: no command at all, and a clean end."""
         plan = self.plan("1,2,0.5\n0.5,0.3,2500\n")
-        arguments = (f"_plan_file:={plan}", "_countdown:=60", "_car:=ideal")
-        with node("path_publisher.py", *arguments) as driver:
-            wait_for(lambda: "the car starts to drive in 60 s" in driver.output, "the countdown")
+        with driver(plan, "_countdown:=60", "_car:=ideal") as process:
+            wait_for(lambda: "the car starts to drive in 60 s" in process.output, "the countdown")
             path = wait_for(self.prediction, "the predicted path")
-            driver.send_signal(signal.SIGINT)
-            self.assertEqual(driver.wait(), 1)
+            process.send_signal(signal.SIGINT)
+            self.assertEqual(process.wait(), 1)
         self.assertEqual(self.commands.messages, [])
         self.assertEqual(self.placements.messages, [])
         stamps = [pose.header.stamp - path.header.stamp for pose in path.poses]
@@ -180,36 +172,35 @@ class TestRealCar(RosTestCase):
             self.assert_pose(planar(pose.pose), expected)
 
     def test_teleop_takes_over(self):
-        """The plan is given up: a stop, exit status 1, and one message."""
-        teleop = publisher(MUX + "/input/teleop", AckermannDriveStamped)
+        """The node sends a stop, ends with exit status 1, and logs one message."""
+        teleop = publisher(TELEOP, AckermannDriveStamped)
         plan = self.plan("0,0,0\n0.5,0.1,900\n")
         arguments = ("_send_init_pose:=false", f"_active_topic:={MUX}/active")
-        with node("path_publisher.py", f"_plan_file:={plan}", *arguments) as driver:
+        with driver(plan, *arguments) as process:
             wait_for(lambda: len(self.commands.messages) > 5, "commands")
             teleop.publish(AckermannDriveStamped())
-            self.assertEqual(driver.wait(), 1)
+            self.assertEqual(process.wait(), 1)
         teleop.unregister()
-        self.assertEqual(driver.output.count("FATAL"), 1)
-        self.assertIn("active is 'teleop': another input drives the car", driver.output)
+        self.assertEqual(process.output.count("FATAL"), 1)
+        self.assertIn("active is 'teleop': another input drives the car", process.output)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         self.assertEqual([m.drive.speed for m in self.commands.messages].count(0.0), 1)
         self.assertLess(len(self.commands.messages), 9000)
 
     def drive_under(self, mux, *names):
-        """Drive while a mux publishes these active inputs; return the node's output."""
+        """Drive while a mux publishes these active inputs; return the output of the node."""
         plan = self.plan("0,0,0\n0.5,0.1,900\n")
-        arguments = (f"_plan_file:={plan}", "_send_init_pose:=false", "_active_topic:=/active")
         mux.publish(String(names[0]))
-        with node("path_publisher.py", *arguments) as driver:
+        with driver(plan, "_send_init_pose:=false", "_active_topic:=/active") as process:
             for name in names[1:]:
-                wait_for(lambda: self.commands.messages or not driver.running, "a command")
+                wait_for(lambda: self.commands.messages or not process.running, "a command")
                 mux.publish(String(name))
-            self.assertEqual(driver.wait(), 1)
-        self.assertEqual(driver.output.count("FATAL"), 1)
-        return driver.output
+            self.assertEqual(process.wait(), 1)
+        self.assertEqual(process.output.count("FATAL"), 1)
+        return process.output
 
     def test_the_active_inputs_of_mushrs_mux(self):
-        """They have other names, and the default input sends stops."""
+        """The inputs have other names, and the default input sends stops."""
         mux = rospy.Publisher("/active", String, queue_size=10, latch=True)
         output = self.drive_under(mux, "Teleoperation")
         self.assertIn("/active is 'Teleoperation': another input drives the car", output)
@@ -222,5 +213,4 @@ class TestRealCar(RosTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("real_car_test")
-    rostest.rosrun("mushr_ros_intro", "real_car", TestRealCar)
+    run("real_car", TestRealCar)

@@ -6,7 +6,6 @@ import os
 import signal
 
 import rospy
-import rostest
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
@@ -14,8 +13,16 @@ from std_srvs.srv import Trigger
 
 from mushr_ros_intro.plan.parse import parse_plan
 from support.geometry import POSITION_TOLERANCE, closed_form, float32, planar
-from support.helpers import Recording, RosTestCase, node, publisher, wait_for, wait_for_recorder
-from support.messages import LEAD, at, command, placement
+from support.helpers import (
+    Recording,
+    RosTestCase,
+    node,
+    publisher,
+    run,
+    wait_for,
+    wait_for_recorder,
+)
+from support.messages import LEAD, TELEOP, at, command, placement
 
 CLICK_TOLERANCE = 1e-3
 """[m] Between a click and the car's final position: commands are rounded to float32."""
@@ -25,11 +32,11 @@ START = (-3.0, 2.0, 1.0)
 DRIVE = [
     (0.0, 1.0, 0.2),
     (0.1, 1.0, 0.2),
-    (0.17, 1.5, -0.3),  # valid for 0.2 s; then the mux stops the car
+    (0.17, 1.5, -0.3),  # expires after 0.2 s; then the mux stops the car
     (0.55, -0.8, 0.1),
     (0.65, -0.8, 0.1),
 ]
-"""[s, m/s, rad] The commands of a person, and when they are sent."""
+"""[s, m/s, rad] Commands, with their times."""
 
 ROWS = [(1.0, 0.2, 0.17), (1.5, -0.3, 0.2), (0.0, 0.0, 0.18), (-0.8, 0.1, 0.3)]
 """[m/s, rad, s] The rows to be recorded."""
@@ -41,6 +48,9 @@ def read(path):
         plan = parse_plan(file.read(), path)
     return plan.start, [(*row[:2], row.duration / 1e9) for row in plan.rows]
 
+
+SUMMARY = "the plan has 4 rows, 0.710 m, 0.850 s"
+"""The summary of ROWS."""
 
 EMPTY = (
     "nothing saved: this recording has no drive: there was no command to drive after the first "
@@ -55,8 +65,7 @@ class TestRecording(RosTestCase):
 
     def start(self, name, folder=None):
         """Start a node that writes into a folder, and wait for it."""
-        process = node(name, f"_folder:={folder or self.folder}", "_speed:=4.0")
-        self.addCleanup(process.end)
+        process = self.ending(node(name, f"_folder:={folder or self.folder}", "_speed:=4.0"))
         self.name = name[:-3]
         self.initial_poses = publisher("/initialpose", PoseWithCovarianceStamped)
         rospy.wait_for_service(f"{self.name}/save", 30.0)
@@ -70,9 +79,15 @@ class TestRecording(RosTestCase):
 
     def start_recorder(self, folder=None):
         recorder = self.start("plan_recorder.py", folder)
-        self.commands = publisher("/car/mux/ackermann_cmd_mux/input/teleop", AckermannDriveStamped)
+        self.commands = publisher(TELEOP, AckermannDriveStamped)
         wait_for_recorder("/plan_recorder")
         return recorder
+
+    def interrupt(self, recorder, status, last):
+        """Send SIGINT to a recorder; check its exit status and the end of its output."""
+        recorder.send_signal(signal.SIGINT)
+        self.assertEqual(recorder.wait(), status)
+        self.assertTrue(recorder.output.endswith(f"{last}\n"))
 
     def call(self, service):
         """Call a service of the node; return whether it succeeds, and its message."""
@@ -80,7 +95,7 @@ class TestRecording(RosTestCase):
         return answer.success, answer.message
 
     def save(self, name):
-        """Save the plan; return its path, which must be that of file `name` in the folder."""
+        """Save the plan; check that the file has this name, and return its path."""
         path = os.path.join(os.path.realpath(self.folder), name)
         is_saved, message = self.call("save")
         self.assertTrue(is_saved, message)
@@ -89,8 +104,7 @@ class TestRecording(RosTestCase):
 
     def drive(self, path):
         """Drive a plan file; return the pose at which the car stops."""
-        with node("path_publisher.py", f"_plan_file:={path}") as process:
-            self.assertEqual(process.wait(60.0), 0, process.output)
+        self.drive_plan(path)
         return self.poses.pose_at_rest(rospy.Time.now())
 
     def click(self, x, y, frame="map"):
@@ -158,7 +172,7 @@ class TestRecording(RosTestCase):
         self.assertEqual(read(first), content)
         self.assertEqual([row[0] for row in read(path)[1]], [4.0, -4.0])
         self.assertLess(math.dist(self.drive(path)[:2], clicks[1]), CLICK_TOLERANCE)
-        # That published the plan's start pose, which does not end the plan; a new one does.
+        # This drive published the start pose of the plan. Only another pose starts a new plan.
         self.click(*clicks[2])
         wait_for_path(clicks[2], 3)
         self.assertTrue(self.call("clear")[0])
@@ -187,41 +201,32 @@ class TestRecording(RosTestCase):
         self.assertEqual([row[:2] for row in rows], [tuple(map(float32, row[:2])) for row in ROWS])
         for row, wanted in zip(rows, ROWS):
             self.assertAlmostEqual(row[2], wanted[2], delta=POSITION_TOLERANCE)
-        # Its drive is recorded too, and is the same plan.
+        # The drive of this plan is recorded, too. Its recording is the same plan.
         self.assert_pose(self.drive(path), end)
         self.assertEqual(read(self.save("recorded_2.txt"))[1], rows)
         self.assertTrue(self.call("clear")[0])
         self.assertEqual(self.call("save"), (False, EMPTY))
         self.assertNotIn("WARN", recorder.output)
 
-        # A drive that is not saved is lost at an initial pose, and saved at shutdown.
+        # An initial pose discards an unsaved drive; a shutdown saves it.
         self.hand_drive((1.0, 1.0, 0.0))
         self.hand_drive((0.0, 0.0, 0.0))
         self.assertEqual(recorder.output.count("the drive was not saved"), 1)
-        recorder.send_signal(signal.SIGINT)
-        self.assertEqual(recorder.wait(), 0, recorder.output)
-        last = f"saved {path[:-4]}_3.txt; the plan has 4 rows, 0.710 m, 0.850 s\n"
-        self.assertTrue(recorder.output.endswith(last), recorder.output)
+        self.interrupt(recorder, 0, f"saved {path[:-4]}_3.txt; {SUMMARY}")
         self.assertEqual(read(os.path.join(self.folder, "recorded_3.txt"))[1], rows)
         self.assertEqual(recorder.output.count("WARN"), 1)
 
     def test_ctrl_c_without_a_new_drive(self):
         recorder = self.start_recorder()
-        recorder.send_signal(signal.SIGINT)
-        self.assertEqual(recorder.wait(), 0, recorder.output)
-        self.assertTrue(recorder.output.endswith(f"{EMPTY}\n"), recorder.output)
-
+        self.interrupt(recorder, 0, EMPTY)
         recorder = self.start_recorder()
         self.hand_drive(START)
         path = self.save("recorded.txt")
-        recorder.send_signal(signal.SIGINT)
-        self.assertEqual(recorder.wait(), 0, recorder.output)
-        last = f"nothing new to save; saved before: {path}; the plan has 4 rows, 0.710 m, 0.850 s\n"
-        self.assertTrue(recorder.output.endswith(last), recorder.output)
+        self.interrupt(recorder, 0, f"nothing new to save; saved before: {path}; {SUMMARY}")
         self.assertEqual(os.listdir(self.folder), ["recorded.txt"])
 
     def test_a_folder_that_cannot_be_written(self):
-        """/proc: nobody can write there, not even root."""
+        """Not even root can write to /proc."""
         planner = self.start_planner("/proc")
         self.initial_poses.publish(placement(rospy.Time.now(), *START))
         wait_for(lambda: "a new plan starts" in planner.output, "the start of the plan")
@@ -245,5 +250,4 @@ class TestRecording(RosTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("recording_test")
-    rostest.rosrun("mushr_ros_intro", "recording", TestRecording)
+    run("recording", TestRecording)

@@ -7,14 +7,13 @@ import signal
 import time
 
 import rospy
-import rostest
 from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from PIL import ImageGrab
 
 from support.display import Display, require
 from support.geometry import planar
-from support.helpers import PATIENCE, Process, Recording, RosTestCase, node, wait_for
+from support.helpers import Process, Recording, RosTestCase, run, wait_for
 
 PLAN = "0.0, 0.0, 0.0\n1.5, 0.2, 2.0\n0.0, 0.0, 0.1\n"
 
@@ -38,7 +37,7 @@ COLOURS = {
 RED = (lambda r, g, b: r > 150 and g < 90 and b < 90, 1)
 ORANGE = (lambda r, g, b: r > 160 and 90 < g < 170 and b < 60, 1)
 BLUE = (lambda r, g, b: r < 90 and b > 150, 200)
-"""The names of displays with an error, with a warning, and of all others."""
+"""Colours of the names of displays: with an error, with a warning, and without a problem."""
 
 KNOWN = (
     # The Map display's shader, before it gets its textures; then Mesa draws it well.
@@ -49,23 +48,23 @@ KNOWN = (
     r"\[rospack\] Error: no such package media_export\n"
     r"\[librospack\]: error while executing command\n",
 )
-"""Messages of rviz on Debian with a map in any view."""
+"""Harmless messages of rviz on Debian, with a map in any view."""
 
 SCALE = 39.0
 """Of the first view [pixel/m]."""
 
 PIXEL = 2.0 / SCALE
-"""The largest error of the distance between two clicks [m]: a pixel each."""
+"""The largest error of the distance between two clicks [m]: one pixel for each click."""
 
 ANGLE = 0.02
 """The largest error of the angle of a drag over 120 pixels [rad]: a pixel and a half."""
 
 STARTS = 3
-"""Attempts to start rviz: on a busy machine about one in fifty crashes in Qt when it paints its
-window for the first time (rviz 1.14.19, Qt 5.15.8; QWidgetPrivate::getOpaqueChildren)."""
+"""Attempts to start rviz. On a busy machine, about 2 % of the attempts crash in Qt when rviz paints
+its window for the first time (rviz 1.14.19, Qt 5.15.8; QWidgetPrivate::getOpaqueChildren)."""
 
 RETRY = 3.0
-"""Time after which an action is repeated [s], in case rviz was not ready for it."""
+"""[s] The test repeats an action after this time, because rviz may not have been ready."""
 
 PAUSE = ("sleep", "0.1")
 """Between two movements of the mouse: rviz reads it once per frame."""
@@ -79,7 +78,7 @@ def shows(picture, colour):
 
 
 class RvizTest(RosTestCase):
-    """One test with one rviz, which takes seconds to start."""
+    """There is one test only, because rviz takes some seconds to start."""
 
     def setUp(self):
         super().setUp()
@@ -95,15 +94,14 @@ class RvizTest(RosTestCase):
             LIBGL_ALWAYS_SOFTWARE="1",
         )
         self.addCleanup(self.rviz.end)
-        # Another publisher of the topic, which sends nothing, is connected when rviz subscribes.
+        # This silent publisher is connected when rviz subscribes.
         odometry = rospy.Publisher("/car/odom", Odometry, queue_size=1)
         self.addCleanup(odometry.unregister)
         wait_for(
             lambda: odometry.get_num_connections() or not self.rviz.running,
             "rviz to subscribe to the odometry",
         )
-        with node("path_publisher.py", f"_plan_file:={self.plan(PLAN)}") as driver:
-            self.assertEqual(driver.wait(), 0, driver.output)
+        self.drive_plan(self.plan(PLAN))
 
         def missing():
             scene = self.grab(SCENE)
@@ -185,22 +183,18 @@ class RvizTest(RosTestCase):
         car_pose.shows(planar(placed.last.pose.pose), placed.last.header.stamp)
 
     def publishes(self, recording, act, is_right, what):
-        """Act in rviz, again if nothing follows; return the right message."""
-        deadline = time.monotonic() + PATIENCE
-        while time.monotonic() < deadline:
-            act()
-            retry = time.monotonic() + RETRY
+        """Call `act` until a right message arrives; return this message."""
+        retry = 0.0
 
-            def result(retry=retry):
-                found = [message for message in recording.messages if is_right(message)]
-                return found or time.monotonic() > retry
+        def result():
+            nonlocal retry
+            if time.monotonic() > retry:
+                act()
+                retry = time.monotonic() + RETRY
+            return next(filter(is_right, recording.messages), None)
 
-            found = wait_for(result, what)
-            if found is not True:
-                return found[0]
-        raise AssertionError(f"waited {PATIENCE:g} s for {what}")
+        return wait_for(result, what)
 
 
 if __name__ == "__main__":
-    rospy.init_node("rviz_test")
-    rostest.rosrun("mushr_ros_intro", "rviz", RvizTest)
+    run("rviz", RvizTest)

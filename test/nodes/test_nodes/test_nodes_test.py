@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Check the test nodes on a drive, and on wrong topics.
 
-Their cases run in threads of this process, because a process for each would take a second of
-computing time; `test_in_a_test_file` runs them as nodes.
+The cases run in threads of this process, because a process for each takes one second of CPU time.
+`test_in_a_test_file` runs the test nodes as nodes.
 """
 
 import math
@@ -14,14 +14,13 @@ import unittest
 from xml.etree import ElementTree
 
 import rospy
-import rostest
 import tf2_ros
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_srvs.srv import Trigger
 
 from support.geometry import closed_form
-from support.helpers import Process, Recording, RosTestCase, node, wait_for
-from support.messages import at
+from support.helpers import Process, Recording, RosTestCase, driver, run, wait_for
+from support.messages import NAVIGATION, at
 from support.paths import FIXTURES, PACKAGE
 
 sys.path.append(os.path.join(PACKAGE, "src"))
@@ -30,7 +29,7 @@ from posetest import PoseTest  # noqa: E402
 from ratetest import RateTest  # noqa: E402
 
 PATIENCE = 90.0
-"""[s] For all nodes to start on a busy machine."""
+"""[s] The time limit for the start of all nodes on a busy machine."""
 
 ROWS = [(1.0, 0.1, 1.0), (2.0, -0.1, 1.0), (1.5, 0.2, 1.5)]
 START = (1.0, 2.0, 0.5)
@@ -38,7 +37,6 @@ END = closed_form(START, ROWS)
 HALF = closed_form(START, ROWS[:1])
 PLANS = {"plan.txt": [START, *ROWS], "other.txt": [START, *ROWS[:2], (1.5, 0.2, 5.0)]}
 
-NAVIGATION = "/car/mux/ackermann_cmd_mux/input/navigation"
 POSE = {"topic": "/car/car_pose"}
 AT_END = {"x": END[0], "y": END[1], "theta": END[2], "position_tolerance": "1e-5"}
 AT_HALF = {"x": HALF[0], "y": HALF[1]}
@@ -54,9 +52,9 @@ def rate(topic, **parameters):
     return RateTest, {"topic": topic, **parameters}
 
 
-# The test and its parameters, and the expression that its failure matches; empty: it passes.
-# rospy takes only one type for each topic in a process. ratetest takes messages of any type, so no
-# other test may use its topics.
+# A test, its parameters, and the expression that its failure matches; if empty, the test passes.
+# In one process, rospy allows only one type per topic. ratetest subscribes to any type, so no other
+# test may use its topics.
 CASES = [
     ((PoseTest, {**POSE, **AT_END}), ""),
     ((PoseTest, {"frame": "map", "child_frame": "car/base_footprint", **AT_END}), ""),
@@ -129,7 +127,7 @@ class Puppet(threading.Thread):
 class Case(threading.Thread):
     """Runs a test node's test in a thread, with its own parameters and its own result."""
 
-    _parameters = threading.Lock()  # the private parameters of this node belong to all cases
+    _parameters = threading.Lock()  # all cases use the private parameters of this node
 
     def __init__(self, kind, parameters, expected):
         super().__init__(name=f"{kind.__name__} {parameters}", daemon=True)
@@ -141,7 +139,7 @@ class Case(threading.Thread):
         class Test(kind):
             def setUp(self):
                 with Case._parameters:
-                    # This also deletes the parameters of the case before.
+                    # This also deletes the parameters of the previous case.
                     rospy.set_param(rospy.get_name(), {"wait_time": PATIENCE, **parameters})
                     super().setUp()
 
@@ -187,7 +185,7 @@ def is_connected():
 
 class TestTestNodes(RosTestCase):
     def start(self, cases):
-        """Start cases, side by side."""
+        """Start cases in parallel."""
         found = []
         for (kind, parameters), expected in cases:
             if "plan_file" in parameters:
@@ -203,25 +201,20 @@ class TestTestNodes(RosTestCase):
         self.assertEqual(faults, [], "\n".join(faults))
 
     def test_poses_and_rates(self):
-        """All cases listen to the same few seconds, which begin when the clock is released."""
+        """All cases observe the same few seconds, which begin when the clock resumes."""
         rospy.wait_for_service("/car/car_sim/pause", PATIENCE)
         wait_for(rospy.get_time, "the clock", PATIENCE)
         rospy.ServiceProxy("/car/car_sim/pause", Trigger)()
         resume = rospy.ServiceProxy("/car/car_sim/resume", Trigger)
-        self.addCleanup(Puppet().end)
+        self.ending(Puppet())
         self.addCleanup(resume)
 
-        # The first buffer of a process advertises a service; several threads must not.
+        # The first buffer of a process advertises a service, so create it before the threads.
         self.addCleanup(tf2_ros.Buffer().frame_server.shutdown)
         placements = Recording("/initialpose", PoseWithCovarianceStamped)
         cases = self.start(CASES)
-        driver = node(
-            "path_publisher.py",
-            f"_plan_file:={os.path.join(self.folder, 'plan.txt')}",
-            f"_subscriber_timeout:={PATIENCE}",
-            "__name:=case_driver",
-        )
-        self.addCleanup(driver.end)
+        arguments = (f"_subscriber_timeout:={PATIENCE}", "__name:=case_driver")
+        process = self.ending(driver(f"{self.folder}/plan.txt", *arguments))
 
         def is_there():
             return "/case_driver" in registered_nodes(NAVIGATION, "publishers")
@@ -230,17 +223,17 @@ class TestTestNodes(RosTestCase):
             return all(case.is_waiting or not case.is_alive() for case in cases)
 
         wait_for(do_listen, "the test nodes to listen", PATIENCE)
-        wait_for(lambda: is_there() or not driver.running, "the driver", PATIENCE)
+        wait_for(lambda: is_there() or not process.running, "the driver", PATIENCE)
         wait_for(is_connected, "the test nodes to be connected", PATIENCE)
-        # The driver's clock has been zero so far. It places the car first of all.
+        # At first, the driver places the car.
         rospy.ServiceProxy("/car/car_sim/step", Trigger)()
         wait_for(lambda: placements.messages, "the start pose", PATIENCE)
         resume()
-        self.assertEqual(driver.wait(PATIENCE), 0, driver.output)
+        self.assertEqual(process.wait(PATIENCE), 0)
         self.check(cases)
 
     def test_in_a_test_file(self):
-        """rostest reports the failures of the nodes."""
+        """The result files of rostest contain the failures of the test nodes."""
         fixture = os.path.join(FIXTURES, "missing_topics.test")
         with Process("rostest", fixture, ROS_TEST_RESULTS_DIR=self.folder) as run:
             self.assertNotEqual(run.wait(PATIENCE), 0, run.output)
@@ -254,5 +247,4 @@ class TestTestNodes(RosTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("test_nodes_test")
-    rostest.rosrun("mushr_ros_intro", "test_nodes", TestTestNodes)
+    run("test_nodes", TestTestNodes)

@@ -2,25 +2,22 @@
 """Check the topics and warnings of the simulated car at walls."""
 
 import rospy
-import rostest
 from geometry_msgs.msg import PoseArray
 from rosgraph_msgs.msg import Log
 
 from support.geometry import POSITION_TOLERANCE, closed_form, planar
-from support.helpers import CarTestCase, Recording, node, wait_for
+from support.helpers import CarTestCase, Recording, node, run, wait_for
 from support.messages import LEAD, at, command, placement
 
 STOP = 49.4 - 0.38
-"""[m] The x coordinate at which the sandbox's wall stops a car that drives along x."""
+"""[m] The x coordinate of a car that drives along x and stops at the sandbox's wall."""
 
 
 class TestWalls(CarTestCase):
     def setUp(self):
         super().setUp()
         self.collisions = Recording("/car/car_sim/collision", PoseArray).connected()
-        # rospy registers a publisher before it latches. A subscriber that connects in between never
-        # gets the latched message, and shares its connection with later ones: so unregister it.
-        self.addCleanup(self.collisions.subscriber.unregister)
+        self.addCleanup(self.collisions.end)  # so the next test gets the latched message, too
         self.log = Recording("/rosout", Log).connected()
         wait_for(lambda: self.collisions.last, "the latched collision")
 
@@ -40,7 +37,7 @@ class TestWalls(CarTestCase):
         return begin, self.poses.pose_at_rest(at(begin, 0.1 * (count + 1)))
 
     def test_0_the_car_has_the_map(self):
-        # Tests run in the order of their names. Without the map there are no walls.
+        # This test runs first, because without the map there are no walls.
         def is_refused():
             self.placements.publish(placement(rospy.Time.now(), 49.9, 0.0, 0.0))
             return self.warnings("rejected")
@@ -48,10 +45,10 @@ class TestWalls(CarTestCase):
         wait_for(is_refused, "the car to have the map")
 
     def test_into_a_wall_and_away(self):
-        # The commands arrive in order, and then in reverse order with a busy core.
+        # The commands arrive in order. Then they arrive in reverse order, with a busy core.
         for order in (1, -1):
             if order == -1:
-                self.addCleanup(node("busy.py").end)
+                self.ending(node("busy.py"))
             self.place(48.5, 1.0, 0.0)
             self.collisions.clear()
             self.log.clear()
@@ -86,7 +83,7 @@ class TestWalls(CarTestCase):
 
         def refusals():
             self.placements.publish(placement(rospy.Time.now(), 49.3, 0.5, 0.25))
-            return self.warnings("(49.3")  # repeated, because there is at most one warning a second
+            return self.warnings("(49.3")  # again, because there is only one warning per second
 
         expected = "rejected the initial pose (49.3000 m, 0.5000 m, 0.2500 rad) on /initialpose"
         self.assertIn(expected, wait_for(refusals, "the warning")[0])
@@ -118,5 +115,4 @@ class TestWalls(CarTestCase):
 
 
 if __name__ == "__main__":
-    rospy.init_node("walls_test")
-    rostest.rosrun("mushr_ros_intro", "walls", TestWalls)
+    run("walls", TestWalls)
