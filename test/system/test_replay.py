@@ -104,8 +104,8 @@ def test_verdict(replays, name):
 
 def test_a_publisher_that_roslaunch_ignores():
     """With two := the argument does not arrive; no other node may pass in its place."""
-    ignored = "publisher:=mushr_ros_intro listing.py _loop:=true"
-    with Process("rostest", "mushr_ros_intro", "replay.test", ignored) as process:
+    arguments = ("plan_file:=slalom", "publisher:=mushr_ros_intro listing.py _loop:=true")
+    with Process("rostest", "mushr_ros_intro", "replay.test", *arguments) as process:
         assert process.wait() != 0
     assert "requires the 'publisher' arg to be set" in process.output
 
