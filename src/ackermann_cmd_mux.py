@@ -15,9 +15,6 @@ from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.sim.mux import Input, Mux, parse_config
 from mushr_ros_intro.sim.stamps import NANOSECONDS, PresentTime
 
-SHUTDOWN_POLL_PERIOD = 0.5
-"""Between two checks whether the node is shut down [s of wall-clock time]."""
-
 
 class AckermannCmdMux:
     """The mux as a node.
@@ -58,7 +55,7 @@ class AckermannCmdMux:
     def run(self) -> None:
         """Send a stop whenever the last live input expires, until the node is shut down."""
         while not rospy.is_shutdown():
-            if not self._is_live.wait(SHUTDOWN_POLL_PERIOD):
+            if not self._is_live.wait(ros_time.SHUTDOWN_POLL_PERIOD):
                 continue
             with self._lock:
                 seen = ros_time.now()
@@ -67,7 +64,7 @@ class AckermannCmdMux:
                 deadline = self._mux.deadline or seen
                 held = self._held()
             if deadline <= now and held > 0.0:
-                time.sleep(min(held, SHUTDOWN_POLL_PERIOD))
+                time.sleep(min(held, ros_time.SHUTDOWN_POLL_PERIOD))
             else:  # returns early if the clock is set back
                 ros_time.sleep_until(deadline, seen)
 

@@ -17,7 +17,7 @@ from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Event, InitialPose, State, at_rest, halted
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.plan.model import MAX_COORDINATE
-from mushr_ros_intro.ros import conversions, node, services, sim_clock
+from mushr_ros_intro.ros import conversions, node, sim_clock
 from mushr_ros_intro.ros.connections import has_live_publisher, wait_until_connected
 from mushr_ros_intro.ros.state_publisher import StatePublisher
 from mushr_ros_intro.sim.stamps import (
@@ -87,7 +87,7 @@ class CarSim:
             conversions.command_from_msg,
             tcp_nodelay=True,
         )
-        services.offer("~reset", self._changed, self._reset)
+        node.offer_service("~reset", self._changed, self._reset)
 
     def run(self) -> None:
         """Report the car's state until the node is shut down."""

@@ -17,7 +17,7 @@ from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.model import MAX_SPEED, MAX_STEERING_ANGLE, Plan
 from mushr_ros_intro.preview.prediction import trajectory
-from mushr_ros_intro.ros import conversions, node, ros_time, services
+from mushr_ros_intro.ros import conversions, node, ros_time
 
 DEFAULT_STEERING_LIMIT = 0.34
 """For a car whose profile has no limit [rad]; the one of MuSHR's teleop."""
@@ -66,9 +66,9 @@ class ClickPlanner:
 
         self._path_pub = rospy.Publisher("~path", Path, queue_size=1, latch=True)
         self._publish_path()
-        services.offer("~undo", self._lock, self._undo)
-        services.offer("~clear", self._lock, lambda: self._keep(0))
-        services.offer("~save", self._lock, self._save)
+        node.offer_service("~undo", self._lock, self._undo)
+        node.offer_service("~clear", self._lock, lambda: self._keep(0))
+        node.offer_service("~save", self._lock, self._save)
         self._start_sub = rospy.Subscriber(
             init_pose_topic, PoseWithCovarianceStamped, self._on_start
         )

@@ -8,23 +8,23 @@ system as a node for some seconds, however many nodes are stopped or unreachable
 import argparse
 import logging
 import os
-import re
 import shlex
 import signal
 import sys
 import tempfile
+from functools import partial
 from typing import List
 
 try:
     import rosgraph
+    import roslib.packages
     import rospkg
 
     from mushr_ros_intro.doctor.facts import Facts, Finding
     from mushr_ros_intro.doctor.programs import program_findings
     from mushr_ros_intro.doctor.rules import diagnose, health, hints
-    from mushr_ros_intro.ros.listener import sign_off
     from mushr_ros_intro.ros.network import network_findings
-    from mushr_ros_intro.ros.observation import Observer
+    from mushr_ros_intro.ros.observation import Observer, sign_off
 
     missing = ""
 except ImportError as error:  # the workspace is not sourced, or the Python is not Debian's
@@ -47,23 +47,22 @@ def import_fault(module: str, python: str, is_sourced: bool) -> str:
             f"{problem} ROS is installed for another Python. "
             f"Type: /usr/bin/python3 {shlex.quote(os.path.realpath(__file__))}"
         )
-    name = module.split(".")[0]
-    if is_sourced and name not in (PACKAGE, "ackermann_msgs"):
-        package = f"python3-{name.replace('_', '-')}"
-        return f"{problem} it is not installed. Type: sudo apt-get install {package}"
+    name = module.split(".")[0].replace("_", "-")
+    if is_sourced and name not in ("mushr-ros-intro", "ackermann-msgs"):
+        return f"{problem} it is not installed. Type: sudo apt-get install python3-{name}"
     return f"{problem} the workspace is not sourced in this terminal. Type: source {_setup_file()}"
 
 
 def _setup_file() -> str:
     """Return the quoted path of the setup file of the workspace with this package."""
+    found = "devel/setup.bash"
     folder = os.path.dirname(os.path.realpath(__file__))
-    while folder != os.path.dirname(folder):
+    while folder != os.path.dirname(folder):  # the user's workspace is further out than build/
         folder = os.path.dirname(folder)
-        for each in ("setup.bash", "devel/setup.bash", "build/.workspace/devel/setup.bash"):
+        for each in ("setup.bash", "build/.workspace/devel/setup.bash", "devel/setup.bash"):
             path = os.path.join(folder, each)
-            if os.path.isfile(path):
-                return shlex.quote(path)
-    return "devel/setup.bash"
+            found = shlex.quote(path) if os.path.isfile(path) else found
+    return found
 
 
 def package_findings(package: str) -> List["Finding"]:
@@ -82,7 +81,8 @@ def package_findings(package: str) -> List["Finding"]:
             continue
         parts = ("src",) if name == PACKAGE else ("", "bin", "nodes", "scripts", "src")
         for part in (*parts, f"../../lib/{name}"):  # the last one if it is installed
-            found += program_findings(os.path.normpath(os.path.join(folder, part)))
+            part = os.path.normpath(os.path.join(folder, part))
+            found += program_findings(part, partial(roslib.packages.find_node, name))
     return found
 
 
@@ -103,14 +103,6 @@ def _interrupt(*_: object) -> None:
     raise KeyboardInterrupt
 
 
-def car_name(text: str) -> str:
-    """Return the name of a car, such as car or team/car; argparse reports the exception."""
-    name = text.strip("/")
-    if not re.fullmatch(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", name, re.ASCII):
-        raise argparse.ArgumentTypeError(f"'{text}'; expected the name of a car, such as car2")
-    return name
-
-
 def main() -> int:
     """Print the findings; return the exit status."""
     parser = argparse.ArgumentParser(
@@ -118,7 +110,7 @@ def main() -> int:
         description="Report why the car does not move, and what to type. The exit status is 0 "
         "without findings, 1 with findings, 2 for wrong arguments.",
     )
-    parser.add_argument("--car", metavar="NAME", type=car_name, default="car", help="default: car")
+    parser.add_argument("--car", metavar="NAME", default="car", help="default: car")
     parser.add_argument(
         "--package",
         metavar="PKG",
@@ -136,7 +128,7 @@ def main() -> int:
         for name in ("ROS_HOSTNAME", "ROS_IP"):
             os.environ.pop(name, None)
     try:
-        facts = observe(arguments.car)
+        facts = observe(arguments.car.strip("/"))
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
     package = "" if arguments.package == PACKAGE else arguments.package

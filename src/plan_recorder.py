@@ -13,7 +13,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from mushr_ros_intro.authoring.plan_file import PlanFile
 from mushr_ros_intro.authoring.recording import Recording
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.ros import conversions, node, ros_time, services
+from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.sim.stamps import PresentTime
 
 
@@ -37,8 +37,8 @@ class PlanRecorder:
         self._time = PresentTime()
         self._begin_anew()
 
-        services.offer("~save", self._lock, self._save)
-        services.offer("~clear", self._lock, self._begin_anew)
+        node.offer_service("~save", self._lock, self._save)
+        node.offer_service("~clear", self._lock, self._begin_anew)
         self._pose_sub = rospy.Subscriber(
             f"/{car_name}/car_pose", PoseStamped, self._on_pose, tcp_nodelay=True
         )

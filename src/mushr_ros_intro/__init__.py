@@ -1,7 +1,7 @@
-"""What this package knows about plans, cars and muxes; nothing here needs a running ROS."""
+"""The library of the nodes; only the folder ros/ imports ROS."""
 
 import threading
 
-# Debian 11's rospy still calls this when a node ends; Python 3.9 has it no longer.
+# Debian 11's rospy calls this when a node ends, but Python 3.9 does not have it.
 if not hasattr(threading.Thread, "isAlive"):
     setattr(threading.Thread, "isAlive", threading.Thread.is_alive)  # noqa: B010

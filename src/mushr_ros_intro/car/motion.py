@@ -4,6 +4,7 @@ A command determines the car's path until the next event: its pieces are compute
 command applies. Each later state is evaluated from them, so evaluating a state changes nothing.
 """
 
+import hashlib
 import math
 from typing import List, NamedTuple, Optional, Tuple
 
@@ -19,7 +20,6 @@ from mushr_ros_intro.car.model import (
     State,
     halted,
 )
-from mushr_ros_intro.car.noise import normals
 from mushr_ros_intro.car.quadrature import follow
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
@@ -177,3 +177,15 @@ def _ramp(begin: float, end: float, rate: float) -> _Ramp:
     if begin == end or math.isinf(rate):
         return _Ramp(end, end, 0.0, math.inf)
     return _Ramp(begin, end, math.copysign(rate, end - begin), abs(end - begin) / rate)
+
+
+def normals(seed: int, number: int) -> Tuple[float, float]:
+    """Return two independent standard normal numbers for a command's number.
+
+    The same arguments give the same numbers on every machine; numpy's generators may change from
+    release to release. The numbers come from a hash by the Box-Muller transform.
+    """
+    digest = hashlib.blake2b(f"{seed} {number}".encode(), digest_size=16).digest()
+    one, other = (int.from_bytes(half, "little") for half in (digest[:8], digest[8:]))
+    radius = math.sqrt(-2.0 * math.log((one + 1) / 2**64))
+    return radius * math.cos(math.tau * other / 2**64), radius * math.sin(math.tau * other / 2**64)

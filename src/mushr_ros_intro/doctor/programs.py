@@ -7,8 +7,9 @@ import shlex
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from functools import lru_cache
-from typing import List, Optional
+from typing import Callable, List, Optional, Sequence
 
 from mushr_ros_intro.doctor.facts import Finding
 
@@ -18,15 +19,38 @@ _IMPORT_TIMEOUT = 20.0
 """For an interpreter to import rospy [s]."""
 
 
-def program_findings(folder: str) -> List[Finding]:
+def program_findings(
+    folder: str, find_node: Callable[[str], Sequence[str]] = lambda _: ()
+) -> List[Finding]:
     """Return what keeps the programs in a folder from being started.
 
     A program is a file with a shebang line, or a Python file that starts a node or has a main
     part. setup.py and files that cannot be read are left out.
+
+    Args:
+        folder: the path of the folder.
+        find_node: returns the files that rosrun finds for the name of a program. catkin may have
+            installed a program that starts the one in the folder.
     """
-    paths = sorted(glob.glob(os.path.join(glob.escape(folder), "*")))
-    found = (_program_finding(path) for path in paths if os.path.isfile(path))
+    paths = sorted(filter(os.path.isfile, glob.glob(os.path.join(glob.escape(folder), "*"))))
+    found = []
+    for path in paths:
+        nodes = [
+            each for each in find_node(os.path.basename(path)) if not os.path.samefile(each, path)
+        ]
+        found += [_program_finding(nodes[0] if nodes else path), _syntax_finding(path)]
     return [each for each in found if each]
+
+
+def _syntax_finding(path: str) -> Optional[Finding]:
+    """Return the syntax error of a Python file, if any."""
+    with suppress(OSError, ValueError), open(path, "rb") as file:
+        try:
+            compile(file.read() if path.endswith(".py") else b"", path, "exec", dont_inherit=True)
+        except SyntaxError as error:
+            problem = f"{path} has a syntax error in line {error.lineno}: {error.msg}"
+            return Finding(problem, "Correct this line, or the one before it")
+    return None
 
 
 def _program_finding(path: str) -> Optional[Finding]:
@@ -53,7 +77,7 @@ def _program_finding(path: str) -> Optional[Finding]:
     problem = f"{path} names the interpreter '{interpreter}', which"
     if not program:
         return Finding(f"{problem} is not installed", _SHEBANG_REMEDY)
-    if b"rospy" in text and not _imports_rospy(program):
+    if os.path.basename(program).startswith("python") and not _imports_rospy(program):
         problem += f" is {program} in this terminal and cannot import rospy"
         return Finding(problem, _SHEBANG_REMEDY)
     if not os.access(path, os.X_OK):

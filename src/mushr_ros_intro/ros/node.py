@@ -9,12 +9,13 @@ import time
 import traceback
 from contextlib import suppress
 from queue import Empty, SimpleQueue
-from typing import Any, Callable, Optional, Tuple
+from typing import Any, Callable, ContextManager, Optional, Tuple
 
 import rosgraph
 import rospkg
 import rospy
 from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
@@ -142,8 +143,16 @@ def _is_master_online() -> bool:
 
 
 def parameters() -> Parameters:
-    """Return the private parameters of this node."""
-    return Parameters(rospy.get_param("~", {}))
+    """Return the private parameters of this node.
+
+    Raises:
+        UserError: an argument such as plan_file:=... has the name of a parameter of an earlier run.
+    """
+    values = rospy.get_param("~", {})
+    for argument in sys.argv[1:]:
+        if argument.partition(":=")[0] in values:
+            raise UserError(f"'{argument}' sets no parameter; expected _{argument}")
+    return Parameters(values)
 
 
 def simulated_car_parameters(car_name: str) -> Parameters:
@@ -155,3 +164,25 @@ def simulated_car_parameters(car_name: str) -> Parameters:
 def package_folder(name: str) -> str:
     """Return the path of a folder of this package, without symbolic links."""
     return os.path.realpath(os.path.join(rospkg.RosPack().get_path(PACKAGE), name))
+
+
+def offer_service(name: str, lock: ContextManager[Any], act: Callable[[], str]) -> None:
+    """Offer a std_srvs/Trigger service.
+
+    Args:
+        name: of the service.
+        lock: held while `act` runs.
+        act: returns the message of the response, which is logged, too. A UserError that it raises
+            becomes the message of a response without success.
+    """
+
+    def handle(_: TriggerRequest) -> TriggerResponse:
+        try:
+            with lock:
+                message = act()
+        except UserError as error:
+            return TriggerResponse(False, str(error))
+        rospy.loginfo("%s", message)
+        return TriggerResponse(True, message)
+
+    rospy.Service(name, Trigger, handle)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
 
 import rosgraph.network
+import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import Pose as PoseMsg
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
@@ -18,8 +19,7 @@ from mushr_ros_intro.doctor.processes import abandoned_nodes
 from mushr_ros_intro.errors import CallError, CallFault, UserError
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.connections import ask
-from mushr_ros_intro.ros.listener import Listener
-from mushr_ros_intro.ros.network import is_local, resolve, run_in_parallel
+from mushr_ros_intro.ros.network import is_local, resolve, run_in_parallel, run_with_timeout
 from mushr_ros_intro.ros.ros_time import wait_for
 from mushr_ros_intro.sim.mux import IDLE, parse_config
 
@@ -28,6 +28,12 @@ _CLOCK_TIMEOUT = 5.5
 
 _MUX_INPUTS = ("safety", "teleop", "navigation", "default")
 """The inputs of MuSHR's mux, for a mux without parameters."""
+
+_START_TIMEOUT = 5.0
+"""For becoming a node and for subscribing [s]."""
+
+_END_TIMEOUT = 2.0
+"""For unsubscribing and for signing off [s]."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +50,58 @@ class _Graph:
     def live(self, nodes: Dict[str, List[str]], topic: str) -> List[str]:
         """Return the publishers or subscribers of a topic that can be reached."""
         return [each for each in nodes.get(topic, []) if each not in self.dead]
+
+
+class Listener:
+    """Subscribes to topics of any type, and keeps what each publisher sends.
+
+    rospy calls the master without a timeout, so its calls run in daemon threads here.
+
+    It makes this process an anonymous node, unless it is a node already. It also receives what the
+    regular subscribers reject because of its type or MD5 sum.
+
+    Raises:
+        CallError: the master does not respond; stop() raises it, too.
+    """
+
+    def __init__(self, topics: Sequence[str]) -> None:
+        self.headers: Dict[Tuple[str, str], Dict[str, str]] = {}
+        """The connection header of each topic and node, with the keys type and md5sum."""
+        self._messages: List[Tuple[str, rospy.AnyMsg]] = []
+        self._subscribers: List[rospy.Subscriber] = []
+        run_with_timeout(lambda: self._start(topics), _START_TIMEOUT)
+
+    def _start(self, topics: Sequence[str]) -> None:
+        if not rospy.core.is_initialized():
+            options = ("anonymous", "disable_signals", "disable_rosout", "disable_rostime")
+            rospy.init_node("doctor", **dict.fromkeys(options, True))
+
+        def keep(msg: rospy.AnyMsg, topic: str) -> None:
+            self._messages.append((topic, msg))
+
+        self._subscribers = [rospy.Subscriber(each, rospy.AnyMsg, keep, each) for each in topics]
+
+    def connected(self) -> Set[Tuple[str, str]]:
+        """Return the topic and the node of each publisher that has ever been connected."""
+        for subscriber in self._subscribers:
+            # The header is there before the first message, and for silent publishers too.
+            for connection in subscriber.impl.connections:
+                header = connection.header or {}
+                self.headers[subscriber.resolved_name, header.get("callerid", "")] = header
+        return set(self.headers)
+
+    def messages(self, topic: str, kind: Any) -> List[Tuple[str, Any]]:
+        """Return the node and the message, for each message of a type that came on a topic."""
+        return [
+            (msg._connection_header["callerid"], kind().deserialize(msg._buff))
+            for each, msg in self._messages
+            if each == topic and msg._connection_header["md5sum"] == kind._md5sum
+        ]
+
+    def stop(self) -> None:
+        """Unsubscribe."""
+        self.connected()  # keep the latest headers
+        run_with_timeout(lambda: [each.unregister() for each in self._subscribers], _END_TIMEOUT)
 
 
 class Observer:
@@ -258,3 +316,9 @@ def _shown(msg: PoseMsg) -> str:
         return str(conversions.pose_from_msg(msg))
     except conversions.MessageError as error:
         return str(error)
+
+
+def sign_off() -> None:
+    """Remove this node's registrations from the master, if the master responds."""
+    with suppress(CallError):
+        run_with_timeout(lambda: rospy.signal_shutdown("done"), _END_TIMEOUT)

@@ -15,11 +15,11 @@ from mushr_ros_intro.sim.stamps import (
 
 T = TypeVar("T")
 
-
 POLL_PERIOD = 0.01
 """Period at which a condition is checked [s of wall-clock time]."""
 
-_SHUTDOWN_POLL_PERIOD = 0.5  # [s of wall-clock time]
+SHUTDOWN_POLL_PERIOD = 0.5
+"""Period at which a longer wait checks whether the node is shut down [s of wall-clock time]."""
 
 
 def now() -> int:
@@ -60,7 +60,7 @@ def sleep_until(due: int, since: int) -> None:
         moved = rospy.rostime.get_rostime_cond()
         with moved:  # rospy sets the clock before it notifies the condition
             while since <= now() < due and not rospy.is_shutdown():
-                moved.wait(_SHUTDOWN_POLL_PERIOD)
+                moved.wait(SHUTDOWN_POLL_PERIOD)
     else:
         time.sleep(max(0, due - since) / NANOSECONDS)
     if rospy.is_shutdown():
@@ -98,4 +98,7 @@ def wait_for_clock(seconds: float) -> None:
     if not is_simulated() and rospy.get_param("/use_sim_time", False):
         raise UserError("use_sim_time was set after this node had started; start the node again")
     if not wait_for(now, seconds):
-        raise UserError(f"use_sim_time is set, but /clock was not published within {seconds:g} s")
+        raise UserError(
+            f"use_sim_time is set, but no time came on /clock within {seconds:g} s. If a node "
+            "holds the clock, release it: rosservice call /car/car_sim/resume"
+        )

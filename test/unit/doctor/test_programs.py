@@ -36,14 +36,37 @@ def test_an_interpreter_without_rospy(tmp_path, monkeypatch):
     interpreter.write_text("#!/bin/sh\nexit 1\n")
     interpreter.chmod(0o755)
     monkeypatch.setenv("PATH", str(folder), prepend=os.pathsep)
-    for name, text in (("drive.py", "import rospy\n"), ("other.py", "import math\n")):
-        (tmp_path / name).write_text(f"#!/usr/bin/env python3\n{text}")
+    for name, program in (("drive.py", "python3"), ("run", "bash")):
+        (tmp_path / name).write_text(f"#!/usr/bin/env {program}\n")
         (tmp_path / name).chmod(0o755)
     (finding,) = map(str, program_findings(str(tmp_path)))
     assert finding == (
         f"{tmp_path}/drive.py names the interpreter 'python3', which is {interpreter} in this "
         "terminal and cannot import rospy. Make its first line: #!/usr/bin/python3"
     )
+
+
+def test_a_syntax_error(tmp_path):
+    path = tmp_path / "drive.py"
+    path.write_text("#!/usr/bin/python3\nprint(\n")
+    path.chmod(0o755)
+    (finding,) = map(str, program_findings(str(tmp_path)))
+    assert finding.startswith(f"{path} has a syntax error in line 2: ")
+
+
+def test_a_program_that_catkin_has_installed(tmp_path):
+    """rosrun starts the installed program, so the one in the folder need not be executable."""
+    path = tmp_path / "drive.py"
+    path.write_text("#!/usr/bin/python3\r\n")
+    installed = tmp_path / "lib" / "drive.py"
+    installed.parent.mkdir()
+    installed.write_text("#!/usr/bin/python3\n")
+    installed.chmod(0o755)
+    nodes = {"drive.py": [str(path), str(installed)]}
+    assert program_findings(str(tmp_path), nodes.get) == []
+    installed.chmod(0o644)
+    (finding,) = map(str, program_findings(str(tmp_path), nodes.get))
+    assert finding == f"{installed} is not executable. Type: chmod +x {installed}"
 
 
 @pytest.mark.parametrize(
