@@ -141,6 +141,9 @@ class TestPathPublisher(RosTestCase):
             f"{broken}:": [f"_plan_file:={broken}"],
             "circle, closed_figure_8, figure_8": ["_plan_file:=figure_9"],
             "parameter ~loop is 'maybe'": ["_loop:=maybe"],
+            "'plan_file:=circle' sets no parameter; expected _plan_file:=circle": [
+                "plan_file:=circle"
+            ],
             "no node subscribes to /nowhere": ["_init_pose_topic:=/nowhere"],
             "nodes are registered: /ghost. Do they respond": ["_control_topic:=/told_late"],
             # The car does not stand at the start of slalom, the origin.
