@@ -51,11 +51,8 @@ class PlanRecorder:
         )
         output = f"/{car_name}/mux/ackermann_cmd_mux/output"
         rospy.Subscriber(output, AckermannDriveStamped, self._on_command, tcp_nodelay=True)
-        rospy.loginfo(
-            "recording begins with the first command on %s; plans go to %s",
-            output,
-            self._file.folder,
-        )
+        rospy.loginfo(f"recording begins with the first command on {output}")
+        rospy.loginfo(f"plans go to {self._file.folder}")
 
     def run(self) -> None:
         """Record until the node is shut down; then save the drive, and log what was saved.

@@ -29,9 +29,6 @@ WALLS = World(
 """A room of 4 m by 4 m around the origin."""
 
 
-# Closed forms -----------------------------------------------------------------------------------
-
-
 def test_the_trajectory_of_figure_8_consists_of_arcs():
     """Each arc by its turning centre, in complex numbers."""
     plan = plan_named("figure_8")
@@ -80,9 +77,6 @@ def test_a_wall_stops_the_car():
     end = prediction.rest(plan, Car(), WALLS)[1]
     assert end.x == pytest.approx(2.0 - Footprint().front, abs=1e-8)  # [m] walls are known to 1e-9
     assert any(state.collision for state in prediction.trajectory(plan, Car(), WALLS))
-
-
-# The simulated car ------------------------------------------------------------------------------
 
 
 def driven(car, plan, world):

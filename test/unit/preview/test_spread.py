@@ -55,9 +55,6 @@ def assert_is(values, mean, deviation):
     assert abs(values.var() / deviation**2 - 1.0) <= SIGMAS * math.sqrt(2.0 / count)
 
 
-# Without errors ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("car", CARS)
 @pytest.mark.parametrize("name", PLAN_NAMES)
 def test_without_errors_every_car_is_where_the_single_car_is(name, car):
@@ -86,9 +83,6 @@ def test_without_errors_an_ideal_car_ends_where_the_single_car_ends(rows):
     plan = plan_of("1, 2, 3\n" + "".join("{:.9f}, {:.9f}, {}\n".format(*row) for row in rows))
     expected = np.array(prediction.rest(plan, IDEAL)[1])
     assert np.abs(drive(plan, Errors())[0, 0] - expected).max() <= ROUNDING
-
-
-# The errors -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -148,9 +142,6 @@ def test_the_seed_decides():
     assert (poses[-1] == drive(plan, ALL, runs=50, seed=7, instants=[0.3])[-1]).all()
     assert (poses != drive(plan, ALL, runs=50, seed=8)).all()
     assert len(np.unique(poses[0, :, 0])) == 50
-
-
-# The result -------------------------------------------------------------------------------------
 
 
 def test_the_result_is_the_mean_and_covariance_of_the_sample():

@@ -96,8 +96,6 @@ def test_in_order_a_command_passes_unless_a_higher_one_is_live(steps):
         last[source] = now
 
 
-# The configuration ------------------------------------------------------------------------------
-
 KEYS = {"topic": "input/teleop", "timeout": 0.2, "priority": 5.0, "short_desc": "keys"}
 GOOD = {
     "subscribers": [
