@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Check the arguments `car` and `map` of sim.launch: check_names.py CAR MAP.
 
-roslaunch runs this program while it loads sim.launch. The program prints CAR, or a message with the
-valid names; then its exit status is 1, and roslaunch starts no node.
+roslaunch runs it while it loads sim.launch. If it prints the valid names instead of CAR and exits
+with status 1, roslaunch starts no node.
 """
 
 import os

@@ -1,6 +1,7 @@
 """Check a plan against the limits of a car, and slow it down."""
 
 import itertools
+import math
 from typing import Iterator, List, NamedTuple, Sequence, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose
@@ -47,7 +48,9 @@ def slowed(plan: Plan, max_speed: float) -> Tuple[Plan, List[Fault]]:
 
 
 def limit_faults(plan: Plan, car_name: str, car: Car) -> Iterator[Fault]:
-    """Yield a fault for each run of rows that exceed a limit of the car."""
+    """Yield a fault for a heading in degrees, and for each run of rows beyond a limit."""
+    if abs(plan.start.theta) > math.tau:
+        yield plan.fault(-1, 2, "theta is more than a full turn; expected radians, not degrees")
     for cell, sign, limit, does in (
         (0, 1.0, car.speed_limit, "does {:.4g} m/s"),
         (0, -1.0, car.speed_limit, "does {:.4g} m/s in reverse"),
@@ -56,8 +59,7 @@ def limit_faults(plan: Plan, car_name: str, car: Car) -> Iterator[Fault]:
     ):
         limit_sent = as_float32(min(limit, MAX_SPEED))  # rows are rounded likewise
         for first, last in _runs([sign * row[:2][cell] > limit_sent for row in plan.rows]):
-            asks = _asks(plan, first, last, cell)
-            text = f"{asks}; the {car_name} {does.format(limit)} at most"
+            text = f"{_asks(plan, first, last, cell)}; the {car_name} {does.format(limit)} at most"
             yield plan.fault(first, cell, text)
 
 

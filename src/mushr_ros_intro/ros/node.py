@@ -23,8 +23,6 @@ from mushr_ros_intro.ros import rospy_fixes
 from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 
-PACKAGE = "mushr_ros_intro"
-
 SHUTDOWN_TIMEOUT = 14.0
 """Timeout for the end of a node [s]; roslaunch waits 15 s, a call to the master may take 5 s."""
 
@@ -163,7 +161,7 @@ def simulated_car_parameters(car_name: str) -> Parameters:
 
 def package_folder(name: str) -> str:
     """Return the path of a folder of this package, without symbolic links."""
-    return os.path.realpath(os.path.join(rospkg.RosPack().get_path(PACKAGE), name))
+    return os.path.realpath(os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), name))
 
 
 def offer_service(name: str, lock: ContextManager[Any], act: Callable[[], str]) -> None:

@@ -239,6 +239,12 @@ def test_a_plan_is_slowed_down_with_a_fault_for_each_run_of_rows():
     assert slowed(at_the_limit, 0.3) == (at_the_limit, [])
 
 
+def test_a_heading_in_degrees():
+    (fault,) = faults("0,0,45\n1,0\n")
+    assert fault == "my.txt:1:5: theta is more than a full turn; expected radians, not degrees"
+    assert faults("0,0,-6.28\n1,0\n") == []
+
+
 def test_ramps_that_do_not_fit_into_their_rows():
     assert faults("0,0,0\n0.5,0,0.1\n0.5,0,0.2\n0.5,0.4,0.1\n", "mushr_nano") == [
         "my.txt:2:1: row 1 is too short: the mushr_nano needs 0.2 s from 0 to 0.5 m/s at "
