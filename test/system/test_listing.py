@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 import sys
+from unittest import mock
 
 import pytest
 import rosgraph
@@ -45,9 +46,8 @@ def environment(tmp_path_factory):
     copied = shutil.copytree(EXAMPLE, str(tmp_path_factory.mktemp("src") / "my_ros_intro"))
     os.chmod(os.path.join(copied, "src", "path_publisher.py"), 0o755)
     packages = os.pathsep.join((copied, os.environ["ROS_PACKAGE_PATH"]))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_PACKAGE_PATH", packages)
-        patch.setenv("ROS_MASTER_URI", f"http://localhost:{free_port()}")
+    master = f"http://localhost:{free_port()}"
+    with mock.patch.dict(os.environ, ROS_PACKAGE_PATH=packages, ROS_MASTER_URI=master):
         yield
 
 

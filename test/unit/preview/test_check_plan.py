@@ -28,7 +28,7 @@ from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.map_file import read_map
 from support.cars import CARS, PLAN_NAMES, plan_named, plan_of
 from support.helpers import Process
-from support.paths import PACKAGE
+from support.paths import FIXTURES, PACKAGE
 
 sys.path.append(os.path.join(PACKAGE, "src"))
 
@@ -433,8 +433,8 @@ def test_one_plan_with_faults_among_others_ends_with_status_1(run, tmp_path):
 
 
 def test_every_fault_of_broken_plans_is_printed(run):
-    paths = [os.path.join("test", "fixtures", "broken_plans", name) for name in BROKEN]
-    status, output, errors = run(*paths, folder=PACKAGE)
+    paths = [os.path.join(FIXTURES, "broken_plans", name) for name in BROKEN]
+    status, output, errors = run(*paths)
     assert (status, errors) == (1, "")
     for path, part in zip(paths, output.split("\n\n")):
         with pytest.raises(PlanError) as caught:
