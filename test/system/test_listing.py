@@ -1,6 +1,7 @@
 """Check examples/my_ros_intro, the tutorial's listing corrected, in lock-step and in real time."""
 
 import filecmp
+import inspect
 import os
 import shutil
 import signal
@@ -23,6 +24,11 @@ NODE = os.path.join(EXAMPLE, "src", "path_publisher.py")
 PERIOD = 100_000_000
 """[ns] Between two commands."""
 START = (1.0, 2.0, 2.5)
+
+ENDS_WITHOUT_ERROR = pytest.mark.skipif(
+    sys.version_info >= (3, 9) and "isAlive" in inspect.getsource(rospy.core.signal_shutdown),
+    reason="rospy of Debian 11 calls Thread.isAlive when a node ends; Python 3.9 does not have it",
+)
 
 ELSEWHERE = ("_init_pose_topic:=/elsewhere", f"_control_topic:={NAVIGATION}2")
 
@@ -122,6 +128,7 @@ def test_real_time(car, tmp_path):
     assert {m.header.frame_id for m in commands} == {"car/base_footprint"}
 
 
+@ENDS_WITHOUT_ERROR
 def test_interrupted(car, tmp_path):
     """Ctrl-C: the last message is a stop, and the car stops at its stamp."""
     plan = tmp_path / "plan.txt"
@@ -136,6 +143,7 @@ def test_interrupted(car, tmp_path):
     car.assert_is_at(closed_form(START, [(1.0, 0.2, seconds)]))
 
 
+@ENDS_WITHOUT_ERROR
 def test_refused(sim, tmp_path):
     """A fault is one line with the reason, and exit status 1."""
     Recording("/elsewhere", PoseWithCovarianceStamped)
