@@ -64,9 +64,6 @@ def walled(free_to=5.0):
     return Grid(cells, 0.1, Pose(-3.0, -3.0, 0.0))
 
 
-# The report -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("car", CARS)
 @pytest.mark.parametrize("name", PLAN_NAMES)
 def test_the_report_agrees_with_the_prediction(name, car):
@@ -194,9 +191,6 @@ def test_special_lines_of_the_table():
     assert "and the car rolls on for 0.050 m" in text
 
 
-# Limits -----------------------------------------------------------------------------------------
-
-
 def test_rows_beyond_the_limits():
     text = "\ufeff0,0,0\r\n\r\n0.9, 0\r\n  6.6 , -0.45\r\n 5, 0.5\r\n-1,0,2 # back\r\n"
     assert faults(text, "mushr_nano") == [
@@ -252,9 +246,6 @@ def test_ramps_that_do_not_fit_into_their_rows():
         "my.txt:4:5: row 3 is too short: the mushr_nano needs 0.125 s from 0 to 0.4 rad at "
         "3.2 rad/s, and row 3 lasts 0.1 s",
     ]
-
-
-# The map ----------------------------------------------------------------------------------------
 
 
 def test_a_wall_ahead():
@@ -393,9 +384,6 @@ def test_the_text_on_the_spread():
     assert sizes == [(2.0 * major, 2.0 * minor) for major, minor, _ in result.ellipses]
     text = list(as_text(report, spread(report.plan, Car(), 2, 1)))
     assert "  the ideal car has no errors, so all runs end in the same place" in text
-
-
-# The program ------------------------------------------------------------------------------------
 
 
 @pytest.fixture(name="run")
