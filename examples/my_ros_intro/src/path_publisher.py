@@ -17,9 +17,8 @@ PERIOD = rospy.Duration(0, 100000000)  # 0 s and 100,000,000 ns: integers, so 10
 
 def run_plan(pub_init_pose, pub_controls, plan):
     """Drive the plan; return when it ends."""
-    init, *commands = plan
-    due = send_init_pose(pub_init_pose, *init)
-    for c in commands:
+    due = send_init_pose(pub_init_pose, *plan[0])
+    for c in plan[1:]:
         due = send_command(pub_controls, due, *c)
     sleep_until(due)
     return due
@@ -47,13 +46,13 @@ def send_init_pose(pub_init_pose, x, y, theta):
     return poses[0].header.stamp
 
 
-def send_command(pub_controls, start, v, delta, duration):
-    """Send a command every 0.1 s for `duration` [s] from `start` on; return when it ends."""
-    drive = AckermannDrive(steering_angle=delta, speed=v)
-    due, end = start, start + rospy.Duration(0, round(duration * 1e9))
+def send_command(pub_controls, due, v, delta, duration):
+    """Send a command every 0.1 s for `duration` [s] from `due` on; return when it ends."""
+    end = due + rospy.Duration(0, round(duration * 1e9))
     while due < end:
         sleep_until(due)
         header = Header(stamp=due, frame_id="car/base_footprint")
+        drive = AckermannDrive(steering_angle=delta, speed=v)
         pub_controls.publish(AckermannDriveStamped(header=header, drive=drive))
         due += PERIOD
     return end
@@ -68,36 +67,40 @@ def wait_until(condition, what="", timeout=math.inf):
     deadline = time.monotonic() + timeout
     while not condition():
         if rospy.is_shutdown():
-            raise rospy.ROSInterruptException()
+            sys.exit()
         if time.monotonic() > deadline:
-            raise TimeoutError(f"waited {timeout} s for {what}")
+            sys.exit(f"waited {timeout} s for {what}")
         time.sleep(0.001)
 
 
 def read_plan(plan_file):
     """Return the start pose [x, y, theta], then the commands [v, delta, duration]."""
+    try:
+        with open(plan_file) as f:
+            lines = f.readlines()
+    except (OSError, ValueError) as error:  # ValueError: the file is not text
+        sys.exit(f"{plan_file}: {error}")
     plan = []
-    with open(plan_file) as f:
-        for number, line in enumerate(f, 1):
-            text = line.split("#")[0].strip()
-            if not text:
-                continue
-            try:
-                row = [float(word) for word in text.split(",")]
-            except ValueError:
-                row = []
-            if plan and len(row) == 2:
-                row.append(1.0)
-            if len(row) != 3 or not all(map(math.isfinite, row)) or (plan and row[2] <= 0.0):
-                expected = "speed, steering angle[, duration]" if plan else "x, y, theta"
-                raise ValueError(f"{plan_file}:{number}: '{text}'; expected {expected}")
-            plan.append(row)
+    for number, line in enumerate(lines, 1):
+        text = line.split("#")[0].strip()
+        if not text:
+            continue
+        try:
+            row = [float(word) for word in text.split(",")]
+        except ValueError:
+            row = []
+        if plan and len(row) == 2:
+            row.append(1.0)
+        if len(row) != 3 or not all(map(math.isfinite, row)) or (plan and row[2] <= 0.0):
+            expected = "speed, steering angle[, duration]" if plan else "x, y, theta"
+            sys.exit(f"{plan_file}:{number}: '{text}'; expected {expected}")
+        plan.append(row)
     if not plan:
-        raise ValueError(f"{plan_file}: the file is empty; expected x, y, theta")
+        sys.exit(f"{plan_file}: the file is empty; expected x, y, theta")
     return plan
 
 
-def main():
+if __name__ == "__main__":
     rospy.init_node("path_publisher")
     plan = read_plan(rospy.get_param("~plan_file"))
 
@@ -120,13 +123,3 @@ def main():
 
     rospy.on_shutdown(send_stop)  # at the end, on Ctrl-C and after an error
     stop.header.stamp = run_plan(pub_init_pose, pub_controls, plan)
-
-
-if __name__ == "__main__":
-    try:
-        main()
-    except rospy.ROSInterruptException:
-        pass  # Ctrl-C
-    except (OSError, ValueError) as error:
-        rospy.logfatal(str(error))
-        sys.exit(1)
