@@ -1,7 +1,6 @@
 #!/usr/bin/python3
 """Select one of several command inputs for the car."""
 
-import sys
 import threading
 import time
 
@@ -131,4 +130,4 @@ def _private(topic: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(node.main("ackermann_cmd_mux", AckermannCmdMux))
+    node.main("ackermann_cmd_mux", AckermannCmdMux)

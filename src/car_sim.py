@@ -1,7 +1,6 @@
 #!/usr/bin/python3
 """Simulate the car: a kinematic bicycle that follows commands and reports its pose."""
 
-import sys
 import threading
 from typing import Callable, List, Optional, Sequence
 
@@ -181,12 +180,7 @@ class CarSim:
         return f"at the start pose since {now / NANOSECONDS:.9f} s"
 
 
-def main() -> int:
-    """Run the node; return its exit status."""
+if __name__ == "__main__":
     keeps_clock = sim_clock.has_to_keep_clock()
     # A node that publishes /clock must not use /clock as its own time.
-    return node.main("car_sim", lambda: CarSim(keeps_clock), disable_rostime=keeps_clock)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    node.main("car_sim", lambda: CarSim(keeps_clock), disable_rostime=keeps_clock)

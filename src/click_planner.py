@@ -2,7 +2,6 @@
 """Make a plan in rviz: set the start pose, then click the points to drive to."""
 
 import math
-import sys
 import threading
 from typing import Optional
 
@@ -146,4 +145,4 @@ class ClickPlanner:
 
 
 if __name__ == "__main__":
-    sys.exit(node.main("click_planner", ClickPlanner))
+    node.main("click_planner", ClickPlanner)

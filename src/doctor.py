@@ -8,6 +8,7 @@ system as a node for some seconds, however many nodes are stopped or unreachable
 import argparse
 import logging
 import os
+import re
 import shlex
 import signal
 import sys
@@ -103,6 +104,14 @@ def _interrupt(*_: object) -> None:
     raise KeyboardInterrupt
 
 
+def car_name(text: str) -> str:
+    """Return the name of a car, such as car or team/car; argparse reports the exception."""
+    name = text.strip("/")
+    if not re.fullmatch(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", name, re.ASCII):
+        raise argparse.ArgumentTypeError(f"'{text}'; expected the name of a car, such as car2")
+    return name
+
+
 def main() -> int:
     """Print the findings; return the exit status."""
     parser = argparse.ArgumentParser(
@@ -110,7 +119,7 @@ def main() -> int:
         description="Report why the car does not move, and what to type. The exit status is 0 "
         "without findings, 1 with findings, 2 for wrong arguments.",
     )
-    parser.add_argument("--car", metavar="NAME", default="car", help="default: car")
+    parser.add_argument("--car", metavar="NAME", type=car_name, default="car", help="default: car")
     parser.add_argument(
         "--package",
         metavar="PKG",
@@ -128,7 +137,7 @@ def main() -> int:
         for name in ("ROS_HOSTNAME", "ROS_IP"):
             os.environ.pop(name, None)
     try:
-        facts = observe(arguments.car.strip("/"))
+        facts = observe(arguments.car)
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
     package = "" if arguments.package == PACKAGE else arguments.package

@@ -1,8 +1,6 @@
 #!/usr/bin/python3
 """Drive the car with the keys W, A, S, D: in a window, or in the terminal without a display."""
 
-import sys
-
 import rospy
 
 from mushr_ros_intro.authoring.keyboard import open_keyboard
@@ -52,4 +50,4 @@ class KeyboardTeleop:
 
 
 if __name__ == "__main__":
-    sys.exit(node.main("keyboard_teleop", KeyboardTeleop))
+    node.main("keyboard_teleop", KeyboardTeleop)

@@ -1,7 +1,6 @@
 #!/usr/bin/python3
 """Simulate the car's laser scanner in the map."""
 
-import sys
 from typing import Optional
 
 import rospy
@@ -86,4 +85,4 @@ class LaserSim:
 
 
 if __name__ == "__main__":
-    sys.exit(node.main("laser_sim", LaserSim))
+    node.main("laser_sim", LaserSim)

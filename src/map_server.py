@@ -1,8 +1,6 @@
 #!/usr/bin/python3
 """Serve a map from a YAML file and an image, like ROS's own map_server."""
 
-import sys
-
 import rospy
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap, GetMapRequest, GetMapResponse
@@ -45,4 +43,4 @@ class MapServer:
 
 
 if __name__ == "__main__":
-    sys.exit(node.main("map_server", MapServer))
+    node.main("map_server", MapServer)

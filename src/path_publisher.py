@@ -107,4 +107,4 @@ class PathPublisher:
 
 
 if __name__ == "__main__":
-    sys.exit(node.main("path_publisher", PathPublisher))
+    node.main("path_publisher", PathPublisher)

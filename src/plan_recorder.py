@@ -2,7 +2,6 @@
 """Record the commands that the car receives, from any source, as a plan."""
 
 import contextlib
-import sys
 import threading
 from typing import Iterator
 
@@ -128,4 +127,4 @@ class PlanRecorder:
 
 
 if __name__ == "__main__":
-    sys.exit(node.main("plan_recorder", PlanRecorder))
+    node.main("plan_recorder", PlanRecorder)

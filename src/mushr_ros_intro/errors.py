@@ -2,6 +2,9 @@
 
 from enum import Enum
 
+DEFAULT_MASTER = "http://localhost:11311"
+"""The address of the master if ROS_MASTER_URI is not set."""
+
 
 class UserError(ValueError):
     """Bad input. The message is complete: it says where, what, and what was expected."""
@@ -10,7 +13,7 @@ class UserError(ValueError):
 class CallFault(Enum):
     """Why a call to the master or to a node failed; the text is for a call to the master."""
 
-    MALFORMED = "expected is an address such as http://localhost:11311"
+    MALFORMED = f"expected is an address such as {DEFAULT_MASTER}"
     UNKNOWN_HOST = "its host name cannot be resolved"
     REFUSED = "no master runs there"
     NO_RESPONSE = "the master there does not respond"

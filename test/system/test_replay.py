@@ -89,6 +89,7 @@ def test_verdict(replays, name):
     process, result = results[name]
     output = process.output
     cases = failures_in(result)
+    assert all(float(case.get("time")) >= 0.0 for case in result.iter("testcase"))  # for rosunit
     failures = {case: text for case, text in cases.items() if text is not None}
     assert set(cases) == ({"replay"} if "replay" in failing else EVERY_CHECK)
     # On a busy machine a fault can fail more checks.

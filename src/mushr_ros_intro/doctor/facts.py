@@ -6,9 +6,6 @@ from typing import Dict, List, NamedTuple, Optional, Tuple
 from mushr_ros_intro.errors import CallFault
 from mushr_ros_intro.sim.mux import IDLE
 
-DEFAULT_MASTER = "http://localhost:11311"
-"""The address of the master if ROS_MASTER_URI is not set."""
-
 
 class Finding(NamedTuple):
     """A fault, and how to repair it."""

@@ -3,7 +3,6 @@
 from typing import Iterable, List, Set
 
 from mushr_ros_intro.doctor.facts import (
-    DEFAULT_MASTER,
     Clock,
     Facts,
     Finding,
@@ -11,7 +10,7 @@ from mushr_ros_intro.doctor.facts import (
     Publisher,
     Topic,
 )
-from mushr_ros_intro.errors import CallFault
+from mushr_ros_intro.errors import DEFAULT_MASTER, CallFault
 from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE
 
 _CONTINUE = "If it was stopped with Ctrl-Z, type in its terminal: fg"

@@ -27,6 +27,12 @@ from mushr_ros_intro.plan.model import (
 )
 from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
 
+MAX_FILE_SIZE = 100_000_000
+"""Larger plan files are refused [bytes]; a plan of a million rows has twelve million."""
+
+MAX_FAULTS = 1000
+"""After so many faults the rest of a file is not checked: it is not a plan, and may be huge."""
+
 # Unambiguous, so that matching takes time in proportion to the length of any line.
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 
@@ -57,10 +63,13 @@ def read_plan(path: str) -> Plan:
     """
     try:
         with open(path, "rb") as file:
-            data = file.read()
+            data = file.read(MAX_FILE_SIZE + 1)
     except OSError as error:
         text = f"the file cannot be read ({error.strerror}); expected a plan file"
         raise PlanError([Fault(path, 0, 0, text)]) from None
+    if len(data) > MAX_FILE_SIZE:
+        text = f"the file has more than {MAX_FILE_SIZE} bytes; expected a plan file"
+        raise PlanError([Fault(path, 0, 0, text)])
     return parse_plan(data, path)
 
 
@@ -89,6 +98,9 @@ def parse_plan(data: bytes, path: str) -> Plan:
         columns = _columns(cells)
         found = _line_faults(cells, columns, is_start=count == 1)
         faults += [Fault(path, number, column, text) for column, text in found]
+        if len(faults) >= MAX_FAULTS:
+            faults.append(Fault(path, number, 1, "too many faults; the rest is not checked"))
+            break
         if found:
             continue
         values = [float(cell.strip()) for cell in cells]  # float() accepts fewer spaces
@@ -100,8 +112,7 @@ def parse_plan(data: bytes, path: str) -> Plan:
         rows.append(Row(as_float32(speed), as_float32(angle), duration, number, columns))
         total += duration
         if total - duration <= MAX_DURATION < total:
-            limit = MAX_DURATION // NANOSECONDS
-            text = f"here the plan exceeds {limit} s; expected a shorter plan"
+            text = f"here the plan exceeds {MAX_DURATION // NANOSECONDS} s; expected a shorter plan"
             faults.append(Fault(path, number, 1, text))
 
     if not count:

@@ -6,8 +6,8 @@ import shlex
 import signal
 import subprocess
 import threading
-from collections import deque
-from typing import Deque, List
+from functools import partial
+from typing import List
 
 import roslib.packages
 import rospkg
@@ -16,6 +16,9 @@ from mushr_ros_intro.errors import UserError
 
 SHOWN_LINES = 15
 """Number of lines at the end of the node's output that a message quotes."""
+
+KEPT_OUTPUT = 20_000
+"""Size of the kept end of a node's output [bytes]."""
 
 
 class Candidate:
@@ -51,18 +54,21 @@ class Candidate:
                 stderr=subprocess.STDOUT,
                 env={**os.environ, "PYTHONUNBUFFERED": "1"},
                 start_new_session=True,
-                encoding="utf-8",
-                errors="replace",
             )
         except OSError as error:
             raise UserError(
                 f"{found[0]} cannot be started ({error.strerror}). "
                 "Does its first line name an existing interpreter?"
             ) from None
-        self._output: Deque[str] = deque(maxlen=SHOWN_LINES)
-        output = self._process.stdout
-        self._reader = threading.Thread(target=self._output.extend, args=[output], daemon=True)
+        self._output = b""
+        self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
+
+    def _read(self) -> None:
+        """Keep the end of the node's output."""
+        assert self._process.stdout
+        for chunk in iter(partial(os.read, self._process.stdout.fileno(), 65536), b""):
+            self._output = (self._output + chunk)[-KEPT_OUTPUT:]
 
     @property
     def has_ended(self) -> bool:
@@ -87,7 +93,8 @@ class Candidate:
         how = f"ended with exit status {status}"
         if status < 0:
             how = f"was killed by signal {signal.Signals(-status).name}"
+        lines = self._output.decode(errors="replace").splitlines()[-SHOWN_LINES:]
         # The message is written to XML, which must not contain control characters.
-        shown = ["".join(c for c in line if c.isprintable()) for line in list(self._output)]
+        shown = ["".join(c for c in line if c.isprintable()) for line in lines]
         output = "; its last output:\n" + "\n".join(shown) if shown else "; it printed nothing"
         return f"the node {how}{output}"

@@ -14,9 +14,9 @@ from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Clock as ClockMsg
 from std_msgs.msg import String
 
-from mushr_ros_intro.doctor.facts import DEFAULT_MASTER, Clock, Facts, Master, Publisher, Topic
+from mushr_ros_intro.doctor.facts import Clock, Facts, Master, Publisher, Topic
 from mushr_ros_intro.doctor.processes import abandoned_nodes
-from mushr_ros_intro.errors import CallError, CallFault, UserError
+from mushr_ros_intro.errors import DEFAULT_MASTER, CallError, CallFault, UserError
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.connections import ask
 from mushr_ros_intro.ros.network import is_local, resolve, run_in_parallel, run_with_timeout

@@ -107,8 +107,7 @@ class Preview:
         """Check the plan, log its faults, publish the predicted path, and return the prediction.
 
         Raises:
-            UserError: the plan has faults, and ~strict is set.
-            UserError: a parameter of the simulated car is invalid.
+            UserError: the plan has faults and ~strict is set, or a parameter of the car is invalid.
         """
         profile = self._profile or simulated_car_parameters(self._car_name)
         is_known = bool(self._profile) or rospy.has_param(f"/{self._car_name}/car_sim")

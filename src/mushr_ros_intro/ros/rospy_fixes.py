@@ -26,7 +26,6 @@ def apply_before_init_node() -> None:
     write_logs_somewhere()
     keep_latest_link()
     forget_log_parameter()
-    end_server_with_node()
 
 
 def limit_calls(seconds: float = CALL_TIMEOUT) -> None:
@@ -90,26 +89,6 @@ def forget_log_parameter() -> None:
     """
     cache = rospy.impl.paramserver.get_param_server_cache()
     cache.set("/rosout_disable_topics_generation", False)
-
-
-class _Server(rosgraph.xmlrpc.ThreadingXMLRPCServer):
-    """A node's XML-RPC server that ends when its socket is closed."""
-
-    def service_actions(self) -> None:
-        """Raise the error that rospy expects from a closed server."""
-        super().service_actions()
-        if self.socket.fileno() < 0:
-            raise OSError("the server is closed")
-
-
-def end_server_with_node() -> None:
-    """Let a node's XML-RPC server end when the node is shut down.
-
-    Symptom: during shutdown, each node uses a whole core for half a second.
-    Cause: rosgraph.xmlrpc.shutdown closes the server's socket, and serve_forever polls the closed
-    socket without a pause.
-    """
-    rosgraph.xmlrpc.ThreadingXMLRPCServer = _Server
 
 
 def count_written(publisher: rospy.Publisher) -> Dict[int, int]:

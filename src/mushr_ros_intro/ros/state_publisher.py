@@ -46,7 +46,6 @@ class StatePublisher:
         """
         self.world: Optional[World] = None
         """The map; None if there is none."""
-        self._pose: Optional[Pose] = None  # the last one that was published
         self._announced: Optional[Contact] = None
         self._is_on_map = True
         prefix = rospy.get_namespace().strip("/")
@@ -67,7 +66,7 @@ class StatePublisher:
         self._collision_pub.publish(conversions.poses_to_msg([], now))
         self._driven_pub = rospy.Publisher("driven_path", Marker, queue_size=1000)
         self._predicted_pub = rospy.Publisher("predicted_path", Path, queue_size=1)
-        self._last: Optional[State] = None
+        self._last: Optional[State] = None  # the last one that was published
         self._line: List[Pose] = []
         self._lines = 0
 
@@ -78,12 +77,12 @@ class StatePublisher:
             for publisher, convert in self._publishers:
                 if publisher.get_num_connections():
                     publisher.publish(convert(state))
-            self._pose = state.pose
+            self._last = state
             self._announce_contact(state)
 
     def _draw(self, state: State) -> None:
         """Draw the driven path as a sequence of lines, which is removed when the car is placed."""
-        last, self._last = self._last, state
+        last = self._last
         if (
             last is None
             or state.map_from_odom != last.map_from_odom
@@ -105,7 +104,7 @@ class StatePublisher:
         """Log the pose and what to type, as soon as poses are published and the car is ready."""
 
         def wait_and_log() -> None:
-            while self._pose is None or not is_ready():
+            while self._last is None or not is_ready():
                 if rospy.is_shutdown():
                     return
                 time.sleep(READY_POLL_PERIOD)
@@ -113,7 +112,7 @@ class StatePublisher:
             rospy.loginfo(
                 "ready: the car is at %s. To drive a plan, type in another terminal: "
                 "roslaunch mushr_ros_intro path_publisher.launch%s",
-                self._pose,
+                self._last.pose,
                 "" if name == "car" else f" car_name:={name}",
             )
 

@@ -93,3 +93,11 @@ def test_modules_that_are_not_found(module, python, is_sourced, words):
     fault = doctor.import_fault(module, python, is_sourced)
     assert fault.startswith(f"{python} does not find the module {module}: ")
     assert words in fault
+
+
+def test_wrong_arguments(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["doctor.py", "--car", "a car"])
+    with pytest.raises(SystemExit) as end:
+        doctor.main()
+    assert end.value.code == 2
+    assert "'a car'; expected the name of a car" in capsys.readouterr().err

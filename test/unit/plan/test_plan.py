@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mushr_ros_intro.plan import parse
 from mushr_ros_intro.plan.model import PlanError, as_float32, shortest_decimal
 from mushr_ros_intro.plan.parse import parse_plan, read_plan
 from support.paths import FIXTURES, PLANS
@@ -84,22 +85,29 @@ def test_every_broken_plan_is_in_the_table():
 def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "file").touch()
+    with open(tmp_path / "huge", "wb") as file:
+        file.truncate(parse.MAX_FILE_SIZE + 1)
     for name, expected in {
         "missing": "the file cannot be read (No such file or directory); expected a plan",
         ".": "the file cannot be read (Is a directory); expected a plan",
         "loop": "the file cannot be read (Too many levels of symbolic links)",
         "file/plan": "the file cannot be read (Not a directory)",
         "n" * 300: "the file cannot be read (File name too long)",
+        "huge": "the file has more than 100000000 bytes; expected a plan file",
     }.items():
         path = os.path.join(str(tmp_path), name)
         (fault,) = faults_of(path)
         assert fault.startswith(f"{path}: {expected}")
 
 
-def test_only_the_first_faults_are_shown():
+def test_only_the_first_faults_are_shown_and_too_many_end_the_search():
     with pytest.raises(PlanError) as caught:
         rows_of("nan, 0\n" * 25)
     assert str(caught.value).splitlines()[20:] == ["... and 5 more faults"]
+    with pytest.raises(PlanError) as caught:
+        rows_of("nan, 0\n" * 100_000)
+    assert len(caught.value.faults) == parse.MAX_FAULTS + 1
+    assert "too many faults; the rest is not checked" in caught.value.faults[-1].text
 
 
 @pytest.mark.parametrize(

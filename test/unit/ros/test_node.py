@@ -11,7 +11,7 @@ import rosgraph
 from support.helpers import Process, free_port, node, wait_for
 
 PREAMBLE = """
-import linecache, os, signal, sys, time, xmlrpc.client
+import linecache, os, signal, sys, threading, time, xmlrpc.client
 import rospy
 from std_msgs.msg import String
 from mushr_ros_intro.errors import UserError
@@ -42,6 +42,13 @@ PROGRAMS = {
     "waits": """
     def run(self):
         print("waits", flush=True)
+        rospy.spin()
+""",
+    # A node with a thread that does not end, such as rospy's while it waits for another connection.
+    "threads": """
+    def run(self):
+        threading.Thread(target=time.sleep, args=[300.0], daemon=False).start()
+        print("threads", flush=True)
         rospy.spin()
 """,
     "logs": """
@@ -80,7 +87,7 @@ def master():
 
 def start(run, master, **environment):
     """Start a node with a method run."""
-    program = f"{PREAMBLE}{run}\nsys.exit(node.main('made', Made))"
+    program = f"{PREAMBLE}{run}\nnode.main('made', Made)"
     return Process(sys.executable, "-c", program, ROS_MASTER_URI=master, **environment)
 
 
