@@ -1,0 +1,128 @@
+"""Select one of several command inputs for the car."""
+
+import threading
+import time
+
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from std_msgs.msg import String
+
+from mushr_ros_intro.car.model import Command
+from mushr_ros_intro.ros import conversions, node, ros_time
+from mushr_ros_intro.ros.connections import wait_until_connected
+from mushr_ros_intro.sim.mux import Input, Mux, parse_config
+from mushr_ros_intro.sim.stamps import NANOSECONDS, PresentTime
+
+
+class AckermannCmdMux:
+    """The mux as a node.
+
+    The private parameters are the configuration. Its topics are private names: the input
+    ``input/navigation`` of the node /car/mux/ackermann_cmd_mux is the topic
+    /car/mux/ackermann_cmd_mux/input/navigation. Publishes the name of the input that drives on
+    ``~active``, and a stop when the last live input expires.
+    """
+
+    def __init__(self) -> None:
+        config = parse_config(rospy.get_param("~", {}))
+        self._lock = threading.Lock()
+        self._is_live = threading.Event()
+        self._mux = Mux()
+        self._time = PresentTime()
+        # A command of unknown age: when it expires [ns], and its minimum [s of wall-clock time].
+        self._unstamped = (-1, 0.0)
+        self._frame = ""
+        self._announced = ""
+
+        self._output_pub = rospy.Publisher(
+            _private(config.publisher), AckermannDriveStamped, queue_size=100, tcp_nodelay=True
+        )
+        self._active_pub = rospy.Publisher("~active", String, queue_size=1, latch=True)
+        self._announce()
+
+        # Connect the output before the inputs, so that no command of a connected sender is lost.
+        wait_until_connected(self._output_pub, "subscribers")
+        for each in config.inputs:
+            topic = _private(each.topic)
+            rospy.Subscriber(topic, AckermannDriveStamped, self._on_command, each, tcp_nodelay=True)
+            rospy.loginfo(
+                f"input {each.name}: {rospy.resolve_name(topic)}, priority {each.priority}, "
+                f"timeout {each.timeout / NANOSECONDS:g} s"
+            )
+
+    def run(self) -> None:
+        """Send a stop whenever the last live input expires, until the node is shut down."""
+        while not rospy.is_shutdown():
+            if not self._is_live.wait(ros_time.SHUTDOWN_POLL_PERIOD):
+                continue
+            with self._lock:
+                seen = ros_time.now()
+                now = self._read_clock()
+                self._expire(now)
+                deadline = self._mux.deadline or seen
+                held = self._held()
+            if deadline <= now and held > 0.0:
+                time.sleep(min(held, ros_time.SHUTDOWN_POLL_PERIOD))
+            else:  # returns early if the clock is set back
+                ros_time.sleep_until(deadline, seen)
+
+    def _held(self) -> float:
+        """Return the time for which no input may expire [s of wall-clock time]; needs the lock.
+
+        The age of a command without a stamp is unknown. In lock-step the clock of this node may be
+        seconds behind the sender's clock, and then advance suddenly. So in simulated time such a
+        command is valid for at least its timeout in wall-clock time.
+        """
+        deadline, until = self._unstamped
+        return until - time.monotonic() if self._mux.deadline == deadline else 0.0
+
+    def _expire(self, now: int) -> None:
+        """Send a stop if the last live input has expired at `now` [ns]; needs the lock."""
+        if self._held() > 0.0:
+            return
+        is_unstamped = self._mux.deadline == self._unstamped[0]
+        self._mux, stop = self._mux.expire(now)
+        if stop is not None:
+            self._is_live.clear()
+            command = Command(0 if is_unstamped else stop, 0.0, 0.0)
+            self._output_pub.publish(conversions.command_to_msg(command, self._frame))
+            self._announce()
+
+    def _read_clock(self) -> int:
+        """Return the present [ns]; needs the lock. If the clock was set back, all inputs expire."""
+        if self._time.update(ros_time.now()):
+            rospy.logwarn("the clock was set back; all inputs expire")
+            self._mux = self._mux.restart(self._time.now)
+        return self._time.now
+
+    @conversions.ignore_bad_messages
+    def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
+        """Forward a command unchanged if its input may drive."""
+        command = conversions.command_from_msg(msg)
+        with self._lock:
+            self._read_clock()
+            stamp = ros_time.received_stamp(command.stamp)
+            is_dated = command.stamp and stamp == command.stamp
+            slack = source.timeout if ros_time.is_simulated() and not is_dated else 0
+            # Expire first, so that the output depends on the stamps alone.
+            self._expire(stamp)
+            self._mux, passes = self._mux.command(source, stamp, slack)
+            if slack and self._mux.deadline == stamp + source.timeout + slack:
+                until = time.monotonic() + source.timeout / NANOSECONDS
+                self._unstamped = (self._mux.deadline, until)
+            if passes:
+                self._frame = msg.header.frame_id
+                self._output_pub.publish(msg)
+                self._announce()
+            self._is_live.set()
+
+    def _announce(self) -> None:
+        """Publish the name of the input that drives if it has changed."""
+        if self._mux.active != self._announced:
+            self._announced = self._mux.active
+            self._active_pub.publish(String(data=self._announced))
+
+
+def _private(topic: str) -> str:
+    """Return `topic` as a private name, unless it is a global or a private one already."""
+    return topic if topic.startswith(("/", "~")) else f"~{topic}"
