@@ -1,0 +1,27 @@
+"""Results of grading for tests."""
+
+import math
+
+from mushr_ros_intro.grading.judge import CHECK_NAMES, Check
+from mushr_ros_intro.grading.result import PlanResult, Result, Student
+
+ANN = Student("Ann", "17", "ann@x.edu")
+
+
+def graded(plan="circle", failed=(), message="as expected", count=9, radius=2.0, offset=0.5):
+    """Return a drive on a quarter of a circle; the predicted path is `offset` beside it."""
+    angles = [math.pi / 2 * index / max(count - 1, 1) for index in range(count)]
+    driven = tuple((radius * math.cos(angle), radius * math.sin(angle)) for angle in angles)
+    return PlanResult(
+        plan,
+        tuple(Check(name, name not in failed, f"{name}: {message}") for name in CHECK_NAMES),
+        f"the verdict: {message}",
+        tuple(float(index) for index in range(count)),
+        driven,
+        tuple((x + offset, y) for x, y in driven),
+    )
+
+
+def submission(*plans, name="ann", students=(ANN,), **values):
+    """Return the result of a submission."""
+    return Result(name, tuple(students), **{"fault": "", "error": "", **values}, plans=plans)

@@ -1,0 +1,106 @@
+"""Check that a node that cannot be run is found before it runs."""
+
+import os
+
+import pytest
+
+from support.submissions import NODE, PACKAGE, PUBLISHER, XML, fill, inside, only, zipped
+
+CMAKE = b"PROJECT(intro)\nfind_package(catkin)\ncatkin_package(\n  DEPENDS # add_library(x)\n)\n"
+NAMED = "#!/usr/bin/env {}\n".format
+
+
+@pytest.mark.parametrize(
+    ("files", "said"),
+    [
+        (
+            {"README.md": b"", "a.tar": b""},
+            "no package and no path_publisher.py; found 'README.md', 'a.t",
+        ),
+        ({"package.xml": XML}, "no path_publisher.py in the package; found 'package.xml'"),
+        ({"package.xml": XML, "src/talker.py": NODE}, "found 'src/talker.py'. Name your"),
+        ({"src/pathpublisher.py": NODE, "b.py": b""}, "but 'src/pathpublisher.py'. Rename"),
+        ({"Path_Publisher.py": NODE, "b.py": b""}, "but 'Path_Publisher.py'. Rename"),
+        (
+            {"a/path_publisher.py": NODE, "b/path_publisher.py": NODE},
+            "several files path_publisher.py: 'a/",
+        ),
+        ({**PACKAGE, "scripts/path_publisher.py": NODE}, "several files path_publisher.py: 'scr"),
+        ({**PACKAGE, "package.xml": b"<package>"}, "'package.xml' is not valid XML: no element"),
+        (
+            {**PACKAGE, "package.xml": b"<package/>"},
+            "'package.xml' has no name; expected <package>",
+        ),
+        ({**PACKAGE, "package.xml": "<!DOCTYPE a><a/>".encode("utf-16")}, "or a DOCTYPE"),
+        ({**inside("a"), "b/package.xml": XML}, "'b/package.xml' have the same name 'intro'"),
+        (
+            {PUBLISHER: b"print(1)\n"},
+            "has no line '#!...' at its start. Make its first line: #!/usr/b",
+        ),
+        ({PUBLISHER: b"\xef\xbb\xbf" + NODE}, "starts with a byte order mark"),
+        ({PUBLISHER: NODE.replace(b"\n", b"\r\n")}, "Windows line ends (CRLF), so"),
+        ({PUBLISHER: NAMED("python").encode()}, "names 'python', which is not on"),
+        ({PUBLISHER: NAMED("python3 -u").encode()}, "names 'python3 -u', which is not"),
+        ({PUBLISHER: b"#!/usr/local/bin/python2.7\n"}, "names '/usr/local/bin/python2.7', which"),
+        ({PUBLISHER: NODE + b"print 'x'\n"}, "has a syntax error in line 3: Missing paren"),
+        ({PUBLISHER: NODE + b"# \xfc\n"}, "is not UTF-8 in line 3"),
+        ({PUBLISHER: NODE + b"x = '\0'\n"}, "null bytes"),
+        ({PUBLISHER: b"#!/usr/bin/python3\n# coding: rot13\n"}, "not a text encoding"),
+        ({PUBLISHER: NODE + b"x = " + b"-" * 100_000 + b"1\n"}, "too complex to compile"),
+        ({PUBLISHER: NODE + b"#" * 1_000_000}, "more than 1 MB"),
+    ],
+)
+def test_faults(tmp_path, monkeypatch, files, said):
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "python3").symlink_to("/usr/bin/python3")
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    found = only(tmp_path, zipped(tmp_path / "a.zip", files))
+    assert said in found.fault
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        NAMED("python3").encode(),
+        NAMED("-S -i A=1 python3 -u").encode(),
+        b"#! /usr/bin/python3 -u \n",
+        b"#!/bin/sh\nif then (\n",
+        b"#!/usr/bin/python3\n# coding: latin-1\n# \xfc\nprint('\\d')\n",
+        b"#!/usr/bin/python3\nprint(1)\r\n",
+    ],
+)
+def test_first_lines_that_work(tmp_path, source):
+    assert only(tmp_path, zipped(tmp_path / "a.zip", {PUBLISHER: source})).fault == ""
+
+
+@pytest.mark.parametrize(
+    ("how", "files", "works"),
+    [
+        ({"mode": 0o644}, PACKAGE, False),
+        ({"mode": 0o644}, {"path_publisher.py": NODE}, True),
+        ({"mode": 0}, PACKAGE, True),
+        ({"system": 0}, PACKAGE, True),
+    ],
+)
+def test_nodes_that_are_not_executable(tmp_path, how, files, works):
+    found = only(tmp_path, zipped(tmp_path / "a.zip", files, **how))
+    if works:
+        assert found.notes[-1].endswith("path_publisher.py' is made executable")
+        assert os.stat(found.command[0]).st_mode & 0o777 == 0o755
+        assert (len(found.notes) > 1) == (files is not PACKAGE)  # there is no package.xml
+    else:
+        assert found.fault.endswith("not executable. Type: chmod +x src/path_publisher.py")
+
+
+@pytest.mark.parametrize(
+    ("text", "needs"),
+    [
+        (CMAKE, False),
+        (CMAKE + b"#[[\nadd_library(x)\n]]\ninstall(FILES a)", False),
+        (CMAKE + b"  ADD_MESSAGE_FILES (FILES A.msg)", True),
+        (CMAKE + b"catkin_python_setup()", False),
+    ],
+)
+def test_needs_build(tmp_path, text, needs):
+    fill(tmp_path / "a", {**PACKAGE, "CMakeLists.txt": text})
+    assert only(tmp_path, "a").needs_build == needs
