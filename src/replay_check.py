@@ -7,16 +7,21 @@ another node, replay_check.py --show, prints it on the terminal.
 """
 
 import os
+import shlex
 import sys
-from typing import Sequence
+from typing import List, Sequence
 from xml.etree import ElementTree
 
 import rospy
 from std_msgs.msg import String
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.grading.judge import Check
+from mushr_ros_intro.grading.judge import Check, Report, Tolerances
+from mushr_ros_intro.grading.sandbox import Sandbox
+from mushr_ros_intro.parameters import Parameters, find_file, user_path
+from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.ros import node
+from mushr_ros_intro.ros.grader import find_executable, job_for, read_setting
 from mushr_ros_intro.ros.replay import replay
 from mushr_ros_intro.ros.ros_time import wait_for
 
@@ -29,6 +34,61 @@ def show() -> int:
     node.init_node("verdict")
     print(rospy.wait_for_message("/replay/verdict", String).data, flush=True)
     return 0
+
+
+def judge() -> Report:
+    """Judge the node that the parameters describe, and write the report.
+
+    Raises:
+        UserError: a parameter or the plan is invalid, or the replay has failed for another reason
+            than the node.
+        OSError: the report cannot be written.
+    """
+    arguments = rospy.get_param("~")
+    given = {name: each for name, each in arguments.items() if each not in ("", "auto")}
+    parameters = Parameters(given)
+    plan = read_plan(find_file(parameters.text("plan_file"), node.package_folder("plans"), ".txt"))
+    words = shlex.split(parameters.text("publisher"))
+    if len(words) < 2:
+        raise parameters.error("publisher", "'PACKAGE NODE [ARGUMENT...]'")
+    seed = parameters.integer("seed", 0, 0, 1e9) if "seed" in given else None
+    setting = read_setting(
+        node.package_folder("."),
+        parameters.text("car"),
+        parameters.text("map"),
+        seed,
+        remap=tuple(_remappings(parameters.optional_text("remap") or "")),
+        patience=parameters.number("patience", 30.0, "s", 0.1, 1e4),
+        tolerances={
+            name: parameters.number(f"{name}_tolerance", 0.0, "m or rad", 0.0, 1e6)
+            for name in Tolerances._fields
+            if f"{name}_tolerance" in given
+        },
+        sandbox=Sandbox(),
+    )
+    name = parameters.text("publisher")
+    report = replay(job_for([find_executable(*words[:2]), *words[2:]], name, plan, setting))
+    folder = parameters.optional_text("report")
+    if folder:
+        from mushr_ros_intro.grading import files  # matplotlib is slow to import
+
+        files.write(user_path(folder), report, arguments)
+    return report
+
+
+def _remappings(text: str) -> List[str]:
+    """Return remappings and parameters, given text such as "control=/cmd _rate=10".
+
+    Raises:
+        UserError: a word has another form.
+    """
+    remappings = []
+    for word in text.split():
+        name, _, value = word.partition("=")
+        if not (name and value) or ":" in word:
+            raise UserError(f"remap contains '{word}'; expected FROM=TO, such as control=/cmd")
+        remappings.append(f"{name}:={value}")
+    return remappings
 
 
 def publish(text: str) -> None:
@@ -65,7 +125,7 @@ def main() -> int:
     node.init_node("replay")
     path = next(each for each in sys.argv if each.startswith("--gtest_output=xml:"))[19:]
     try:
-        report = replay()
+        report = judge()
         checks, text = report.checks, report.verdict
     except (UserError, OSError) as error:
         checks = [Check("replay", False, f"the replay failed: {error}")]

@@ -114,6 +114,13 @@ def default_tolerances(plan: Plan, car: Car) -> Tolerances:
     return Tolerances(distance, _ROUNDING + seconds * max(rates), distance)
 
 
+def _topics(report: Report) -> Tuple[bool, str]:
+    """Judge whether the node only drove the car."""
+    if actions := report.replay.actions:
+        return False, f"the node {', '.join(actions)}; expected only a start pose and commands"
+    return True, "the node used its topics only"
+
+
 def _start_pose(report: Report) -> Tuple[bool, str]:
     """Judge whether the drive began at the plan's start pose."""
     wanted = report.replay.plan.start
@@ -242,15 +249,10 @@ def _rest(report: Report) -> Tuple[bool, str]:
     return False, "the car still moves at the end; expected it to stand"
 
 
-def _collision(report: Report) -> Tuple[bool, str]:
-    """Judge whether the car hit a wall."""
+def _map(report: Report) -> Tuple[bool, str]:
+    """Judge whether the car hit no wall and stayed on the map."""
     if report.replay.collisions:
         return False, f"the car hit a wall at {report.replay.collisions[0]}; expected no collision"
-    return True, "the car hit no wall"
-
-
-def _map(report: Report) -> Tuple[bool, str]:
-    """Judge whether the car stayed on the map."""
     grid = report.replay.grid
     if grid is None:
         return True, "there is no map"
@@ -260,7 +262,7 @@ def _map(report: Report) -> Tuple[bool, str]:
         x, y, _ = grid.to_grid(pose)
         if not (0.0 <= x <= width and 0.0 <= y <= height):
             return False, f"the car left the map at {pose}; the map is {size}"
-    return True, f"the car stayed on the map of {size}"
+    return True, f"the car hit no wall and stayed on the map of {size}"
 
 
 _CHECKS = {
@@ -270,15 +272,20 @@ _CHECKS = {
     "path": _path,
     "final_pose": _final_pose,
     "rest": _rest,
-    "collision": _collision,
     "map": _map,
 }
+
+CHECK_NAMES = ("node", "topics", *_CHECKS)
+"""The names of all checks, in the order of the most telling ones."""
 
 
 def judge(replay: Replay, tolerances: Tolerances) -> Report:
     """Return the verdict on a replay; its checks are in the order of the most telling ones."""
     report = Report(replay, drive(replay), tolerances)
-    checks = [Check("node", not replay.outcome, replay.outcome or "the node ran without an error")]
+    checks = [
+        Check("node", not replay.outcome, replay.outcome or "the node ran without an error"),
+        Check("topics", *_topics(report)),
+    ]
     for name, check in _CHECKS.items():
         verdict = check(report) if replay.sent else (False, "not judged: the node sent no command")
         checks.append(Check(name, *verdict))

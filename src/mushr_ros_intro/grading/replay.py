@@ -51,6 +51,8 @@ class Replay(NamedTuple):
     """The poses at which the car hit a wall."""
     grid: Optional[Grid]
     """The map, or None if there is none."""
+    actions: Tuple[str, ...] = ()
+    """What the node did besides driving the car, such as "publishes on /clock"."""
 
     @property
     def begin(self) -> int:

@@ -2,13 +2,14 @@
 
 import threading
 import time
+from typing import Dict
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
 from mushr_ros_intro.car.model import Command
-from mushr_ros_intro.ros import conversions, node, ros_time
+from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.sim.mux import Input, Mux, parse_config
 from mushr_ros_intro.sim.stamps import NANOSECONDS, PresentTime
@@ -17,14 +18,16 @@ from mushr_ros_intro.sim.stamps import NANOSECONDS, PresentTime
 class AckermannCmdMux:
     """The mux as a node.
 
-    The private parameters are the configuration. Its topics are private names: the input
-    ``input/navigation`` of the node /car/mux/ackermann_cmd_mux is the topic
+    The parameters below its name are the configuration, and its topics are below its name: the
+    input ``input/navigation`` of /car/mux/ackermann_cmd_mux is the topic
     /car/mux/ackermann_cmd_mux/input/navigation. Publishes the name of the input that drives on
-    ``~active``, and a stop when the last live input expires.
+    ``active`` below its name, and a stop when the last live input expires.
     """
 
-    def __init__(self) -> None:
-        config = parse_config(rospy.get_param("~", {}))
+    def __init__(self, name: str = "") -> None:
+        """Subscribe to the inputs; `name` is the name of the node if it is empty."""
+        self._name = name or rospy.get_name()
+        config = parse_config(rospy.get_param(self._name, {}))
         self._lock = threading.Lock()
         self._is_live = threading.Event()
         self._mux = Mux()
@@ -35,20 +38,32 @@ class AckermannCmdMux:
         self._announced = ""
 
         self._output_pub = rospy.Publisher(
-            _private(config.publisher), AckermannDriveStamped, queue_size=100, tcp_nodelay=True
+            self._resolve(config.publisher), AckermannDriveStamped, queue_size=100, tcp_nodelay=True
         )
-        self._active_pub = rospy.Publisher("~active", String, queue_size=1, latch=True)
+        self._active_pub = rospy.Publisher(f"{self._name}/active", String, queue_size=1, latch=True)
         self._announce()
 
         # Connect the output before the inputs, so that no command of a connected sender is lost.
         wait_until_connected(self._output_pub, "subscribers")
+        self.inputs: Dict[str, rospy.Subscriber] = {}
+        """The subscribers by topic."""
         for each in config.inputs:
-            topic = _private(each.topic)
-            rospy.Subscriber(topic, AckermannDriveStamped, self._on_command, each, tcp_nodelay=True)
+            topic = self._resolve(each.topic)
+            self.inputs[topic] = rospy.Subscriber(
+                topic, AckermannDriveStamped, self._on_command, each, tcp_nodelay=True
+            )
             rospy.loginfo(
-                f"input {each.name}: {rospy.resolve_name(topic)}, priority {each.priority}, "
+                f"input {each.name}: {topic}, priority {each.priority}, "
                 f"timeout {each.timeout / NANOSECONDS:g} s"
             )
+
+    def _resolve(self, topic: str) -> str:
+        """Return the full name of a topic of the configuration."""
+        return topic if topic.startswith("/") else f"{self._name}/{topic.lstrip('~/')}"
+
+    def _send(self, msg: AckermannDriveStamped) -> None:
+        """Send a command to the car."""
+        self._output_pub.publish(msg)
 
     def run(self) -> None:
         """Send a stop whenever the last live input expires, until the node is shut down."""
@@ -85,7 +100,7 @@ class AckermannCmdMux:
         if stop is not None:
             self._is_live.clear()
             command = Command(0 if is_unstamped else stop, 0.0, 0.0)
-            self._output_pub.publish(conversions.command_to_msg(command, self._frame))
+            self._send(conversions.command_to_msg(command, self._frame))
             self._announce()
 
     def _read_clock(self) -> int:
@@ -112,7 +127,7 @@ class AckermannCmdMux:
                 self._unstamped = (self._mux.deadline, until)
             if passes:
                 self._frame = msg.header.frame_id
-                self._output_pub.publish(msg)
+                self._send(msg)
                 self._announce()
             self._is_live.set()
 
@@ -121,8 +136,3 @@ class AckermannCmdMux:
         if self._mux.active != self._announced:
             self._announced = self._mux.active
             self._active_pub.publish(String(data=self._announced))
-
-
-def _private(topic: str) -> str:
-    """Return `topic` as a private name, unless it is a global or a private one already."""
-    return topic if topic.startswith(("/", "~")) else f"~{topic}"

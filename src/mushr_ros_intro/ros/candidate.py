@@ -2,14 +2,12 @@
 
 import contextlib
 import os
-import shlex
 import signal
 import subprocess
 import threading
 from functools import partial
-from typing import List
+from typing import Dict, Iterator, List, Optional, Sequence
 
-import roslib.packages
 import rospkg
 
 from mushr_ros_intro.errors import UserError
@@ -21,46 +19,79 @@ KEPT_OUTPUT = 20_000
 """Size of the kept end of a node's output [bytes]."""
 
 
+def environment_of(packages: Sequence[str]) -> Dict[str, str]:
+    """Return the environment of a node, which contains nothing of the user's own.
+
+    Args:
+        packages: paths in which rospack finds the packages of the node.
+    """
+    ros = {name: value for name, value in os.environ.items() if name.startswith("ROS_")}
+    for name in ("ROS_NAMESPACE", "ROS_HOME", "ROS_LOG_DIR"):
+        ros.pop(name, None)
+    folders = [*packages, *filter(None, ros.get("ROS_PACKAGE_PATH", "").split(os.pathsep))]
+    paths = [*_module_paths(folders), os.environ.get("PYTHONPATH", "")]
+    return {
+        **ros,
+        "PATH": os.environ["PATH"],
+        "PYTHONPATH": os.pathsep.join(filter(None, paths)),
+        "ROS_PACKAGE_PATH": os.pathsep.join(folders),
+        "ROS_HOSTNAME": "localhost",
+        "LANG": "C.UTF-8",
+        "PYTHONUNBUFFERED": "1",
+        "OPENBLAS_NUM_THREADS": "1",  # the unused threads would cost 0.1 s at the start
+    }
+
+
+def _module_paths(folders: List[str]) -> Iterator[str]:
+    """Yield the folders of the Python modules of the packages in folders.
+
+    The folder devel of a workspace only has references to these folders, and a package that has
+    not been built is not there.
+    """
+    packages = rospkg.RosPack(folders)
+    for path in map(packages.get_path, packages.list()):
+        built = os.path.join(path, ".build/devel/lib/python3/dist-packages")
+        modules = os.path.join(path, "src")
+        if os.path.isdir(built):
+            yield built
+        if os.path.isfile(os.path.join(path, "setup.py")) and os.path.isdir(modules):
+            yield modules
+
+
+MAX_OUTPUT = 50_000_000
+"""A node that prints more has failed [bytes]."""
+
+
+def _read(path: str) -> str:
+    """Return the content of a small file."""
+    with open(path, encoding="ascii", errors="replace") as file:
+        return file.read()
+
+
 class Candidate:
     """The process of the node in a replay, with all processes of its group."""
 
-    def __init__(self, command: str, arguments: List[str]) -> None:
+    def __init__(self, command: List[str]) -> None:
         """Start the node.
 
         Args:
-            command: "PACKAGE NODE [ARGUMENT...]".
-            arguments: further arguments, such as remappings.
+            command: the program and its arguments, which include the environment.
 
         Raises:
-            UserError: there is no such node, or it cannot be started.
+            UserError: the program cannot be started.
         """
-        words = shlex.split(command)
-        if len(words) < 2:
-            raise UserError(f"publisher is '{command}'; expected 'PACKAGE NODE [ARGUMENT...]'")
-        try:
-            found = roslib.packages.find_node(*words[:2])
-        except rospkg.ResourceNotFound:
-            raise UserError(f"there is no package '{words[0]}' (rospack find)") from None
-        if not found:
-            raise UserError(
-                f"there is no node '{words[1]}' in the package '{words[0]}'. "
-                f"Is the file executable (chmod +x {words[1]})?"
-            )
         try:
             self._process = subprocess.Popen(
-                [found[0], *words[2:], *arguments],
+                command,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
-                env={**os.environ, "PYTHONUNBUFFERED": "1"},
                 start_new_session=True,
             )
         except OSError as error:
-            raise UserError(
-                f"{found[0]} cannot be started ({error.strerror}). "
-                "Does its first line name an existing interpreter?"
-            ) from None
+            raise UserError(f"{command[0]} cannot be started ({error.strerror})") from None
         self._output = b""
+        self._printed = 0
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -69,11 +100,34 @@ class Candidate:
         assert self._process.stdout
         for chunk in iter(partial(os.read, self._process.stdout.fileno(), 65536), b""):
             self._output = (self._output + chunk)[-KEPT_OUTPUT:]
+            self._printed += len(chunk)
+
+    @property
+    def prints_too_much(self) -> bool:
+        """Whether the node has printed more than MAX_OUTPUT."""
+        return self._printed > MAX_OUTPUT
 
     @property
     def has_ended(self) -> bool:
         """Whether the node's process has ended."""
         return self._process.poll() is not None
+
+    def activity(self) -> Optional[int]:
+        """Return the time for which the node's threads have run [ns]; None if one of them runs now.
+
+        If two calls return the same number, the node is idle, also on a busy machine.
+        """
+        total, processes = 0, [str(self._process.pid)]
+        with contextlib.suppress(OSError, ValueError):  # a process or a thread has ended
+            for process in processes:
+                for thread in os.listdir(f"/proc/{process}/task"):
+                    folder = f"/proc/{process}/task/{thread}"
+                    if _read(f"{folder}/stat").rpartition(")")[2].split()[0] == "R":
+                        return None
+                    total += int(_read(f"{folder}/schedstat").split()[0])
+                    processes += _read(f"{folder}/children").split()
+            return total
+        return None
 
     def end(self) -> None:
         """End the node, and all processes of its group."""

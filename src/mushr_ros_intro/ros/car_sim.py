@@ -26,6 +26,7 @@ from mushr_ros_intro.sim.stamps import (
     from_seconds,
 )
 from mushr_ros_intro.world.footprint import is_free
+from mushr_ros_intro.world.grid import Grid
 
 
 class CarSim:
@@ -49,24 +50,25 @@ class CarSim:
         )
         # The lock of the state and the clock; notified of events and service calls.
         self._changed = threading.Condition()
-        self._clock = (
+        self.clock = (
             sim_clock.KeptClock(pose_period, self._changed, factor)
             if keeps_clock
             else sim_clock.FollowedClock(pose_period, self._changed)
         )
         profile = parameters.optional_text("profile") or "without a profile"
-        values = (profile, self._car, pose_rate, self._clock.description)
+        values = (profile, self._car, pose_rate, self.clock.description)
         rospy.loginfo("car %s: %s; pose rate %g Hz; time: %s", *values)
         self._expects_map = parameters.flag("expects_map", False)
         self._stamp_tolerance = SIMULATED_STAMP_TOLERANCE if keeps_clock else STAMP_TOLERANCE
-        self._now = self._clock.read()
+        self._now = self.clock.read()
         self._history = History(self._car, at_rest(self._now, self._start))
         self._world: Optional[World] = None
         self._publisher = StatePublisher(self._car, self._now, loses_states=not keeps_clock)
+        node.offer_service("~reset", self._changed, self._reset)
         self._subscribe()
 
     def _subscribe(self) -> None:
-        """Create the subscribers and services."""
+        """Create the subscribers."""
         self._map_sub = rospy.Subscriber(
             "/map", numpy_msg(OccupancyGrid), self._on_map, queue_size=1, buff_size=1 << 20
         )
@@ -74,25 +76,24 @@ class CarSim:
         rospy.Subscriber(
             "initialpose",
             PoseWithCovarianceStamped,
-            self._on_message,
+            self.on_message,
             conversions.initial_pose_from_msg,
             tcp_nodelay=True,
         )
         self._command_sub = rospy.Subscriber(
             "mux/ackermann_cmd_mux/output",
             AckermannDriveStamped,
-            self._on_message,
+            self.on_message,
             conversions.command_from_msg,
             tcp_nodelay=True,
         )
-        node.offer_service("~reset", self._changed, self._reset)
 
     def run(self) -> None:
         """Report the car's state until the node is shut down."""
         # A node that receives the car's pose can rely on the car receiving commands.
         wait_until_connected(self._command_sub, "publishers")
         self._publisher.announce(self._is_ready)
-        self._clock.run(self._evaluate, self._publisher.publish)
+        self.clock.run(self._evaluate, self._publisher.publish)
 
     def _is_ready(self) -> bool:
         """Return whether the mux is connected, and whether a map, if expected, is in use."""
@@ -107,7 +108,11 @@ class CarSim:
     @conversions.ignore_bad_messages
     def _on_map(self, msg: OccupancyGrid) -> None:
         """Use a new map."""
-        world = World(conversions.grid_from_msg(msg))
+        self.use_map(conversions.grid_from_msg(msg))
+
+    def use_map(self, grid: Grid) -> None:
+        """Use a map from now on."""
+        world = World(grid)
         is_free(*world, self._start)  # fills the map's caches before the lock is taken
         with self._changed:
             now = self._read_clock()
@@ -120,7 +125,7 @@ class CarSim:
             )
 
     @conversions.ignore_bad_messages
-    def _on_message(self, msg: rospy.Message, read: Callable[[rospy.Message], Event]) -> None:
+    def on_message(self, msg: rospy.Message, read: Callable[[rospy.Message], Event]) -> None:
         """Add a command or an initial pose to the history; it applies at its stamp."""
         topic = msg._connection_header["topic"]
         event = read(msg)
@@ -130,7 +135,7 @@ class CarSim:
             now = self._read_clock()
             stamp = effective_stamp(event.stamp, now)
             self._history.add(event._replace(stamp=stamp), now)
-            self._clock.hear(event._replace(stamp=stamp))
+            self.clock.hear(event._replace(stamp=stamp))
         if event.stamp and abs(event.stamp - now) > self._stamp_tolerance:
             rospy.logwarn_throttle(
                 1.0,
@@ -163,7 +168,7 @@ class CarSim:
 
     def _read_clock(self) -> int:
         """Return the present [ns]; needs the lock. If the clock was set back, the car stops."""
-        now = self._clock.read()
+        now = self.clock.read()
         if now < self._now:
             rospy.logwarn("the clock was set back; the car stops and forgets its commands")
             state = self._history.state_at(self._now)
@@ -175,5 +180,5 @@ class CarSim:
         """Place the car at its start pose, at rest, with its odometry at zero; needs the lock."""
         now = self._read_clock()
         self._history = History(self._car, at_rest(now, self._start), self._world)
-        self._clock.reset()
+        self.clock.reset()
         return f"at the start pose since {now / NANOSECONDS:.9f} s"

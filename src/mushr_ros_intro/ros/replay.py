@@ -1,177 +1,201 @@
-"""Let a node drive a plan on the simulated car, and judge it."""
+"""Let a node drive a plan on a simulated car of its own, and judge it."""
 
+import multiprocessing
+import os
+import shutil
+import tempfile
 import time
-from typing import Dict, Set, Tuple
+import traceback
+from multiprocessing.connection import Connection
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
-import rospy
-
-from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.grading.judge import Report, Tolerances, default_tolerances, judge
+from mushr_ros_intro.grading.judge import Report, default_tolerances, judge
 from mushr_ros_intro.grading.replay import Replay
-from mushr_ros_intro.parameters import Parameters, find_file, user_path
+from mushr_ros_intro.grading.sandbox import Sandbox
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.model import Plan
-from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.preview.prediction import count_commands
-from mushr_ros_intro.ros import node
-from mushr_ros_intro.ros.candidate import Candidate
-from mushr_ros_intro.ros.connections import responds
-from mushr_ros_intro.ros.replay_observer import CAR, CONTROL, ReplayObserver, wait_for
+from mushr_ros_intro.ros.candidate import MAX_OUTPUT, Candidate, environment_of
+from mushr_ros_intro.ros.replay_world import CAR, CONTROL, ReplayWorld
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.sim.stamps import NANOSECONDS
-
-DONE_AFTER = 2.5
-"""After all commands, a node is done if it sends none for this time [s of wall-clock time]."""
+from mushr_ros_intro.world.grid import Grid
 
 QUIET_AFTER = 0.5
-"""Without a command for this time, the clock is stepped in real time [s of wall-clock time]."""
+"""After all commands and so long without one, the clock is stepped [s of wall-clock time]."""
+
+DONE_AFTER = 2.0
+"""After all commands, a node is done if it sends none for this time [s of simulated time]."""
+
+MAX_QUIET = 5.0
+"""After all commands, a node is done if it sends none for this time [s of wall-clock time]."""
+
+MAX_DURATION = 600.0
+"""Longest replay [s of wall-clock time]."""
 
 
-def replay() -> Report:
-    """Run the replay that the node's parameters describe, and write the report.
+class Job(NamedTuple):
+    """One replay."""
 
-    Raises:
-        UserError: a parameter or the plan is invalid, or the replay has failed for another reason
-            than the node.
-        OSError: the report cannot be written.
-    """
-    arguments = rospy.get_param("~")
-    parameters = Parameters({name: each for name, each in arguments.items() if each != "auto"})
-    plan = read_plan(find_file(parameters.text("plan_file"), node.package_folder("plans"), ".txt"))
-    publisher = parameters.text("publisher")
-    remap = _pairs(parameters.optional_text("remap") or "")
-    patience = parameters.number("patience", 30.0, "s", 0.1, 1e4)
-    has_map = parameters.text("map", "none") != "none"
-    folder = parameters.optional_text("report")
-    car = car_from(node.simulated_car_parameters("car"))
-    default = default_tolerances(plan, car)
-    tolerances = Tolerances(
-        parameters.number("position_tolerance", default.position, "m", 0.0, 1e6),
-        parameters.number("angle_tolerance", default.angle, "rad", 0.0, 1e6),
-        parameters.number("path_tolerance", default.path, "m", 0.0, 1e6),
-    )
-    title = f"{publisher} drives {plan.path} with the car {parameters.text('car')}:"
-    replay = observe(plan, car, publisher, remap, patience, has_map)
-    report = judge(replay, tolerances)._replace(title=title)
-    if folder:
-        from mushr_ros_intro.grading import files  # matplotlib is slow to import
-
-        files.write(user_path(folder), report, arguments)
-    return report
+    title: str
+    """The first line of the verdict: the node, the plan and the car."""
+    command: Tuple[str, ...]
+    """The node: the path of its executable, and its arguments."""
+    folder: str
+    """The folder that the node may read besides the system; "" if there is none."""
+    packages: Tuple[str, ...]
+    """Paths in which rospack finds the packages of the node."""
+    sandbox: Sandbox
+    """How the node is isolated."""
+    plan: Plan
+    parameters: Dict[str, Any]
+    """Of the simulated car."""
+    mux: Dict[str, Any]
+    """The configuration of the mux."""
+    grid: Optional[Grid]
+    """The map, or None."""
+    patience: float
+    """Longest time without a command [s of wall-clock time]."""
+    tolerances: Dict[str, float]
+    """Those that differ from the defaults, by the names in `Tolerances`."""
 
 
-def _pairs(text: str) -> Dict[str, str]:
-    """Return remappings and parameters by name, given text such as "control=/cmd _rate=10".
-
-    Raises:
-        UserError: a word has another form.
-    """
-    pairs = {}
-    for word in text.split():
-        name, _, value = word.partition("=")
-        if not (name and value) or ":" in word:
-            raise UserError(f"remap contains '{word}'; expected FROM=TO, such as control=/cmd")
-        pairs[name] = value
-    return pairs
+_processes = multiprocessing.get_context("forkserver")
+# A new process for each replay has these modules already, and none of the state of another replay.
+_processes.set_forkserver_preload([__name__])
 
 
-def observe(
-    plan: Plan, car: Car, publisher: str, remap: Dict[str, str], patience: float, has_map: bool
-) -> Replay:
-    """Let a node drive a plan, and return what was recorded.
-
-    Args:
-        plan: the plan that the node has to drive.
-        car: the car.
-        publisher: the node, "PACKAGE NODE [ARGUMENT...]".
-        remap: remappings and parameters of the node, by name.
-        patience: the longest time without a command [s of wall-clock time].
-        has_map: whether there is a map.
+def replay(job: Job) -> Report:
+    """Run a replay in a process of its own, and return the verdict.
 
     Raises:
-        UserError: the node cannot be started, or the car or the mux does not respond.
+        UserError: the replay failed for another reason than the node.
     """
-    observer = ReplayObserver(has_map)
-    known = _publications()
-    ours = observer.remappings
-    # ROS remaps a name only once, so the node's own remappings lead to our topics at once.
-    pairs = {**{name: ours.get(value, value) for name, value in remap.items()}, **ours}
-    arguments = [f"{name}:={value}" for name, value in pairs.items()]
-    candidate = Candidate(publisher, [f"_plan_file:={plan.path}", *arguments])
+    os.environ["ROS_NAMESPACE"] = "/car"  # of the simulated car
+    receiver, sender = _processes.Pipe(duplex=False)
+    process = _processes.Process(target=_run_and_send, args=(job, sender), daemon=True)
+    process.start()
+    sender.close()
     try:
-        outcome = _watch(candidate, observer, plan, patience, known)
+        result = receiver.recv() if receiver.poll(MAX_DURATION) else None
+    except EOFError:
+        result = None
     finally:
-        candidate.end()
-    observer.take_clock()
-    if observer.sent:
-        wait_for(lambda: observer.stands(car.command_timeout), "the car to stand")
-    return observer.replay(plan, car, outcome)
+        process.kill()
+        process.join()
+    if isinstance(result, Report):
+        return result
+    raise UserError(f"the replay failed: {result or 'its process ended without a result'}")
 
 
-def _watch(
-    candidate: Candidate,
-    observer: ReplayObserver,
-    plan: Plan,
-    patience: float,
-    known: Set[Tuple[str, str]],
-) -> str:
+def _run_and_send(job: Job, sender: Connection) -> None:
+    """Run a replay; send the report, or the description of an error."""
+    with open(os.devnull, "r+b") as null:
+        for number in (0, 1, 2):
+            os.dup2(null.fileno(), number)
+    result: Any = None
+    try:
+        result = run(job)
+    except UserError as error:
+        result = str(error)
+    except Exception:
+        result = traceback.format_exc()
+    sender.send(result)
+    os._exit(0)  # without waiting for the threads of rospy
+
+
+def run(job: Job) -> Report:
+    """Run a replay in this process, which can do it only once; return the verdict.
+
+    Raises:
+        UserError: the node cannot be started, or a parameter of the car is invalid.
+    """
+    car = car_from(Parameters(job.parameters))
+    job.sandbox.enter_network()
+    world = ReplayWorld(job.parameters, job.mux, job.grid)
+    with tempfile.TemporaryDirectory() as folder:
+        candidate = Candidate(_sandboxed(job, folder))
+        world.follow(candidate.activity)
+        try:
+            outcome = _watch(candidate, world, job)
+        finally:
+            candidate.end()
+            job.sandbox.end_processes()
+    world.wait_until_rest(car.command_timeout)
+    stamps, poses, collisions = world.recording()
+    recorded = Replay(
+        plan=job.plan,
+        car=car,
+        outcome=outcome,
+        starts=tuple(world.starts),
+        sent=tuple(world.sent),
+        stamps=stamps,
+        poses=poses,
+        collisions=collisions,
+        grid=job.grid,
+        actions=world.actions,
+    )
+    tolerances = default_tolerances(job.plan, car)._replace(**job.tolerances)
+    return judge(recorded, tolerances)._replace(title=job.title)
+
+
+def _sandboxed(job: Job, folder: str) -> List[str]:
+    """Return the command that runs the node; create its plan and its home in an empty folder."""
+    os.chmod(folder, 0o755)
+    plan = os.path.join(folder, os.path.basename(job.plan.path))
+    shutil.copyfile(job.plan.path, plan)
+    os.chmod(plan, 0o644)
+    home = os.path.join(folder, "home")
+    os.mkdir(home)
+    os.chmod(home, 0o777)
+    command = [*job.command, f"_plan_file:={plan}"]
+    environment = environment_of(job.packages)
+    return job.sandbox.wrap(command, environment, home, plan, job.folder)
+
+
+def _watch(candidate: Candidate, world: ReplayWorld, job: Job) -> str:
     """Wait until the node has driven the plan, or has failed.
-
-    Args:
-        candidate: the node.
-        observer: receives the messages of the node and of the car.
-        plan: the plan that the node has to drive.
-        patience: the longest time without a command [s of wall-clock time].
-        known: all publications except those of the candidate.
 
     Returns:
         A description of the node's failure; empty if there is none.
-
-    Raises:
-        UserError: the car has died.
     """
-    expected = count_commands(plan)
-    limit = plan.duration * 3 // 2 + 5 * NANOSECONDS
-    sent, began = observer.sent, time.monotonic()
+    expected = count_commands(job.plan)
+    limit = job.plan.duration * 3 // 2 + 5 * NANOSECONDS
+    sent = world.sent
     while not candidate.has_ended:
-        silence = time.monotonic() - max(began, observer.last_message)
+        if not world.is_alive:
+            return f"the node has shut down {CAR}"
+        if candidate.prints_too_much:
+            return f"the node printed more than {MAX_OUTPUT / 1e6:g} MB of output"
+        silence = time.monotonic() - world.last_message
         if sent and sent[-1].time - sent[0].time > limit:
             return (
-                f"the node still sends commands {(limit - plan.duration) / NANOSECONDS:g} s after "
-                f"the end of the plan, which takes {plan.duration / NANOSECONDS:g} s"
+                f"the node still sends commands {(limit - job.plan.duration) / NANOSECONDS:g} s "
+                f"after the end of the plan, which takes {job.plan.duration / NANOSECONDS:g} s"
             )
         if len(sent) >= expected:
-            if silence > DONE_AFTER:
-                return ""  # a node that has driven the plan need not end
             if silence > QUIET_AFTER:
-                observer.take_clock()
-        elif silence > patience:
-            if not responds(CAR):
-                raise UserError(f"the simulated car {CAR} has died, so the node is not judged")
-            return _describe_silence(len(sent), expected, patience, known)
+                world.hold_clock()
+                if world.silence > DONE_AFTER or silence > MAX_QUIET:
+                    return ""  # a node that has driven the plan need not end
+        elif silence > job.patience:
+            return _describe_silence(len(sent), expected, job.patience, world)
         time.sleep(POLL_PERIOD)
     fault = candidate.describe_failure()
     return fault or ("" if sent else f"the node ended without publishing a command on {CONTROL}")
 
 
-def _describe_silence(
-    count: int, expected: int, patience: float, known: Set[Tuple[str, str]]
-) -> str:
+def _describe_silence(count: int, expected: int, patience: float, world: ReplayWorld) -> str:
     """Return a description of the failure of a node that runs, but sends nothing."""
     if count:
         return (
             f"the node hangs: {count} of {expected} commands arrived, and then none for "
             f"{patience:g} s, although the node is still running"
         )
-    topics = {topic for topic, _ in _publications() - known} - {"/rosout"}
+    topics = [topic for topic in world.publications() if topic != "/rosout"]
     return (
         f"the node runs, but published no command on {CONTROL} for {patience:g} s; "
-        f"it publishes {', '.join(sorted(topics)) or 'no topic at all'}"
+        f"it publishes {', '.join(topics) or 'no topic at all'}"
     )
-
-
-def _publications() -> Set[Tuple[str, str]]:
-    """Return the topic and the node of each publisher."""
-    _, _, (publishers, _, _) = rospy.get_master().getSystemState()
-    return {(topic, name) for topic, names in publishers for name in names}

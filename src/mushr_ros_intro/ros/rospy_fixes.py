@@ -17,7 +17,7 @@ import rospkg
 import rospy
 import rospy.impl.paramserver
 
-from mushr_ros_intro.sim.stamps import CALL_TIMEOUT
+from mushr_ros_intro.sim.stamps import CALL_TIMEOUT, NANOSECONDS
 
 
 def apply_before_init_node() -> None:
@@ -89,6 +89,16 @@ def forget_log_parameter() -> None:
     """
     cache = rospy.impl.paramserver.get_param_server_cache()
     cache.set("/rosout_disable_topics_generation", False)
+
+
+def set_time(now: int) -> None:
+    """Set the ROS time of this process to `now` [ns].
+
+    Symptom: a node that publishes /clock must use disable_rostime, and then its ROS time is
+    wall-clock time.
+    Cause: rospy sets its time from messages on /clock only (rospy/impl/simtime.py).
+    """
+    rospy.rostime._set_rostime(rospy.Time(*divmod(now, NANOSECONDS)))
 
 
 def count_written(publisher: rospy.Publisher) -> Dict[int, int]:

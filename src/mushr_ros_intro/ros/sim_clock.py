@@ -104,10 +104,10 @@ class KeptClock:
         if real_time_factor == 0.0:
             self.description = "simulated, in lock-step with the commands"
         # Simulated time may run fast, and no message may be lost.
-        self._clock_pub = rospy.Publisher("/clock", Clock, queue_size=10_000, tcp_nodelay=True)
-        rospy.Service("~pause", Trigger, lambda _: self._control(True))
-        rospy.Service("~resume", Trigger, lambda _: self._control(False))
-        rospy.Service("~step", Trigger, lambda _: self._control(True, step=True))
+        self.publisher = rospy.Publisher("/clock", Clock, queue_size=10_000, tcp_nodelay=True)
+        rospy.Service("~pause", Trigger, lambda _: self.control(True))
+        rospy.Service("~resume", Trigger, lambda _: self.control(False))
+        rospy.Service("~step", Trigger, lambda _: self.control(True, step=True))
 
     def read(self) -> int:
         """Return the time [ns]; needs the lock."""
@@ -150,7 +150,7 @@ class KeptClock:
                 self._has_to_step = False
                 self._changed.notify_all()
             publish(states)
-            self._clock_pub.publish(Clock(clock=conversions.time_from(target)))
+            self.publisher.publish(Clock(clock=conversions.time_from(target)))
 
     def _next_target(self) -> Optional[int]:
         """Return the instant to which the clock advances now [ns]; None after a wait.
@@ -191,7 +191,7 @@ class KeptClock:
                 )
         return None
 
-    def _control(self, is_paused: bool, step: bool = False) -> TriggerResponse:
+    def control(self, is_paused: bool, step: bool = False) -> TriggerResponse:
         """Hold the clock or release it; return the time."""
         with self._changed:
             if not (self._is_paused and is_paused):

@@ -1,0 +1,212 @@
+"""Grade submissions: build them if necessary, and replay each plan with each of them."""
+
+import contextlib
+import os
+import subprocess
+import tempfile
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+
+import roslib.packages
+import rospkg
+
+from mushr_ros_intro.car.profile import names_in, read_profile
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.grading.judge import Report
+from mushr_ros_intro.grading.result import Result, plan_result
+from mushr_ros_intro.grading.sandbox import Sandbox
+from mushr_ros_intro.grading.submissions import Submission
+from mushr_ros_intro.parameters import find_file
+from mushr_ros_intro.plan.model import Plan
+from mushr_ros_intro.ros.candidate import SHOWN_LINES, environment_of
+from mushr_ros_intro.ros.replay import Job, replay
+from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.world.map_file import read_map
+from mushr_ros_intro.yaml_file import read_mapping
+
+BUILD_TIMEOUT = 120.0
+"""For the build of one submission [s of wall-clock time]."""
+
+
+class Setting(NamedTuple):
+    """What all replays have in common."""
+
+    car: str
+    """The name of the car."""
+    parameters: Dict[str, Any]
+    """Of the simulated car."""
+    mux: Dict[str, Any]
+    """The configuration of the mux."""
+    grid: Optional[Grid]
+    """The map, or None."""
+    remap: Tuple[str, ...]
+    """Remappings and parameters for the nodes, as FROM:=TO."""
+    patience: float
+    """Longest time without a command [s of wall-clock time]."""
+    tolerances: Dict[str, float]
+    """Those that differ from the defaults, by the names in `Tolerances`."""
+    sandbox: Sandbox
+
+
+def read_setting(
+    package: str, car: str, map_name: str, seed: Optional[int], **others: Any
+) -> Setting:
+    """Return the setting with a car and a map of this package.
+
+    Args:
+        package: the folder of this package.
+        car: the name of a profile.
+        map_name: the name or the path of a map, or "none".
+        seed: drive with the noise of the profile and with this seed; None: without noise.
+        others: the other fields.
+
+    Raises:
+        UserError: there is no such car or map.
+    """
+    config = os.path.join(package, "config")
+    cars = names_in(os.path.join(config, "cars"))
+    if car not in cars:
+        raise UserError(f"car is '{car}'; expected one of {', '.join(cars)}")
+    parameters = {
+        **read_profile(os.path.join(config, "car_sim.yaml")),
+        **read_profile(os.path.join(config, "cars", f"{car}.yaml")),
+        **({} if seed is None else {"noise": True, "seed": seed}),
+    }
+    mux = read_mapping(os.path.join(config, "ackermann_cmd_mux.yaml"), "inputs")
+    grid = None
+    if map_name != "none":
+        grid = read_map(find_file(map_name, os.path.join(package, "maps"), ".yaml"))
+    return Setting(car, parameters, mux, grid, **others)
+
+
+def find_executable(package: str, name: str) -> str:
+    """Return the path of a node.
+
+    Raises:
+        UserError: there is no such package, or no such executable in it.
+    """
+    try:
+        found = roslib.packages.find_node(package, name)
+    except rospkg.ResourceNotFound:
+        raise UserError(f"there is no package '{package}' (rospack find)") from None
+    if not found:
+        raise UserError(
+            f"there is no node '{name}' in the package '{package}'. "
+            f"Is the file executable (chmod +x {name})?"
+        )
+    return str(found[0])
+
+
+def job_for(command: Sequence[str], name: str, plan: Plan, setting: Setting) -> Job:
+    """Return the replay of a plan with an installed node.
+
+    Args:
+        command: the path of the executable, and arguments.
+        name: of the node, for the verdict.
+        plan: the plan.
+        setting: the setting.
+    """
+    return Job(
+        title=f"{name} drives {plan.path} with the car {setting.car}:",
+        command=(*command, *setting.remap),
+        folder="",
+        packages=(),
+        sandbox=setting.sandbox,
+        plan=plan,
+        parameters=setting.parameters,
+        mux=setting.mux,
+        grid=setting.grid,
+        patience=setting.patience,
+        tolerances=setting.tolerances,
+    )
+
+
+def grade(
+    submissions: Sequence[Submission], plans: Dict[str, Plan], setting: Setting, jobs: int
+) -> Iterator[Result]:
+    """Grade submissions; yield their results in the same order, as soon as they are known.
+
+    Args:
+        submissions: the submissions.
+        plans: the plans by name.
+        setting: the setting.
+        jobs: the number of replays at the same time.
+    """
+    with ThreadPoolExecutor(jobs) as pool:
+        builds = [pool.submit(_build, each, setting.sandbox) for each in submissions]
+        replays: List[List[Future[Optional[Report]]]] = []
+        for submission, build in zip(submissions, builds):
+            runs = [] if submission.fault else list(plans.values())
+            replays.append(
+                [pool.submit(_replay, submission, build, each, setting) for each in runs]
+            )
+        try:
+            for submission, build, futures in zip(submissions, builds, replays):
+                yield _result(submission, build, dict(zip(plans, futures)))
+        finally:
+            for future in [each for futures in replays for each in futures]:
+                future.cancel()
+
+
+def _replay(
+    submission: Submission, build: "Future[str]", plan: Plan, setting: Setting
+) -> Optional[Report]:
+    """Replay a plan with a submission; return None if it cannot be built."""
+    if build.result():
+        return None
+    job = job_for(submission.command, submission.name, plan, setting)
+    return replay(job._replace(folder=submission.folder, packages=submission.packages))
+
+
+def _result(
+    submission: Submission, build: "Future[str]", futures: Dict[str, "Future[Optional[Report]]"]
+) -> Result:
+    """Return the result of a submission, after waiting for its replays."""
+    error, reports = "", []
+    for name, future in futures.items():
+        try:
+            report = future.result()
+            if report is not None:
+                reports.append(plan_result(name, report))
+        except UserError as failure:
+            error = error or f"{name}: {failure}"
+    fault = submission.fault or build.result()
+    plans = () if fault or error else tuple(reports)
+    return Result(submission.name, submission.students, fault, error, plans)
+
+
+def _build(submission: Submission, sandbox: Sandbox) -> str:
+    """Build the package of a submission if necessary; return why it fails, "" if it does not."""
+    if submission.fault or not submission.needs_build:
+        return ""
+    package = submission.packages[0]
+    build = os.path.join(package, ".build")
+    os.mkdir(build)
+    os.chmod(build, 0o777)
+    script = (
+        'cmake -S "$1" -B "$1/.build" -DCATKIN_DEVEL_PREFIX="$1/.build/devel" '
+        "-DPYTHON_EXECUTABLE=/usr/bin/python3 -DCATKIN_ENABLE_TESTING=OFF "
+        '&& make -C "$1/.build"'
+    )
+    with tempfile.TemporaryDirectory() as home:
+        os.chmod(home, 0o777)
+        command = sandbox.wrap(
+            ["sh", "-c", script, "sh", package],
+            environment_of(submission.packages),
+            home,
+            folder=submission.folder,
+            writable=True,
+        )
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            done = subprocess.run(
+                command,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                timeout=BUILD_TIMEOUT,
+                check=False,
+            )
+            if done.returncode == 0:
+                return ""
+            lines = done.stdout.decode(errors="replace").splitlines()[-SHOWN_LINES:]
+            return "\n".join(["the package does not build:", *lines])
+    return f"the build of the package did not end within {BUILD_TIMEOUT:g} s"

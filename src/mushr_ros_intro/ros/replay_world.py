@@ -1,0 +1,297 @@
+"""The world of a replay: a master, the simulated car, its mux and a map, all in this process.
+
+The node under test sees the usual topics, services and parameters. But the car receives nothing
+from ROS except initial poses and the commands on the inputs of the mux, and everything is recorded
+here. So the node cannot change the recording, nor move the car by other means.
+"""
+
+import os
+import threading
+import time
+from typing import Any, Callable, Dict, List, Optional, Tuple
+
+import numpy as np
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid
+
+from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.car.model import State
+from mushr_ros_intro.grading.replay import Sent
+from mushr_ros_intro.ros import conversions, node, ros_time, rospy_fixes
+from mushr_ros_intro.ros.ackermann_cmd_mux import AckermannCmdMux
+from mushr_ros_intro.ros.car_sim import CarSim
+from mushr_ros_intro.ros.guarded_master import GuardedMaster
+from mushr_ros_intro.ros.sim_clock import KeptClock
+from mushr_ros_intro.sim.mux import Input
+from mushr_ros_intro.sim.stamps import NANOSECONDS
+from mushr_ros_intro.world.grid import Grid
+
+CAR = "/car/car_sim"
+MUX = "/car/mux/ackermann_cmd_mux"
+CONTROL = f"{MUX}/input/navigation"
+INITIAL_POSES = "/initialpose"
+PREDICTED_PATH = "/car/predicted_path"
+
+INITIAL_POSE_TIMEOUT = 0.3
+"""Longest wait of the first command for the initial pose [s of wall-clock time]."""
+
+MAX_STEP = 0.5
+"""A held clock is stepped after this time, even if the node is not idle [s of wall-clock time]."""
+
+IDLE_SAMPLE = 0.002
+"""Time between two samples of a node's activity [s of wall-clock time]."""
+
+IDLE_SHARE = 0.1
+"""A node that runs for a smaller share of the time is idle: it may poll the time."""
+
+CLOSE_TIMEOUT = 1.0
+"""Longest wait until the connections of an ended node are closed [s of wall-clock time]."""
+
+
+class ReplayWorld:
+    """The world of one replay. A process can create it only once.
+
+    The clock is held until the first command of the node, and again after `hold_clock`. A held
+    clock is stepped whenever the node is idle. So the drive is the same on a fast and on a busy
+    machine, because computing takes no simulated time, and a sleeping node wakes up soon.
+    """
+
+    def __init__(
+        self, parameters: Dict[str, Any], mux: Dict[str, Any], grid: Optional[Grid]
+    ) -> None:
+        """Start the nodes.
+
+        Args:
+            parameters: of the car.
+            mux: the configuration of the mux.
+            grid: the map, or None.
+        """
+        self.sent: List[Sent] = []
+        """The commands on CONTROL in order of arrival."""
+        self.last_message = time.monotonic()
+        """When the node sent its last message [s of monotonic wall-clock time]."""
+        self.starts: List[Pose] = []
+        """The initial poses; NaN if a message had unusable numbers."""
+        self.states: List[State] = []
+        """The reported states of the car."""
+        self._is_placed = threading.Event()
+        self._is_held = threading.Event()
+        self._is_held.set()
+        self._step_lock = threading.Lock()
+
+        self._master = GuardedMaster()
+        uri = self._master.serve(0)
+        os.environ["ROS_MASTER_URI"] = uri
+        rospy.set_param("/use_sim_time", True)
+        rospy.set_param(CAR, {**parameters, "real_time_factor": 0.0})
+        rospy.set_param(MUX, mux)
+        node.init_node(
+            "car_sim",
+            argv=[f"initialpose:={INITIAL_POSES}"],
+            disable_rostime=True,
+            disable_signals=True,
+        )
+        rospy.on_shutdown(lambda: self._master.record(f"shuts down the node {CAR}"))
+        self._car = _Car(self)
+        if grid is not None:
+            maps = rospy.Publisher("/map", OccupancyGrid, queue_size=1, latch=True)
+            maps.publish(conversions.grid_to_msg(grid, 0, conversions.MAP_FRAME))
+            self._car.use_map(grid)
+        rospy_fixes.set_time(self._car.clock.read())
+        self._mux = _Mux(self)
+        self._master.guard(
+            CAR,
+            ("/use_sim_time", CAR, MUX),
+            (CONTROL, INITIAL_POSES, PREDICTED_PATH, "/rosout", "/tf", "/tf_static"),
+        )
+        for target in (self._car.run, self._mux.run):
+            threading.Thread(target=target, daemon=True).start()
+
+    def follow(self, activity: Callable[[], Optional[int]]) -> None:
+        """Begin to step the held clock; `activity` is that of the node, see `Candidate`."""
+        threading.Thread(target=self._step_clock, args=[activity], daemon=True).start()
+
+    @property
+    def actions(self) -> Tuple[str, ...]:
+        """What the node did besides driving the car, each action once."""
+        return tuple(self._master.actions)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the simulated car runs."""
+        return not rospy.is_shutdown()
+
+    def publications(self) -> List[str]:
+        """Return the topics of the node under test."""
+        publishers = self._master.getSystemState("/")[2][0]
+        return sorted(topic for topic, names in publishers if set(names) - {CAR})
+
+    def hold_clock(self) -> None:
+        """Hold the clock until the next command."""
+        self._is_held.set()
+
+    @property
+    def silence(self) -> float:
+        """The time since the node's last command, or since the start [s of simulated time]."""
+        begin = self.sent[-1].time if self.sent else self.states[0].stamp
+        return (self._car.clock.read() - begin) / NANOSECONDS
+
+    def _release_clock(self) -> None:
+        """Let the clock run."""
+        if self._is_held.is_set():
+            with self._step_lock:
+                self._is_held.clear()
+                self._car.clock.control(False)
+
+    def _step_clock(self, activity: Callable[[], Optional[int]]) -> None:
+        """Step the clock while it is held, whenever the node is idle."""
+        while self._is_held.wait():
+            self._step()
+            deadline = time.monotonic() + MAX_STEP
+            idle = 0  # samples in a row; a node that polls needs a moment to notice the new time
+            before: Tuple[float, Optional[int]] = (0.0, None)
+            while idle < 2 and time.monotonic() < deadline:
+                now = time.monotonic(), activity()
+                time.sleep(IDLE_SAMPLE)
+                idle = idle + 1 if _is_idle(before, now) else 0
+                before = now
+
+    def _step(self) -> None:
+        """Step the clock if it is held."""
+        with self._step_lock:
+            if self._is_held.is_set():
+                clock = self._car.clock.publisher
+                written = rospy_fixes.count_written(clock)
+                self._car.clock.control(True, step=True)
+                rospy_fixes.flush(clock, written, MAX_STEP)
+
+    def wait_until_rest(self, timeout: int) -> None:
+        """Let the clock run until the car stands and its last command has expired.
+
+        The node under test must have ended.
+
+        Args:
+            timeout: how long a command is valid after its stamp [ns].
+        """
+        ros_time.wait_for(
+            lambda: not self._mux.inputs[CONTROL].get_num_connections(), CLOSE_TIMEOUT
+        )
+        self.hold_clock()
+        while self.is_alive and not self._stands(timeout):
+            self._step()
+
+    def _stands(self, timeout: int) -> bool:
+        """Return whether the car is at rest and its last command has expired."""
+        if not self.states:
+            return False
+        if not self.sent:
+            return True
+        stamp, pose = self.states[-1].stamp, self.states[-1].pose
+        recent = [each.pose for each in self.states[-1000:] if each.stamp >= stamp - timeout]
+        return stamp > self.sent[-1].time + 2 * timeout and all(each == pose for each in recent)
+
+    def recording(self) -> Tuple[np.ndarray, np.ndarray, Tuple[Pose, ...]]:
+        """Return the stamps [ns] and the poses of the car, and the poses at which it hit a wall."""
+        stamps = np.array([state.stamp for state in self.states], np.int64)
+        poses = np.array([state.pose for state in self.states], float)
+        contacts = [state.collision for state in self.states if state.collision]
+        return stamps, poses, tuple(dict.fromkeys(contact.pose for contact in contacts))
+
+    def on_states(self, states: List[State], now: int) -> None:
+        """Record states of the car; `now` is the time to which the clock advances [ns]."""
+        self.states += states
+        rospy_fixes.set_time(now)
+
+    def on_initial_pose(self, msg: PoseWithCovarianceStamped) -> None:
+        """Record an initial pose, and give it to the car."""
+        try:
+            pose = conversions.pose_from_msg(msg.pose.pose)
+        except conversions.MessageError:
+            pose = Pose(*3 * [float("nan")])
+        if self.sent:
+            self._master.record(f"places the car again, at {pose}")
+        self.starts.append(pose)
+        self.last_message = time.monotonic()
+        self._car.on_message(msg, conversions.initial_pose_from_msg)
+        self._is_placed.set()
+
+    def on_command(self, msg: AckermannDriveStamped, topic: str) -> None:
+        """Record a command.
+
+        The first command waits for the initial pose, which the node sends earlier over another
+        connection.
+        """
+        self.last_message = time.monotonic()
+        if topic != CONTROL:
+            self._master.record(f"sends commands on {topic}")
+            return
+        if not self.sent and self._car.initial_poses.get_num_connections():
+            self._is_placed.wait(INITIAL_POSE_TIMEOUT)
+        stamp = msg.header.stamp.to_nsec()
+        taken = ros_time.received_stamp(stamp)
+        self.sent.append(Sent(taken, taken == stamp, msg.drive.speed, msg.drive.steering_angle))
+
+    def on_forwarded(self) -> None:
+        """Let the clock run, because a command has been forwarded."""
+        self._release_clock()
+
+    def on_output(self, msg: AckermannDriveStamped) -> None:
+        """Give a command from the mux to the car."""
+        self._car.on_message(msg, conversions.command_from_msg)
+
+
+def _is_idle(before: Tuple[float, Optional[int]], now: Tuple[float, Optional[int]]) -> bool:
+    """Return whether a node was idle between two samples: a time [s], and its activity [ns]."""
+    if before[1] is None or now[1] is None:
+        return False
+    return now[1] - before[1] <= IDLE_SHARE * (now[0] - before[0]) * NANOSECONDS
+
+
+class _Car(CarSim):
+    """The simulated car, which receives commands and the map from the world."""
+
+    clock: KeptClock
+
+    def __init__(self, recorder: ReplayWorld) -> None:
+        self._recorder = recorder
+        super().__init__(keeps_clock=True)
+
+    def _subscribe(self) -> None:
+        """Subscribe to initial poses only."""
+        self.initial_poses = rospy.Subscriber(
+            "initialpose",
+            PoseWithCovarianceStamped,
+            self._recorder.on_initial_pose,
+            tcp_nodelay=True,
+        )
+
+    def run(self) -> None:
+        """Report the car's state, to the world too."""
+        self.clock.run(self._evaluate, self._record)
+
+    def _record(self, states: List[State]) -> None:
+        """Record and publish states."""
+        self._recorder.on_states(states, self.clock.read())
+        self._publisher.publish(states)
+
+
+class _Mux(AckermannCmdMux):
+    """The mux, which gives its output to the world too."""
+
+    def __init__(self, recorder: ReplayWorld) -> None:
+        self._recorder = recorder
+        super().__init__(MUX)
+
+    def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
+        """Record and forward a command."""
+        self._recorder.on_command(msg, self._resolve(source.topic))
+        super()._on_command(msg, source)
+        self._recorder.on_forwarded()
+
+    def _send(self, msg: AckermannDriveStamped) -> None:
+        """Send a command to the car."""
+        super()._send(msg)
+        msg._connection_header = {"topic": self._output_pub.resolved_name}
+        self._recorder.on_output(msg)
