@@ -1,0 +1,257 @@
+#!/usr/bin/python3
+"""Grade nodes that drive plans: one node, or the submissions of a class.
+
+A node:   grade.py PLAN... --node PACKAGE FILE [--remap FROM:=TO...]
+A class:  grade.py SUBMISSION... --plans PLAN... --out FOLDER [--points FILE]
+Parts:    grade.py --merge FOLDER... --out FOLDER [--points FILE]
+
+The exit status is 0 if all checks passed, 1 if some failed, 2 if the command line or an input is
+wrong, and 3 if a result is missing because grading itself failed.
+"""
+
+import argparse
+import json
+import os
+import re
+import shutil
+import sys
+import tempfile
+import time
+from typing import Dict, Iterable, List, Optional, Sequence
+
+from mushr_ros_intro.errors import UserError, counted
+from mushr_ros_intro.grading import files, output, result
+from mushr_ros_intro.grading.judge import Check, Tolerances
+from mushr_ros_intro.grading.points import Points, read_points
+from mushr_ros_intro.grading.result import Result
+from mushr_ros_intro.grading.sandbox import Sandbox, make_sandbox
+from mushr_ros_intro.grading.submissions import collect
+from mushr_ros_intro.parameters import find_file
+from mushr_ros_intro.plan.model import Plan
+from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.ros import node
+from mushr_ros_intro.ros.grader import Setting, find_executable, grade, job_for, read_setting
+from mushr_ros_intro.ros.replay import replay
+
+PASSED, FAILED, USAGE, NOT_GRADED = range(4)
+"""The exit status."""
+
+DATA = "data"
+"""The folder of the results in the output folder, for --merge."""
+
+
+def main() -> int:
+    """Grade what the command line names; return the exit status."""
+    arguments = parse_arguments(sys.argv[1:])
+    try:
+        if arguments.merge:
+            return merge(arguments)
+        return grade_node(arguments) if arguments.node else grade_class(arguments)
+    except UserError as error:
+        print(f"grade.py: {error}", file=sys.stderr)
+        return USAGE
+    except OSError as error:
+        print(f"grade.py: {error}", file=sys.stderr)
+        return NOT_GRADED
+
+
+def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
+    """Return the setting that the command line describes."""
+    values = ((name, getattr(arguments, f"{name}_tolerance")) for name in Tolerances._fields)
+    return read_setting(
+        node.package_folder("."),
+        arguments.car,
+        arguments.map,
+        arguments.seed,
+        remap=tuple(arguments.remap),
+        patience=arguments.patience,
+        tolerances={name: value for name, value in values if value is not None},
+        sandbox=sandbox,
+    )
+
+
+def read_plans(names: Sequence[str]) -> Dict[str, Plan]:
+    """Return plans by their names, which are those of the files without the ending.
+
+    Raises:
+        UserError: a plan is missing or has faults, or two plans have one name.
+    """
+    plans: Dict[str, Plan] = {}
+    for each in names:
+        plan = read_plan(find_file(each, node.package_folder("plans"), ".txt"))
+        name = os.path.splitext(os.path.basename(plan.path))[0]
+        if name in plans:
+            raise UserError(f"{plan.path}: there are two plans with the name '{name}'")
+        plans[name] = plan
+    return plans
+
+
+def grade_node(arguments: argparse.Namespace) -> int:
+    """Grade one installed node; print each verdict."""
+    package, name = arguments.node
+    command = [find_executable(package, name)]
+    setting = setting_from(arguments, Sandbox())
+    status = PASSED
+    for plan_name, plan in read_plans(arguments.inputs).items():
+        report = replay(job_for(command, f"{package} {name}", plan, setting))
+        print(report.verdict, flush=True)
+        status = max(status, PASSED if report.passed else FAILED)
+        if arguments.out:
+            files.write(os.path.join(arguments.out, plan_name), report, vars(arguments))
+    return status
+
+
+def grade_class(arguments: argparse.Namespace) -> int:
+    """Grade submissions; print a line for each, and write the results."""
+    plans = read_plans(arguments.plans)
+    points = read_points(arguments.points, list(plans))
+    hidden = [*map(os.path.dirname, (plan.path for plan in plans.values())), *arguments.inputs]
+    folder = os.path.realpath(arguments.out)
+    os.makedirs(folder, exist_ok=True)
+    os.chmod(folder, 0o700)
+    sandbox, missing = make_sandbox(arguments.user, [*filter(os.path.isdir, hidden), folder])
+    if missing:
+        print(missing, file=sys.stderr)
+    setting = setting_from(arguments, sandbox)
+    with tempfile.TemporaryDirectory() as workspace:
+        os.chmod(workspace, 0o711)
+        submissions = collect(arguments.inputs, workspace, arguments.file)
+        number, count = arguments.shard
+        chosen = submissions[number - 1 :: count]
+        began = time.monotonic()
+        results = []
+        for each in grade(chosen, plans, setting, arguments.jobs):
+            results.append(each)
+            print_line(each, points, len(results), len(chosen))
+    print_progress("")
+    shutil.rmtree(os.path.join(folder, DATA), ignore_errors=True)
+    result.store(os.path.join(folder, DATA), results)
+    write_special(arguments, results, points, time.monotonic() - began)
+    return finish(arguments.out, results, points, list(plans))
+
+
+def merge(arguments: argparse.Namespace) -> int:
+    """Put results of several runs together."""
+    results: List[Result] = []
+    for folder in arguments.merge:
+        try:
+            results += result.load(os.path.join(folder, DATA))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise UserError(f"{folder}: not the output of grade.py ({error})") from None
+    results.sort(key=lambda each: each.name)
+    names = [each.name for each in results]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise UserError(f"several results for {', '.join(twice)}; expected one for each submission")
+    plans = list(dict.fromkeys(plan.plan for each in results for plan in each.plans))
+    points = read_points(arguments.points, plans)
+    result.store(os.path.join(arguments.out, DATA), results)
+    return finish(arguments.out, results, points, plans)
+
+
+def finish(folder: str, results: List[Result], points: Points, plans: List[str]) -> int:
+    """Write the tables and pages; print a summary; return the exit status."""
+    output.write(folder, results, points, plans)
+    passed = sum(each.passed for each in results)
+    print(f"{passed} of {counted(len(results), 'submission')} passed; see {folder}/index.html")
+    if not results or any(each.error for each in results):
+        return NOT_GRADED
+    return PASSED if passed == len(results) else FAILED
+
+
+def write_special(
+    arguments: argparse.Namespace, results: List[Result], points: Points, seconds: float
+) -> None:
+    """Write the result of a single submission in the formats of other graders."""
+    formats = {
+        arguments.gradescope: lambda one: output.gradescope(one, points, seconds),
+        arguments.classroom50: lambda one: output.classroom50(one, points, os.environ, time.time()),
+        arguments.github: lambda one: output.github(one, points),
+    }
+    for path, convert in formats.items():
+        if path is None:
+            continue
+        if len(results) != 1:
+            raise UserError(f"{path} is for one submission; there are {len(results)}")
+        with open(path, "w", encoding="ascii") as file:
+            json.dump(convert(results[0]), file, indent=2)
+
+
+def print_line(each: Result, points: Points, number: int, count: int) -> None:
+    """Print the result of a submission, and the progress on a terminal."""
+    print_progress("")
+    state = "passed" if each.passed else "FAILED"
+    text = each.fault.splitlines()[0] if each.fault else ""
+    if each.error:
+        state, text = "ERROR", each.error.splitlines()[0]
+    failed = [f"{plan.plan}: {', '.join(names(plan.checks))}" for plan in each.plans]
+    text = text or "; ".join(each for each in failed if not each.endswith(": "))
+    print(f"{each.name:30s} {state} {points.score(each):6g} {text}"[:200].rstrip(), flush=True)
+    print_progress(f"[{'#' * (40 * number // count):40s}] {number} of {count}")
+
+
+def names(checks: Iterable[Check]) -> List[str]:
+    """Return the names of the checks that failed."""
+    return [check.name for check in checks if not check.passed]
+
+
+def print_progress(text: str) -> None:
+    """Replace the line of progress, which is shown on a terminal only."""
+    if sys.stderr.isatty():
+        print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def shard(text: str) -> Sequence[int]:
+    """Return I and N of "I/N"."""
+    number, _, count = text.partition("/")
+    if not 1 <= int(number) <= int(count):
+        raise ValueError
+    return int(number), int(count)
+
+
+def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
+    """Return the command line; exit with status 2 if it is wrong."""
+    form = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("grade.py", description=__doc__, formatter_class=form)
+    add = parser.add_argument
+    add("inputs", nargs="*", metavar="PLAN or SUBMISSION")
+    add("--node", nargs=2, metavar=("PACKAGE", "FILE"), help="the node, as for rosrun")
+    add("--file", default="path_publisher.py", help="the node in each submission")
+    add("--plans", nargs="+", metavar="PLAN", help="names in plans/, or paths")
+    add("--out", metavar="FOLDER", help="write the results to this folder")
+    add("--points", metavar="FILE", help="points per check and plan; default one point each")
+    add("--remap", nargs="+", default=[], metavar="FROM:=TO", help="for the nodes, as for rosrun")
+    add("--car", default="ideal", help="as in sim.launch; default ideal")
+    add("--map", default="sandbox", help="as in sim.launch; default sandbox")
+    add("--seed", type=int, help="drive with the noise of the car, and with this seed")
+    add("--patience", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
+    for name, unit in zip(Tolerances._fields, ("m", "rad", "m")):
+        add(f"--{name}-tolerance", type=float, metavar=unit, help="default: see docs/grading.md")
+    add("--jobs", type=int, default=2 * (os.cpu_count() or 1), help="simultaneous replays")
+    add("--shard", type=shard, default=(1, 1), metavar="I/N", help="grade part I of N only")
+    add("--user", default="", help="run the nodes as this user; default a new one for each replay")
+    add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")
+    for name in ("gradescope", "classroom50", "github"):
+        add(
+            f"--{name}",
+            metavar="FILE",
+            help="also write the result of one submission in its format",
+        )
+    arguments = parser.parse_args(words)
+    fault: Optional[str] = None
+    if arguments.node and (arguments.plans or not arguments.inputs):
+        fault = "expected PLAN... --node PACKAGE FILE"
+    elif not arguments.node and not arguments.out:
+        fault = "expected --node or --out"
+    elif not arguments.node and not arguments.merge and not (arguments.inputs and arguments.plans):
+        fault = "expected SUBMISSION... --plans PLAN... --out FOLDER"
+    elif not all(re.fullmatch("[^:=]+:=[^:=]+", each) for each in arguments.remap):
+        fault = "expected --remap FROM:=TO, such as control:=/cmd"
+    elif arguments.jobs < 1 or not arguments.patience > 0.0:
+        fault = "expected --jobs of at least 1 and --patience above 0"
+    if fault:
+        parser.error(fault)
+    return arguments
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,370 @@
+"""Generate submissions: the corrected listing, with faults, and with attempts to cheat."""
+
+import os
+import stat
+import textwrap
+
+from support.paths import PACKAGE
+
+with open(os.path.join(PACKAGE, "examples", "my_ros_intro", "src", "path_publisher.py")) as _file:
+    RIGHT = _file.read()
+
+_INIT = '    rospy.init_node("path_publisher")\n'
+_PLAN = '    plan = read_plan(rospy.get_param("~plan_file"))\n'
+_RUN = "    stop.header.stamp = run_plan(pub_init_pose, pub_controls, plan)\n"
+_STOP = "    rospy.on_shutdown(send_stop)  # at the end, on Ctrl-C and after an error\n"
+_DUE = "        sleep_until(due)\n"
+_SHORT = "    plan = plan[:3]\n"
+"""Drive the first rows only, so that a cheat without effect fails."""
+
+
+def changed(*pairs):
+    """Return the right node with texts replaced, each of which it must contain once."""
+    text = RIGHT
+    for old, new in pairs:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    return text
+
+
+def _code(text):
+    return textwrap.indent(textwrap.dedent(text).strip() + "\n", "    ")
+
+
+def before(code, *pairs):
+    """Return a node that runs code after init_node."""
+    return changed((_INIT, _INIT + _code(code)), *pairs)
+
+
+def midway(code, *pairs):
+    """Return a node that runs code, which may use `plan`, once in the first second of the drive."""
+    hook = textwrap.indent("if due.nsecs // 100000000 == 5 and not done:\n    midway()\n", 8 * " ")
+    function = "done = []\n\n\ndef midway():\n    done.append(1)\n" + _code(code)
+    return changed((_DUE, _DUE + hook), ("def run_plan(", function + "\n\ndef run_plan("), *pairs)
+
+
+def after(code, *pairs):
+    """Return a node that runs code after its plan."""
+    return changed((_RUN, _RUN + _code(code)), *pairs)
+
+
+CORRECT = {
+    "right": RIGHT,
+    "spins": after("rospy.spin()"),
+    "no_stop": changed((_STOP, "")),
+    "no_stamps": changed(("Header(stamp=due, frame_id", "Header(frame_id")),
+    "env_python3": RIGHT.replace("#!/usr/bin/python3", "#!/usr/bin/env python3", 1),
+    "chatty": midway("print('speed ' * 20)"),
+}
+"""Nodes that pass, by name."""
+
+WRONG = {
+    "sign": (changed(("steering_angle=delta", "steering_angle=-delta")), "commands"),
+    "degrees": (
+        changed(("steering_angle=delta", "steering_angle=math.degrees(delta)")),
+        "commands",
+    ),
+    "swapped": (
+        changed(("steering_angle=delta, speed=v", "steering_angle=v, speed=delta")),
+        "commands",
+    ),
+    "five_hz": (changed(("Duration(0, 100000000)", "Duration(0, 200000000)")), "rate"),
+    "drops_sevenths": (
+        changed(
+            (
+                _DUE + "        header",
+                _DUE + "        due += PERIOD * (due.to_nsec() // PERIOD.to_nsec() % 7 == 0)\n"
+                "        header",
+            ),
+        ),
+        "rate",
+    ),
+    "no_start": (
+        changed(("    pub_init_pose.publish(init_pose)\n", "    return rospy.Time.now()\n")),
+        "start_pose",
+    ),
+    "short": (changed((_PLAN, _PLAN + _SHORT)), "commands"),
+    "crashes": (midway("raise IndexError('list index out of range')"), "node"),
+    "exits": (midway("import os; os._exit(3)"), "node"),
+    "hangs": (midway("rospy.spin()"), "node"),
+    "silent": (before("rospy.spin()"), "node"),
+    "wrong_topic": (changed(("input/navigation", "input/navigaton")), "node"),
+    "endless": (
+        changed((_RUN, "    while True:\n        run_plan(pub_init_pose, pub_controls, plan)\n")),
+        "node",
+    ),
+}
+"""Nodes with a mistake, and a check that fails, by name."""
+
+BROKEN = {
+    "empty": ("", "has no line '#!...'"),
+    "syntax": ("#!/usr/bin/python3\nprint('a'\n", "syntax error in line 2"),
+    "crlf": (RIGHT.replace("\n", "\r\n"), "CRLF"),
+    "python": (RIGHT.replace("/usr/bin/python3", "/opt/nowhere/python"), "is not on this machine"),
+}
+"""Files that cannot run, and a part of the message, by name."""
+
+MASTER = "import rosgraph; master = rosgraph.Master('/path_publisher')\n"
+
+CHEATS = {
+    # Each drives a short plan, and tries to change the verdict or to do harm. Named in the verdict:
+    "pose": (
+        before("rospy.Publisher('/car/car_pose', PoseStamped, queue_size=10)"),
+        "publishes on /car/car_pose",
+    ),
+    "clock": (
+        before(
+            "from rosgraph_msgs.msg import Clock\n" "rospy.Publisher('/clock', Clock, queue_size=1)"
+        ),
+        "publishes on /clock",
+    ),
+    "output": (
+        midway(
+            """
+            topic = "/car/mux/ackermann_cmd_mux/output"
+            rospy.Publisher(topic, AckermannDriveStamped, queue_size=1)
+            """
+        ),
+        "publishes on /car/mux/ackermann_cmd_mux/output",
+    ),
+    "teleop": (
+        before(
+            """
+            topic = "/car/mux/ackermann_cmd_mux/input/teleop"
+            teleop = rospy.Publisher(topic, AckermannDriveStamped, queue_size=1)
+            time.sleep(0.5)
+            teleop.publish(AckermannDriveStamped(drive=AckermannDrive(speed=1.0)))
+            """
+        ),
+        "ackermann_cmd_mux/input/teleop",
+    ),
+    "again": (
+        midway(
+            """
+            again = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1)
+            time.sleep(0.3)
+            pose = PoseWithCovarianceStamped()
+            pose.pose.pose.orientation.w = 1.0
+            again.publish(pose)
+            """
+        ),
+        "places the car again",
+    ),
+    "service": (
+        midway(
+            """
+            from std_srvs.srv import Trigger
+            try:
+                rospy.ServiceProxy("/car/car_sim/pause", Trigger)()
+            except rospy.ServiceException:
+                pass
+            """
+        ),
+        "calls the service /car/car_sim/pause",
+    ),
+    "parameter": (
+        before(MASTER + "master.setParam('/car/car_sim/speed_limit', 0.1)"),
+        "changes the parameter /car/car_sim/speed_limit",
+    ),
+    "parameters": (before(MASTER + "master.deleteParam('/car')"), "changes the parameter /car"),
+    "sim_time": (
+        before("rospy.set_param('/use_sim_time', False)"),
+        "changes the parameter /use_sim_time",
+    ),
+    "name": (
+        before(
+            MASTER
+            + """
+car = rosgraph.Master("/car/car_sim")
+car.registerPublisher("/car/car_pose", "geometry_msgs/PoseStamped", rospy.get_node_uri())
+"""
+        ),
+        "registers or unregisters the node /car/car_sim",
+    ),
+    "unregister": (
+        before(
+            MASTER
+            + """
+uri = master.lookupNode("/car/car_sim")
+rosgraph.Master("/car/car_sim").unregisterSubscriber("/initialpose", uri)
+"""
+        ),
+        "registers or unregisters the node /car/car_sim",
+    ),
+    "offers": (
+        before(
+            MASTER
+            + """
+service = "/car/car_sim/step"
+master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
+"""
+        ),
+        "offers the service /car/car_sim/step",
+    ),
+    "master": (
+        before(
+            "import xmlrpc.client, os\n"
+            "xmlrpc.client.ServerProxy(os.environ['ROS_MASTER_URI']).shutdown('/x', 'bye')"
+        ),
+        "shuts down the master",
+    ),
+    "kill_node": (
+        midway("import rosnode\nrosnode.kill_nodes(['/car/car_sim'])"),
+        "shut down /car/car_sim",
+    ),
+    "flood": (
+        before(
+            """
+            import threading
+            flood = lambda: [print("x" * 1000000) for _ in iter(int, 1)]
+            threading.Thread(target=flood, daemon=True).start()
+            """
+        ),
+        "MB of output",
+    ),
+    # Without effect:
+    "update": (
+        before(
+            MASTER + "import xmlrpc.client\n"
+            "car = xmlrpc.client.ServerProxy(master.lookupNode('/car/car_sim'))\n"
+            "print(car.publisherUpdate('/master', '/car/car_pose', [rospy.get_node_uri()]))"
+        ),
+        "",
+    ),
+    "kill_all": (midway("import os\nos.kill(-1, 9)"), ""),
+    "kill_parent": (midway("import os\nos.kill(os.getppid(), 9)"), ""),
+    "results": (
+        after(
+            """
+            import os
+            if os.fork() == 0:
+                os.setsid()
+                time.sleep(3)
+                for folder, _, names in os.walk("/"):
+                    for name in names:
+                        if name.endswith((".json", ".csv", ".html")) and "/proc" not in folder:
+                            try:
+                                open(os.path.join(folder, name), "w").write('{"passed": true}')
+                            except OSError:
+                                pass
+            """
+        ),
+        "",
+    ),
+    "plans": (
+        before(
+            """
+            import glob, os
+            for folder, _, names in os.walk("/"):
+                for name in names:
+                    if name == "secret.txt" and "/tmp/plans" not in folder:
+                        open(os.path.join(folder, name)).close()
+                        os._exit(0)
+            """
+        ),
+        "",
+    ),
+    "fork_bomb": (
+        midway(
+            """
+            import os
+            while True:
+                try:
+                    os.fork()
+                except OSError:
+                    pass
+            """
+        ),
+        "",
+    ),
+    "disk": (
+        midway(
+            """
+            import os
+            for folder in ("/tmp", "/var/tmp", "/dev/shm", os.environ["HOME"], "/mnt", "/run", "/"):
+                for number in range(100):
+                    try:
+                        with open(f"{folder}/fill{number}", "wb") as file:
+                            file.write(bytes(10_000_000))
+                    except OSError:
+                        break
+            """
+        ),
+        "",
+    ),
+    "memory": (midway("data = [bytearray(100_000_000) for _ in range(100)]"), ""),
+    "survivor": (
+        midway(
+            """
+            import os
+            if os.fork() == 0:
+                os.setsid()
+                while True:
+                    time.sleep(1)
+            """
+        ),
+        "",
+    ),
+    "network": (
+        before(
+            """
+            import os, socket
+            try:
+                socket.create_connection(("127.0.0.1", PORT), 2)
+                os._exit(0)
+            except OSError:
+                pass
+            """
+        ),
+        "",
+    ),
+    "says_so": (before("print('all checks passed', flush=True)\nimport os\nos._exit(0)"), ""),
+    "grader": (
+        before(
+            """
+            import os
+            for pid in filter(str.isdigit, os.listdir("/proc")):
+                try:
+                    if int(pid) != os.getpid():
+                        open(f"/proc/{pid}/mem", "r+b").close()
+                        os._exit(0)
+                except OSError:
+                    pass
+            """
+        ),
+        "",
+    ),
+}
+"""Nodes that cheat, and a part of their verdict; "" if the cheat has no effect.
+
+A cheat that reaches something that it must not reach ends the node before its first command. PORT
+stands for the port of a server of the test.
+"""
+
+
+def cheat(name, port):
+    """Return the source of a cheat, which drives two rows only, so that it fails without effect."""
+    source = CHEATS[name][0]
+    assert source.count(_PLAN) == 1
+    return source.replace(_PLAN, _PLAN + _SHORT).replace("PORT", str(port))
+
+
+def write(folder, name, source):
+    """Write a package with a node; return its folder."""
+    package = os.path.join(folder, name)
+    os.makedirs(os.path.join(package, "src"))
+    with open(os.path.join(package, "package.xml"), "w") as file:
+        file.write(
+            f'<package format="2"><name>{name}</name><version>0.0.1</version>'
+            '<description>A</description><maintainer email="a@b.c">A</maintainer>'
+            "<license>MIT</license>"
+            "<buildtool_depend>catkin</buildtool_depend></package>"
+        )
+    with open(os.path.join(package, "CMakeLists.txt"), "w") as file:
+        file.write("cmake_minimum_required(VERSION 3.0.2)\n" f"project({name})\n")
+        file.write("find_package(catkin REQUIRED)\ncatkin_package()\n")
+    node = os.path.join(package, "src", "path_publisher.py")
+    with open(node, "w", newline="") as file:
+        file.write(source)
+    os.chmod(node, os.stat(node).st_mode | stat.S_IXUSR | stat.S_IXGRP | stat.S_IXOTH)
+    return package
