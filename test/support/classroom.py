@@ -13,6 +13,7 @@ _INIT = '    rospy.init_node("path_publisher")\n'
 _PLAN = '    plan = read_plan(rospy.get_param("~plan_file"))\n'
 _RUN = "    stop.header.stamp = run_plan(pub_init_pose, pub_controls, plan)\n"
 _STOP = "    rospy.on_shutdown(send_stop)  # at the end, on Ctrl-C and after an error\n"
+_WAIT = '        wait_until(pub.get_num_connections, f"a subscriber of {pub.name}", timeout=10)\n'
 _DUE = "        sleep_until(due)\n"
 _SHORT = "    plan = plan[:3]\n"
 """Drive the first rows only, so that a cheat without effect fails."""
@@ -53,6 +54,11 @@ CORRECT = {
     "spins": after("rospy.spin()"),
     "no_stop": changed((_STOP, "")),
     "no_stamps": changed(("Header(stamp=due, frame_id", "Header(frame_id")),
+    "sleeps": changed(  # as the tutorial's listing
+        (_WAIT, "        pass\n    rospy.sleep(1.0)\n"),
+        ("Header(stamp=due, frame_id", "Header(frame_id"),
+        (_STOP, ""),
+    ),
     "env_python3": RIGHT.replace("#!/usr/bin/python3", "#!/usr/bin/env python3", 1),
     "chatty": midway("print('speed ' * 20)"),
 }

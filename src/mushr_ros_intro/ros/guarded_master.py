@@ -53,6 +53,10 @@ class GuardedMaster(ROSMasterHandler):
         self._parameters = tuple(parameters)
         self._owner = owner
 
+    def count_publishers(self, topic: str) -> int:
+        """Return the number of publishers of a topic."""
+        return len(self.publishers.get_apis(topic))
+
     def record(self, action: str) -> None:
         """Record an action of the node under test."""
         if action not in self.actions:

@@ -54,8 +54,8 @@ class ReplayWorld:
     """The world of one replay. A process can create it only once.
 
     The clock is held until the first command of the node, and again after `hold_clock`. A held
-    clock is stepped whenever the node is idle. So the drive is the same on a fast and on a busy
-    machine, because computing takes no simulated time, and a sleeping node wakes up soon.
+    clock is stepped whenever the node is connected and idle. So the drive is the same on a fast and
+    on a busy machine, because computing takes no simulated time, and a sleeping node wakes up soon.
     """
 
     def __init__(
@@ -155,8 +155,19 @@ class ReplayWorld:
             while idle < 2 and time.monotonic() < deadline:
                 now = time.monotonic(), activity()
                 time.sleep(IDLE_SAMPLE)
-                idle = idle + 1 if _is_idle(before, now) else 0
+                idle = idle + 1 if _is_idle(before, now) and self._is_connected() else 0
                 before = now
+
+    def _is_connected(self) -> bool:
+        """Return whether all publishers of commands and initial poses are connected.
+
+        A node may sleep while ROS connects it, so the clock has to wait.
+        """
+        subscribers = (self._mux.inputs[CONTROL], self._car.initial_poses)
+        return all(
+            each.get_num_connections() >= self._master.count_publishers(each.resolved_name)
+            for each in subscribers
+        )
 
     def _step(self) -> None:
         """Step the clock if it is held."""
