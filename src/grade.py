@@ -52,7 +52,9 @@ def main() -> int:
         return USAGE
     except OSError as error:
         print(f"grade.py: {error}", file=sys.stderr)
-        return NOT_GRADED
+    except KeyboardInterrupt:
+        print("grade.py: interrupted; no results are written", file=sys.stderr)
+    return NOT_GRADED
 
 
 def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:

@@ -64,6 +64,9 @@ mount -o remount,bind,ro /
 exec "$@"
 """
 
+# Ends the node if this process dies.
+_DIE_TOGETHER = ("setpriv", "--pdeathsig", "KILL")
+
 _NAMESPACES = ("unshare", "--mount", "--pid", "--ipc", "--fork", "--kill-child", "--mount-proc")
 
 
@@ -135,12 +138,21 @@ class Sandbox(NamedTuple):
         assignments = [f"{name}={move(value)}" for name, value in values.items()]
         inner = ["env", "-i", *assignments, *map(move, command)]
         if not self.is_root:
-            return inner
+            return [*_DIE_TOGETHER, *inner]
         user = str(self.current_user)
         limits = [f"{name}={value}" for name, value in LIMITS.items()]
         inner = [
-            *("setpriv", "--reuid", user, "--regid", user, "--clear-groups", "--no-new-privs"),
-            *("--bounding-set=-all", "--inh-caps=-all", "choom", "-n", "1000", "--"),
+            # Changing the user cancels --kill-child of unshare, so --pdeathsig is needed here, too.
+            *(*_DIE_TOGETHER, "--reuid", user, "--regid", user, "--clear-groups"),
+            *(
+                "--no-new-privs",
+                "--bounding-set=-all",
+                "--inh-caps=-all",
+                "choom",
+                "-n",
+                "1000",
+                "--",
+            ),
             *("prlimit", *limits, "--", *inner),
         ]
         if not self.has_namespaces:
@@ -154,7 +166,7 @@ class Sandbox(NamedTuple):
         hidden = [each for each in self.hidden if os.path.isdir(each)]
         arguments = [str(len(moved)), *pairs, str(len(hidden)), *hidden, *inner]
         network = ["--net"] if writable else []  # a node shares the network of this process
-        return [*_NAMESPACES, *network, "--", "sh", "-c", _MOUNT, "sh", *arguments]
+        return [*_DIE_TOGETHER, *_NAMESPACES, *network, "--", "sh", "-c", _MOUNT, "sh", *arguments]
 
     @property
     def current_user(self) -> int:

@@ -19,15 +19,25 @@ KEPT_OUTPUT = 20_000
 """Size of the kept end of a node's output [bytes]."""
 
 
+_ROS = (
+    "ROS_DISTRO",
+    "ROS_ETC_DIR",
+    "ROS_MASTER_URI",
+    "ROS_PACKAGE_PATH",
+    "ROS_PYTHON_VERSION",
+    "ROS_ROOT",
+    "ROS_VERSION",
+)
+"""The environment variables of ROS that a node gets."""
+
+
 def environment_of(packages: Sequence[str]) -> Dict[str, str]:
     """Return the environment of a node, which contains nothing of the user's own.
 
     Args:
         packages: paths in which rospack finds the packages of the node.
     """
-    ros = {name: value for name, value in os.environ.items() if name.startswith("ROS_")}
-    for name in ("ROS_NAMESPACE", "ROS_HOME", "ROS_LOG_DIR"):
-        ros.pop(name, None)
+    ros = {name: os.environ[name] for name in _ROS if name in os.environ}
     folders = [*packages, *filter(None, ros.get("ROS_PACKAGE_PATH", "").split(os.pathsep))]
     paths = [*_module_paths(folders), os.environ.get("PYTHONPATH", "")]
     return {
@@ -117,25 +127,44 @@ class Candidate:
 
         If two calls return the same number, the node is idle, also on a busy machine.
         """
-        total, processes = 0, [str(self._process.pid)]
+        total = 0
         with contextlib.suppress(OSError, ValueError):  # a process or a thread has ended
-            for process in processes:
-                for thread in os.listdir(f"/proc/{process}/task"):
-                    folder = f"/proc/{process}/task/{thread}"
-                    if _read(f"{folder}/stat").rpartition(")")[2].split()[0] == "R":
-                        return None
-                    total += int(_read(f"{folder}/schedstat").split()[0])
-                    processes += _read(f"{folder}/children").split()
+            for folder in self._threads():
+                if _read(f"{folder}/stat").rpartition(")")[2].split()[0] == "R":
+                    return None
+                total += int(_read(f"{folder}/schedstat").split()[0])
             return total
         return None
 
+    def _threads(self) -> Iterator[str]:
+        """Yield the folders in /proc of all threads of the node and of its child processes.
+
+        Raises:
+            OSError: a process or a thread has ended.
+        """
+        processes = [str(self._process.pid)]
+        for process in processes:
+            for thread in os.listdir(f"/proc/{process}/task"):
+                folder = f"/proc/{process}/task/{thread}"
+                yield folder
+                processes += _read(f"{folder}/children").split()
+
     def end(self) -> None:
-        """End the node, and all processes of its group."""
-        for number, seconds in ((signal.SIGINT, 3.0), (signal.SIGKILL, 10.0)):
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(self._process.pid, number)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(seconds)
+        """End the node, its child processes, and all processes of its group."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGINT)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(3.0)
+        with contextlib.suppress(OSError):
+            # Also those that have left the group. The first process waits for its child process.
+            for process in {int(folder.split("/")[2]) for folder in self._threads()}:
+                if process != self._process.pid:
+                    os.kill(process, signal.SIGKILL)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(1.0)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait(10.0)
         self._reader.join(1.0)
 
     def describe_failure(self) -> str:

@@ -1,8 +1,10 @@
 """Let a node drive a plan on a simulated car of its own, and judge it."""
 
+import ctypes
 import multiprocessing
 import os
 import shutil
+import signal
 import tempfile
 import time
 import traceback
@@ -32,8 +34,11 @@ DONE_AFTER = 2.0
 MAX_QUIET = 5.0
 """After all commands, a node is done if it sends none for this time [s of wall-clock time]."""
 
-MAX_DURATION = 600.0
-"""Longest replay [s of wall-clock time]."""
+MAX_DURATION = 120.0
+"""Longest drive [s of wall-clock time]; a plan that takes longer may take its own time twice."""
+
+_PR_SET_PDEATHSIG = 1
+"""See prctl(2): the signal to this process if the parent process dies."""
 
 
 class Job(NamedTuple):
@@ -79,7 +84,7 @@ def replay(job: Job) -> Report:
     process.start()
     sender.close()
     try:
-        result = receiver.recv() if receiver.poll(MAX_DURATION) else None
+        result = receiver.recv()
     except EOFError:
         result = None
     finally:
@@ -92,6 +97,8 @@ def replay(job: Job) -> Report:
 
 def _run_and_send(job: Job, sender: Connection) -> None:
     """Run a replay; send the report, or the description of an error."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends this one
     with open(os.devnull, "r+b") as null:
         for number in (0, 1, 2):
             os.dup2(null.fileno(), number)
@@ -163,7 +170,8 @@ def _watch(candidate: Candidate, world: ReplayWorld, job: Job) -> str:
     """
     expected = count_commands(job.plan)
     limit = job.plan.duration * 3 // 2 + 5 * NANOSECONDS
-    sent = world.sent
+    deadline = max(MAX_DURATION, 2.0 * job.plan.duration / NANOSECONDS)
+    began, sent = time.monotonic(), world.sent
     while not candidate.has_ended:
         if not world.is_alive:
             return f"the node has shut down {CAR}"
@@ -175,6 +183,8 @@ def _watch(candidate: Candidate, world: ReplayWorld, job: Job) -> str:
                 f"the node still sends commands {(limit - job.plan.duration) / NANOSECONDS:g} s "
                 f"after the end of the plan, which takes {job.plan.duration / NANOSECONDS:g} s"
             )
+        if time.monotonic() > began + deadline:
+            return f"the node did not drive the plan within {deadline:g} s of wall-clock time"
         if len(sent) >= expected:
             if silence > QUIET_AFTER:
                 world.hold_clock()

@@ -17,7 +17,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 
 from mushr_ros_intro.car.bicycle import Pose
-from mushr_ros_intro.car.model import State
+from mushr_ros_intro.car.model import Command, State
 from mushr_ros_intro.grading.replay import Sent
 from mushr_ros_intro.ros import conversions, node, ros_time, rospy_fixes
 from mushr_ros_intro.ros.ackermann_cmd_mux import AckermannCmdMux
@@ -243,6 +243,10 @@ class ReplayWorld:
         stamp = msg.header.stamp.to_nsec()
         taken = ros_time.received_stamp(stamp)
         self.sent.append(Sent(taken, taken == stamp, msg.drive.speed, msg.drive.steering_angle))
+        try:
+            conversions.command_from_msg(msg)
+        except conversions.MessageError:
+            self._car.skip(taken)
 
     def on_forwarded(self) -> None:
         """Let the clock run, because a command has been forwarded."""
@@ -277,6 +281,11 @@ class _Car(CarSim):
             self._recorder.on_initial_pose,
             tcp_nodelay=True,
         )
+
+    def skip(self, stamp: int) -> None:
+        """Let the clock advance as after a command, although the command is ignored."""
+        with self._changed:
+            self.clock.hear(Command(stamp, 1.0, 0.0))
 
     def run(self) -> None:
         """Report the car's state, to the world too."""
