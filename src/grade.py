@@ -120,6 +120,11 @@ def grade_class(arguments: argparse.Namespace) -> int:
         submissions = collect(arguments.inputs, workspace, arguments.file)
         number, count = arguments.shard
         chosen = submissions[number - 1 :: count]
+        if len(chosen) != 1 and (arguments.gradescope or arguments.classroom50 or arguments.github):
+            raise UserError(
+                f"{counted(len(chosen), 'submission')} found; a result for Gradescope, "
+                "Classroom 50 or GitHub needs one submission"
+            )
         began = time.monotonic()
         results = []
         for each in grade(chosen, plans, setting, arguments.jobs):
@@ -128,7 +133,8 @@ def grade_class(arguments: argparse.Namespace) -> int:
     print_progress("")
     shutil.rmtree(os.path.join(folder, DATA), ignore_errors=True)
     result.store(os.path.join(folder, DATA), results)
-    write_special(arguments, results, points, time.monotonic() - began)
+    if len(results) == 1:
+        write_special(arguments, results[0], points, time.monotonic() - began)
     return finish(arguments.out, results, points, list(plans))
 
 
@@ -161,21 +167,18 @@ def finish(folder: str, results: List[Result], points: Points, plans: List[str])
 
 
 def write_special(
-    arguments: argparse.Namespace, results: List[Result], points: Points, seconds: float
+    arguments: argparse.Namespace, each: Result, points: Points, seconds: float
 ) -> None:
-    """Write the result of a single submission in the formats of other graders."""
+    """Write the result of a single submission in the formats of grading services."""
     formats = {
-        arguments.gradescope: lambda one: output.gradescope(one, points, seconds),
-        arguments.classroom50: lambda one: output.classroom50(one, points, os.environ, time.time()),
-        arguments.github: lambda one: output.github(one, points),
+        arguments.gradescope: lambda: output.gradescope(each, points, seconds),
+        arguments.classroom50: lambda: output.classroom50(each, points, os.environ, time.time()),
+        arguments.github: lambda: output.github(each, points),
     }
     for path, convert in formats.items():
-        if path is None:
-            continue
-        if len(results) != 1:
-            raise UserError(f"{path} is for one submission; there are {len(results)}")
-        with open(path, "w", encoding="ascii") as file:
-            json.dump(convert(results[0]), file, indent=2)
+        if path is not None:
+            with open(path, "w", encoding="ascii") as file:
+                json.dump(convert(), file, indent=2)
 
 
 def print_line(each: Result, points: Points, number: int, count: int) -> None:
@@ -187,7 +190,8 @@ def print_line(each: Result, points: Points, number: int, count: int) -> None:
         state, text = "ERROR", each.error.splitlines()[0]
     failed = [f"{plan.plan}: {', '.join(names(plan.checks))}" for plan in each.plans]
     text = text or "; ".join(each for each in failed if not each.endswith(": "))
-    print(f"{each.name:30s} {state} {points.score(each):6g} {text}"[:200].rstrip(), flush=True)
+    score = f"{points.score(each):g}/{points.max_score():g}"
+    print(f"{each.name:30s} {state} {score:>7s} {text}"[:200].rstrip(), flush=True)
     print_progress(f"[{'#' * (40 * number // count):40s}] {number} of {count}")
 
 
