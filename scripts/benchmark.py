@@ -13,6 +13,7 @@ import socket
 import statistics
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import xmlrpc.client
@@ -32,6 +33,9 @@ from mushr_ros_intro.preview.spread import Errors
 from mushr_ros_intro.preview.spread import sample as sample_runs
 
 SCRIPTS = os.path.dirname(os.path.abspath(__file__))
+sys.path.insert(0, os.path.join(os.path.dirname(SCRIPTS), "test"))
+from support import classroom  # noqa: E402
+
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 RUNS = 20
 PLAN_SECONDS = 22.0
@@ -186,6 +190,18 @@ def car_steps_per_second(plan, car, errors, cars):
     return cars * count_commands(plan) / (time.process_time() - began)
 
 
+def grade_class(submissions):
+    """Grade submissions of all kinds on three plans; return the time [s]."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        classroom.write_class(os.path.join(folder, "class"), submissions)
+        plans = ("figure_8", "circle", "straight_line")
+        command = ("grade.py", f"{folder}/class", "--plans", *plans, "--out", f"{folder}/out")
+        began = time.monotonic()
+        subprocess.run(["rosrun", "mushr_ros_intro", *command], stdout=subprocess.DEVNULL)
+        return time.monotonic() - began
+
+
 def measure():
     """Yield (what, figure, unit)."""
     for load, busy in (("", 0), (", four busy loops beside it", 4)):
@@ -219,6 +235,7 @@ def measure():
     ):
         rates = [car_steps_per_second(plan, car, errors, cars) for _ in range(9)]
         yield f"{cars} {name} cars with noise, median of 9", statistics.median(rates), "car-steps/s"
+    yield "100 submissions of all kinds, three plans each", grade_class(100), "s"
     began = time.monotonic()
     subprocess.run([os.path.join(SCRIPTS, "test")], stdout=subprocess.DEVNULL, check=True)
     yield "the whole test suite", time.monotonic() - began, "s"

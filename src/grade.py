@@ -81,10 +81,9 @@ def read_plans(names: Sequence[str]) -> Dict[str, Plan]:
     plans: Dict[str, Plan] = {}
     for each in names:
         plan = read_plan(find_file(each, node.package_folder("plans"), ".txt"))
-        name = os.path.splitext(os.path.basename(plan.path))[0]
-        if name in plans:
-            raise UserError(f"{plan.path}: there are two plans with the name '{name}'")
-        plans[name] = plan
+        if plan.name in plans:
+            raise UserError(f"{plan.path}: there are two plans with the name '{plan.name}'")
+        plans[plan.name] = plan
     return plans
 
 
@@ -95,7 +94,11 @@ def grade_node(arguments: argparse.Namespace) -> int:
     setting = setting_from(arguments, Sandbox())
     status = PASSED
     for plan_name, plan in read_plans(arguments.inputs).items():
-        report = replay(job_for(command, f"{package} {name}", plan, setting))
+        job = job_for(command, f"{package} {name}", plan, setting)
+        if arguments.bag:
+            os.makedirs(arguments.out, exist_ok=True)
+            job = job._replace(bag=os.path.abspath(f"{arguments.out}/{plan_name}.bag"))
+        report = replay(job)
         print(report.verdict, flush=True)
         status = max(status, PASSED if report.passed else FAILED)
         if arguments.out:
@@ -114,7 +117,10 @@ def grade_class(arguments: argparse.Namespace) -> int:
     sandbox, missing = make_sandbox(arguments.user, [*filter(os.path.isdir, hidden), folder])
     if missing:
         print(missing, file=sys.stderr)
-    setting = setting_from(arguments, sandbox)
+    bags = os.path.join(folder, "bags")
+    setting = setting_from(arguments, sandbox)._replace(bags=bags if arguments.bag else "")
+    if arguments.bag:
+        os.makedirs(bags, exist_ok=True)
     with tempfile.TemporaryDirectory() as workspace:
         os.chmod(workspace, 0o711)
         submissions = collect(arguments.inputs, workspace, arguments.file)
@@ -224,6 +230,7 @@ def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
     add("--file", default="path_publisher.py", help="the node in each submission")
     add("--plans", nargs="+", metavar="PLAN", help="names in plans/, or paths")
     add("--out", metavar="FOLDER", help="write the results to this folder")
+    add("--bag", action="store_true", help="also write each drive as a bag")
     add("--points", metavar="FILE", help="points per check and plan; default one point each")
     add("--remap", nargs="+", default=[], metavar="FROM:=TO", help="for the nodes, as for rosrun")
     add("--car", default="ideal", help="as in sim.launch; default ideal")
@@ -252,6 +259,8 @@ def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
         fault = "expected SUBMISSION... --plans PLAN... --out FOLDER"
     elif not all(re.fullmatch("[^:=]+:=[^:=]+", each) for each in arguments.remap):
         fault = "expected --remap FROM:=TO, such as control:=/cmd"
+    elif arguments.bag and not arguments.out:
+        fault = "expected --out with --bag"
     elif arguments.jobs < 1 or not arguments.patience > 0.0:
         fault = "expected --jobs of at least 1 and --patience above 0"
     if fault:

@@ -352,22 +352,34 @@ def cheat(name, port):
     return source.replace(_PLAN, _PLAN + _SHORT).replace("PORT", str(port))
 
 
-def write(folder, name, source):
-    """Write a package with a node; return its folder."""
+def write(folder, name, source, cmake=""):
+    """Write a package with a node; return its folder. `cmake` is added to its CMakeLists.txt."""
     package = os.path.join(folder, name)
     os.makedirs(os.path.join(package, "src"))
     with open(os.path.join(package, "package.xml"), "w") as file:
         file.write(
             f'<package format="2"><name>{name}</name><version>0.0.1</version>'
-            '<description>A</description><maintainer email="a@b.c">A</maintainer>'
+            '<description>A</description><maintainer email="a@example.com">A</maintainer>'
             "<license>MIT</license>"
             "<buildtool_depend>catkin</buildtool_depend></package>"
         )
     with open(os.path.join(package, "CMakeLists.txt"), "w") as file:
         file.write("cmake_minimum_required(VERSION 3.0.2)\n" f"project({name})\n")
-        file.write("find_package(catkin REQUIRED)\ncatkin_package()\n")
+        file.write("find_package(catkin REQUIRED)\ncatkin_package()\n" + cmake)
     node = os.path.join(package, "src", "path_publisher.py")
     with open(node, "w", newline="") as file:
         file.write(source)
     os.chmod(node, os.stat(node).st_mode | stat.S_IXUSR | stat.S_IXGRP | stat.S_IXOTH)
     return package
+
+
+def write_class(folder, count):
+    """Write a class with every kind of node; further submissions are right."""
+    nodes = {
+        **CORRECT,
+        **{name: source for name, (source, _) in {**WRONG, **BROKEN}.items()},
+        **{f"cheat_{name}": cheat(name, 1) for name in CHEATS},
+    }
+    nodes.update((f"right_{number}", RIGHT) for number in range(count - len(nodes)))
+    for name, source in nodes.items():
+        write(folder, name, source)

@@ -1,5 +1,6 @@
 """The values of a plan: a start pose and rows of commands."""
 
+import os
 from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
@@ -51,6 +52,11 @@ class Plan(NamedTuple):
     """Line of the start pose in the file, counted from 1; 0 if the plan comes from no file."""
     start_columns: Tuple[int, ...] = (1, 1, 1)
     """Columns of its x, y and theta, counted from 1."""
+
+    @property
+    def name(self) -> str:
+        """The name of the file without its ending."""
+        return os.path.splitext(os.path.basename(self.path))[0]
 
     @property
     def duration(self) -> int:

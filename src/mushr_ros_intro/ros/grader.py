@@ -46,6 +46,8 @@ class Setting(NamedTuple):
     tolerances: Dict[str, float]
     """Those that differ from the defaults, by the names in `Tolerances`."""
     sandbox: Sandbox
+    bags: str = ""
+    """The folder for bags of the drives; "" for none."""
 
 
 def read_setting(
@@ -155,7 +157,10 @@ def _replay(
     if build.result():
         return None
     job = job_for(submission.command, submission.name, plan, setting)
-    return replay(job._replace(folder=submission.folder, packages=submission.packages))
+    job = job._replace(folder=submission.folder, packages=submission.packages)
+    if setting.bags:
+        job = job._replace(bag=os.path.join(setting.bags, f"{submission.name}.{plan.name}.bag"))
+    return replay(job)
 
 
 def _result(
@@ -208,5 +213,6 @@ def _build(submission: Submission, sandbox: Sandbox) -> str:
             if done.returncode == 0:
                 return ""
             lines = done.stdout.decode(errors="replace").splitlines()[-SHOWN_LINES:]
-            return "\n".join(["the package does not build:", *lines])
+            first = next((line for line in lines if "rror" in line), "")
+            return "\n".join([f"the package does not build: {first}", *lines])
     return f"the build of the package did not end within {BUILD_TIMEOUT:g} s"

@@ -19,6 +19,7 @@ from mushr_ros_intro.grading.sandbox import Sandbox
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.preview.prediction import count_commands
+from mushr_ros_intro.ros import bag
 from mushr_ros_intro.ros.candidate import MAX_OUTPUT, Candidate, environment_of
 from mushr_ros_intro.ros.replay_world import CAR, CONTROL, ReplayWorld
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
@@ -65,6 +66,8 @@ class Job(NamedTuple):
     """Longest time without a command [s of wall-clock time]."""
     tolerances: Dict[str, float]
     """Those that differ from the defaults, by the names in `Tolerances`."""
+    bag: str = ""
+    """The path of the bag of the drive; "" for none."""
 
 
 _processes = multiprocessing.get_context("forkserver")
@@ -105,7 +108,7 @@ def _run_and_send(job: Job, sender: Connection) -> None:
     result: Any = None
     try:
         result = run(job)
-    except UserError as error:
+    except (UserError, OSError) as error:
         result = str(error)
     except Exception:
         result = traceback.format_exc()
@@ -118,6 +121,7 @@ def run(job: Job) -> Report:
 
     Raises:
         UserError: the node cannot be started, or a parameter of the car is invalid.
+        OSError: the bag cannot be written.
     """
     car = car_from(Parameters(job.parameters))
     job.sandbox.enter_network()
@@ -145,7 +149,10 @@ def run(job: Job) -> Report:
         actions=world.actions,
     )
     tolerances = default_tolerances(job.plan, car)._replace(**job.tolerances)
-    return judge(recorded, tolerances)._replace(title=job.title)
+    report = judge(recorded, tolerances)._replace(title=job.title)
+    if job.bag:
+        bag.write(job.bag, report, world.states)
+    return report
 
 
 def _sandboxed(job: Job, folder: str) -> List[str]:
