@@ -12,15 +12,15 @@ wrong, and 3 if a result is missing because grading itself failed.
 import argparse
 import json
 import os
-import re
 import shutil
 import sys
 import tempfile
 import time
-from typing import Dict, Iterable, List, Optional, Sequence
+from typing import Dict, Iterable, List, Sequence
 
 from mushr_ros_intro.errors import UserError, counted
 from mushr_ros_intro.grading import files, output, result
+from mushr_ros_intro.grading.arguments import parse_arguments
 from mushr_ros_intro.grading.judge import Check, Tolerances
 from mushr_ros_intro.grading.points import Points, read_points
 from mushr_ros_intro.grading.result import Result
@@ -42,7 +42,7 @@ DATA = "data"
 
 def main() -> int:
     """Grade what the command line names; return the exit status."""
-    arguments = parse_arguments(sys.argv[1:])
+    arguments = parse_arguments(sys.argv[1:], __doc__ or "")
     try:
         if arguments.merge:
             return merge(arguments)
@@ -210,62 +210,6 @@ def print_progress(text: str) -> None:
     """Replace the line of progress, which is shown on a terminal only."""
     if sys.stderr.isatty():
         print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
-
-
-def shard(text: str) -> Sequence[int]:
-    """Return I and N of "I/N"."""
-    number, _, count = text.partition("/")
-    if not 1 <= int(number) <= int(count):
-        raise ValueError
-    return int(number), int(count)
-
-
-def parse_arguments(words: Sequence[str]) -> argparse.Namespace:
-    """Return the command line; exit with status 2 if it is wrong."""
-    form = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser("grade.py", description=__doc__, formatter_class=form)
-    add = parser.add_argument
-    add("inputs", nargs="*", metavar="PLAN or SUBMISSION")
-    add("--node", nargs=2, metavar=("PACKAGE", "FILE"), help="the node, as for rosrun")
-    add("--file", default="path_publisher.py", help="the node in each submission")
-    add("--plans", nargs="+", metavar="PLAN", help="names in plans/, or paths")
-    add("--out", metavar="FOLDER", help="write the results to this folder")
-    add("--bag", action="store_true", help="also write each drive as a bag")
-    add("--points", metavar="FILE", help="points per check and plan; default one point each")
-    add("--remap", nargs="+", default=[], metavar="FROM:=TO", help="for the nodes, as for rosrun")
-    add("--car", default="ideal", help="as in sim.launch; default ideal")
-    add("--map", default="sandbox", help="as in sim.launch; default sandbox")
-    add("--seed", type=int, help="drive with the noise of the car, and with this seed")
-    add("--patience", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
-    for name, unit in zip(Tolerances._fields, ("m", "rad", "m")):
-        add(f"--{name}-tolerance", type=float, metavar=unit, help="default: see docs/grading.md")
-    add("--jobs", type=int, default=2 * (os.cpu_count() or 1), help="simultaneous replays")
-    add("--shard", type=shard, default=(1, 1), metavar="I/N", help="grade part I of N only")
-    add("--user", default="", help="run the nodes as this user; default a new one for each replay")
-    add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")
-    for name in ("gradescope", "classroom50", "github"):
-        add(
-            f"--{name}",
-            metavar="FILE",
-            help="also write the result of one submission in its format",
-        )
-    arguments = parser.parse_args(words)
-    fault: Optional[str] = None
-    if arguments.node and (arguments.plans or not arguments.inputs):
-        fault = "expected PLAN... --node PACKAGE FILE"
-    elif not arguments.node and not arguments.out:
-        fault = "expected --node or --out"
-    elif not arguments.node and not arguments.merge and not (arguments.inputs and arguments.plans):
-        fault = "expected SUBMISSION... --plans PLAN... --out FOLDER"
-    elif not all(re.fullmatch("[^:=]+:=[^:=]+", each) for each in arguments.remap):
-        fault = "expected --remap FROM:=TO, such as control:=/cmd"
-    elif arguments.bag and not arguments.out:
-        fault = "expected --out with --bag"
-    elif arguments.jobs < 1 or not arguments.patience > 0.0:
-        fault = "expected --jobs of at least 1 and --patience above 0"
-    if fault:
-        parser.error(fault)
-    return arguments
 
 
 if __name__ == "__main__":

@@ -116,18 +116,8 @@ class Sandbox(NamedTuple):
             folder: the folder of the submission; "" if it is not in a folder of its own.
             writable: whether the program may write to `folder`.
         """
-        moved: Dict[str, str] = {}
-        if self.has_namespaces:
-            home = "/tmp/home"
-            if plan:
-                moved[plan] = f"/tmp/plans/{os.path.basename(plan)}"
-            if folder:
-                moved[folder] = f"/tmp/submissions/{os.path.basename(folder)}"
-            for name in ("PYTHONPATH", "ROS_PACKAGE_PATH"):
-                for path in environment.get(name, "").split(os.pathsep):
-                    known = ("/usr/", "/opt/", *([folder] if folder else []))
-                    if os.path.isdir(path) and not path.startswith(known):
-                        moved[path] = f"/tmp/ros/{len(moved)}"
+        moved = self._moves(environment, plan, folder) if self.has_namespaces else {}
+        home = "/tmp/home" if self.has_namespaces else home
 
         def move(text: str) -> str:
             for path in sorted(moved, key=len, reverse=True):
@@ -144,29 +134,32 @@ class Sandbox(NamedTuple):
         inner = [
             # Changing the user cancels --kill-child of unshare, so --pdeathsig is needed here, too.
             *(*_DIE_TOGETHER, "--reuid", user, "--regid", user, "--clear-groups"),
-            *(
-                "--no-new-privs",
-                "--bounding-set=-all",
-                "--inh-caps=-all",
-                "choom",
-                "-n",
-                "1000",
-                "--",
-            ),
-            *("prlimit", *limits, "--", *inner),
+            *("--no-new-privs", "--bounding-set=-all", "--inh-caps=-all"),
+            *("choom", "-n", "1000", "--", "prlimit", *limits, "--", *inner),
         ]
         if not self.has_namespaces:
             return inner
-        mode = "rw" if writable else "ro"
-        pairs = [
-            each
-            for path, place in moved.items()
-            for each in (path, place, mode if path == folder else "ro")
-        ]
+        modes = {path: "rw" if writable and path == folder else "ro" for path in moved}
+        triples = [each for path in moved for each in (path, moved[path], modes[path])]
         hidden = [each for each in self.hidden if os.path.isdir(each)]
-        arguments = [str(len(moved)), *pairs, str(len(hidden)), *hidden, *inner]
         network = ["--net"] if writable else []  # a node shares the network of this process
-        return [*_DIE_TOGETHER, *_NAMESPACES, *network, "--", "sh", "-c", _MOUNT, "sh", *arguments]
+        script = ["sh", "-c", _MOUNT, "sh", str(len(moved)), *triples, str(len(hidden)), *hidden]
+        return [*_DIE_TOGETHER, *_NAMESPACES, *network, "--", *script, *inner]
+
+    @staticmethod
+    def _moves(environment: Dict[str, str], plan: str, folder: str) -> Dict[str, str]:
+        """Return the paths that a node needs, and where it sees them; arguments as for `wrap`."""
+        moved = {}
+        if plan:
+            moved[plan] = f"/tmp/plans/{os.path.basename(plan)}"
+        if folder:
+            moved[folder] = f"/tmp/submissions/{os.path.basename(folder)}"
+        known = ("/usr/", "/opt/", *([folder] if folder else []))
+        for name in ("PYTHONPATH", "ROS_PACKAGE_PATH"):
+            for path in environment.get(name, "").split(os.pathsep):
+                if os.path.isdir(path) and not path.startswith(known):
+                    moved[path] = f"/tmp/ros/{len(moved)}"
+        return moved
 
     @property
     def current_user(self) -> int:
