@@ -196,6 +196,7 @@ def print_line(each: Result, points: Points, number: int, count: int) -> None:
         state, text = "ERROR", each.error.splitlines()[0]
     failed = [f"{plan.plan}: {', '.join(names(plan.checks))}" for plan in each.plans]
     text = text or "; ".join(each for each in failed if not each.endswith(": "))
+    text = text or "; ".join(each.notes)
     score = f"{points.score(each):g}/{points.max_score():g}"
     print(f"{each.name:30s} {state} {score:>7s} {text}"[:200].rstrip(), flush=True)
     print_progress(f"[{'#' * (40 * number // count):40s}] {number} of {count}")

@@ -124,6 +124,7 @@ def submission_page(result: Result, points: Points) -> str:
     if result.fault:
         parts.append(f"<p>{_NOT_RUN}: the submission could not be run.</p>")
         parts.append(f"<pre>{_text(result.fault)}</pre>")
+    parts += [f"<p>Note: {_text(note)}</p>" for note in result.notes]
     parts += [_section(number, plan, points) for number, plan in enumerate(result.plans, 1)]
     return _page(_text(result.name), "\n".join(parts))
 

@@ -54,6 +54,8 @@ class Result(NamedTuple):
     """Why grading itself failed, so that there is no verdict; empty otherwise."""
     plans: Tuple[PlanResult, ...]
     """In the order of the command line; empty if there is a fault or an error."""
+    notes: Tuple[str, ...] = ()
+    """What is unusual about the submission, although it can be run."""
 
     @property
     def passed(self) -> bool:
@@ -110,7 +112,8 @@ def from_json(value: Dict[str, Any]) -> Result:
         for plan in value["plans"]
     )
     students = tuple(Student(**student) for student in value["students"])
-    return Result(**{**value, "students": students, "plans": plans})
+    notes = tuple(value["notes"])
+    return Result(**{**value, "students": students, "plans": plans, "notes": notes})
 
 
 def store(folder: str, results: Iterable[Result]) -> None:

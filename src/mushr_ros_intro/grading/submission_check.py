@@ -50,7 +50,7 @@ class Checked(NamedTuple):
 
 
 def check(files: Files, node: str) -> Checked:
-    """Find the node and the packages of a submission; make the node executable if its mode is lost.
+    """Find the node and the packages of a submission; make the node executable.
 
     Args:
         files: the files of the submission; notes are added to its notes.
@@ -69,11 +69,10 @@ def check(files: Files, node: str) -> Checked:
     if not has_package:
         files.notes.append("there is no package.xml; the node is run without a package")
     if not os.stat(path).st_mode & 0o100:
-        if has_package and path not in files.modeless:
-            text = f"{place!r} is not executable. Type: chmod +x {shlex.quote(place)}"
-            raise SubmissionError(text)
-        os.chmod(path, 0o755)
-        files.notes.append(f"{place!r} is made executable")
+        os.chmod(path, 0o755)  # uploads often lose the permission, so this is no fault
+        if has_package:
+            text = f"{place!r} is not executable. rosrun needs: chmod +x {shlex.quote(place)}"
+            files.notes.append(text)
     _check_program(path, place)
     folders = tuple(os.path.normpath(os.path.join(files.folder, each)) for each in packages)
     return Checked((path,), folders, any(map(_needs_build, folders)))

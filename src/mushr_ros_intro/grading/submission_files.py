@@ -5,7 +5,7 @@ import re
 import stat
 import zipfile
 from functools import partial
-from typing import IO, List, Sequence, Set, Tuple
+from typing import IO, List, Sequence, Tuple
 
 MAX_FILES = 2_000
 """A submission with more files is refused."""
@@ -34,18 +34,14 @@ def show(names: Sequence[str]) -> str:
 class Files:
     """The files of one submission in its folder of the workspace."""
 
-    def __init__(
-        self, folder: str, modeless: Set[str], limits: Tuple[int, int] = (MAX_FILES, MAX_SIZE)
-    ) -> None:
+    def __init__(self, folder: str, limits: Tuple[int, int] = (MAX_FILES, MAX_SIZE)) -> None:
         """Begin without files.
 
         Args:
             folder: the folder, as a real path; it need not exist.
-            modeless: the paths of files whose permissions got lost before; `add` adds such files.
             limits: on the number of files, and on their size [bytes].
         """
         self.folder = folder
-        self.modeless = modeless
         self.notes: List[str] = []
         """What differs from the files that were handed in."""
         self._limits = limits
@@ -146,7 +142,7 @@ class Files:
                     links.append((place, os.readlink(path)))
                 elif stat.S_ISREG(mode):
                     with open(path, "rb") as file:
-                        self._write(file, place, 0 if path in self.modeless else mode)
+                        self._write(file, place, mode)
                 else:
                     self.notes.append(f"{place!r} is left out: it is not a regular file")
         for place in self._add_links(links):
@@ -159,7 +155,7 @@ class Files:
             raise SubmissionError(text)
 
     def _write(self, file: IO[bytes], place: str, mode: int) -> None:
-        """Write a file; `mode` is 0 if its permissions are not known."""
+        """Write a file; of its permissions, keep whether it is executable."""
         path = os.path.join(self.folder, place)
         os.makedirs(os.path.dirname(path), exist_ok=True)
         with open(path, "wb") as copy:
@@ -170,8 +166,6 @@ class Files:
                     raise SubmissionError(f"{text} Hand in only the package.")
                 copy.write(chunk)
         os.chmod(path, 0o755 if mode & 0o100 else 0o644)
-        if not mode:
-            self.modeless.add(path)
 
     def _add_links(self, links: Sequence[Tuple[str, str]]) -> List[str]:
         """Create links when all files exist; return those that leave the folder.

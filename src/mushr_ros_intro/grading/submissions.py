@@ -80,14 +80,13 @@ def collect(
     for path in paths:
         if os.path.commonpath([workspace, os.path.realpath(path)]) == os.path.realpath(path):
             raise UserError(f"the workspace {workspace} is in {path}; expected it outside")
-        modeless: Set[str] = set()
         try:
-            sources = _sources(path, node, Files(unpacked, modeless, MAX_CLASS))
+            sources = _sources(path, node, Files(unpacked, MAX_CLASS))
             if not sources:
                 raise UserError(f"{path} contains no submission; {_EXPECTED}")
             for source in sources:
                 name = _unique(source.name, taken)
-                files = Files(os.path.join(workspace, name), modeless)
+                files = Files(os.path.join(workspace, name))
                 found.append(_submission(source, name, files, node))
         except OSError as error:
             raise UserError(f"{error.filename or workspace}: {error.strerror}") from None

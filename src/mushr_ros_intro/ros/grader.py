@@ -177,7 +177,7 @@ def _result(
             error = error or f"{name}: {failure}"
     fault = submission.fault or build.result()
     plans = () if fault or error else tuple(reports)
-    return Result(submission.name, submission.students, fault, error, plans)
+    return Result(submission.name, submission.students, fault, error, plans, submission.notes)
 
 
 def _build(submission: Submission, sandbox: Sandbox) -> str:

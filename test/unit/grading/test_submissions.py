@@ -145,7 +145,6 @@ def test_canvas(tmp_path, form):
     assert [each.name for each in found] == ["doejane_1234", "leeann_22", "leebo_23", "poe_24"]
     assert [each.students[0][:2] for each in found[:2]] == [("doejane", "1234"), ("leeann", "22")]
     assert [bool(each.fault) for each in found] == [False, False, False, True]
-    assert found[1].notes[1:] == ("'path_publisher.py' is made executable",)
     assert len(found[2].packages) == 1 and "found 'report.pdf'" in found[3].fault
 
 
