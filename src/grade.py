@@ -19,7 +19,7 @@ import time
 from typing import Dict, Iterable, List, Sequence
 
 from mushr_ros_intro.errors import UserError, counted
-from mushr_ros_intro.grading import files, output, result
+from mushr_ros_intro.grading import output, result
 from mushr_ros_intro.grading.arguments import parse_arguments
 from mushr_ros_intro.grading.judge import Check, Tolerances
 from mushr_ros_intro.grading.points import Points, read_points
@@ -89,6 +89,9 @@ def read_plans(names: Sequence[str]) -> Dict[str, Plan]:
 
 def grade_node(arguments: argparse.Namespace) -> int:
     """Grade one installed node; print each verdict."""
+    # Here, because it loads matplotlib, which grade_class does not need and autograders do not have.
+    from mushr_ros_intro.grading import files
+
     package, name = arguments.node
     command = [find_executable(package, name)]
     setting = setting_from(arguments, Sandbox())

@@ -1,0 +1,14 @@
+#!/bin/bash
+# Gradescope runs this script as root, once, when it builds the image. It runs no submission.
+set -eu
+umask 022
+package=/opt/mushr_ros_intro
+
+# Nodes run as users without rights, who must not read /autograder/source: it contains hidden plans.
+rm -rf "$package"
+cp -r /autograder/source/mushr_ros_intro "$package"
+"$package/scripts/setup"
+chmod -R a+rX "$package"
+# Otherwise each run in a new container would compile the modules again.
+/usr/bin/python3 -m compileall -q "$package/src" "$package/build/.workspace/devel/lib"
+chmod o= /autograder/source
