@@ -89,7 +89,7 @@ def read_plans(names: Sequence[str]) -> Dict[str, Plan]:
 
 def grade_node(arguments: argparse.Namespace) -> int:
     """Grade one installed node; print each verdict."""
-    # Here, because it loads matplotlib, which grade_class does not need and autograders do not have.
+    # Not at the top, because it loads matplotlib, which autograders do not have.
     from mushr_ros_intro.grading import files
 
     package, name = arguments.node

@@ -124,7 +124,8 @@ class Sandbox(NamedTuple):
                 text = text.replace(path, moved[path])
             return text
 
-        values = {**environment, "HOME": home, "TMPDIR": home}
+        # With the default, rospy warns: it gives a new folder the owner of HOME, which is root.
+        values = {**environment, "HOME": home, "TMPDIR": home, "ROS_LOG_DIR": home}
         assignments = [f"{name}={move(value)}" for name, value in values.items()]
         inner = ["env", "-i", *assignments, *map(move, command)]
         if not self.is_root:

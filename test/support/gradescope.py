@@ -1,0 +1,122 @@
+"""Imitate Gradescope: run an autograder as root in its folders, and check its results."""
+
+import json
+import os
+import shutil
+import subprocess
+import zipfile
+
+import pytest
+
+_OF_DOCKER = "chown dac_override fowner fsetid kill setgid setuid setpcap net_bind_service net_raw"
+CAPABILITIES = ",".join(
+    f"+{each}" for each in f"{_OF_DOCKER} sys_chroot mknod audit_write setfcap".split()
+)
+"""The capabilities of root in a container."""
+
+REFUSED = 77
+SCRIPT = """
+set -eu
+source=$1 submissions=$2 out=$3 lower=$4 root=$5/root capabilities=$6
+if [ "$lower" = / ]; then
+  mount -t tmpfs tmpfs "$5" && mkdir "$5/upper" "$5/work" "$root" &&
+    mount -t overlay -o "lowerdir=/,upperdir=$5/upper,workdir=$5/work" overlay "$root" || exit 77
+else
+  mkdir "$root" && mount --bind "$lower" "$root"
+fi
+mount -t proc proc "$root/proc"
+mount --rbind /dev "$root/dev"
+mount -t tmpfs tmpfs "$root/tmp"
+inside() {
+  setpriv --bounding-set "$1" --inh-caps=-all chroot "$root" \
+    env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin LANG=C sh -c "cd /autograder && exec $2"
+}
+rm -rf "$root/opt/mushr_ros_intro" "$root/autograder"
+mkdir "$root/autograder"
+cd "$root/autograder"
+cp -a "$source" source
+inside "-all,$capabilities" /autograder/source/setup.sh
+for submission in "$submissions"/*; do
+  rm -rf results submission
+  cp -a "$source/." source
+  cp -a source/run_autograder .
+  cp -a "$submission" submission
+  mkdir results
+  case $submission in
+  */slow) sed -i 's/^limit=.*/limit=1/' run_autograder ;;
+  */unset) sed -i s/sandbox/nowhere/ source/arguments ;;
+  esac
+  case $submission in */right) allowed=+all ;; *) allowed="-all,$capabilities" ;; esac
+  inside "$allowed" ./run_autograder >&2
+  cp results/results.json "$out/${submission##*/}.json"
+done
+"""
+FORMATS = ("text", "html", "simple_format", "md", "ansi")
+VISIBILITIES = ("hidden", "after_due_date", "after_published", "visible")
+STATES = ("passed", "failed")
+REPORT = {
+    **{"score": (int, float), "execution_time": (int, float), "output": str, "extra_data": dict},
+    **dict.fromkeys(("output_format", "test_output_format", "test_name_format"), FORMATS),
+    **dict.fromkeys(("visibility", "stdout_visibility"), VISIBILITIES),
+    **{"tests": list, "leaderboard": list},
+}
+TEST = {
+    **{"score": (int, float), "max_score": (int, float), "status": STATES},
+    **{"name": str, "name_format": FORMATS, "number": str, "output": str, "tags": list},
+    **{"output_format": FORMATS, "visibility": VISIBILITIES, "extra_data": dict},
+}
+"""The documented fields of results.json, with their types or values."""
+
+
+def check_fields(value, fields):
+    """Check that the fields of an object are documented, and have documented values."""
+    for name, one in value.items():
+        expected = fields[name]
+        if expected in (FORMATS, VISIBILITIES, STATES):
+            assert one in expected, name
+        else:
+            assert isinstance(one, expected) and not isinstance(one, bool), name
+
+
+def unpack(path, folder):
+    """Unpack a zip with the permissions of its files."""
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(folder)
+        for each in archive.infolist():
+            (folder / each.filename).chmod(each.external_attr >> 16)
+
+
+def run(source, given, folder, bare=None):
+    """Run setup.sh once and run_autograder for each submission; return the results by its name.
+
+    A submission "slow" gets a limit of 1 s, "unset" an autograder that cannot work, and "right" all
+    capabilities; the others have those of a container. Skip the test if the system does not allow
+    this.
+
+    Args:
+        source: the folder with the unpacked autograder.
+        given: the folder with the submissions.
+        folder: an empty folder.
+        bare: the release and optionally the mirror of a bare root file system that debootstrap
+            creates, such as "bookworm"; by default, a copy-on-write view of this machine's.
+    """
+    if os.geteuid() != 0:
+        pytest.skip("only root can run an autograder in a root file system of its own")
+    lower, out, machine = "/", folder / "out", folder / "machine"
+    out.mkdir()
+    machine.mkdir()
+    if bare:
+        lower, (release, *mirror) = str(folder / "bare"), bare.split()
+        components = f"--components=main{',universe' if mirror else ''}"
+        bootstrap = ["debootstrap", "--variant=minbase", components, release, lower, *mirror]
+        subprocess.run(bootstrap, check=True, stdout=subprocess.DEVNULL)
+    space = ["unshare", "--mount", "--pid", "--fork", "--kill-child", "bash", "-c", SCRIPT, "-"]
+    command = [*space, *map(str, (source, given, out, lower, machine)), CAPABILITIES]
+    done = subprocess.run(command, capture_output=True)
+    if bare:
+        shutil.rmtree(lower)
+    log = (done.stdout + done.stderr).decode(errors="replace")
+    if done.returncode == REFUSED or log.startswith("unshare:"):
+        pytest.skip(f"this system refuses namespaces or overlays: {log}")
+    assert done.returncode == 0, log
+    return {each.stem: json.loads(each.read_text()) for each in out.iterdir()}, log

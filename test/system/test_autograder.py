@@ -1,0 +1,110 @@
+"""Run an autograder of scripts/make_autograder as Gradescope does: as root, in its folders.
+
+By default its root file system is a copy-on-write view of this one, so nothing is installed. Set
+BARE_RELEASE to run it on a bare one of debootstrap instead, in some minutes. Examples of values:
+"bookworm", "jammy http://archive.ubuntu.com/ubuntu".
+"""
+
+import json
+import os
+import subprocess
+
+import pytest
+
+from support import gradescope, submissions
+from support.paths import CHECKOUT
+from support.scripts import needs_workspace
+
+PLAN = "0,0,0.5\n1.0,0.1\n-2.0,-0.1\n"
+SECRET = "0,0,0.5\n1.0,0.1\n0.8125,0.0625\n"
+POINTS = "default: {node: 1, path: 2}\nplans: {secret: {node: 1, path: 4, hidden: true}}\n"
+SPY = submissions.before(
+    """
+    import os
+    for folder in ("/autograder/source", "/autograder/source/plans", "/autograder/results"):
+        for name in ("arguments", "points.yaml", "secret.txt", "results.json"):
+            try:
+                print(open(os.path.join(folder, name)).read(), flush=True)
+                open(os.path.join(folder, name), "a").close()
+            except OSError:
+                pass
+    os._exit(3)
+    """
+)
+ALL = {"open: node": 1, "open: path": 2, "secret: node": 1, "secret: path": 4}
+"""The points of the checks that give some."""
+
+pytestmark = needs_workspace
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory):
+    """Make an autograder, and grade; return the contents of results.json by submission."""
+    folder, given = tmp_path_factory.mktemp("course"), tmp_path_factory.mktemp("given")
+    for name, text in (("open.txt", PLAN), ("secret.txt", SECRET), ("points.yaml", POINTS)):
+        (folder / name).write_text(text)
+    make = f"{CHECKOUT}/scripts/make_autograder --plans secret.txt open.txt --points points.yaml"
+    subprocess.run(["env", "-i", "-C", folder, *make.split()], check=True)
+    gradescope.unpack(folder / "autograder.zip", folder / "source")
+
+    right, wrong = submissions.RIGHT, submissions.WRONG["sign"][0]
+    silent = submissions.WRONG["silent"][0]
+    nodes = {"right": right, "wrong": wrong, "spy": SPY, "slow": silent, "unset": right}
+    for name, source in {**nodes, "broken": "print("}.items():
+        submissions.write(given, name, source)
+    (given / "nothing").mkdir()
+    (given / "files").mkdir()
+    (given / "files" / "path_publisher.py").write_text(right)
+    (given / "files" / "helper.py").write_text("")
+    bare = os.environ.get("BARE_RELEASE")
+    found, log = gradescope.run(folder / "source", given, tmp_path_factory.mktemp("machine"), bare)
+    print(log)
+    return found
+
+
+def scores(report):
+    """Return the scores of the tests of a report by their names, without those of 0 points."""
+    return {test["name"]: test["score"] for test in report["tests"] if test["max_score"]}
+
+
+def test_fields(reports):
+    for name, report in reports.items():
+        gradescope.check_fields(report, gradescope.REPORT)
+        assert ("tests" in report or "score" in report) != (name == "unset"), name
+        tests = report.get("tests", [])
+        for test in tests:
+            gradescope.check_fields(test, gradescope.TEST)
+            assert 0 <= test["score"] <= test["max_score"]
+            hidden = test["name"].startswith("secret")
+            assert test["visibility"] == ("after_published" if hidden else "visible")
+        assert not tests or sum(test["max_score"] for test in tests) == sum(ALL.values()), name
+
+
+@pytest.mark.parametrize("name", ["right", "files"])
+def test_right(reports, name):
+    assert scores(reports[name]) == ALL
+
+
+def test_wrong(reports):
+    assert scores(reports["wrong"]) == {**ALL, "open: path": 0, "secret: path": 0}
+    assert scores(reports["spy"]) == dict.fromkeys(ALL, 0)
+
+
+@pytest.mark.parametrize(
+    "name, reason", [("broken", "#!"), ("nothing", "path_publisher.py"), ("slow", "more than 1 s")]
+)
+def test_not_graded(reports, name, reason):
+    report = reports[name]
+    texts = [report["output"], *(test["output"] for test in report.get("tests", []))]
+    assert any(reason in text for text in texts)
+    assert report.get("score", 0) == 0 and not any(scores({"tests": [], **report}).values())
+
+
+def test_hidden_plan(reports):
+    """What students see names no number of the hidden plan, nor the plan."""
+    for name, report in reports.items():
+        shown = [test for test in report.get("tests", []) if test["visibility"] == "visible"]
+        text = json.dumps({**report, "tests": shown})
+        assert "0.8125" not in text and "0.0625" not in text and "secret" not in text, name
+        assert "score" in report or name == "unset" or shown
+    assert "exit status 3" in reports["spy"]["tests"][0]["output"]

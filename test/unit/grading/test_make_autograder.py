@@ -1,0 +1,45 @@
+"""Make autogrades with wrong arguments and files; see also test/system/test_autograder.py."""
+
+import os
+import subprocess
+
+import pytest
+
+from support.paths import CHECKOUT
+
+
+def make(folder, *arguments):
+    """Run make_autograder in a folder, without the environment of the workspace."""
+    command = ["env", "-i", "-C", folder, f"{CHECKOUT}/scripts/make_autograder", *arguments]
+    return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Return a folder with plans and points."""
+    (tmp_path / "open.txt").write_text("0,0,0.5\n1.0,0.1\n")
+    (tmp_path / "wrong.txt").write_text("0,0,0.5\n1.0,nan\n")
+    (tmp_path / "points.yaml").write_text("plans: {secret: {path: 4}}\n")
+    (tmp_path / "autograder.zip").write_text("an older one")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    "arguments, reason",
+    [
+        (["--plans", "missing"], "no such file"),
+        (["--plans", "wrong.txt"], "wrong.txt:2"),
+        (["--plans", "open.txt", "open.txt"], "two plans with the name 'open'"),
+        (["--plans", "open.txt", "--points", "points.yaml"], "unknown key secret"),
+        (["--plans", "open.txt", "--car", "bus"], "--car is 'bus'"),
+        (["--plans", "open.txt", "--map", "moon"], "moon: no such file"),
+        (["--plans", "open.txt", "--remap", "a=b"], "--remap is 'a=b'"),
+        (["--plans", "open.txt", "--file", "src/a.py"], "--file is 'src/a.py'"),
+    ],
+)
+def test_fault(folder, arguments, reason):
+    done = make(folder, *arguments)
+    assert (done.returncode, done.stdout.count("\n")) == (2, 1), done.stdout
+    assert reason in done.stdout
+    assert (folder / "autograder.zip").read_text() == "an older one"
+    assert not [each for each in os.listdir(folder) if each.startswith(".")]
