@@ -50,12 +50,13 @@ def reports(tmp_path_factory):
     right, wrong = submissions.RIGHT, submissions.WRONG["sign"][0]
     silent = submissions.WRONG["silent"][0]
     nodes = {"right": right, "wrong": wrong, "spy": SPY, "slow": silent, "unset": right}
-    for name, source in {**nodes, "broken": "print("}.items():
+    for name, source in {**nodes, "uploaded": right, "broken": "print("}.items():
         submissions.write(given, name, source)
-    (given / "nothing").mkdir()
+    (given / "uploaded" / "src" / "path_publisher.py").chmod(0o644)
     (given / "files").mkdir()
-    (given / "files" / "path_publisher.py").write_text(right)
-    (given / "files" / "helper.py").write_text("")
+    for name, source in (("path_publisher.py", right), ("helper.py", "")):
+        (given / "files" / name).write_text(source)
+    (given / "nothing").mkdir()
     bare = os.environ.get("BARE_RELEASE")
     found, log = gradescope.run(folder / "source", given, tmp_path_factory.mktemp("machine"), bare)
     print(log)
@@ -80,7 +81,7 @@ def test_fields(reports):
         assert not tests or sum(test["max_score"] for test in tests) == sum(ALL.values()), name
 
 
-@pytest.mark.parametrize("name", ["right", "files"])
+@pytest.mark.parametrize("name", ["right", "files", "uploaded"])
 def test_right(reports, name):
     assert scores(reports[name]) == ALL
 
