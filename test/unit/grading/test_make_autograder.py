@@ -1,4 +1,4 @@
-"""Make autogrades with wrong arguments and files; see also test/system/test_autograder.py."""
+"""Make autograders with wrong arguments and files; see also test/system/test_autograder.py."""
 
 import os
 import subprocess
