@@ -11,7 +11,8 @@ import subprocess
 
 import pytest
 
-from support import gradescope, submissions
+from support import classroom as submissions
+from support import gradescope
 from support.paths import CHECKOUT
 from support.scripts import needs_workspace
 

@@ -27,6 +27,9 @@ LIMITS = {
     "--core": 0,  # size of a core dump [bytes]
 }
 
+SYSTEM = ("/usr/", "/opt/")
+"""Where the distribution and ROS install packages, which each node may see."""
+
 _CLONE_NEWNET = 0x40000000
 _SIOCSIFFLAGS = 0x8914
 _IFF_UP = 1
@@ -155,7 +158,7 @@ class Sandbox(NamedTuple):
             moved[plan] = f"/tmp/plans/{os.path.basename(plan)}"
         if folder:
             moved[folder] = f"/tmp/submissions/{os.path.basename(folder)}"
-        known = ("/usr/", "/opt/", *([folder] if folder else []))
+        known = (*SYSTEM, *([folder] if folder else []))
         for name in ("PYTHONPATH", "ROS_PACKAGE_PATH"):
             for path in environment.get(name, "").split(os.pathsep):
                 if os.path.isdir(path) and not path.startswith(known):

@@ -11,6 +11,7 @@ from typing import Dict, Iterator, List, Optional, Sequence
 import rospkg
 
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.grading.sandbox import SYSTEM
 
 SHOWN_LINES = 15
 """Number of lines at the end of the node's output that a message quotes."""
@@ -31,20 +32,25 @@ _ROS = (
 """The environment variables of ROS that a node gets."""
 
 
-def environment_of(packages: Sequence[str]) -> Dict[str, str]:
+def environment_of(packages: Sequence[str], is_installed: bool = False) -> Dict[str, str]:
     """Return the environment of a node, which contains nothing of the user's own.
 
     Args:
         packages: paths in which rospack finds the packages of the node.
+        is_installed: whether the node is in the present workspace.
     """
     ros = {name: os.environ[name] for name in _ROS if name in os.environ}
-    folders = [*packages, *filter(None, ros.get("ROS_PACKAGE_PATH", "").split(os.pathsep))]
-    paths = [*_module_paths(folders), os.environ.get("PYTHONPATH", "")]
+    paths = [os.environ.get("PYTHONPATH", "")]
+    if not is_installed:
+        known = [*packages, *ros.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
+        folders = list(_real_folders([path for path in known if not path.startswith(SYSTEM)]))
+        paths = [*_module_paths(folders), *paths]
+        system = [path for path in known if path.startswith(SYSTEM)]
+        ros["ROS_PACKAGE_PATH"] = os.pathsep.join([*folders, *system])
     return {
         **ros,
         "PATH": os.environ["PATH"],
         "PYTHONPATH": os.pathsep.join(filter(None, paths)),
-        "ROS_PACKAGE_PATH": os.pathsep.join(folders),
         "ROS_HOSTNAME": "localhost",
         "LANG": "C.UTF-8",
         "PYTHONUNBUFFERED": "1",
@@ -52,19 +58,27 @@ def environment_of(packages: Sequence[str]) -> Dict[str, str]:
     }
 
 
+def _real_folders(paths: List[str]) -> Iterator[str]:
+    """Yield the folders of the packages in paths, without links, and without this package."""
+    packages = rospkg.RosPack(list(filter(None, paths)))
+    for name in packages.list():
+        if name != "mushr_ros_intro":
+            file = os.path.join(packages.get_path(name), "package.xml")
+            yield os.path.dirname(os.path.realpath(file))
+
+
 def _module_paths(folders: List[str]) -> Iterator[str]:
-    """Yield the folders of the Python modules of the packages in folders.
+    """Yield the folders of the Python modules of packages.
 
     The folder devel of a workspace only has references to these folders, and a package that has
     not been built is not there.
     """
-    packages = rospkg.RosPack(folders)
-    for path in map(packages.get_path, packages.list()):
-        built = os.path.join(path, ".build/devel/lib/python3/dist-packages")
-        modules = os.path.join(path, "src")
+    for folder in folders:
+        built = os.path.join(folder, ".build/devel/lib/python3/dist-packages")
+        modules = os.path.join(folder, "src")
         if os.path.isdir(built):
             yield built
-        if os.path.isfile(os.path.join(path, "setup.py")) and os.path.isdir(modules):
+        if os.path.isfile(os.path.join(folder, "setup.py")) and os.path.isdir(modules):
             yield modules
 
 

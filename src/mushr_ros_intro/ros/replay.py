@@ -165,7 +165,7 @@ def _sandboxed(job: Job, folder: str) -> List[str]:
     os.mkdir(home)
     os.chmod(home, 0o777)
     command = [*job.command, f"_plan_file:={plan}"]
-    environment = environment_of(job.packages)
+    environment = environment_of(job.packages, is_installed=not job.folder)
     return job.sandbox.wrap(command, environment, home, plan, job.folder)
 
 
