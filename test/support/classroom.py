@@ -133,7 +133,8 @@ CHEATS = {
             """
             topic = "/car/mux/ackermann_cmd_mux/input/teleop"
             teleop = rospy.Publisher(topic, AckermannDriveStamped, queue_size=1)
-            time.sleep(0.5)
+            while not teleop.get_num_connections():
+                time.sleep(0.01)
             teleop.publish(AckermannDriveStamped(drive=AckermannDrive(speed=1.0)))
             """
         ),
@@ -143,7 +144,8 @@ CHEATS = {
         midway(
             """
             again = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1)
-            time.sleep(0.3)
+            while not again.get_num_connections():
+                time.sleep(0.01)
             pose = PoseWithCovarianceStamped()
             pose.pose.pose.orientation.w = 1.0
             again.publish(pose)
