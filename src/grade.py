@@ -31,7 +31,7 @@ from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.grader import Setting, find_executable, grade, job_for, read_setting
-from mushr_ros_intro.ros.replay import replay
+from mushr_ros_intro.ros.replay import ReplayError, replay
 
 PASSED, FAILED, USAGE, NOT_GRADED = range(4)
 """The exit status."""
@@ -49,7 +49,7 @@ def main() -> int:
         return grade_node(arguments) if arguments.node else grade_class(arguments)
     except UserError as error:
         print(f"grade.py: {error}", file=sys.stderr)
-        return USAGE
+        return NOT_GRADED if isinstance(error, ReplayError) else USAGE
     except OSError as error:
         print(f"grade.py: {error}", file=sys.stderr)
     except KeyboardInterrupt:

@@ -128,7 +128,7 @@ def main() -> int:
         report = judge()
         checks, text = report.checks, report.verdict
     except (UserError, OSError) as error:
-        checks = [Check("replay", False, f"the replay failed: {error}")]
+        checks = [Check("replay", False, str(error))]
         text = checks[0].message
     print(text)
     publish(text)

@@ -18,7 +18,7 @@ from messages import NAVIGATION, placement
 
 from mushr_ros_intro.ros.connections import wait_until_connected
 
-FAULTS = ("crash", "hang", "hold_up", "kill_car", "silent")
+FAULTS = ("crash", "hang", "hold_up", "kill_car", "kill_replay", "silent")
 
 HELD_UP = 0.5
 """[s] Longer than the delay that a replay tolerates."""
@@ -44,6 +44,8 @@ def main(fault):
             raise IndexError("list index out of range \x1b[0m")  # XML does not allow this character
         if fault == "kill_car" and row == 3:
             rosnode.kill_nodes(["/car/car_sim"])
+        if fault == "kill_replay" and row == 3:
+            os.kill(os.getppid(), signal.SIGKILL)
         if fault == "hang" and row == 3:
             rospy.spin()
         drive = AckermannDrive(speed=speed, steering_angle=steering_angle)

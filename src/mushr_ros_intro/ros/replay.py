@@ -42,6 +42,10 @@ _PR_SET_PDEATHSIG = 1
 """See prctl(2): the signal to this process if the parent process dies."""
 
 
+class ReplayError(UserError):
+    """A replay has no verdict."""
+
+
 class Job(NamedTuple):
     """One replay."""
 
@@ -79,7 +83,7 @@ def replay(job: Job) -> Report:
     """Run a replay in a process of its own, and return the verdict.
 
     Raises:
-        UserError: the replay failed for another reason than the node.
+        ReplayError: there is no verdict, because the replay itself failed.
     """
     os.environ["ROS_NAMESPACE"] = "/car"  # of the simulated car
     receiver, sender = _processes.Pipe(duplex=False)
@@ -95,7 +99,7 @@ def replay(job: Job) -> Report:
         process.join()
     if isinstance(result, Report):
         return result
-    raise UserError(f"the replay failed: {result or 'its process ended without a result'}")
+    raise ReplayError(f"the replay failed: {result or 'its process ended without a result'}")
 
 
 def _run_and_send(job: Job, sender: Connection) -> None:
