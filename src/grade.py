@@ -115,8 +115,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
     points = read_points(arguments.points, list(plans))
     hidden = [*map(os.path.dirname, (plan.path for plan in plans.values())), *arguments.inputs]
     folder = os.path.realpath(arguments.out)
-    os.makedirs(folder, exist_ok=True)
-    os.chmod(folder, 0o700)
+    os.makedirs(folder, 0o700, exist_ok=True)
     sandbox, missing = make_sandbox(arguments.user, [*filter(os.path.isdir, hidden), folder])
     if missing:
         print(missing, file=sys.stderr)

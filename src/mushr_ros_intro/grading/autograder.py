@@ -102,11 +102,10 @@ def _find_plans(given: Sequence[str], folder: str) -> Dict[str, str]:
     """
     plans: Dict[str, str] = {}
     for each in given:
-        path = read_plan(find_file(each, folder, ".txt")).path
-        name = os.path.splitext(os.path.basename(path))[0]
-        if name in plans:
-            raise UserError(f"{path}: there are two plans with the name '{name}'")
-        plans[name] = path
+        plan = read_plan(find_file(each, folder, ".txt"))
+        if plan.name in plans:
+            raise UserError(f"{plan.path}: there are two plans with the name '{plan.name}'")
+        plans[plan.name] = plan.path
     most = int(SILENCE / MIN_PATIENCE)
     if len(plans) > most:
         raise UserError(f"there are {len(plans)} plans; expected at most {most}")

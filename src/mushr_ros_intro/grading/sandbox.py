@@ -201,7 +201,8 @@ def make_sandbox(user: str, hidden: Sequence[str]) -> Tuple[Sandbox, str]:
             "not isolated: the nodes run as the user of this program, so a node can read hidden "
             "plans and change results. To isolate them, run this program as root (sudo)"
         )
-    sandbox = Sandbox(True, number, True, tuple(map(os.path.realpath, hidden)))
+    folders = {os.path.realpath(each) for each in hidden} - {"/"}
+    sandbox = Sandbox(True, number, True, tuple(sorted(folders)))
     probe = "mount -t tmpfs tmpfs /mnt && mount -o remount,bind,ro /"
     command = [*_NAMESPACES, "--net", "--", "sh", "-c", probe]
     done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
