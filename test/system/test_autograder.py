@@ -44,8 +44,9 @@ def reports(tmp_path_factory):
     folder, given = tmp_path_factory.mktemp("course"), tmp_path_factory.mktemp("given")
     for name, text in (("open.txt", PLAN), ("secret.txt", SECRET), ("points.yaml", POINTS)):
         (folder / name).write_text(text)
-    make = f"{CHECKOUT}/scripts/make_autograder --plans secret.txt open.txt --points points.yaml"
-    subprocess.run(["env", "-i", "-C", folder, *make.split()], check=True)
+    arguments = ("--plans", "secret.txt", "open.txt", "--points", "points.yaml")
+    make = (f"{CHECKOUT}/scripts/make_autograder", *arguments)
+    subprocess.run(["env", "-i", "-C", folder, *make], check=True)
     gradescope.unpack(folder / "autograder.zip", folder / "source")
 
     right, wrong = submissions.RIGHT, submissions.WRONG["sign"][0]
