@@ -109,7 +109,7 @@ class TestRealCar(RosTestCase):
         )  # the two directions of an axis are equal
         self.assertLess(off, 1e-6)
         # The errors of the final positions are some centimetres.
-        predicted = planar(self.paths.last.poses[-1].pose)
+        predicted = planar(self.prediction().poses[-1].pose)
         self.assertLess(math.dist(centre[:2], predicted[:2]), 0.1)
         self.assertLess(max(abs(marker.pose.position.z) for marker in markers), 1e-9)
 
