@@ -1,12 +1,13 @@
 """Run an autograder of scripts/make_autograder as Gradescope does: as root, in its folders.
 
-By default its root file system is a copy-on-write view of this one, so nothing is installed. Set
-BARE_RELEASE to run it on a bare one of debootstrap instead, in some minutes. Examples of values:
-"bookworm", "jammy http://archive.ubuntu.com/ubuntu".
+If debootstrap is installed, its root file system is a bare one of this release; otherwise it is a
+copy-on-write view of this one, so nothing is installed. BARE_RELEASE names another release, such as
+"jammy http://archive.ubuntu.com/ubuntu"; if it is empty, the view is used.
 """
 
 import json
 import os
+import shutil
 import subprocess
 
 import pytest
@@ -38,6 +39,14 @@ ALL = {"open: node": 1, "open: path": 2, "secret: node": 1, "secret: path": 4}
 pytestmark = needs_workspace
 
 
+def release():
+    """Return the name of this release, such as bookworm; "" if debootstrap is not installed."""
+    if not shutil.which("debootstrap"):
+        return ""
+    with open("/etc/os-release") as file:
+        return dict(line.rstrip().split("=", 1) for line in file)["VERSION_CODENAME"]
+
+
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory):
     """Make an autograder, and grade; return the contents of results.json by submission."""
@@ -59,7 +68,7 @@ def reports(tmp_path_factory):
     for name, source in (("path_publisher.py", right), ("helper.py", "")):
         (given / "files" / name).write_text(source)
     (given / "nothing").mkdir()
-    bare = os.environ.get("BARE_RELEASE")
+    bare = os.environ.get("BARE_RELEASE", release())
     found, log = gradescope.run(folder / "source", given, tmp_path_factory.mktemp("machine"), bare)
     print(log)
     return found
