@@ -34,7 +34,7 @@ CONTROL = f"{MUX}/input/navigation"
 INITIAL_POSES = "/initialpose"
 PREDICTED_PATH = "/car/predicted_path"
 
-INITIAL_POSE_TIMEOUT = 0.3
+INITIAL_POSE_TIMEOUT = 1.0
 """Longest wait of the first command for the initial pose [s of wall-clock time]."""
 
 MAX_STEP = 0.5
@@ -221,7 +221,7 @@ class ReplayWorld:
             pose = conversions.pose_from_msg(msg.pose.pose)
         except conversions.MessageError:
             pose = Pose(*3 * [float("nan")])
-        if self.sent:
+        if self.sent and self.starts:
             self._master.record(f"places the car again, at {pose}")
         self.starts.append(pose)
         self.last_message = time.monotonic()
