@@ -10,11 +10,14 @@ from mushr_ros_intro.grading.judge import Report
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.sim.stamps import from_seconds
 
+LINE_POSES = 50
+"""The driven path consists of lines of so many poses."""
+
 FRAMES = ("car/odom", "car/base_footprint")
 
 
 def write(path: str, report: Report, states: Sequence[State]) -> None:
-    """Write a bag, compressed with lz4: the map, the predicted path, poses, frames and commands.
+    """Write a bag, compressed with lz4: the map, both paths, poses, frames and commands.
 
     Args:
         path: of the bag.
@@ -39,6 +42,13 @@ def write(path: str, report: Report, states: Sequence[State]) -> None:
         for state in states:
             add("/car/car_pose", conversions.car_pose_to_msg(state), state.stamp)
             add("/tf", conversions.transforms_to_msg(state, *FRAMES), state.stamp)
+            odometry = conversions.odometry_to_msg(state, report.replay.car, *FRAMES)
+            add("/car/odom", odometry, state.stamp)
+        for number, begins in enumerate(range(0, len(states), LINE_POSES)):
+            line = states[begins : begins + LINE_POSES + 1]
+            poses_of_line = [state.pose for state in line]
+            msg = conversions.line_to_msg(poses_of_line, number, line[-1].stamp)
+            add("/car/driven_path", msg, line[-1].stamp)
         for sent in report.replay.sent:
             command = Command(sent.time, sent.speed, sent.steering_angle)
             msg = conversions.command_to_msg(command, FRAMES[1])
