@@ -73,7 +73,7 @@ class TestPathPublisher(RosTestCase):
 
     def test_another_node_drives_the_car(self):
         """The message contains the name of the other publisher, even if it has ended."""
-        path = self.plan("0,0,0\n1.0,0.2,3\n")
+        path = self.plan("0,0,0\n1.0,0.2,8\n")
         # Half a period between its rows: the first node does not replace the commands of at least
         # one row immediately, so the car ends at another pose.
         other = self.plan("0,0,0\n-1.0,0.2,0.45\n-1.0,0.2,0.5\n", "other.txt")
