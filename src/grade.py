@@ -16,7 +16,7 @@ import shutil
 import sys
 import tempfile
 import time
-from typing import Dict, Iterable, List, Sequence
+from typing import Iterable, List
 
 from mushr_ros_intro.errors import UserError, counted
 from mushr_ros_intro.grading import output, result
@@ -26,9 +26,7 @@ from mushr_ros_intro.grading.points import Points, read_points
 from mushr_ros_intro.grading.result import Result
 from mushr_ros_intro.grading.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.grading.submissions import collect
-from mushr_ros_intro.parameters import find_file
-from mushr_ros_intro.plan.model import Plan
-from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.grader import Setting, find_executable, grade, job_for, read_setting
 from mushr_ros_intro.ros.replay import ReplayError, replay
@@ -72,19 +70,18 @@ def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
     )
 
 
-def read_plans(names: Sequence[str]) -> Dict[str, Plan]:
-    """Return plans by their names, which are those of the files without the ending.
+def open_output(folder: str) -> str:
+    """Create the folder of the results, or remove the results of an earlier run; return its path.
 
     Raises:
-        UserError: a plan is missing or has faults, or two plans have one name.
+        UserError: it contains something else.
     """
-    plans: Dict[str, Plan] = {}
-    for each in names:
-        plan = read_plan(find_file(each, node.package_folder("plans"), ".txt"))
-        if plan.name in plans:
-            raise UserError(f"{plan.path}: there are two plans with the name '{plan.name}'")
-        plans[plan.name] = plan
-    return plans
+    os.makedirs(folder, 0o700, exist_ok=True)
+    entries = set(os.listdir(folder))
+    if entries and not {DATA, "index.html"} <= entries:
+        raise UserError(f"--out {folder}: expected a new or empty folder, or an earlier result")
+    shutil.rmtree(os.path.join(folder, DATA), ignore_errors=True)
+    return os.path.realpath(folder)
 
 
 def grade_node(arguments: argparse.Namespace) -> int:
@@ -96,7 +93,7 @@ def grade_node(arguments: argparse.Namespace) -> int:
     command = [find_executable(package, name)]
     setting = setting_from(arguments, Sandbox())
     status = PASSED
-    for plan_name, plan in read_plans(arguments.inputs).items():
+    for plan_name, plan in read_plans(arguments.inputs, node.package_folder("plans")).items():
         job = job_for(command, f"{package} {name}", plan, setting)
         if arguments.bag:
             os.makedirs(arguments.out, exist_ok=True)
@@ -111,12 +108,12 @@ def grade_node(arguments: argparse.Namespace) -> int:
 
 def grade_class(arguments: argparse.Namespace) -> int:
     """Grade submissions; print a line for each, and write the results."""
-    plans = read_plans(arguments.plans)
+    plans = read_plans(arguments.plans, node.package_folder("plans"))
     points = read_points(arguments.points, list(plans))
-    hidden = [*map(os.path.dirname, (plan.path for plan in plans.values())), *arguments.inputs]
-    folder = os.path.realpath(arguments.out)
-    os.makedirs(folder, 0o700, exist_ok=True)
-    sandbox, missing = make_sandbox(arguments.user, [*filter(os.path.isdir, hidden), folder])
+    folder = open_output(arguments.out)
+    paths = [*arguments.inputs, *(plan.path for plan in plans.values())]
+    hidden = [each if os.path.isdir(each) else os.path.dirname(each) for each in paths]
+    sandbox, missing = make_sandbox(arguments.user, [*hidden, folder])
     if missing:
         print(missing, file=sys.stderr)
     bags = os.path.join(folder, "bags")
@@ -139,7 +136,6 @@ def grade_class(arguments: argparse.Namespace) -> int:
             results.append(each)
             print_line(each, points, len(results), len(chosen))
     print_progress("")
-    shutil.rmtree(os.path.join(folder, DATA), ignore_errors=True)
     result.store(os.path.join(folder, DATA), results)
     if len(results) == 1:
         write_special(arguments, results[0], points, time.monotonic() - began)
@@ -154,13 +150,15 @@ def merge(arguments: argparse.Namespace) -> int:
             results += result.load(os.path.join(folder, DATA))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise UserError(f"{folder}: not the output of grade.py ({error})") from None
+    if not results:
+        raise UserError(f"{', '.join(arguments.merge)}: expected at least one result")
     results.sort(key=lambda each: each.name)
     names = [each.name for each in results]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise UserError(f"several results for {', '.join(twice)}; expected one for each submission")
     plans = list(dict.fromkeys(plan.plan for each in results for plan in each.plans))
     points = read_points(arguments.points, plans)
-    result.store(os.path.join(arguments.out, DATA), results)
+    result.store(os.path.join(open_output(arguments.out), DATA), results)
     return finish(arguments.out, results, points, plans)
 
 
@@ -169,7 +167,7 @@ def finish(folder: str, results: List[Result], points: Points, plans: List[str])
     output.write(folder, results, points, plans)
     passed = sum(each.passed for each in results)
     print(f"{passed} of {counted(len(results), 'submission')} passed; see {folder}/index.html")
-    if not results or any(each.error for each in results):
+    if any(each.error for each in results):
         return NOT_GRADED
     return PASSED if passed == len(results) else FAILED
 

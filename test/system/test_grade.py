@@ -5,9 +5,11 @@ import csv
 import glob
 import json
 import os
+import pathlib
 import shutil
 import socket
 import subprocess
+import tempfile
 from xml.etree import ElementTree
 
 import pytest
@@ -41,13 +43,21 @@ def server():
 
 
 @pytest.fixture(scope="module")
-def graded(tmp_path_factory, server):
-    """Grade a class; return the exit status, the output and the folder of the results."""
-    folder = tmp_path_factory.mktemp("class")
-    classroom, plans = folder / "submissions", folder / "hidden"
-    plans.mkdir()
-    (plans / "open.txt").write_text(PLAN)
-    (plans / "secret.txt").write_text(PLAN)
+def graded(server):
+    """Grade a class; yield the exit status, the output and the folder of the results.
+
+    The folders are not in /tmp, which is always hidden. The one of the plans contains the others.
+    """
+    with tempfile.TemporaryDirectory(dir="/var/lib") as name:
+        os.chmod(name, 0o755)
+        yield grade_class(pathlib.Path(name), server)
+
+
+def grade_class(folder, server):
+    """Grade a class in a folder; return the exit status, the output and the folder of results."""
+    classroom = folder / "submissions"
+    (folder / "open.txt").write_text(PLAN)
+    (folder / "secret.txt").write_text(PLAN)
     for name in RIGHT:
         submissions.write(classroom, name, submissions.CORRECT[name])
     for name in WRONG:
@@ -57,7 +67,8 @@ def graded(tmp_path_factory, server):
     for name in submissions.CHEATS:
         submissions.write(classroom, f"cheat_{name}", submissions.cheat(name, server))
     out = folder / "results"
-    status, output = grade(classroom, "--plans", plans / "open.txt", "--out", out, "--patience", 5)
+    out.mkdir()  # readable for all users, so that only the sandbox hides it
+    status, output = grade(classroom, "--plans", folder / "open.txt", "--out", out, "--patience", 5)
     return status, output, out
 
 
@@ -176,6 +187,21 @@ def test_bag(parts):
     assert counts["/car/car_pose"] > 200
 
 
+def test_other_files_stay(tmp_path):
+    """grade.py does not write to a folder with other files."""
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "mine.json").write_text("{}")
+    status, output = grade(PACKAGE, "--plans", "figure_8", "--out", tmp_path)
+    assert status == 2 and "expected a new or empty folder" in output
+    assert os.listdir(tmp_path) == ["data"] and os.listdir(tmp_path / "data") == ["mine.json"]
+
+
+def test_empty_part(parts, tmp_path):
+    """A part without a submission is no failure."""
+    plan = ("--plans", parts / "plan.txt", "--out", tmp_path)
+    assert grade(parts / "class" / "zipped.zip", *plan, "--shard", "2/2")[0] == 0
+
+
 def test_gradescope(parts, tmp_path):
     path = tmp_path / "results.json"
     command = (parts / "class" / "zipped.zip", "--plans", parts / "plan.txt", "--out", tmp_path)
@@ -196,10 +222,12 @@ NODE = ("--node", "mushr_ros_intro", "listing.py")
             2,
             "there is no node 'nothing.py'",
         ),
+        (("figure_8", *NODE, "--seed", "-1"), 2, "car ideal: seed is -1; expected"),
+        (("figure_8",), 2, "expected PLAN... --node PACKAGE FILE, or"),
         (("figure_8", *NODE, "--car", "fiat"), 2, "car is 'fiat'; expected one of ideal"),
         (("--merge", "/nowhere", "--out", "/nowhere"), 2, "/nowhere: not the output of grade.py"),
         (("/nowhere", "--plans", "figure_8", "--out", "/proc/x"), 3, "/proc/x"),
-        (("/nowhere", "--out", "out"), 2, "expected SUBMISSION... --plans PLAN... --out FOLDER"),
+        (("/nowhere", "--out", "out"), 2, "or SUBMISSION... --plans PLAN... --out FOLDER"),
         ((PACKAGE, "--plans", "figure_8", "--out", "/tmp/x", "--shard", "3/2"), 2, "3/2"),
     ],
 )

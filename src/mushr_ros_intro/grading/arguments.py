@@ -57,7 +57,7 @@ def _fault(arguments: argparse.Namespace) -> str:
     if arguments.node and (arguments.plans or not arguments.inputs):
         return "expected PLAN... --node PACKAGE FILE"
     if is_class and not (arguments.inputs and arguments.plans and arguments.out):
-        return "expected SUBMISSION... --plans PLAN... --out FOLDER"
+        return "expected PLAN... --node PACKAGE FILE, or SUBMISSION... --plans PLAN... --out FOLDER"
     if (arguments.merge or arguments.bag) and not arguments.out:
         return "expected --out FOLDER"
     if not all(re.fullmatch("[^:=]+:=[^:=]+", each) for each in arguments.remap):

@@ -3,7 +3,7 @@
 import os
 import re
 import shutil
-from typing import Dict, NamedTuple, Optional, Sequence
+from typing import NamedTuple, Optional, Sequence
 
 import yaml
 
@@ -11,7 +11,7 @@ from mushr_ros_intro.car.profile import names_in
 from mushr_ros_intro.errors import UserError, counted
 from mushr_ros_intro.grading.points import read_points
 from mushr_ros_intro.parameters import find_file
-from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
 
@@ -58,7 +58,10 @@ def fill(folder: str, options: Options, package: str) -> str:
         UserError: an option or a file is wrong.
         OSError: a file cannot be read or written.
     """
-    plans = _find_plans(options.plans, os.path.join(package, "plans"))
+    plans = read_plans(options.plans, os.path.join(package, "plans"))
+    most = int(SILENCE / MIN_PATIENCE)
+    if len(plans) > most:
+        raise UserError(f"there are {len(plans)} plans; expected at most {most}")
     points = read_points(options.points, list(plans))
     _check(options, names_in(os.path.join(package, "config", "cars")))
     copy = os.path.join(folder, "mushr_ros_intro")
@@ -68,8 +71,8 @@ def fill(folder: str, options: Options, package: str) -> str:
     if options.map != "none":
         map_file = find_file(options.map, os.path.join(package, "maps"), ".yaml")
         map_name = _copy_map(map_file, os.path.join(copy, "maps"))
-    for name, path in plans.items():
-        shutil.copyfile(path, os.path.join(folder, "plans", f"{name}.txt"))
+    for name, plan in plans.items():
+        shutil.copyfile(plan.path, os.path.join(folder, "plans", f"{name}.txt"))
     for each in FILES:
         shutil.copy(os.path.join(package, each), os.path.join(copy, each))
     for each in FOLDERS:
@@ -92,24 +95,6 @@ def fill(folder: str, options: Options, package: str) -> str:
         file.writelines(f"{word}\n" for word in words)
     hidden = sum(map(points.is_hidden, names))
     return f"{counted(len(plans), 'plan')}, {hidden} hidden; {points.max_score():g} points"
-
-
-def _find_plans(given: Sequence[str], folder: str) -> Dict[str, str]:
-    """Return the paths of plans by their names.
-
-    Raises:
-        UserError: a plan is missing or has faults, two have one name, or there are too many.
-    """
-    plans: Dict[str, str] = {}
-    for each in given:
-        plan = read_plan(find_file(each, folder, ".txt"))
-        if plan.name in plans:
-            raise UserError(f"{plan.path}: there are two plans with the name '{plan.name}'")
-        plans[plan.name] = plan.path
-    most = int(SILENCE / MIN_PATIENCE)
-    if len(plans) > most:
-        raise UserError(f"there are {len(plans)} plans; expected at most {most}")
-    return plans
 
 
 def _check(options: Options, cars: Sequence[str]) -> None:

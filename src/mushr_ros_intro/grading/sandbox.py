@@ -60,7 +60,11 @@ done
 umount /mnt
 hidden=$1; shift
 for i in $(seq "$hidden"); do
-  case "$1/" in /tmp/*) ;; *) mount -t tmpfs -o mode=700,size=4k tmpfs "$1" ;; esac
+  # A folder in a hidden folder is not there any more. /tmp has been replaced.
+  case "$1/" in
+  /tmp/*) ;;
+  *) [ ! -d "$1" ] || mount -t tmpfs -o mode=700,size=4k tmpfs "$1" ;;
+  esac
   shift
 done
 mount -o remount,bind,ro /
@@ -88,7 +92,7 @@ class Sandbox(NamedTuple):
     def enter_network(self) -> None:
         """Move this process, which must have one thread, into a network of its own.
 
-        It contains only the loopback interface.
+        The network contains only the loopback interface. The programs of `wrap` share it.
 
         Raises:
             OSError: the system refuses.
@@ -145,10 +149,8 @@ class Sandbox(NamedTuple):
             return inner
         modes = {path: "rw" if writable and path == folder else "ro" for path in moved}
         triples = [each for path in moved for each in (path, moved[path], modes[path])]
-        hidden = [each for each in self.hidden if os.path.isdir(each)]
-        network = ["--net"] if writable else []  # a node shares the network of this process
-        script = ["sh", "-c", _MOUNT, "sh", str(len(moved)), *triples, str(len(hidden)), *hidden]
-        return [*_DIE_TOGETHER, *_NAMESPACES, *network, "--", *script, *inner]
+        arguments = [str(len(moved)), *triples, str(len(self.hidden)), *self.hidden]
+        return [*_DIE_TOGETHER, *_NAMESPACES, "--", "sh", "-c", _MOUNT, "sh", *arguments, *inner]
 
     @staticmethod
     def _moves(environment: Dict[str, str], plan: str, folder: str) -> Dict[str, str]:

@@ -10,10 +10,11 @@ are allowed.
 
 import re
 from itertools import accumulate
-from typing import List, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 from mushr_ros_intro.car.bicycle import ORIGIN, Pose
-from mushr_ros_intro.errors import counted
+from mushr_ros_intro.errors import UserError, counted
+from mushr_ros_intro.parameters import find_file
 from mushr_ros_intro.plan.model import (
     MAX_COORDINATE,
     MAX_DURATION,
@@ -71,6 +72,25 @@ def read_plan(path: str) -> Plan:
         text = f"the file has more than {MAX_FILE_SIZE} bytes; expected a plan file"
         raise PlanError([Fault(path, 0, 0, text)])
     return parse_plan(data, path)
+
+
+def read_plans(names: Sequence[str], folder: str) -> Dict[str, Plan]:
+    """Return plans by their names, which are those of the files without the ending.
+
+    Args:
+        names: paths, or names in `folder`.
+        folder: the folder of this package's plans.
+
+    Raises:
+        UserError: a plan is missing or has faults, or two plans have one name.
+    """
+    plans: Dict[str, Plan] = {}
+    for each in names:
+        plan = read_plan(find_file(each, folder, ".txt"))
+        if plan.name in plans:
+            raise UserError(f"{plan.path}: there are two plans with the name '{plan.name}'")
+        plans[plan.name] = plan
+    return plans
 
 
 def parse_plan(data: bytes, path: str) -> Plan:

@@ -20,7 +20,9 @@ KEPT_OUTPUT = 20_000
 """Size of the kept end of a node's output [bytes]."""
 
 
-_ROS = (
+_INHERITED = (
+    "CMAKE_PREFIX_PATH",
+    "LD_LIBRARY_PATH",
     "ROS_DISTRO",
     "ROS_ETC_DIR",
     "ROS_MASTER_URI",
@@ -29,7 +31,7 @@ _ROS = (
     "ROS_ROOT",
     "ROS_VERSION",
 )
-"""The environment variables of ROS that a node gets."""
+"""The environment variables for ROS that a node gets."""
 
 
 def environment_of(packages: Sequence[str], is_installed: bool = False) -> Dict[str, str]:
@@ -39,7 +41,7 @@ def environment_of(packages: Sequence[str], is_installed: bool = False) -> Dict[
         packages: paths in which rospack finds the packages of the node.
         is_installed: whether the node is in the present workspace.
     """
-    ros = {name: os.environ[name] for name in _ROS if name in os.environ}
+    ros = {name: os.environ[name] for name in _INHERITED if name in os.environ}
     paths = [os.environ.get("PYTHONPATH", "")]
     if not is_installed:
         known = [*packages, *ros.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
@@ -190,6 +192,8 @@ class Candidate:
         how = f"ended with exit status {status}"
         if status < 0:
             how = f"was killed by signal {signal.Signals(-status).name}"
+        if status in (126, 127):  # of env
+            how += " (does its first line name an existing interpreter, and is it executable?)"
         lines = self._output.decode(errors="replace").splitlines()[-SHOWN_LINES:]
         # The message is written to XML, which must not contain control characters.
         shown = ["".join(c for c in line if c.isprintable()) for line in lines]

@@ -1,6 +1,5 @@
 """Grade submissions: build them if necessary, and replay each plan with each of them."""
 
-import contextlib
 import os
 import subprocess
 import tempfile
@@ -10,16 +9,16 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tu
 import roslib.packages
 import rospkg
 
-from mushr_ros_intro.car.profile import names_in, read_profile
+from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.grading.judge import Report
 from mushr_ros_intro.grading.result import Result, plan_result
 from mushr_ros_intro.grading.sandbox import Sandbox
 from mushr_ros_intro.grading.submissions import Submission
-from mushr_ros_intro.parameters import find_file
+from mushr_ros_intro.parameters import Parameters, find_file
 from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.ros.candidate import SHOWN_LINES, environment_of
-from mushr_ros_intro.ros.replay import Job, replay
+from mushr_ros_intro.ros.replay import MAX_OVERHEAD, Job, in_own_process, replay
 from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
@@ -74,6 +73,7 @@ def read_setting(
         **read_profile(os.path.join(config, "cars", f"{car}.yaml")),
         **({} if seed is None else {"noise": True, "seed": seed}),
     }
+    car_from(Parameters(parameters, f"car {car}: "))  # raises an error here, not in each replay
     mux = read_mapping(os.path.join(config, "ackermann_cmd_mux.yaml"), "inputs")
     grid = None
     if map_name != "none":
@@ -173,9 +173,9 @@ def _result(
             report = future.result()
             if report is not None:
                 reports.append(plan_result(name, report))
-        except UserError as failure:
+        except (UserError, OSError) as failure:
             error = error or f"{name}: {failure}"
-    fault = submission.fault or build.result()
+    fault = submission.fault or ("" if error else build.result())
     plans = () if fault or error else tuple(reports)
     return Result(submission.name, submission.students, fault, error, plans, submission.notes)
 
@@ -184,6 +184,13 @@ def _build(submission: Submission, sandbox: Sandbox) -> str:
     """Build the package of a submission if necessary; return why it fails, "" if it does not."""
     if submission.fault or not submission.needs_build:
         return ""
+    seconds = BUILD_TIMEOUT + MAX_OVERHEAD
+    return in_own_process(_build_here, submission, sandbox, seconds=seconds)
+
+
+def _build_here(submission: Submission, sandbox: Sandbox) -> str:
+    """Build the package of a submission in this process; return as for `_build`."""
+    sandbox.enter_network()
     package = submission.packages[0]
     build = os.path.join(package, ".build")
     os.mkdir(build)
@@ -202,7 +209,7 @@ def _build(submission: Submission, sandbox: Sandbox) -> str:
             folder=submission.folder,
             writable=True,
         )
-        with contextlib.suppress(subprocess.TimeoutExpired):
+        try:
             done = subprocess.run(
                 command,
                 stdout=subprocess.PIPE,
@@ -210,9 +217,13 @@ def _build(submission: Submission, sandbox: Sandbox) -> str:
                 timeout=BUILD_TIMEOUT,
                 check=False,
             )
-            if done.returncode == 0:
-                return ""
-            lines = done.stdout.decode(errors="replace").splitlines()[-SHOWN_LINES:]
-            first = next((line for line in lines if "rror" in line), "")
-            return "\n".join([f"the package does not build: {first}", *lines])
-    return f"the build of the package did not end within {BUILD_TIMEOUT:g} s"
+        except subprocess.TimeoutExpired:
+            return f"the build of the package did not end within {BUILD_TIMEOUT:g} s"
+        finally:
+            sandbox.end_processes()
+            os.chmod(build, 0o755)
+    if done.returncode == 0:
+        return ""
+    lines = done.stdout.decode(errors="replace").splitlines()[-SHOWN_LINES:]
+    first = next((line for line in lines if "rror" in line), "")
+    return "\n".join([f"the package does not build: {first}", *lines])

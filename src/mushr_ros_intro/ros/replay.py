@@ -9,7 +9,7 @@ import tempfile
 import time
 import traceback
 from multiprocessing.connection import Connection
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeVar
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
@@ -26,6 +26,8 @@ from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 
+T = TypeVar("T")
+
 QUIET_AFTER = 0.5
 """After all commands and so long without one, the clock is stepped [s of wall-clock time]."""
 
@@ -37,6 +39,9 @@ MAX_QUIET = 5.0
 
 MAX_DURATION = 120.0
 """Longest drive [s of wall-clock time]; a plan that takes longer may take its own time twice."""
+
+MAX_OVERHEAD = 60.0
+"""Longest time of a replay before and after the drive [s of wall-clock time]."""
 
 _PR_SET_PDEATHSIG = 1
 """See prctl(2): the signal to this process if the parent process dies."""
@@ -85,38 +90,65 @@ def replay(job: Job) -> Report:
     Raises:
         ReplayError: there is no verdict, because the replay itself failed.
     """
-    os.environ["ROS_NAMESPACE"] = "/car"  # of the simulated car
+    report: Report = in_own_process(run, job, seconds=_deadline(job) + MAX_OVERHEAD)
+    return report
+
+
+def _deadline(job: Job) -> float:
+    """Return the limit on the duration of a drive [s of wall-clock time]."""
+    return max(MAX_DURATION, 2.0 * job.plan.duration / NANOSECONDS)
+
+
+def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) -> T:
+    """Call a function in a new process, which ends together with this one; return its result.
+
+    Args:
+        function: the function; it may start processes of a submission in a sandbox.
+        arguments: of the function.
+        seconds: timeout [s of wall-clock time].
+
+    Raises:
+        ReplayError: the function failed, did not return in time, or its process died.
+    """
+    # The namespace of the simulated car. The first call here starts the prepared process, where
+    # rospy reads it.
+    os.environ["ROS_NAMESPACE"] = "/car"
     receiver, sender = _processes.Pipe(duplex=False)
-    process = _processes.Process(target=_run_and_send, args=(job, sender), daemon=True)
+    call = (function, arguments, sender)
+    process = _processes.Process(target=_call_and_send, args=call, daemon=True)
     process.start()
     sender.close()
+    error = f"its process did not end within {seconds:g} s"
     try:
-        result = receiver.recv()
+        if receiver.poll(seconds):
+            result, error = receiver.recv()
+            if not error:
+                return result
     except EOFError:
-        result = None
+        error = "its process ended without a result"
     finally:
         process.kill()
         process.join()
-    if isinstance(result, Report):
-        return result
-    raise ReplayError(f"the replay failed: {result or 'its process ended without a result'}")
+    raise ReplayError(f"the replay failed: {error}")
 
 
-def _run_and_send(job: Job, sender: Connection) -> None:
-    """Run a replay; send the report, or the description of an error."""
+def _call_and_send(
+    function: Callable[..., Any], arguments: Tuple[Any, ...], sender: Connection
+) -> None:
+    """Call a function; send its result, and the description of an error or an empty text."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends this one
     with open(os.devnull, "r+b") as null:
         for number in (0, 1, 2):
             os.dup2(null.fileno(), number)
-    result: Any = None
+    result, fault = None, ""
     try:
-        result = run(job)
+        result = function(*arguments)
     except (UserError, OSError) as error:
-        result = str(error)
+        fault = str(error)
     except Exception:
-        result = traceback.format_exc()
-    sender.send(result)
+        fault = traceback.format_exc()
+    sender.send((result, fault))
     os._exit(0)  # without waiting for the threads of rospy
 
 
@@ -181,7 +213,7 @@ def _watch(candidate: Candidate, world: ReplayWorld, job: Job) -> str:
     """
     expected = count_commands(job.plan)
     limit = job.plan.duration * 3 // 2 + 5 * NANOSECONDS
-    deadline = max(MAX_DURATION, 2.0 * job.plan.duration / NANOSECONDS)
+    deadline = _deadline(job)
     began, sent = time.monotonic(), world.sent
     while not candidate.has_ended:
         if not world.is_alive:

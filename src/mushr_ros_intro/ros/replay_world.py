@@ -138,7 +138,7 @@ class ReplayWorld:
         begin = self.sent[-1].time if self.sent else self.states[0].stamp
         return (self._car.clock.read() - begin) / NANOSECONDS
 
-    def _release_clock(self) -> None:
+    def release_clock(self) -> None:
         """Let the clock run."""
         if self._is_held.is_set():
             with self._step_lock:
@@ -248,10 +248,6 @@ class ReplayWorld:
         except conversions.MessageError:
             self._car.skip(taken)
 
-    def on_forwarded(self) -> None:
-        """Let the clock run, because a command has been forwarded."""
-        self._release_clock()
-
     def on_output(self, msg: AckermannDriveStamped) -> None:
         """Give a command from the mux to the car."""
         self._car.on_message(msg, conversions.command_from_msg)
@@ -308,7 +304,7 @@ class _Mux(AckermannCmdMux):
         """Record and forward a command."""
         self._recorder.on_command(msg, self._resolve(source.topic))
         super()._on_command(msg, source)
-        self._recorder.on_forwarded()
+        self._recorder.release_clock()
 
     def _send(self, msg: AckermannDriveStamped) -> None:
         """Send a command to the car."""

@@ -1,0 +1,92 @@
+"""Check how the process of a node is started, described and ended."""
+
+import os
+
+import pytest
+
+from mushr_ros_intro.ros.candidate import MAX_OUTPUT, Candidate, environment_of
+from support.helpers import wait_for
+
+LEAVES = """
+import os, signal, time
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+child = os.fork()
+os.setsid() if child == 0 else None
+print(os.getpid(), flush=True) if child == 0 else None
+time.sleep(60)
+"""
+
+
+def run(*command):
+    """Run a program to its end; return the description of its failure."""
+    candidate = Candidate(["env", "-i", *command])
+    wait_for(lambda: candidate.has_ended, "the end of the program")
+    candidate.end()
+    return candidate.describe_failure()
+
+
+@pytest.mark.parametrize(
+    ("line", "mode", "status"),
+    [("#!/nowhere/python", 0o755, 127), ("#!/usr/bin/python3", 0o644, 126)],
+)
+def test_programs_that_cannot_be_started(tmp_path, line, mode, status):
+    program = tmp_path / "node.py"
+    program.write_text(f"{line}\n")
+    program.chmod(mode)
+    failure = run(str(program))
+    assert f"status {status} (does its first line name an existing interpreter, and" in failure
+
+
+def test_ends():
+    assert run("true") == ""
+    assert run("false") == "the node ended with exit status 1; it printed nothing"
+    assert "killed by signal SIGKILL" in run("python3", "-c", "import os; os.kill(os.getpid(), 9)")
+
+
+def test_too_much_output():
+    candidate = Candidate(["head", "-c", str(MAX_OUTPUT + 1), "/dev/zero"])
+    wait_for(lambda: candidate.prints_too_much, "all output")
+    candidate.end()
+
+
+def test_child_processes_end_too(tmp_path):
+    """Also those that ignore SIGINT and have left the process group."""
+    out = tmp_path / "out"
+    candidate = Candidate(["sh", "-c", f"exec python3 -c '{LEAVES}' >{out}"])
+    wait_for(lambda: out.exists() and out.read_text().strip(), "the child process")
+    child = int(out.read_text())
+    candidate.end()
+
+    def is_gone():
+        try:
+            os.kill(child, 0)
+        except ProcessLookupError:
+            return True
+        with open(f"/proc/{child}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] == "Z"
+
+    wait_for(is_gone, "the end of the child process")
+
+
+def test_activity():
+    """It grows if the node runs, and stays if it sleeps."""
+    candidate = Candidate(["python3", "-c", "import time; time.sleep(60)"])
+    seen = []
+
+    def is_idle():
+        seen.append(candidate.activity())
+        return len(seen) > 1 and None not in seen[-2:] and seen[-1] == seen[-2]
+
+    wait_for(is_idle, "an idle node")
+    candidate.end()
+    assert candidate.activity() is None
+
+
+def test_environment(monkeypatch):
+    """Nothing of the user's own, but what ROS needs, also on Noetic."""
+    monkeypatch.setenv("LD_LIBRARY_PATH", "/opt/ros/noetic/lib")
+    monkeypatch.setenv("ROS_LOG_DIR", "/home/me")
+    monkeypatch.setenv("SECRET", "1")
+    environment = environment_of((), is_installed=True)
+    assert environment["LD_LIBRARY_PATH"] == "/opt/ros/noetic/lib"
+    assert not {"ROS_LOG_DIR", "SECRET", "HOME"} & set(environment)
