@@ -13,7 +13,7 @@ signal.signal(signal.SIGINT, signal.SIG_IGN)
 child = os.fork()
 os.setsid() if child == 0 else None
 print(os.getpid(), flush=True) if child == 0 else None
-time.sleep(60)
+time.sleep(300)
 """
 
 
