@@ -197,9 +197,10 @@ class Recording:
 
 
 def publisher(topic, kind):
-    """Return a publisher of `topic` that is connected to a subscriber."""
+    """Return a publisher of `topic` that is connected to all its subscribers, at least one."""
     made = rospy.Publisher(topic, kind, queue_size=100, tcp_nodelay=True)
-    wait_for(made.get_num_connections, f"a subscriber of {made.resolved_name}")
+    if not wait_until_connected(made, "subscribers", PATIENCE, minimum=1):
+        raise LoggedAssertionError(f"no connection with the subscribers of {made.resolved_name}")
     return made
 
 

@@ -95,7 +95,9 @@ class TestOddMessages(RosTestCase):
             nodes.append(node(name, f"_folder:={self.folder}"))
         for each in nodes:
             self.ending(each)
-        outputs = [Recording(topic, kind) for topic, kind in OUTPUTS.items()]
+        outputs = [Recording(topic, kind).connected() for topic, kind in OUTPUTS.items()]
+        poses = outputs[0]
+        wait_for(lambda: poses.last, "the car to be ready")
         goods = good_messages()
         publishers = {topic: publisher(topic, type(msg)) for topic, msg in goods.items()}
         active = Recording(f"{MUX}/active", String)
@@ -108,7 +110,6 @@ class TestOddMessages(RosTestCase):
         publishers["/map"].publish(goods["/map"])
         since = rospy.Time.now()
         publishers["/initialpose"].publish(placement(since, 7.0, 8.0, 0.5))
-        poses = outputs[0]
         poses.shows((7.0, 8.0, 0.5), since)
         publishers[NAVIGATION].publish(command(rospy.Time.now(), 1.0, 0.2))
         wait_for(lambda: active.last and active.last.data == "navigation", "the input to drive")
