@@ -1,0 +1,427 @@
+"""Check the server of the browser view with real clients, foreign pages, and bad clients."""
+
+import contextlib
+import io
+import json
+import math
+import os
+import random
+import runpy
+import shutil
+import signal
+import socket
+import subprocess
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from support import web
+from support.geometry import closed_form
+from support.helpers import PATIENCE, Process, free_port, node, wait_for
+from support.messages import TELEOP
+from support.paths import CHECKOUT
+
+FOLDER = os.path.join(os.path.dirname(os.path.abspath(__file__)), "clients")
+
+CELLS = 1000
+"""Of a side of the map sandbox."""
+
+
+@pytest.fixture(scope="module")
+def sim(tmp_path_factory):
+    """Yield a simulation whose user has one plan."""
+    folder = tmp_path_factory.mktemp("plans")
+    (folder / "long.txt").write_text("0, 0, 0\n0.5, 0.1, 100.0\n")
+    found = web.Simulation(folder)
+    found.folder = folder
+    yield found
+    found.end()
+
+
+def version_of_node():
+    """Return the major version of Node.js; 0 without Node.js."""
+    if not shutil.which("node"):
+        return 0
+    return int(subprocess.check_output(["node", "--version"], text=True)[1:].split(".")[0])
+
+
+def roslib(number, file, minimum):
+    """Return the command of a client with roslib, and the version of Node.js that it needs."""
+    module = f"{web.CLIENTS}/node_modules/roslib{number}/{file}"
+    return (["node", f"{FOLDER}/roslib_client.mjs", module, "ws://localhost:{port}"], minimum)
+
+
+PROGRAMS = {
+    "roslib 1": roslib(1, "src/RosLib.js", 14),
+    "roslib 2": roslib(2, "dist/RosLib.js", 18),
+    "roslibpy": ([f"{web.CLIENTS}/bin/python", f"{FOLDER}/roslibpy_client.py", "{port}"], 0),
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_real_client(sim, name):
+    command, minimum = PROGRAMS[name]
+    if not os.path.exists(f"{web.CLIENTS}/pins"):
+        pytest.skip(f"{name} is not installed; {web.INSTALL}")
+    if version_of_node() < minimum:
+        pytest.skip(f"{name} needs Node.js {minimum}")
+    x, y = 1.5 + list(PROGRAMS).index(name), -0.1
+    words = [*(word.format(port=sim.port) for word in command), repr(x), repr(y)]
+    # The packages of the system are not those that the client needs.
+    with Process(*words, PYTHONPATH="") as process:
+        status = process.wait()
+    assert status == 0, process.output
+    found = json.loads(process.output.splitlines()[-1])
+    assert found["pose"] == "map" and found["tf"] == "car/odom", found
+    assert found["map"] == [CELLS, CELLS, CELLS**2]
+    assert found["scan"] == 720 and found["topics"] is True
+    assert (found["placed"]["x"], found["placed"]["y"]) == (x, y)
+    assert abs(found["clicked"] - x - 1.0) < 1e-6, "the plan does not end at the click"
+    assert found["undo"]["success"] is True and found["undo"]["message"]
+    assert found["undoAgain"] == {"success": False, "message": "there is no click to undo"}
+    assert "may not call '/car/car_sim/explode'" in found["service"]
+    errors = "\n".join(sorted(found["errors"]))
+    assert errors.count("may not publish on '/car/car_pose'") == 2, "advertise and publish"
+    assert "not a geometry_msgs/PointStamped" in errors
+    assert "type of /car/scan is 'std_msgs/String'; expected 'sensor_msgs/LaserScan'" in errors
+
+
+SAME = "http://localhost:{port}"
+WHO = [
+    # Host, Origin, parameters, status of a connection, which of the second server
+    ("localhost:{port}", None, "", 101, 101),
+    ("127.0.0.1:{port}", None, "", 101, 101),
+    ("[::1]:{port}", None, "", 101, 101),
+    ("localhost:{port}", SAME, "", 101, 101),
+    ("localhost:{port}", "http://evil.example", "", 403, 403),
+    ("localhost:{port}", "http://localhost:1", "", 403, 403),
+    ("localhost:{port}", "https://localhost:{port}", "", 403, 403),
+    ("localhost:{port}", "null", "", 403, 403),
+    ("localhost:{port}", "", "", 403, 403),
+    ("evil.example:{port}", "http://evil.example:{port}", "", 403, 403),  # DNS rebinding
+    ("evil.example", None, "", 403, 403),
+    ("localhost.evil.example", None, "", 403, 403),
+    ("localhost@evil.example", None, "", 403, 403),
+    ("", None, "", 403, 403),
+    ("car.example:{port}", "http://car.example:{port}", "", 403, 101),
+    ("localhost:{port}", "http://good.example", "", 403, 101),
+    ("localhost:{port}", "http://evil.example", "?token=secret", 403, 101),
+    ("localhost:{port}", "http://evil.example", "?token=secre", 403, 403),
+    ("localhost:{port}", "http://evil.example", "?token=", 403, 403),
+    ("evil.example:{port}", "http://evil.example", "?token=secret", 403, 403),
+]
+
+
+@pytest.fixture(scope="module")
+def other_port(sim):
+    """Run another server, with a token, another name and another page, and without loopback.so."""
+    port = free_port()
+    settings = ("_token:=secret", "_hosts:=car.example", "_origins:=http://good.example")
+    name = ("__name:=other_view", f"_port:={port}")
+    with node("web_view.py", *name, *settings, **sim.environment, LD_PRELOAD="") as process:
+        wait_for(lambda: "in a browser" in process.output, "the other server")
+        yield port
+
+
+def test_who_may_use_it(sim, other_port):
+    for server, port in enumerate((sim.port, other_port)):
+        for host, origin, parameters, *statuses in WHO:
+            headers = {"Host": host.format(port=port)}
+            if origin is not None:
+                headers["Origin"] = origin.format(port=port)
+            case = f"server {server}, {headers} {parameters}"
+            got, _, content = web.fetch(port, f"/{parameters}", headers=web.upgrade(**headers))
+            assert got == statuses[server], f"a connection: {case}"
+            assert got == 101 or b'{"error": "' in content, case
+            for path in ("/", "/plans"):
+                got, _, _ = web.fetch(port, path + parameters, headers=headers)
+                assert got == {101: 200, 403: 403}[statuses[server]], f"{path}: {case}"
+
+
+def test_listens_on_loopback_only(other_port):
+    """The other server runs without the library that keeps the tests' servers there."""
+    addresses = []
+    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
+        with open(table) as file:
+            addresses += [line.split()[1] for line in file.readlines()[1:] if " 0A " in line]
+    found = [each for each in addresses if int(each.split(":")[1], 16) == other_port]
+    assert found == [f"0100007F:{other_port:04X}"]
+
+
+def test_a_port_that_is_taken(sim):
+    name = ("__name:=third_view", f"_port:={sim.port}")
+    with node("web_view.py", *name, **sim.environment) as process:
+        assert process.wait() == 1
+    assert process.output.count("[FATAL]") == 1 and "Traceback" not in process.output
+    assert f"port {sim.port} of 127.0.0.1 cannot be used" in process.output
+
+
+def test_headers(sim):
+    for path in ("/", "/main.js", "/map.json", "/map.png", "/nothing", "/plans/nothing"):
+        status, headers, _ = sim.get(path)
+        assert status == (404 if "nothing" in path else 200), path
+        policy = headers["Content-Security-Policy"]
+        assert "default-src 'self'" in policy and "frame-ancestors 'none'" in policy, path
+        assert headers["X-Content-Type-Options"] == "nosniff", path
+        assert headers.get_all("Access-Control-Allow-Origin") is None, path
+
+
+OUTSIDE = [
+    "../package.xml",
+    "..%2fpackage.xml",
+    "%2e%2e/package.xml",
+    "/etc/passwd",
+    "%2fetc%2fpasswd",
+    "....//package.xml",
+    "..\\package.xml",
+    "main.js%00.txt",
+    "index.html/../../package.xml",
+]
+
+
+def test_files_outside_are_not_shown(sim):
+    for path in OUTSIDE:
+        for base in ("/", "/plans/", "/plans/../", "/results/"):
+            status, _, content = sim.get(base + path)
+            assert status in (400, 404), base + path
+            assert b"<name>" not in content and b"root:" not in content, base + path
+
+
+def test_plans_are_known_by_name_only(sim):
+    (sim.folder / "outside").mkdir()
+    path = sim.folder / "outside" / "plan.txt"
+    path.write_text("0, 0, 0\n1.0, 0.0\n")
+    names = [str(path), str(path)[:-4], "outside/plan", "./long", "../plans/figure_8", "long.txt"]
+    for name in [*names, "", None, 3, ["long"], {"plan": "long"}]:
+        status, answer = sim.post("/drive", {"plan": name})
+        assert status == 404 and "there is no plan" in answer["error"], name
+    for values in ([], "long", 3, None):
+        assert sim.post("/drive", values)[0] in (400, 404), values
+    for name in names[2:]:
+        assert sim.get(f"/plans/{name}")[0] == 404, name
+    assert json.loads(sim.get("/plans/long")[2])["duration"] == 100.0
+    client = sim.client(web.STATE)
+    assert client.state(lambda _: True, "at once")["drive"] is None
+    client.close()
+
+
+def test_one_drive_at_a_time(sim):
+    form = {"Content-Type": "application/x-www-form-urlencoded"}
+    body = json.dumps({"plan": "long"})
+    assert web.fetch(sim.port, "/drive", "POST", body, form)[0] == 415, "any page can send a form"
+    assert sim.delete("/drive") == (409, {"error": "no plan is being driven"})
+    client = sim.client(web.STATE, "/car/mux/ackermann_cmd_mux/output")
+    assert sim.post("/drive", {"plan": "long"}) == (200, {})
+    client.message(
+        "/car/mux/ackermann_cmd_mux/output", lambda msg: msg["drive"]["speed"] == 0.5, "that drives"
+    )
+    status, answer = sim.post("/drive", {"plan": "circle"})
+    assert status == 409 and "long is being driven" in answer["error"]
+    assert sim.delete("/drive") == (200, {})
+    ended = client.state(lambda state: state["drive"] and not state["drive"]["running"], "an end")
+    assert ended["drive"]["plan"] == "long" and ended["drive"]["exit_status"] != 0
+    client.close()
+    client = sim.client("/car/odom")
+    client.message("/car/odom", lambda m: m["twist"]["twist"]["linear"]["x"] == 0.0, "that stands")
+    client.close()
+
+
+BAD = [
+    ("no JSON", "not JSON"),
+    ("", "not JSON"),
+    ("[" * 20_000, "not JSON"),
+    ("[]", "op is missing"),
+    ('{"op": "explode"}', 'op is "explode"'),
+    ('{"op": ["publish"]}', "op is"),
+    ('{"op": "publish", "topic": "/initialpose"}', "msg is missing"),
+    ('{"op": "publish", "topic": "/clicked_point", "msg": {"point": {"x": NaN}}}', "not JSON"),
+    ('{"op": "publish", "topic": "/clicked_point", "msg": {"point": {"x": "1"}}}', "PointStamped"),
+    ('{"op": "publish", "topic": "/clicked_point", "msg": {"where": 1}}', "PointStamped"),
+    ('{"op": "publish", "topic": "/car/car_pose", "msg": {}}', "may not publish"),
+    ('{"op": "publish", "topic": "/car/mux/ackermann_cmd_mux/output", "msg": {}}', "may not"),
+    ('{"op": "publish", "topic": "/web_view/state", "msg": {"data": "{}"}}', "may not publish"),
+    ('{"op": "publish", "topic": "/rosout", "msg": {"msg": "x"}}', "may not publish"),
+    ('{"op": "advertise", "topic": "/tf", "type": "tf2_msgs/TFMessage"}', "may not publish"),
+    ('{"op": "advertise", "topic": "/initialpose", "type": "std_msgs/String"}', "type of"),
+    ('{"op": "subscribe", "topic": "not a name"}', "not a name"),
+    ('{"op": "subscribe", "topic": "/new", "type": "evil; import os"}', "evil; import os"),
+    ('{"op": "subscribe", "topic": "/car/car_pose", "throttle_rate": -1}', "throttle_rate"),
+    ('{"op": "advertise_service", "service": "/x", "type": "std_srvs/Trigger"}', "op is"),
+]
+REFUSED_CALLS = [
+    ("/rosout/set_logger_level", {"logger": "rosout", "level": "debug"}),
+    ("/map_server/static_map", {}),
+    ("/car/car_sim/reset", {"x": 1}),
+    ("/rosapi/set_param", {"name": "/x", "value": "1"}),
+    ("/rosapi/delete_param", {"name": "/run_id"}),
+    ("/rosapi/topics", {"x": 1}),
+]
+
+
+def test_requests_that_are_refused(sim):
+    client, watcher = sim.client(), sim.client(web.POSE)
+    before = watcher.message(web.POSE)["pose"]
+    for text, part in BAD:
+        client.send_text(text)
+        error = client.error()
+        assert part in error and len(error) < 1000, (text[:100], error)
+    for service, args in REFUSED_CALLS:
+        result, values = client.call(service, **args)
+        assert result is False and isinstance(values, str) and values, service
+    assert client.call("/rosapi/topics")[0] is True, "the connection is as good as before"
+    stamps = watcher.stamps(2)
+    assert stamps[1] > stamps[0] and watcher.message(web.POSE)["pose"] == before
+    client.close()
+    watcher.close()
+
+
+def test_a_long_frame(sim):
+    client = sim.client(web.POSE)
+    client.message(web.POSE)
+    with contextlib.suppress(Exception):  # the connection may end while the frame is sent
+        client.send_text(" " * 2_000_000)
+    assert client.frame(lambda _: False, "the end of the connection") is None
+    sim.client().close()
+
+
+def test_too_many_frames(sim):
+    flood, other = sim.client(), sim.client()
+    frame = '{"op": "set_level"}'
+    for _ in range(2000):
+        flood.send_text(frame)
+    assert "more than 200 frames per second" in flood.error()
+    assert other.call("/rosapi/topics")[0] is True
+    flood.close()
+    other.close()
+
+
+def test_too_many_clients(sim):
+    clients = []
+    while web.fetch(sim.port, "/", headers=web.upgrade())[0] == 101:
+        clients.append(sim.client(web.POSE))
+        assert len(clients) <= 200, "no limit"
+    assert len(clients) >= 20
+    assert sim.get("/")[0] == 200, "the page has no limit"
+    for client in clients:
+        client.message(web.POSE)
+        client.close()
+    sim.client().close()
+
+
+def test_twenty_clients_of_which_some_do_not_read(sim):
+    silent = sim.client()
+    for _ in range(8):  # the map has some MB: more than what the connection takes
+        silent.subscribe("/map", id="a")
+        silent.send("unsubscribe", topic="/map", id="a")
+    silent.subscribe("/map")
+    silent.subscribe(web.POSE)
+    slow = sim.client(web.POSE, "/car/scan")
+    clients = [sim.client(web.POSE) for _ in range(18)]
+    found = [client.stamps(10) for client in clients]
+    for _ in range(30):
+        slow.message(web.POSE)
+        for client, stamps in zip(clients, found):
+            stamps += client.stamps(3)
+    sent = sorted({stamp for stamps in found for stamp in stamps})
+    for stamps in found:
+        first, last = (sent.index(stamp) for stamp in (stamps[0], stamps[-1]))
+        assert stamps == sent[first : last + 1], "a client that reads has lost poses"
+    (first,) = silent.stamps(1)
+    assert first > found[0][20], "the server keeps all poses for a client that does not read"
+    for client in (silent, slow, *clients):
+        client.close()
+
+
+def test_another_map(sim):
+    client = sim.client(web.STATE)
+    number = client.state(lambda state: state["map"], "a map")["map"]
+    with node("map_server.py", "_map_file:=rooms", **sim.environment):
+        client.state(lambda state: state["map"] > number, "another map")
+        client.subscribe("/map")
+        msg = client.message("/map", lambda msg: msg["info"]["width"] != CELLS, "of rooms")
+        values = json.loads(sim.get("/map.json")[2])
+        picture = Image.open(io.BytesIO(sim.get(f"/map.png?{values['number']}")[2]))
+    client.close()
+    info = msg["info"]
+    assert (values["width"], values["height"]) == (info["width"], info["height"]) == picture.size
+    assert values["origin"] == [-14.5, -10.5, 0.0] and values["resolution"] == 0.05
+    cells = np.array(msg["data"]).reshape(info["height"], info["width"])[::-1]
+    grey = np.select([cells == 100, cells == 0], [0, 254], 205)
+    assert np.array_equal(np.asarray(picture), grey) and len(np.unique(grey)) > 1
+
+
+def test_a_master_that_does_not_answer(sim):
+    client, watcher = sim.client(web.STATE), sim.client(web.POSE)
+    client.state(lambda state: not state["problem"], "without a problem")
+    os.kill(sim.master.pid, signal.SIGSTOP)
+    try:
+        client.subscribe("/tf")
+        state = client.state(lambda state: state["problem"], "with a problem")
+        assert "the ROS master does not answer" in state["problem"]
+        result, values = client.call("/rosapi/topics")
+        assert result is False and isinstance(values, str)
+        watcher.stamps(100)
+        assert sim.get("/plans")[0] == 200
+    finally:
+        os.kill(sim.master.pid, signal.SIGCONT)
+    client.state(lambda state: not state["problem"], "without a problem")
+    assert client.call("/rosapi/topics")[0] is True
+    client.close()
+    watcher.close()
+
+
+POSE = {"position": {"x": 1.0, "y": 2.0, "z": 0.0}, "orientation": {"z": 0.6, "w": 0.8}}
+SEEDS = [
+    {"op": "publish", "topic": "/initialpose", "msg": {"pose": {"pose": POSE}}},
+    {"op": "publish", "topic": "/clicked_point", "msg": {"point": {"x": 1.5, "y": -2.0, "z": 0}}},
+    {"op": "publish", "topic": TELEOP, "msg": {"drive": {"speed": 1.0, "steering_angle": 0.1}}},
+    {"op": "advertise", "id": "a", "topic": TELEOP, "type": "ackermann_msgs/AckermannDriveStamped"},
+    {"op": "subscribe", "id": 1, "topic": "/car/odom", "throttle_rate": 10, "queue_length": 1},
+    {"op": "subscribe", "topic": "/car/scan", "compression": "cbor-raw", "type": "*"},
+    {"op": "unsubscribe", "topic": "/car/scan"},
+    {"op": "call_service", "id": "b", "service": "/click_planner/undo", "args": {}},
+    {"op": "call_service", "service": "/rosapi/node_details", "args": {"node": "/car/car_sim"}},
+]
+ODD = [None, True, -1, 1e308, 10**400, "", "/", "\ud800", "x" * 5000, [], [[]], {}, {"a": {}}, [1.5]]
+FRAMES = int(os.environ.get("FUZZ_FRAMES", "2000"))
+"""scripts/fuzz_bridge sets another number."""
+
+BURST = 390
+"""Fewer frames than those that a client may send at once."""
+
+
+def with_odd_values(dice, value):
+    """Return a value of JSON with some parts replaced."""
+    if dice.random() < 0.15:
+        return dice.choice(ODD)
+    if isinstance(value, dict):
+        return {name: with_odd_values(dice, each) for name, each in value.items()}
+    return value
+
+
+def test_random_frames(sim):
+    """The server survives, and the car drives exactly. Valid frames among them move the car."""
+    (sim.folder / "short.txt").write_text("1, 2, 0.5\n1.0, 0.1, 0.5\n-0.5, 0.2, 0.3\n")
+    mutated = runpy.run_path(f"{CHECKOUT}/scripts/fuzz")["mutated"]
+    dice, texts = random.Random(1), [json.dumps(seed).encode() for seed in SEEDS]
+    pid = sim.pid("/web_view")
+    watcher = sim.client(web.POSE)
+    for begin in range(0, FRAMES, BURST):
+        client = sim.client()
+        for _ in range(begin, min(begin + BURST, FRAMES)):
+            if dice.random() < 0.5:
+                client.send_text(json.dumps(with_odd_values(dice, dice.choice(SEEDS))))
+            else:
+                client.send_text(mutated(dice, texts))
+        assert client.call("/rosapi/get_time")[0] is True, "the connection has survived"
+        client.close()
+        with socket.create_connection(("127.0.0.1", sim.port), PATIENCE) as garbage:
+            garbage.sendall(mutated(dice, [b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: 1\r\n\r\n"]))
+        pose = watcher.message(web.POSE)["pose"]
+        assert all(math.isfinite(value) for value in web.planar(pose)), pose
+    assert sim.pid("/web_view") == pid, "the server was restarted"
+    final = closed_form((1.0, 2.0, 0.5), [(1.0, 0.1, 0.5), (-0.5, 0.2, 0.3)])
+    assert sim.post("/drive", {"plan": "short"}) == (200, {})
+    watcher.message(web.POSE, lambda msg: web.is_near(web.planar(msg["pose"]), final), f"at {final}")
+    watcher.close()
