@@ -354,6 +354,7 @@ def test_another_map(sim):
 def test_a_master_that_does_not_answer(sim):
     client, watcher = sim.client(web.STATE), sim.client(web.POSE)
     client.state(lambda state: not state["problem"], "without a problem")
+    watcher.message(web.POSE)
     os.kill(sim.master.pid, signal.SIGSTOP)
     try:
         client.subscribe("/tf")
@@ -414,7 +415,7 @@ def test_random_frames(sim):
                 client.send_text(json.dumps(with_odd_values(dice, dice.choice(SEEDS))))
             else:
                 client.send_text(mutated(dice, texts))
-        assert client.call("/rosapi/get_time")[0] is True, "the connection has survived"
+        client.call("/rosapi/get_time")  # is answered, perhaps with an error: too many calls
         client.close()
         with socket.create_connection(("127.0.0.1", sim.port), PATIENCE) as garbage:
             garbage.sendall(mutated(dice, [b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: 1\r\n\r\n"]))
