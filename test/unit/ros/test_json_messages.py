@@ -1,0 +1,105 @@
+"""Check the conversion of messages to JSON and back."""
+
+import io
+import json
+import math
+
+import pytest
+import rospy
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from sensor_msgs.msg import CompressedImage, LaserScan
+
+from mushr_ros_intro.ros import json_messages
+from mushr_ros_intro.ros.conversions import MessageError
+
+NOW = {"secs": 7, "nsecs": 5}
+
+
+@pytest.fixture(autouse=True)
+def _time(monkeypatch):
+    monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(7, 5))
+
+
+def decoded(msg):
+    buffer = io.BytesIO()
+    msg.serialize(buffer)
+    return json.loads(json_messages.decoder(msg._type)(buffer.getvalue()))
+
+
+def encoded(values):
+    return json_messages.from_values(PoseWithCovarianceStamped, values)
+
+
+def test_a_message_and_back():
+    values = {
+        "header": {"seq": 3, "stamp": {"secs": 1, "nsecs": 2}, "frame_id": "map"},
+        "pose": {
+            "pose": {
+                "position": {"x": 1.5, "y": -2, "z": 0},
+                "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+            },
+            "covariance": [0.25] * 36,
+        },
+    }
+    answer = decoded(encoded(values))
+    stamp = answer["header"]["stamp"]
+    assert (stamp.pop("sec"), stamp.pop("nsec")) == (1, 2)
+    assert answer == values
+
+
+def test_values_that_json_does_not_have():
+    scan = decoded(LaserScan(ranges=[1.0, math.inf, -math.inf, math.nan], range_max=math.inf))
+    assert scan["ranges"] == [1.0, None, None, None]
+    assert scan["range_max"] is None
+    assert decoded(CompressedImage(data=b"\x00\xff"))["data"] == "AP8="
+
+
+@pytest.mark.parametrize(
+    ("header", "stamp"),
+    [
+        (None, NOW),
+        ({"frame_id": "map"}, NOW),
+        ({"stamp": {"sec": 1, "nanosec": 2}}, {"secs": 1, "nsecs": 2}),
+        ({"stamp": {"secs": 0, "nsecs": 0}}, {"secs": 0, "nsecs": 0}),
+    ],
+)
+def test_stamps(header, stamp):
+    got = encoded({"header": header} if header else {}).header.stamp
+    assert stamp == {"secs": got.secs, "nsecs": got.nsecs}
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"data": 1}, "No field name [data]"),
+        ({"header": 3}, "invalid msg_args type: 3"),
+        ({"header": {"seq": -1}}, "field header.seq must be unsigned integer type"),
+        ({"header": {"frame_id": 5}}, "field header.frame_id must be of type bytes or"),
+        ({"header": {"stamp": "now"}}, "No key named [now]"),
+        ({"header": {"stamp": {"secs": -5}}}, "<class 'struct.error'>: 'argument out of range'"),
+        ({"pose": {"covariance": [1]}}, "Field [pose.covariance] has incorrect number of"),
+        (
+            {"pose": {"pose": {"position": {"x": "1"}}}},
+            "field pose.pose.position.x must be float type",
+        ),
+        ({"pose": {"pose": {"position": {"x": None}}}}, "field pose.pose.position.x must be"),
+    ],
+)
+def test_wrong_messages(values, message):
+    with pytest.raises(MessageError) as caught:
+        encoded(values)
+    expected = f"not a geometry_msgs/PoseWithCovarianceStamped: {message}"
+    assert str(caught.value).startswith(expected)
+
+
+@pytest.mark.parametrize(
+    "name", ["nothing_msgs/Pose", "geometry_msgs/Nothing", "Pose", "", "a/b/c"]
+)
+def test_unknown_types(name):
+    with pytest.raises(MessageError, match="is not known; expected one like std_msgs/String"):
+        json_messages.message_class(name)
+
+
+def test_a_message_of_another_type():
+    with pytest.raises(MessageError, match="a message is not a geometry_msgs/PoseStamped"):
+        json_messages.decoder("geometry_msgs/PoseStamped")(b"\1\2")
