@@ -34,9 +34,6 @@ from mushr_ros_intro.ros.replay import ReplayError, replay
 PASSED, FAILED, USAGE, NOT_GRADED = range(4)
 """The exit status."""
 
-DATA = "data"
-"""The folder of the results in the output folder, for --merge."""
-
 
 def main() -> int:
     """Grade what the command line names; return the exit status."""
@@ -78,9 +75,9 @@ def open_output(folder: str) -> str:
     """
     os.makedirs(folder, 0o700, exist_ok=True)
     entries = set(os.listdir(folder))
-    if entries and not {DATA, "index.html"} <= entries:
+    if entries and not {result.FOLDER, "index.html"} <= entries:
         raise UserError(f"--out {folder}: expected a new or empty folder, or an earlier result")
-    shutil.rmtree(os.path.join(folder, DATA), ignore_errors=True)
+    shutil.rmtree(os.path.join(folder, result.FOLDER), ignore_errors=True)
     return os.path.realpath(folder)
 
 
@@ -136,7 +133,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
             results.append(each)
             print_line(each, points, len(results), len(chosen))
     print_progress("")
-    result.store(os.path.join(folder, DATA), results)
+    result.store(os.path.join(folder, result.FOLDER), results)
     if len(results) == 1:
         write_special(arguments, results[0], points, time.monotonic() - began)
     return finish(arguments.out, results, points, list(plans))
@@ -147,7 +144,7 @@ def merge(arguments: argparse.Namespace) -> int:
     results: List[Result] = []
     for folder in arguments.merge:
         try:
-            results += result.load(os.path.join(folder, DATA))
+            results += result.load(os.path.join(folder, result.FOLDER))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise UserError(f"{folder}: not the output of grade.py ({error})") from None
     if not results:
@@ -158,7 +155,7 @@ def merge(arguments: argparse.Namespace) -> int:
         raise UserError(f"several results for {', '.join(twice)}; expected one for each submission")
     plans = list(dict.fromkeys(plan.plan for each in results for plan in each.plans))
     points = read_points(arguments.points, plans)
-    result.store(os.path.join(open_output(arguments.out), DATA), results)
+    result.store(os.path.join(open_output(arguments.out), result.FOLDER), results)
     return finish(arguments.out, results, points, plans)
 
 

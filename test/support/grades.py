@@ -11,14 +11,17 @@ ANN = Student("Ann", "17", "ann@x.edu")
 def graded(plan="circle", failed=(), message="as expected", count=9, radius=2.0, offset=0.5):
     """Return a drive on a quarter of a circle; the predicted path is `offset` beside it."""
     angles = [math.pi / 2 * index / max(count - 1, 1) for index in range(count)]
-    driven = tuple((radius * math.cos(angle), radius * math.sin(angle)) for angle in angles)
+    driven = tuple(
+        (radius * math.cos(angle), radius * math.sin(angle), angle + math.pi / 2)
+        for angle in angles
+    )
     return PlanResult(
         plan,
         tuple(Check(name, name not in failed, f"{name}: {message}") for name in CHECK_NAMES),
         f"the verdict: {message}",
         tuple(float(index) for index in range(count)),
         driven,
-        tuple((x + offset, y) for x, y in driven),
+        tuple((x + offset, y, theta) for x, y, theta in driven),
     )
 
 

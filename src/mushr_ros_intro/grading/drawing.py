@@ -117,8 +117,8 @@ def _tracks(plan: PlanResult) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     rows = np.column_stack(
         [
             np.array(plan.times, float),
-            np.array(plan.driven, float).reshape(-1, 2),
-            np.array(plan.predicted, float).reshape(-1, 2),
+            np.array(plan.driven, float).reshape(-1, 3)[:, :2],
+            np.array(plan.predicted, float).reshape(-1, 3)[:, :2],
         ]
     )
     rows = rows[np.isfinite(rows).all(axis=1)]

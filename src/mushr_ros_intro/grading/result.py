@@ -8,6 +8,9 @@ import numpy as np
 
 from mushr_ros_intro.grading.judge import Check, Report
 
+FOLDER = "data"
+"""The folder of the results, in the output folder of grade.py."""
+
 MAX_POINTS = 500
 """A stored path has at most so many points."""
 
@@ -31,10 +34,10 @@ class PlanResult(NamedTuple):
     """The verdict as printed, in several lines; includes the last output of a failed node."""
     times: Tuple[float, ...]
     """Since the first command [s]; empty if there is no drive."""
-    driven: Tuple[Tuple[float, float], ...]
-    """The positions of the car at these times: x, y [m]."""
-    predicted: Tuple[Tuple[float, float], ...]
-    """The predicted positions at these times: x, y [m]."""
+    driven: Tuple[Tuple[float, float, float], ...]
+    """The poses of the car at these times: x, y, theta [m, m, rad]."""
+    predicted: Tuple[Tuple[float, float, float], ...]
+    """The predicted poses at these times: x, y, theta [m, m, rad]."""
 
     @property
     def passed(self) -> bool:
@@ -68,8 +71,7 @@ def plan_result(name: str, report: Report) -> PlanResult:
     drive = report.drive
     chosen = np.unique(np.linspace(0, len(drive.times) - 1, MAX_POINTS).astype(int))
     times, driven, predicted = (
-        np.round(each[chosen], 4).tolist()
-        for each in (drive.times, drive.driven[:, :2], drive.predicted[:, :2])
+        np.round(each[chosen], 4).tolist() for each in (drive.times, drive.driven, drive.predicted)
     )
     return PlanResult(
         name,

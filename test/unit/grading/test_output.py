@@ -28,7 +28,7 @@ FAULTY = submission(name="bob", students=(), fault="no file\nof this name")
 BROKEN = submission(name="eve", error="the simulator did not start")
 GOOD = submission(graded("circle"), graded("secret"))
 BAD = submission(graded("circle", ["path", "map"]), graded("secret", ["path"], "leaked"))
-LINE = tuple((0.0, float(y)) for y in range(9))
+LINE = tuple((0.0, float(y), 0.0) for y in range(9))
 TOLERANCE = 0.05  # of the coordinates in a drawing [px], which have 4 digits
 
 
@@ -88,7 +88,9 @@ def test_the_index(tmp_path):
 def test_a_page(tmp_path):
     circle, secret = BAD.plans
     apart = [0.0, 0.0, 0.0, 0.8, *4 * [0.0], 0.2]
-    circle = circle._replace(predicted=[(x + d, y) for (x, y), d in zip(circle.driven, apart)])
+    circle = circle._replace(
+        predicted=[(x + d, y, 0.0) for (x, y, _), d in zip(circle.driven, apart)]
+    )
     _, pages = written(tmp_path, submission(circle, secret), FAULTY, BROKEN)
     text = pages["ann.html"].text
     names = re.findall(r"^(\w+)\u2717 fail|^(\w+)\u2713 pass", text, re.MULTILINE)
@@ -127,7 +129,7 @@ def test_drawings_have_equal_scales(tmp_path):
         graded(count=1),
         graded(radius=1e6),
         graded(radius=1e-6, offset=0.0),
-        graded()._replace(driven=9 * ((math.nan, 0.0),)),
+        graded()._replace(driven=9 * ((math.nan, 0.0, 0.0),)),
         graded()._replace(driven=LINE, predicted=LINE),
         graded(count=0),
     ],

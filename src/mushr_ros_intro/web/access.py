@@ -1,0 +1,50 @@
+"""Decide which programs and pages may use the server.
+
+Any page that a browser shows can send requests to a server on the same machine. The browser adds
+the header Origin, which names the page's server. The header Host names the server that the page
+asked for: if a page's own host name is switched to this machine (DNS rebinding), it is that name.
+"""
+
+import hmac
+from typing import Collection, Optional
+from urllib.parse import urlsplit
+
+LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
+
+
+def refusal(
+    host: Optional[str],
+    origin: Optional[str],
+    token: Optional[str],
+    hosts: Collection[str],
+    origins: Collection[str],
+    secret: str,
+) -> str:
+    """Return why a request is refused; empty if it is allowed.
+
+    Args:
+        host: the header Host.
+        origin: the header Origin; programs that are not browsers send none.
+        token: the parameter token of the address.
+        hosts: other names of this server than those of the local machine.
+        origins: of other pages that may use the server, such as http://example.org.
+        secret: the token that any other page needs.
+    """
+    name = _host_name(host)
+    if name not in (*LOCAL_HOSTS, *hosts):
+        return f"the host {name!r} is not a name of this server; expected one of its ~hosts"
+    if origin is None or origin in (f"http://{host}", *origins):
+        return ""
+    if token is not None and hmac.compare_digest(token.encode(), secret.encode()):
+        return ""
+    return (
+        f"pages of {origin!r} may not use this server; expected its token, or one of its ~origins"
+    )
+
+
+def _host_name(host: Optional[str]) -> str:
+    """Return the name in a header Host, without the port."""
+    try:
+        return urlsplit(f"//{host or ''}").hostname or ""
+    except ValueError:
+        return ""

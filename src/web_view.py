@@ -1,0 +1,246 @@
+#!/usr/bin/python3
+"""Show the car in a browser, and connect clients that speak rosbridge's protocol."""
+
+import asyncio
+import json
+import logging
+import os
+import secrets
+from contextlib import suppress
+from typing import Any, Callable, Dict, List, Optional
+
+import numpy as np
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid
+
+from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.errors import CallError
+from mushr_ros_intro.ros import conversions, node, ros_time, rosapi
+from mushr_ros_intro.ros.bridge import Bridge
+from mushr_ros_intro.ros.plan_drive import DriveError, PlanDrive
+from mushr_ros_intro.web import plans
+from mushr_ros_intro.web.map_image import png
+from mushr_ros_intro.web.results import drives
+from mushr_ros_intro.web.server import Action, Clients, ConflictError, Rules, serve
+from mushr_ros_intro.world.grid import Grid
+
+STATE_TOPIC = "/web_view/state"
+"""What the page shows beside ROS's topics. Only clients of this node can subscribe to it."""
+
+STATE_PERIOD = 1.0
+"""Period at which the state is updated [s of wall-clock time]."""
+
+
+class WebView:
+    """The server as a node; see docs/web.md."""
+
+    def __init__(self) -> None:
+        parameters = node.parameters()
+        self._car_name = parameters.text("car_name", "car").strip("/")
+        self._init_pose_topic = parameters.text("init_pose_topic", "/initialpose")
+        self._address = parameters.text("address", "127.0.0.1")
+        self._port = parameters.integer("port", 9090, 1, 65535)
+        self._hosts = (parameters.optional_text("hosts") or "").split()
+        self._origins = (parameters.optional_text("origins") or "").split()
+        self._token = parameters.optional_text("token") or secrets.token_urlsafe()
+        self._folders = [node.package_folder("plans"), parameters.folder("folder", ".")]
+        self._results = parameters.optional_text("results") and parameters.folder("results", "")
+        self._prefix = rospy.get_namespace().rstrip("/")
+        self._grid: Optional[Grid] = None
+        self._map_number = 0
+        self._png = 0, b""
+        self._problem = ""
+        self._holds_clock = False
+        self._state = ""
+
+    def run(self) -> None:
+        """Serve until the node is shut down."""
+        for name in ("asyncio", "tornado"):  # otherwise only log files have their errors
+            logging.getLogger(name).addHandler(logging.StreamHandler())
+            logging.getLogger(name).setLevel(logging.ERROR)
+        asyncio.run(self._run())
+
+    async def _run(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        ended = asyncio.Event()
+        rospy.on_shutdown(lambda: self._loop.call_soon_threadsafe(ended.set))
+        car, planner = f"/{self._car_name}", f"{self._prefix}/click_planner"
+        self._bridge = Bridge(
+            {
+                self._init_pose_topic: PoseWithCovarianceStamped,
+                f"{self._prefix}/clicked_point": PointStamped,
+                f"{car}/mux/ackermann_cmd_mux/input/teleop": AckermannDriveStamped,
+            },
+            {
+                *(f"{car}/car_sim/{name}" for name in ("reset", "pause", "resume", "step")),
+                *(f"{planner}/{name}" for name in ("undo", "clear", "save")),
+            },
+        )
+        program = os.path.join(os.path.dirname(os.path.abspath(__file__)), "path_publisher.py")
+        self._drive = PlanDrive(program, self._prefix or "/", self._on_drive)
+        self._bridge.listen("/map", self._on_map)
+        server = serve(
+            node.package_folder("web"),
+            self._address,
+            self._port,
+            Rules(self._hosts, self._origins, self._token),
+            Clients(self._bridge.handle, self._bridge.disconnect),
+            self._actions(),
+        )
+        rospy.loginfo(
+            "open http://localhost:%d in a browser. Pages of other servers need the token %s",
+            self._port,
+            self._token,
+        )
+        while not ended.is_set():
+            await self._check_master()
+            self._offer_state()
+            with suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(ended.wait(), STATE_PERIOD)
+        server.stop()
+        await self._bridge.in_thread(self._drive.end)
+
+    def _actions(self) -> Dict[str, Dict[str, Action]]:
+        """Return what the server answers, by path and method."""
+        return {
+            r"/map\.json": {"GET": self._get_map},
+            r"/map\.png": {"GET": self._get_png},
+            r"/plans": {"GET": self._get_plans},
+            r"/plans/(.+)": {"GET": self._get_plan},
+            r"/drive": {"POST": self._start_drive, "DELETE": self._stop_drive},
+            r"/results": {"GET": self._get_results},
+            r"/results/(.+)": {"GET": self._get_result},
+        }
+
+    async def _check_master(self) -> None:
+        """Find out whether the master answers, and whether the car keeps the clock."""
+        service = f"/{self._car_name}/car_sim/pause"
+        try:
+            self._holds_clock = await self._bridge.in_thread(rosapi.has_service, service)
+            self._problem = ""
+        except CallError as error:
+            self._problem = f"the ROS master does not answer ({error}); restart the simulation"
+
+    def _offer_state(self) -> None:
+        """Send the state to the clients if it has changed."""
+        state = {
+            "car_name": self._car_name,
+            "prefix": self._prefix,
+            "initial_pose_topic": self._init_pose_topic,
+            "simulated_time": ros_time.is_simulated(),
+            "holds_clock": self._holds_clock,
+            "map": self._map_number or None,
+            "results": bool(self._results),
+            "drive": self._drive.state,
+            "problem": self._problem,
+        }
+        text = json.dumps({"data": json.dumps(state)})
+        if text != self._state:
+            self._state = text
+            self._bridge.offer(STATE_TOPIC, text)
+
+    def _on_drive(self) -> None:
+        self._loop.call_soon_threadsafe(self._offer_state)
+
+    def _on_map(self, raw: bytes) -> None:
+        asyncio.ensure_future(self._use_map(raw))
+
+    async def _use_map(self, raw: bytes) -> None:
+        """Read a map."""
+
+        def read() -> Grid:
+            return conversions.grid_from_msg(OccupancyGrid().deserialize_numpy(raw, np))
+
+        try:
+            self._grid = await self._bridge.in_thread(read)
+        except conversions.MessageError as error:
+            rospy.logwarn("ignored a message on /map: %s", error)
+            return
+        self._map_number += 1
+        self._offer_state()
+
+    async def _get_map(self) -> Dict[str, Any]:
+        grid = self._map()
+        return {
+            "number": self._map_number,
+            "resolution": grid.resolution,
+            "width": grid.width,
+            "height": grid.height,
+            "origin": grid.origin,
+        }
+
+    async def _get_png(self) -> bytes:
+        grid, number = self._map(), self._map_number
+        if self._png[0] != number:
+            self._png = number, await self._bridge.in_thread(png, grid)
+        return self._png[1]
+
+    def _map(self) -> Grid:
+        if self._grid is None:
+            raise LookupError("there is no map")
+        return self._grid
+
+    async def _get_plans(self) -> Dict[str, List[str]]:
+        return {"plans": [*await self._bridge.in_thread(plans.paths, self._folders)]}
+
+    async def _get_plan(self, name: str) -> Dict[str, Any]:
+        path = await self._path(name)
+        return await self._bridge.in_thread(self._check, name, path)
+
+    def _check(self, name: str, path: str) -> Dict[str, Any]:
+        car = car_from(node.simulated_car_parameters(self._car_name))
+        return plans.summary(name, path, "car", car, self._grid)
+
+    async def _path(self, name: Any) -> str:
+        """Return the path of a plan; raise a LookupError if there is none with this name."""
+        paths = await self._bridge.in_thread(plans.paths, self._folders)
+        if not isinstance(name, str) or name not in paths:
+            raise LookupError(f"there is no plan {name!r}; expected one of {', '.join(paths)}")
+        return paths[name]
+
+    async def _start_drive(self, body: Any) -> Dict[str, Any]:
+        options = body if isinstance(body, dict) else {}
+        path = await self._path(options.get("plan"))
+        parameters = {
+            "plan_file": path,
+            "car_name": self._car_name,
+            "init_pose_topic": self._init_pose_topic,
+            "spread": bool(options.get("spread")),
+            "loop": bool(options.get("loop")),
+        }
+        return await self._try(lambda: self._drive.start(options["plan"], **parameters))
+
+    async def _stop_drive(self) -> Dict[str, Any]:
+        return await self._try(self._drive.stop)
+
+    async def _try(self, action: Callable[[], None]) -> Dict[str, Any]:
+        """Start or stop a drive."""
+        try:
+            await self._bridge.in_thread(action)
+        except DriveError as error:
+            raise ConflictError(str(error)) from None
+        return {}
+
+    async def _get_results(self) -> Dict[str, Any]:
+        found = await self._drives()
+        return {"results": [{"name": name, "passed": found[name]["passed"]} for name in found]}
+
+    async def _get_result(self, name: str) -> Dict[str, Any]:
+        found = await self._drives()
+        if name not in found:
+            raise LookupError(f"there is no result {name!r}")
+        return {"name": name, **found[name]}
+
+    async def _drives(self) -> Dict[str, Dict[str, Any]]:
+        if not self._results:
+            return {}
+        try:
+            return await self._bridge.in_thread(drives, self._results)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ConflictError(f"{self._results} cannot be read: {error}") from None
+
+
+if __name__ == "__main__":
+    node.main("web_view", WebView)
