@@ -9,6 +9,7 @@ from typing import Any, Callable, Dict, Iterable, List, Tuple
 
 import genmsg.msgs
 import genpy
+import rosgraph
 import roslib.message
 import rospy
 
@@ -44,7 +45,7 @@ def call(service: str, args: Values) -> Values:
 
 def _master(method: str, *arguments: Any) -> Any:
     """Call a method of the master."""
-    return ask(rospy.get_master().getUri()[2], CALL_TIMEOUT, rospy.get_name(), method, *arguments)
+    return ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), method, *arguments)
 
 
 def topic_types() -> Dict[str, str]:
