@@ -235,6 +235,7 @@ class Bridge:
 
     def _call(self, service: str, args: Dict[str, Any]) -> Any:
         """Return the values of the answer of a service."""
+        service = f"/{service.lstrip('/')}"  # roslib 2 calls rosapi/topics
         if service.startswith(rosapi.PREFIX):
             return rosapi.call(service, args)
         if service not in self._services:
