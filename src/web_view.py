@@ -63,9 +63,7 @@ class WebView:
         asyncio.run(self._run())
 
     async def _run(self) -> None:
-        self._loop = asyncio.get_running_loop()
         ended = asyncio.Event()
-        rospy.on_shutdown(lambda: self._loop.call_soon_threadsafe(ended.set))
         car, planner = f"/{self._car_name}", f"{self._prefix}/click_planner"
         self._bridge = Bridge(
             {
@@ -78,6 +76,7 @@ class WebView:
                 *(f"{planner}/{name}" for name in ("undo", "clear", "save")),
             },
         )
+        rospy.on_shutdown(lambda: self._bridge.call_soon(ended.set))
         program = os.path.join(os.path.dirname(os.path.abspath(__file__)), "path_publisher.py")
         self._drive = PlanDrive(program, self._prefix or "/", self._on_drive)
         self._bridge.listen("/map", self._on_map)
@@ -142,7 +141,7 @@ class WebView:
             self._bridge.offer(STATE_TOPIC, text)
 
     def _on_drive(self) -> None:
-        self._loop.call_soon_threadsafe(self._offer_state)
+        self._bridge.call_soon(self._offer_state)
 
     def _on_map(self, raw: bytes) -> None:
         asyncio.ensure_future(self._use_map(raw))

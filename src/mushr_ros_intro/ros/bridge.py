@@ -7,6 +7,7 @@ threads.
 import asyncio
 import io
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Set, Union
 
 import rosgraph
@@ -114,6 +115,11 @@ class Bridge:
         """Return what a function returns that may take time."""
         return await self._loop.run_in_executor(self._pool, function, *arguments)
 
+    def call_soon(self, function: Callable[..., Any], *arguments: Any) -> None:
+        """Call a function in the event loop, from any thread; do nothing if the loop has ended."""
+        with suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(function, *arguments)
+
     async def _carry_out(self, outbox: Outbox, request: Request) -> None:
         """Carry out a request.
 
@@ -198,9 +204,7 @@ class Bridge:
             buffer = io.BytesIO()
             msg.serialize(buffer)
             raw = buffer.getvalue()
-        self._loop.call_soon_threadsafe(
-            self._deliver, topic, raw, msg._connection_header, ros_time.now()
-        )
+        self.call_soon(self._deliver, topic, raw, msg._connection_header, ros_time.now())
 
     def _deliver(self, topic: Topic, raw: bytes, header: Mapping[str, str], now: int) -> None:
         """Pass a message on to the clients and listeners."""
