@@ -156,7 +156,7 @@ class Bridge:
         if len(outbox.topics) >= MAX_TOPICS:
             raise ProtocolError(f"the client has {MAX_TOPICS} topics; expected at most so many")
         if not self._topics.get(name, Topic(name)).is_local:
-            if not name.isascii() or not rosgraph.names.is_legal_name(name):
+            if not name.isascii() or not rosgraph.names.is_legal_name(name) or name == "/":
                 raise ProtocolError(f"topic is {name!r}; expected a name such as /car/car_pose")
             known = (await self.in_thread(rosapi.topic_types)).get(name, "*")
             asked = request.type.replace("/msg/", "/") or known
