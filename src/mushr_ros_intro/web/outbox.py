@@ -107,6 +107,8 @@ class Outbox:
                 first.due = now + first.period
                 return first.messages.popleft().frame(first.compression)
             self._changed.clear()
-            with suppress(asyncio.TimeoutError):
-                timeout = first.due - now if first else None
-                await asyncio.wait_for(self._changed.wait(), timeout)
+            if first:
+                with suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(self._changed.wait(), first.due - now)
+            else:
+                await self._changed.wait()
