@@ -367,7 +367,22 @@ SEEDS = [
     {"op": "call_service", "id": "b", "service": "/click_planner/undo", "args": {}},
     {"op": "call_service", "service": "/rosapi/node_details", "args": {"node": "/car/car_sim"}},
 ]
-ODD = [None, True, -1, 1e308, 10**400, "", "/", "\ud800", "x" * 5000, [], [[]], {}, {"a": {}}, [1.5]]
+ODD = [
+    None,
+    True,
+    -1,
+    1e308,
+    10**400,
+    "",
+    "/",
+    "\ud800",
+    "x" * 5000,
+    [],
+    [[]],
+    {},
+    {"a": {}},
+    [1.5],
+]
 FRAMES = int(os.environ.get("FUZZ_FRAMES", "2000"))
 """scripts/fuzz_bridge sets another number."""
 
@@ -401,13 +416,17 @@ def test_random_frames(sim):
         client.call("/rosapi/get_time")  # is answered, perhaps with an error: too many calls
         client.close()
         with socket.create_connection(("127.0.0.1", sim.port), PATIENCE) as garbage:
-            garbage.sendall(mutated(dice, [b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: 1\r\n\r\n"]))
+            garbage.sendall(
+                mutated(dice, [b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: 1\r\n\r\n"])
+            )
         pose = watcher.message(web.POSE)["pose"]
         assert all(math.isfinite(value) for value in web.planar(pose)), pose
     assert sim.pid("/web_view") == pid, "the server was restarted"
     final = closed_form((1.0, 2.0, 0.5), [(1.0, 0.1, 0.5), (-0.5, 0.2, 0.3)])
     assert sim.post("/drive", {"plan": "short"}) == (200, {})
-    watcher.message(web.POSE, lambda msg: web.is_near(web.planar(msg["pose"]), final), f"at {final}")
+    watcher.message(
+        web.POSE, lambda msg: web.is_near(web.planar(msg["pose"]), final), f"at {final}"
+    )
     watcher.close()
 
 
