@@ -60,8 +60,10 @@ addEventListener("keyup", ({key}) =>
   [key.toLowerCase(), PAD_KEYS[key]].forEach((each) => keys.delete(each)));
 addEventListener("focusin", (event) => event.target.matches(TYPING) && stopHand());
 for (const each of ["blur", "pagehide", "visibilitychange"]) addEventListener(each, stopHand);
-pad.onpointerdown = ({pointerId}) => pad.setPointerCapture(pointerId);
-pad.ongotpointercapture = pull;
+pad.onpointerdown = (event) => {
+  pad.setPointerCapture(event.pointerId);
+  pull(event);
+};
 pad.onpointermove = (event) => stick && pull(event);
 pad.onlostpointercapture = () => pull(null);
 setInterval(step, PERIOD);
