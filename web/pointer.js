@@ -1,88 +1,66 @@
 // The pointer on the canvas (mouse, wheel, pen, touch), and the keys of the focused canvas.
 
+import {find, server} from "./page.js";
+import * as ros from "./ros.js";
+import {view} from "./view.js";
+
 const CLICK = 6; // a press that moves by fewer pixels is a click
 const KEYS = {ArrowLeft: [60, 0], ArrowRight: [-60, 0], ArrowUp: [0, 60], ArrowDown: [0, -60]};
+const ZOOM_KEYS = {"+": 1.4, "=": 1.4, "-": 1 / 1.4};
+const {canvas} = view;
+const held = new Map(); // pixels, by the number of the pointer
+let start = null; // of the only pointer
+let isDrag = false;
 
-export class Pointer {
-  /** `on` has the functions pan(), place(x, y, theta or null) and click(x, y). */
-  constructor(view, on) {
-    Object.assign(this, {view, on, mode: "pan", held: new Map(), start: null, isDrag: false});
-    const {canvas} = view;
-    canvas.addEventListener("pointerdown", (event) => this.down(event));
-    canvas.addEventListener("pointermove", (event) => this.drag(event));
-    canvas.addEventListener("pointerup", (event) => this.up(event));
-    canvas.addEventListener("pointercancel", (event) => this.release(event));
-    canvas.addEventListener("keydown", (event) => this.key(event));
-    canvas.addEventListener("wheel", (event) => {
-      event.preventDefault();
-      const pixels = event.deltaY * (event.deltaMode ? 30 : 1); // deltaMode 1 counts lines
-      view.zoom(Math.exp(-pixels / 400), event.offsetX, event.offsetY);
-    }, {passive: false});
-  }
-
-  down(event) {
-    if (event.button) return;
-    this.view.canvas.setPointerCapture(event.pointerId);
-    const at = [event.offsetX, event.offsetY];
-    this.held.set(event.pointerId, at);
-    this.start = this.held.size === 1 ? at : null; // a second finger: neither click nor place
-    this.isDrag = false;
-    this.view.set({arrow: null}, false);
-  }
-
-  drag(event) {
-    const last = this.held.get(event.pointerId);
-    if (!last) return;
-    const now = [event.offsetX, event.offsetY];
-    this.isDrag ||= this.start && Math.hypot(now[0] - this.start[0], now[1] - this.start[1]) > CLICK;
-    if (this.start && !this.isDrag) return;
-    this.held.set(event.pointerId, now);
-    if (this.start && this.mode === "place") {
-      this.view.set({arrow: this.aim(now)}, false);
-    } else {
-      const [id] = [...this.held.keys()].filter((each) => each !== event.pointerId);
-      if (id !== undefined) this.pinch(this.held.get(id), last, now);
-      else this.pan(now[0] - last[0], now[1] - last[1]);
-    }
-  }
-
-  pinch(other, last, now) {
-    const apart = ([x, y]) => Math.max(1, Math.hypot(x - other[0], y - other[1]));
-    this.view.zoom(apart(now) / apart(last), ...other);
-  }
-
-  pan(right, down) {
-    const {x, y, scale} = this.view;
-    this.on.pan();
-    this.view.move(x - right / scale, y + down / scale);
-  }
-
-  /** The pose at the start of the drag, with the heading towards a pixel. */
-  aim([px, py]) {
-    return [...this.view.toMap(...this.start), Math.atan2(this.start[1] - py, px - this.start[0])];
-  }
-
-  up(event) {
-    if (this.start && this.mode === "place") {
-      const [x, y, theta] = this.aim([event.offsetX, event.offsetY]);
-      this.on.place(x, y, this.isDrag ? theta : null);
-    } else if (this.start && this.mode === "clicks" && !this.isDrag) {
-      this.on.click(...this.view.toMap(...this.start));
-    }
-    this.release(event);
-  }
-
-  release(event) {
-    this.held.delete(event.pointerId);
-    this.start = null;
-    this.view.set({arrow: null}, false);
-  }
-
-  key(event) {
-    if (event.ctrlKey || event.altKey || event.metaKey) return;
-    if (KEYS[event.key]) this.pan(...KEYS[event.key]);
-    else if ("+=-".includes(event.key)) this.view.zoom(event.key === "-" ? 1 / 1.3 : 1.3);
-    else return;
-    event.preventDefault();
-  }
+function pan(right, down) {
+  find("follow").checked = false;
+  view.set({x: view.x - right / view.scale, y: view.y + down / view.scale});
 }
+const click = (x, y) => ros.publish(`${server.state?.prefix}/clicked_point`,
+  {header: {frame_id: "map"}, point: {x, y, z: 0}});
+/** Without a heading, the car keeps its own. */
+export function place(x, y, theta = view.pose?.[2] ?? 0) {
+  const orientation = {x: 0, y: 0, z: Math.sin(theta / 2), w: Math.cos(theta / 2)};
+  const pose = {pose: {position: {x, y, z: 0}, orientation}};
+  ros.publish(server.state?.initial_pose_topic, {header: {frame_id: "map"}, pose});
+  [x, y, theta].forEach((value, i) => (find("pose-form")[i].value = value.toFixed(3)));
+}
+/** The pose where the pointer was pressed, with the heading towards a pixel. */
+const aim = (x, y) => [...view.toMap(...start), Math.atan2(start[1] - y, x - start[0])];
+
+canvas.onpointerdown = ({button, pointerId, offsetX, offsetY}) => {
+  if (button) return;
+  canvas.setPointerCapture(pointerId);
+  held.set(pointerId, [offsetX, offsetY]);
+  start = held.size === 1 ? [offsetX, offsetY] : null; // two fingers only zoom
+  isDrag = false;
+};
+canvas.onpointermove = ({pointerId, offsetX: x, offsetY: y}) => {
+  const apart = (one, other) => Math.max(1, Math.hypot(one[0] - other[0], one[1] - other[1]));
+  const last = held.get(pointerId);
+  isDrag ||= !start || apart([x, y], start) > CLICK;
+  if (!last || !isDrag) return;
+  held.set(pointerId, [x, y]);
+  const [other] = [...held].filter(([id]) => id !== pointerId).map(([, at]) => at);
+  if (other) view.zoom(apart([x, y], other) / apart(last, other), ...other);
+  else if (start && find("place").checked) view.set({arrow: aim(x, y)}, false);
+  else pan(x - last[0], y - last[1]);
+};
+canvas.onpointerup = canvas.onpointercancel = ({type, pointerId, offsetX, offsetY}) => {
+  const isDone = start && type === "pointerup";
+  const [x, y, theta] = isDone ? aim(offsetX, offsetY) : [];
+  if (isDone && find("place").checked) place(x, y, isDrag ? theta : undefined);
+  if (isDone && find("clicks").checked && !isDrag) click(x, y);
+  held.delete(pointerId);
+  start = null;
+  view.set({arrow: null}, false);
+};
+canvas.onkeydown = ({key, ctrlKey}) => {
+  if (KEYS[key]) pan(...KEYS[key]);
+  if (ZOOM_KEYS[key] && !ctrlKey) view.zoom(ZOOM_KEYS[key]);
+  return !KEYS[key]; // false: the page does not scroll
+};
+canvas.onwheel = ({deltaY, deltaMode, offsetX, offsetY}) => {
+  view.zoom(Math.exp(-deltaY * (deltaMode ? 30 : 1) / 400), offsetX, offsetY); // 1: lines
+  return false;
+};
