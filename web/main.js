@@ -1,174 +1,144 @@
-// Connects the parts of the page with each other and with the topics.
+// Connects the parts of the page with the topics and services.
 
-import {Hand} from "./drive.js";
-import {element, find, listen, say} from "./page.js";
-import {Plans, poseText} from "./plan.js";
-import {Pointer} from "./pointer.js";
-import {Results} from "./results.js";
-import {flat, request, Ros, seconds} from "./ros.js";
-import {line, View} from "./view.js";
+import {stopHand} from "./drive.js";
+import {element, find, poseText, request, say, server} from "./page.js";
+import {addError, listPlans, onCommand, stopPlan, updateDrive} from "./plan.js";
+import {pointer} from "./pointer.js";
+import {listResults} from "./results.js";
+import {flat, ros, seconds} from "./ros.js";
+import {line, NOTHING, view} from "./view.js";
 
-const LAYERS = ["map", "grid", "driven", "predicted", "scan", "clicked", "spread"];
 const LOG_LINES = 300;
 const LATE = 1000; // a pose or an answer of the bridge is late after this time [ms]
-const LASER = 0.1227; // the laser is so far ahead of the rear axle [m]
-const HINTS = {
-  pan: "Drag to move the view. Zoom with the wheel or two fingers.",
-  place: "Press where the middle of the rear axle shall be, and drag to where the car shall head.",
-  clicks: "Set the start pose with Place car, then click the points to drive to.",
-};
-let state = null;
-let mux = "";
-let heard = 0; // when the last pose came [ms]
-let isHeld = false; // the clock, by this page
+const LASER = 0.1227; // from the rear axle ahead to the laser [m]
+const MODES = ["pan", "place", "clicks"];
 let mapProblem = "";
+let heard = 0; // when a pose came [ms]
+let isHeld = false; // the clock, by this page
 let poses = []; // the last ones: a scan is drawn from the pose of its stamp
 
-const view = new View(find("view"));
-const plans = new Plans((plan) => view.set({plan}));
-const results = new Results(view);
-const pointer = new Pointer(view, {pan: () => follow(false), place, click});
-const hand = new Hand(find("pad"), find("knob"), (speed, angle, device) => {
-  const header = {frame_id: `${state?.car_name}/base_footprint`};
-  ros.publish(`${mux}/input/teleop`, {header, drive: {speed, steering_angle: angle}});
-  const values = `${speed.toFixed(2)} m/s, ${angle.toFixed(2)} rad`;
-  say("hand-state", device && `driving by ${device}: ${values}`);
-});
-const ros = new Ros(onStatus);
-ros.onOpen = () => {
-  view.forget();
-  ros.subscribe("/web_view/state", (msg) => onState(JSON.parse(msg.data)));
-};
-ros.onError = (text) => log({level: 8, name: "/web_view", msg: text});
-window.mushr = {view, ros, pose: null, get frames() { return view.frames; }};
-
+/** Called twice a second: says what is wrong. */
 function onStatus(isConnected, delay) {
-  const text = isConnected ? "connected" : "not connected: trying again every second";
-  say("connection", text);
-  find("connection").className = isConnected ? "good" : "";
-  if (!isConnected) state = null;
-  if (!state || delay > LATE) hand.stop();
-  if (!state) plans.update(undefined);
+  if (!isConnected) server.state = null;
+  const {state} = server;
+  if (!state) updateDrive(undefined);
+  if (!state || delay > LATE) stopHand();
   const silence = performance.now() - heard;
-  const isLate = !isConnected || (silence > LATE && !isHeld);
-  find("readout").classList.toggle("stale", isLate);
-  if (isLate !== view.isStale) view.set({isStale: isLate}, false);
-  const count = Math.round(silence / 1000);
+  const isStale = !state || (silence > LATE && !isHeld);
   const cause = state?.simulated_time ? "is the clock held, or the car not running" : "is the car running";
-  say("problem", [
-    isConnected && delay > LATE && `the bridge has not answered for ${(delay / 1000).toFixed(1)} s`,
-    state?.problem, mapProblem,
-    state && isLate && (heard ? `no pose for ${count} s: ${cause}?` : `no pose yet: ${cause}?`),
-  ].filter(Boolean).join("; "));
+  const problems = [state?.problem, mapProblem,
+    delay > LATE && `the bridge has not answered for ${Math.round(delay / 1000)} s`,
+    state && isStale && `no pose for ${Math.round(silence / 1000)} s: ${cause}?`];
+  say("problem", problems.filter(Boolean).join("; "));
+  say("connection", isConnected ? "connected" : "not connected: trying again every second");
+  find("connection").className = isConnected ? "good" : "";
+  find("readout").className = isStale ? "stale" : "";
+  view.set({isStale}, false);
 }
 
-/** The server's state. The topics are subscribed to once for each connection. */
-function onState(next) {
-  const isFirst = !state;
-  const oldMap = view.map?.number;
-  state = next;
-  if (isFirst) subscribe(next);
-  if (isFirst) plans.list();
-  plans.update(next.drive);
-  find("time-section").hidden = !next.holds_clock;
-  find("result-section").hidden = !next.results;
-  if (isFirst && next.results) results.list();
-  if (isFirst || next.map !== oldMap) loadMap(next.map);
+function onState(state) {
+  const isFirst = !server.state;
+  server.state = state;
+  updateDrive(state.drive);
+  find("time-section").hidden = !state.holds_clock;
+  find("result-section").hidden = !state.results;
+  if (isFirst || state.map !== view.map?.number) loadMap(state.map);
+  if (!isFirst) return;
+  if (state.results) listResults();
+  listPlans();
+  [heard, isHeld] = [performance.now(), false];
+  view.set({...NOTHING, plan: view.plan, driven: new Map()});
+  subscribe(`/${state.car_name}`, `/${state.car_name}/mux/ackermann_cmd_mux`, state.prefix);
 }
 
-function subscribe({car_name: car, initial_pose_topic: topic}) {
-  mux = `/${car}/mux/ackermann_cmd_mux`;
-  heard = 0;
-  const advertised = {[topic]: "geometry_msgs/PoseWithCovarianceStamped",
-    "/clicked_point": "geometry_msgs/PointStamped",
+function subscribe(car, mux, prefix) {
+  const publishers = {[server.state.initial_pose_topic]: "geometry_msgs/PoseWithCovarianceStamped",
+    [`${prefix}/clicked_point`]: "geometry_msgs/PointStamped",
     [`${mux}/input/teleop`]: "ackermann_msgs/AckermannDriveStamped"};
-  Object.entries(advertised).forEach(([name, type]) =>
-    ros.send({op: "advertise", topic: name, type}));
+  Object.entries(publishers).forEach(([topic, type]) => ros.send({op: "advertise", topic, type}));
   const path = (msg) => msg.poses.map((each) => flat(each.pose));
-  ros.subscribe(`/${car}/car_pose`, onPose, 15);
-  ros.subscribe(`/${car}/joint_states`, onJoints, 50);
-  ros.subscribe(`/${car}/odom`, (msg) =>
-    say("speed", `${msg.twist.twist.linear.x.toFixed(2)} m/s`), 100);
-  ros.subscribe(`/${car}/scan`, onScan, 50);
-  ros.subscribe(`/${car}/driven_path`, onDriven);
-  ros.subscribe(`/${car}/predicted_path`, (msg) => view.set({predicted: path(msg)}));
-  ros.subscribe("/click_planner/path", (msg) => view.set({clicked: path(msg)}));
-  ros.subscribe("/path_publisher/spread_poses", (msg) => view.set({cloud: msg.poses.map(flat)}));
-  ros.subscribe("/path_publisher/spread_ellipses", ({markers}) =>
-    view.set({ellipses: markers.filter((each) => each.action === 0).map(
-      ({pose, scale}) => ({pose: flat(pose), size: scale}))}));
+  ros.subscribe(`${car}/car_pose`, onPose, 15);
+  ros.subscribe(`${car}/joint_states`, onJoints, 50);
+  ros.subscribe(`${car}/odom`, ({twist}) => say("speed", `${twist.twist.linear.x.toFixed(2)} m/s`), 100);
+  ros.subscribe(`${car}/scan`, onScan, 50);
+  ros.subscribe(`${car}/driven_path`, onDriven);
+  ros.subscribe(`${car}/predicted_path`, (msg) => view.set({predicted: path(msg)}));
+  ros.subscribe(`${car}/car_sim/collision`, (msg) => (view.touches = msg.poses.length > 0));
   ros.subscribe(`${mux}/active`, (msg) => say("owner", msg.data));
-  ros.subscribe(`${mux}/input/navigation`, (msg) => plans.command(msg));
-  ros.subscribe(`/${car}/car_sim/collision`, ({poses: all}) => view.set({touches: all.length > 0}));
-  ros.subscribe("/rosout_agg", log);
+  ros.subscribe(`${mux}/input/navigation`, onCommand);
+  ros.subscribe(`${prefix}/click_planner/path`, (msg) => view.set({clicked: path(msg)}));
+  ros.subscribe(`${prefix}/path_publisher/spread_poses`, (msg) => view.set({cloud: msg.poses.map(flat)}));
+  ros.subscribe(`${prefix}/path_publisher/spread_ellipses`, ({markers}) =>
+    view.set({ellipses: markers.filter((each) => each.action === 0).map(ellipse)}));
+  ros.subscribe("/rosout_agg", onLog);
+}
+
+function ellipse({pose, scale}) {
+  const path = new Path2D();
+  const [x, y, theta] = flat(pose);
+  path.ellipse(x, y, scale.x / 2, scale.y / 2, theta, 0, 2 * Math.PI);
+  return path;
 }
 
 function onPose(msg) {
-  const [stamp, now] = [seconds(msg.header.stamp), performance.now()];
+  const stamp = seconds(msg.header.stamp);
   const pose = flat(msg.pose);
-  const last = poses.at(-1);
-  // Another car: it has not told this page to remove the old lines.
-  if (last && (stamp < last.stamp || stamp > last.stamp + 2)) view.driven.clear();
+  const last = poses.at(-1)?.stamp ?? stamp;
+  if (stamp < last || stamp > last + 2) view.driven.clear(); // it is another car
   poses = [...poses.slice(-60), {stamp, pose}];
-  heard = now;
+  heard = performance.now();
   window.mushr.pose = {x: pose[0], y: pose[1], theta: pose[2], stamp};
   say("pose", poseText(pose) + (view.touches ? ", touches a wall" : ""));
-  view.set({pose, isStale: false}, false);
+  view.set({pose}, false);
   if (find("follow").ariaPressed === "true" && !view.replay) view.move(pose[0], pose[1]);
 }
 
 function onJoints({name, position}) {
   const wheels = ["left", "right"].map((side) => position[name.indexOf(`front_${side}_wheel_steer`)]);
   const [left, right] = wheels.map(Math.tan);
-  const angle = Math.atan((2 * left * right) / (left + right) || 0); // of a bicycle in the middle
+  const angle = Math.atan((2 * left * right) / (left + right) || 0); // of a wheel in the middle
   say("steering", `${angle.toFixed(3)} rad`);
   view.set({wheels}, false);
 }
 
 function onScan({header, ranges, angle_min: begin, angle_increment: step}) {
-  const stamp = seconds(header.stamp);
-  const {pose} = poses.findLast((each) => each.stamp <= stamp + 1e-6) ?? {};
+  const {pose} = poses.findLast((each) => each.stamp <= seconds(header.stamp) + 1e-6) ?? view;
   if (!pose) return;
   const [x, y, theta] = pose;
-  const [left, ahead] = [Math.sin(theta) * LASER, Math.cos(theta) * LASER];
-  const scan = [];
-  ranges.forEach((range, i) => {
-    const angle = theta + begin + i * step;
-    if (range !== null) scan.push([x + ahead + range * Math.cos(angle), y + left + range * Math.sin(angle)]);
-  });
-  view.set({scan}, false);
+  const [left, ahead] = [y + LASER * Math.sin(theta), x + LASER * Math.cos(theta)];
+  const at = (range, angle) => [ahead + range * Math.cos(angle), left + range * Math.sin(angle)];
+  const points = ranges.map((range, i) => range && at(range, theta + begin + i * step));
+  view.set({scan: points.filter(Boolean)}, false);
 }
 
 /** Each message replaces one line, or removes all of them. */
 function onDriven({action, id, points}) {
   if (action === 3) view.driven.clear();
   else view.driven.set(id, line(points.map(({x, y}) => [x, y])));
-  view.set({}, false);
 }
 
-function log({level, name, msg}) {
-  const isOfPlan = name === "/path_publisher";
-  if (name === "/click_planner") say("click-state", msg);
-  if (!isOfPlan && !name.startsWith(`/${state?.car_name}/`) && name !== "/web_view") return;
-  const [kind, word] = level >= 8 ? ["error", "error: "] : level === 4 ? ["warning", "warning: "] : [""];
+function onLog({level, name, msg}) {
+  const node = name.split("/").at(-1);
+  if (node === "click_planner") say("click-state", msg);
+  const isOfCar = name.startsWith(`/${server.state?.car_name}/`);
+  if (!isOfCar && !["path_publisher", "web_view"].includes(node)) return;
+  const kind = level >= 8 ? "error" : level >= 4 ? "warning" : "";
   const box = find("log");
   const isAtEnd = box.scrollTop + box.clientHeight > box.scrollHeight - 20;
-  box.append(element("div", `${name.slice(1)}: ${word ?? ""}${msg}`, kind));
+  box.append(element("div", [node, kind, msg].filter(Boolean).join(": "), kind));
   if (box.children.length > LOG_LINES) box.firstChild.remove();
   if (isAtEnd) box.scrollTop = box.scrollHeight;
-  if (isOfPlan) plans.log(level, msg);
+  if (node === "path_publisher" && kind === "error") addError(msg);
 }
 
 async function loadMap(number) {
+  const isFirst = !view.map;
+  mapProblem = "";
   try {
-    mapProblem = "";
-    if (number === null) return view.set({map: null});
-    const info = await request("map.json");
-    const answer = await fetch(`map.png?${info.number}`);
-    if (!answer.ok) throw new Error(`status ${answer.status}`);
-    const picture = await createImageBitmap(await answer.blob());
-    const isFirst = !view.map;
-    view.setMap(info, picture);
+    const info = number && await request("map.json");
+    const answer = number && await fetch(`map.png?${number}`);
+    const picture = number && await createImageBitmap(await answer.blob());
+    view.set({map: number && {...info, picture}});
     if (isFirst) fit();
   } catch (error) {
     mapProblem = `the map cannot be read: ${error.message}`;
@@ -176,8 +146,9 @@ async function loadMap(number) {
 }
 
 function fit() {
+  const all = [...view.plan, ...view.predicted, ...view.clicked, view.pose ?? []].filter((p) => p.length);
   follow(false);
-  view.fit([...view.plan, ...view.predicted, ...view.clicked, ...(view.pose ? [view.pose] : [])]);
+  view.fit(all.length ? all : [[-5, -5], [5, 5]]);
 }
 
 function follow(isOn) {
@@ -185,66 +156,64 @@ function follow(isOn) {
   if (isOn && view.pose) view.move(view.pose[0], view.pose[1]);
 }
 
-function place(x, y, theta) {
-  const heading = theta ?? view.pose?.[2] ?? 0;
-  const orientation = {x: 0, y: 0, z: Math.sin(heading / 2), w: Math.cos(heading / 2)};
-  const pose = {position: {x, y, z: 0}, orientation};
-  ros.publish(state?.initial_pose_topic, {header: {frame_id: "map"}, pose: {pose}});
-  [["x", x], ["y", y], ["theta", heading]].forEach(([name, value]) =>
-    (find(`place-${name}`).value = value.toFixed(3)));
+function place(x, y, theta = view.pose?.[2] ?? 0) {
+  const orientation = {x: 0, y: 0, z: Math.sin(theta / 2), w: Math.cos(theta / 2)};
+  const pose = {pose: {position: {x, y, z: 0}, orientation}};
+  ros.publish(server.state?.initial_pose_topic, {header: {frame_id: "map"}, pose});
+  [x, y, theta].forEach((value, i) => (find("pose-form")[i].value = value.toFixed(3)));
 }
 
-function click(x, y) {
-  ros.publish("/clicked_point", {header: {frame_id: "map"}, point: {x, y, z: 0}});
-}
-
-/** Call a service and show its answer. */
-async function trigger(service, place) {
+/** Call a service, show its answer, and return whether it has succeeded. */
+async function trigger(service, output) {
   const answer = await ros.call(service).catch((error) => ({success: false, message: error.message}));
-  say(place, answer.message || (answer.success ? "done" : "refused, without a reason"));
+  say(output, answer.message || (answer.success ? "done" : "refused"));
   return answer.success;
 }
 
-async function time(service) {
-  const isDone = await trigger(`/${state?.car_name}/car_sim/${service}`, "time-state");
+async function clock(service) {
+  const isDone = await trigger(`/${server.state?.car_name}/car_sim/${service}`, "time-state");
   if (isDone) isHeld = service !== "resume";
 }
 
-async function save() {
-  const isDone = await trigger("/click_planner/save", "click-state");
-  const [, name] = find("click-state").textContent.match(/([^/]+)\.txt;/) ?? [];
-  if (isDone) plans.list(name);
+async function clicks(service) {
+  const isDone = await trigger(`${server.state?.prefix}/click_planner/${service}`, "click-state");
+  const [, name] = find("click-state").textContent.match(/^saved .*?([^/]+)\.txt;/) ?? [];
+  if (isDone && name) listPlans(name);
 }
 
 function choose(mode) {
   pointer.mode = mode;
-  Object.keys(HINTS).forEach((each) => (find(each).ariaPressed = String(each === mode)));
-  say("hint", HINTS[mode]);
+  MODES.forEach((each) => (find(each).ariaPressed = String(each === mode)));
+  say("hint", find(mode).title);
   find("view").className = mode === "pan" ? "" : "aim";
 }
 
 function onKey(event) {
-  const isFree = !event.target.closest("button, input, select, [tabindex='0'].scroll");
-  if (event.key !== "Escape" && !(event.key === " " && isFree)) return;
+  const isSpace = event.key === " " && !event.target.closest("button, input, select");
+  if (event.key !== "Escape" && !isSpace) return;
   event.preventDefault();
-  hand.stop();
-  if (state?.drive?.running) plans.stop();
+  stopHand();
+  stopPlan();
 }
 
-listen(window, "keydown", onKey);
-Object.keys(HINTS).forEach((mode) => listen(find(mode), "click", () => choose(mode)));
+Object.assign(pointer, {onPan: () => follow(false), onPlace: place, onClick: (x, y) => ros.publish(
+  `${server.state?.prefix}/clicked_point`, {header: {frame_id: "map"}, point: {x, y, z: 0}})});
+addEventListener("keydown", onKey);
+MODES.forEach((mode) => (find(mode).onclick = () => choose(mode)));
 choose("pan");
-listen(find("zoom-in"), "click", () => view.zoom(1.4));
-listen(find("zoom-out"), "click", () => view.zoom(1 / 1.4));
-listen(find("fit"), "click", fit);
-listen(find("follow"), "click", () => follow(find("follow").ariaPressed !== "true"));
-["pause", "resume", "step"].forEach((each) => listen(find(each), "click", () => time(each)));
-["undo", "clear"].forEach((each) =>
-  listen(find(each), "click", () => trigger(`/click_planner/${each}`, "click-state")));
-listen(find("save"), "click", save);
-listen(find("pose-form"), "submit", (event) => {
+find("zoom-in").onclick = () => view.zoom(1.4);
+find("zoom-out").onclick = () => view.zoom(1 / 1.4);
+find("fit").onclick = fit;
+find("follow").onclick = () => follow(find("follow").ariaPressed !== "true");
+["pause", "resume", "step"].forEach((each) => (find(each).onclick = () => clock(each)));
+["undo", "clear", "save"].forEach((each) => (find(each).onclick = () => clicks(each)));
+find("pose-form").onsubmit = (event) => {
   event.preventDefault();
-  place(...["x", "y", "theta"].map((name) => Number(find(`place-${name}`).value)));
+  place(...[0, 1, 2].map((i) => find("pose-form")[i].valueAsNumber));
+};
+document.querySelectorAll("[id^=show-]").forEach((box) => {
+  box.onchange = () => view.set({hidden: {...view.hidden, [box.id.slice(5)]: !box.checked}});
 });
-LAYERS.forEach((name) => listen(find(`show-${name}`), "change", () =>
-  view.set({hidden: {...view.hidden, [name]: !find(`show-${name}`).checked}})));
+window.mushr = {view, ros, pose: null, get frames() { return view.frames; }};
+ros.start({onStatus, onError: (text) => onLog({level: 8, name: "/web_view", msg: text}), onOpen: () =>
+  ros.subscribe("/web_view/state", (msg) => onState(JSON.parse(msg.data)))});

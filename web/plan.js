@@ -1,127 +1,102 @@
 // The plans: their names, the check and the rows of one, and its drive by path_publisher.
 
-import {element, find, listen, say} from "./page.js";
-import {request, seconds} from "./ros.js";
+import {element, find, poseText, request, say} from "./page.js";
+import {seconds} from "./ros.js";
+import {view} from "./view.js";
 
 const TOLERANCE = 1e-4; // of the stamps [s]
+let plan = null;
+let drive; // that of the server's state; undefined if it is not known
+let begin = null; // of the first row [s]; NaN if it is not known
+let isStopped = false; // by this page
+let errors = []; // of path_publisher
 
-export const poseText = ([x, y, theta]) =>
-  `${x.toFixed(3)} m, ${y.toFixed(3)} m, ${theta.toFixed(3)} rad`;
-
-export class Plans {
-  /** onShow(path): another plan is shown. */
-  constructor(onShow) {
-    Object.assign(this, {onShow, plan: null, drive: null, errors: [], begin: null, ends: []});
-    listen(find("plan"), "change", () => this.show());
-    listen(find("plan"), "focus", () => this.list());
-    listen(find("drive"), "click", () => this.start());
-    listen(find("stop"), "click", () => this.stop());
-  }
-
-  /** Read the names, and select one. */
-  async list(name = find("plan").value || "figure_8") {
-    try {
-      const {plans} = await request("plans");
-      const old = [...find("plan").options].map((each) => each.value);
-      const options = plans.map((each) => new Option(each));
-      if (String(old) !== String(plans)) find("plan").replaceChildren(...options);
-      if (plans.includes(name)) find("plan").value = name;
-      if (find("plan").value !== this.plan?.name) await this.show();
-    } catch (error) {
-      this.report([["error", `The plans cannot be read: ${error.message}`]]);
-    }
-  }
-
-  async show() {
-    const name = find("plan").value;
-    const plan = await request(`plans/${encodeURIComponent(name)}`);
-    if (name !== find("plan").value) return; // another one was selected in the meantime
-    this.plan = plan;
-    let end = 0;
-    this.ends = plan.rows.map((row) => (end += row.duration));
-    find("rows").replaceChildren(...plan.rows.map((row) => {
-      const tr = element("tr", "");
-      const cells = [row.line, row.speed, row.steering_angle, row.duration];
-      tr.append(...cells.map((each) => element("td", Number(each.toFixed(4)))));
-      return tr;
-    }));
-    const size = plan.rows.length && `${plan.rows.length} rows, ${plan.length.toFixed(2)} m, ` +
-      `${plan.duration.toFixed(2)} s; ends at ${poseText(plan.final_pose)}`;
-    const faults = plan.faults.map(({line, column, text}) => ["warning",
-      [line && `line ${line}`, column && `column ${column}`].filter(Boolean).join(", ") + `: ${text}`]);
-    this.report([["", size || "This plan cannot be driven."], ...faults,
-      ...(faults.length ? [] : [["good", "No faults."]])]);
-    this.onShow(plan.path);
-    this.update(this.drive);
-  }
-
-  report(lines) {
-    find("check").replaceChildren(...lines.map(([name, text]) => element("p", text, name)));
-  }
-
-  async start() {
-    const options = {spread: find("spread").checked, loop: find("loop").checked};
-    await this.ask("POST", {plan: find("plan").value, ...options});
-  }
-
-  async stop() {
-    this.isStopped = true;
-    await this.ask("DELETE");
-  }
-
-  async ask(method, body) {
-    await request("drive", method, body).catch((error) => say("drive-state", error.message));
-  }
-
-  /** `drive` is that of the server's state; undefined if it is unknown. */
-  update(drive) {
-    const isNew = drive?.running && !(this.drive?.running && this.drive.plan === drive.plan);
-    if (isNew) {
-      // Of a drive that was running before this page, the first command is not known.
-      Object.assign(this, {errors: [], isStopped: false, isWhole: this.drive !== undefined});
-      Object.assign(this, {begin: null});
-      this.list(drive.plan);
-    }
-    this.drive = drive;
-    find("stop").disabled = !drive?.running;
-    find("drive").disabled = drive === undefined || drive?.running || !this.plan?.rows.length;
-    if (!drive?.running) this.mark(-1);
-    say("drive-state", [this.result(), ...this.errors].join("\n"));
-  }
-
-  result() {
-    if (!this.drive) return this.drive === null ? "" : "not connected: the drive is unknown";
-    const {plan, running, exit_status: status} = this.drive;
-    if (running) return `driving ${plan}`;
-    if (status === 0) return `${plan} ended successfully`;
-    return `${plan} ${this.isStopped ? "was stopped" : "ended with an error"} (exit status ${status})`;
-  }
-
-  /** A message of path_publisher's log. */
-  log(level, text) {
-    if (level < 8 || !this.drive) return;
-    this.errors.push(text);
-    this.update(this.drive);
-  }
-
-  /** A command of the plan: its stamp shows which row is driven. */
-  command(msg) {
-    const {drive, plan, ends} = this;
-    if (!drive?.running || !this.isWhole || plan?.name !== drive.plan) return;
-    const stamp = seconds(msg.header.stamp);
-    this.begin ??= stamp;
-    if (stamp - this.begin > plan.duration + TOLERANCE) this.begin = stamp; // the next lap
-    this.mark(ends.findIndex((end) => stamp - this.begin < end - TOLERANCE));
-  }
-
-  mark(number) {
-    const rows = find("rows");
-    const old = rows.querySelector("[aria-current]");
-    const row = rows.rows[number];
-    if (old === row) return;
-    old?.removeAttribute("aria-current");
-    row?.setAttribute("aria-current", "true");
-    const box = rows.closest(".scroll"); // not scrollIntoView, which also scrolls the page
-    if (row) box.scrollTop = row.offsetTop - box.clientHeight / 2;
+/** Read the names, and show the plan with this name. */
+export async function listPlans(name = find("plan").value || "figure_8") {
+  try {
+    const {plans} = await request("plans");
+    const old = [...find("plan").options].map((each) => each.value);
+    if (`${old}` !== `${plans}`) find("plan").replaceChildren(...plans.map((each) => new Option(each)));
+    if (plans.includes(name)) find("plan").value = name;
+    plan = await request(`plans/${encodeURIComponent(find("plan").value)}`);
+    showPlan();
+  } catch (error) {
+    find("check").replaceChildren(element("p", `no plan: ${error.message}`, "error"));
   }
 }
+
+function showPlan() {
+  find("rows").replaceChildren(...plan.rows.map((row) => {
+    const tr = element("tr", "");
+    const cells = [row.line, row.speed, row.steering_angle, row.duration];
+    tr.append(...cells.map((each) => element("td", Number(each.toFixed(4)))));
+    return tr;
+  }));
+  const size = plan.rows.length ? `${plan.rows.length} rows, ${plan.length.toFixed(2)} m, ` +
+    `${plan.duration.toFixed(2)} s; ends at ${poseText(plan.final_pose)}` : "cannot be driven";
+  const faults = plan.faults.map(({line, column, text}) => element("p",
+    [line && `line ${line}`, column && `column ${column}`, text].filter(Boolean).join(": "), "warning"));
+  const verdict = faults.length ? faults : [element("p", "no faults", "good")];
+  find("check").replaceChildren(element("p", size), ...verdict);
+  view.set({plan: plan.path});
+  updateDrive(drive);
+}
+
+export function updateDrive(next) {
+  if (next?.running && !drive?.running) {
+    // The stamp of the first command is not known of a drive that began before this page.
+    [begin, errors, isStopped] = [drive === undefined ? NaN : null, [], false];
+    if (plan?.name !== next.plan) listPlans(next.plan);
+  }
+  drive = next;
+  find("stop").disabled = !drive?.running;
+  find("drive").disabled = drive === undefined || drive?.running || !plan?.rows.length;
+  if (!drive?.running) mark(-1);
+  say("drive-state", [result(), ...errors].join("\n"));
+}
+
+function result() {
+  if (!drive) return drive === null ? "" : "not connected: the drive is not known";
+  if (drive.running) return `driving ${drive.plan}`;
+  if (drive.exit_status === 0) return `${drive.plan} ended successfully`;
+  const status = `(exit status ${drive.exit_status})`;
+  return `${drive.plan} ${isStopped ? "was stopped" : "ended: error"} ${status}`;
+}
+
+export function addError(text) {
+  errors.push(text);
+  if (drive) updateDrive(drive);
+}
+
+/** A command of the plan: its stamp shows which row is driven. */
+export function onCommand({header}) {
+  if (!drive?.running || plan?.name !== drive.plan) return;
+  const stamp = seconds(header.stamp);
+  begin ??= stamp;
+  if (stamp - begin > plan.duration + TOLERANCE) begin = stamp; // the next lap
+  let end = begin - TOLERANCE;
+  mark(plan.rows.findIndex((row) => stamp < (end += row.duration)));
+}
+
+function mark(number) {
+  const row = find("rows").rows[number];
+  const old = find("rows").querySelector("[aria-current]");
+  if (old === (row ?? null)) return;
+  old?.removeAttribute("aria-current");
+  row?.setAttribute("aria-current", "true");
+  const box = find("rows").closest(".scroll"); // scrollIntoView would also scroll the page
+  if (row) box.scrollTop = row.offsetTop - box.clientHeight / 2;
+}
+
+const ask = (method, data) =>
+  request("drive", method, data).catch((error) => say("drive-state", error.message));
+
+export function stopPlan() {
+  isStopped = true;
+  if (drive?.running) ask("DELETE");
+}
+
+find("plan").onchange = find("plan").onfocus = () => listPlans();
+find("stop").onclick = stopPlan;
+find("drive").onclick = () => ask("POST", {plan: find("plan").value,
+  spread: find("spread").checked, loop: find("loop").checked});
