@@ -11,12 +11,11 @@ const DEAD_ZONE = 0.1; // of a gamepad's stick
 const KEYS = {w: [1, 0], s: [-1, 0], a: [0, 1], d: [0, -1]}; // forward, left
 const PAD_KEYS = {ArrowUp: "w", ArrowDown: "s", ArrowLeft: "a", ArrowRight: "d"};
 const TYPING = "input:not([type=checkbox]), select";
-
 const pad = find("pad");
 const keys = new Set();
-let stick = null; // of the touch pad: ahead, left
-let isArmed = true; // after a stop, the gamepad's button has to be pressed again
+let stick = null; // of the touch pad: forward, left
 let isDriving = false;
+let isArmed = true; // after a stop, the gamepad's button has to be pressed again
 
 /** MuSHR's mapping: LB is the deadman button. The axes point down and to the right. */
 function gamepad() {
@@ -28,18 +27,14 @@ function gamepad() {
 }
 
 function step() {
-  const sum = [...keys].map((key) => KEYS[key]).reduce((a, b) => [a[0] + b[0], a[1] + b[1]], [0, 0]);
-  const held = {keys: keys.size && sum, "touch pad": stick, gamepad: gamepad()};
+  const sum = (axis) => [...keys].reduce((total, key) => total + KEYS[key][axis], 0);
+  const held = {keys: keys.size && [sum(0), sum(1)], "touch pad": stick, gamepad: gamepad()};
   const [device, [ahead, left]] = Object.entries(held).find(([, each]) => each) ?? ["", [0, 0]];
-  const drive = {speed: ahead * SPEED, steering_angle: left * ANGLE};
-  const car = server.state?.car_name;
-  if (device || isDriving) {
-    const msg = {header: {frame_id: `${car}/base_footprint`}, drive};
-    ros.publish(`/${car}/mux/ackermann_cmd_mux/input/teleop`, msg);
-  }
+  const [speed, angle, car] = [ahead * SPEED, left * ANGLE, server.state?.car_name];
+  if (device || isDriving) ros.publish(`/${car}/mux/ackermann_cmd_mux/input/teleop`,
+    {header: {frame_id: `${car}/base_footprint`}, drive: {speed, steering_angle: angle}});
   isDriving = device !== "";
-  const values = `${drive.speed.toFixed(2)} m/s, ${drive.steering_angle.toFixed(2)} rad`;
-  say("hand-state", device && `driving by ${device}: ${values}`);
+  say("hand-state", device && `${device}: ${speed.toFixed(2)} m/s, ${angle.toFixed(2)} rad`);
 }
 
 /** Follow the pointer on the pad; null if it is released. */
@@ -52,23 +47,20 @@ function pull(event) {
   if (event?.type !== "pointermove") step();
 }
 
-function press(event) {
-  const isPad = document.activeElement === pad;
-  const key = (isPad && PAD_KEYS[event.key]) || event.key.toLowerCase();
-  const isOther = event.ctrlKey || event.altKey || event.metaKey || event.target.matches(TYPING);
-  if (!KEYS[key] || isOther) return;
-  event.preventDefault();
-  if (!event.repeat) keys.add(key); // after a stop, a key has to be pressed again
-  step();
-}
-
 export function stopHand() {
   keys.clear();
   isArmed = false;
   pull(null);
 }
 
-addEventListener("keydown", press);
+addEventListener("keydown", (event) => {
+  const key = (event.target === pad && PAD_KEYS[event.key]) || event.key.toLowerCase();
+  if (event.ctrlKey || event.altKey || event.metaKey || !KEYS[key]) return;
+  if (event.target.matches(TYPING)) return;
+  event.preventDefault();
+  if (!event.repeat) keys.add(key); // after a stop, a key has to be pressed again
+  if (!event.repeat) step();
+});
 addEventListener("keyup", (event) => {
   for (const key of [event.key.toLowerCase(), PAD_KEYS[event.key]]) keys.delete(key);
   if (isDriving) step();

@@ -1,11 +1,11 @@
 // Connects the parts of the page with the topics and services.
 
 import {stopHand} from "./drive.js";
-import {element, find, poseText, request, say, server} from "./page.js";
+import {element, find, flat, poseText, request, say, seconds, server} from "./page.js";
 import {addError, listPlans, onCommand, stopPlan, updateDrive} from "./plan.js";
 import {pointer} from "./pointer.js";
 import {listResults} from "./results.js";
-import {flat, ros, seconds} from "./ros.js";
+import {ros} from "./ros.js";
 import {line, NOTHING, view} from "./view.js";
 
 const LOG_LINES = 300;
@@ -25,10 +25,10 @@ function onStatus(isConnected, delay) {
   if (!state || delay > LATE) stopHand();
   const silence = performance.now() - heard;
   const isStale = !state || (silence > LATE && !isHeld);
-  const cause = state?.simulated_time ? "is the clock held, or the car not running" : "is the car running";
+  const cause = `is ${state?.simulated_time ? "the clock held, or " : ""}the car not running?`;
   const problems = [state?.problem, mapProblem,
     delay > LATE && `the bridge has not answered for ${Math.round(delay / 1000)} s`,
-    state && isStale && `no pose for ${Math.round(silence / 1000)} s: ${cause}?`];
+    state && isStale && `no pose for ${Math.round(silence / 1000)} s: ${cause}`];
   say("problem", problems.filter(Boolean).join("; "));
   say("connection", isConnected ? "connected" : "not connected: trying again every second");
   find("connection").className = isConnected ? "good" : "";
@@ -67,22 +67,21 @@ function subscribe(car, mux, prefix) {
   ros.subscribe(`${mux}/active`, (msg) => say("owner", msg.data));
   ros.subscribe(`${mux}/input/navigation`, onCommand);
   ros.subscribe(`${prefix}/click_planner/path`, (msg) => view.set({clicked: path(msg)}));
-  ros.subscribe(`${prefix}/path_publisher/spread_poses`, (msg) => view.set({cloud: msg.poses.map(flat)}));
-  ros.subscribe(`${prefix}/path_publisher/spread_ellipses`, ({markers}) =>
+  const spread = `${prefix}/path_publisher/spread`;
+  ros.subscribe(`${spread}_poses`, (msg) => view.set({cloud: msg.poses.map(flat)}));
+  ros.subscribe(`${spread}_ellipses`, ({markers}) =>
     view.set({ellipses: markers.filter((each) => each.action === 0).map(ellipse)}));
   ros.subscribe("/rosout_agg", onLog);
 }
 
 function ellipse({pose, scale}) {
-  const path = new Path2D();
-  const [x, y, theta] = flat(pose);
+  const [path, [x, y, theta]] = [new Path2D(), flat(pose)];
   path.ellipse(x, y, scale.x / 2, scale.y / 2, theta, 0, 2 * Math.PI);
   return path;
 }
 
 function onPose(msg) {
-  const stamp = seconds(msg.header.stamp);
-  const pose = flat(msg.pose);
+  const [stamp, pose] = [seconds(msg.header.stamp), flat(msg.pose)];
   const last = poses.at(-1)?.stamp ?? stamp;
   if (stamp < last || stamp > last + 2) view.driven.clear(); // it is another car
   poses = [...poses.slice(-60), {stamp, pose}];
@@ -102,12 +101,10 @@ function onJoints({name, position}) {
 }
 
 function onScan({header, ranges, angle_min: begin, angle_increment: step}) {
-  const {pose} = poses.findLast((each) => each.stamp <= seconds(header.stamp) + 1e-6) ?? view;
-  if (!pose) return;
-  const [x, y, theta] = pose;
-  const [left, ahead] = [y + LASER * Math.sin(theta), x + LASER * Math.cos(theta)];
-  const at = (range, angle) => [ahead + range * Math.cos(angle), left + range * Math.sin(angle)];
-  const points = ranges.map((range, i) => range && at(range, theta + begin + i * step));
+  const {pose} = poses.findLast((each) => each.stamp <= seconds(header.stamp) + 1e-6) ?? {};
+  const at = ([x, y, theta], range, angle) => [x + LASER * Math.cos(theta) + range * Math.cos(angle),
+    y + LASER * Math.sin(theta) + range * Math.sin(angle)];
+  const points = ranges.map((range, i) => pose && range && at(pose, range, pose[2] + begin + i * step));
   view.set({scan: points.filter(Boolean)}, false);
 }
 
@@ -123,11 +120,11 @@ function onLog({level, name, msg}) {
   const isOfCar = name.startsWith(`/${server.state?.car_name}/`);
   if (!isOfCar && !["path_publisher", "web_view"].includes(node)) return;
   const kind = level >= 8 ? "error" : level >= 4 ? "warning" : "";
-  const box = find("log");
-  const isAtEnd = box.scrollTop + box.clientHeight > box.scrollHeight - 20;
-  box.append(element("div", [node, kind, msg].filter(Boolean).join(": "), kind));
-  if (box.children.length > LOG_LINES) box.firstChild.remove();
-  if (isAtEnd) box.scrollTop = box.scrollHeight;
+  const log = find("log");
+  const isAtEnd = log.scrollTop + log.clientHeight > log.scrollHeight - 20;
+  log.append(element("div", [node, kind, msg].filter(Boolean).join(": "), kind));
+  if (log.children.length > LOG_LINES) log.firstChild.remove();
+  if (isAtEnd) log.scrollTop = log.scrollHeight;
   if (node === "path_publisher" && kind === "error") addError(msg);
 }
 
@@ -137,8 +134,7 @@ async function loadMap(number) {
   try {
     const info = number && await request("map.json");
     const answer = number && await fetch(`map.png?${number}`);
-    const picture = number && await createImageBitmap(await answer.blob());
-    view.set({map: number && {...info, picture}});
+    view.set({map: number && {...info, picture: await createImageBitmap(await answer.blob())}});
     if (isFirst) fit();
   } catch (error) {
     mapProblem = `the map cannot be read: ${error.message}`;
@@ -146,7 +142,7 @@ async function loadMap(number) {
 }
 
 function fit() {
-  const all = [...view.plan, ...view.predicted, ...view.clicked, view.pose ?? []].filter((p) => p.length);
+  const all = [...view.plan, ...view.predicted, ...view.clicked, ...(view.pose ? [view.pose] : [])];
   follow(false);
   view.fit(all.length ? all : [[-5, -5], [5, 5]]);
 }
@@ -163,22 +159,13 @@ function place(x, y, theta = view.pose?.[2] ?? 0) {
   [x, y, theta].forEach((value, i) => (find("pose-form")[i].value = value.toFixed(3)));
 }
 
-/** Call a service, show its answer, and return whether it has succeeded. */
-async function trigger(service, output) {
-  const answer = await ros.call(service).catch((error) => ({success: false, message: error.message}));
-  say(output, answer.message || (answer.success ? "done" : "refused"));
-  return answer.success;
-}
-
-async function clock(service) {
-  const isDone = await trigger(`/${server.state?.car_name}/car_sim/${service}`, "time-state");
-  if (isDone) isHeld = service !== "resume";
-}
-
-async function clicks(service) {
-  const isDone = await trigger(`${server.state?.prefix}/click_planner/${service}`, "click-state");
-  const [, name] = find("click-state").textContent.match(/^saved .*?([^/]+)\.txt;/) ?? [];
-  if (isDone && name) listPlans(name);
+/** Call a service of the clock or of click_planner, and show its answer. */
+async function call(service, output) {
+  const {success, message} = await ros.call(service).catch((error) => error);
+  say(output, message || (success ? "done" : "refused"));
+  if (success && output === "time-state") isHeld = !service.endsWith("resume");
+  const [, name] = message.match(/^saved .*?([^/]+)\.txt;/) ?? [];
+  if (name) listPlans(name);
 }
 
 function choose(mode) {
@@ -188,32 +175,34 @@ function choose(mode) {
   find("view").className = mode === "pan" ? "" : "aim";
 }
 
-function onKey(event) {
+addEventListener("keydown", (event) => {
   const isSpace = event.key === " " && !event.target.closest("button, input, select");
   if (event.key !== "Escape" && !isSpace) return;
   event.preventDefault();
   stopHand();
   stopPlan();
-}
-
-Object.assign(pointer, {onPan: () => follow(false), onPlace: place, onClick: (x, y) => ros.publish(
-  `${server.state?.prefix}/clicked_point`, {header: {frame_id: "map"}, point: {x, y, z: 0}})});
-addEventListener("keydown", onKey);
+});
 MODES.forEach((mode) => (find(mode).onclick = () => choose(mode)));
 choose("pan");
+Object.assign(pointer, {onPan: () => follow(false), onPlace: place, onClick: (x, y) => ros.publish(
+  `${server.state?.prefix}/clicked_point`, {header: {frame_id: "map"}, point: {x, y, z: 0}})});
 find("zoom-in").onclick = () => view.zoom(1.4);
 find("zoom-out").onclick = () => view.zoom(1 / 1.4);
 find("fit").onclick = fit;
 find("follow").onclick = () => follow(find("follow").ariaPressed !== "true");
-["pause", "resume", "step"].forEach((each) => (find(each).onclick = () => clock(each)));
-["undo", "clear", "save"].forEach((each) => (find(each).onclick = () => clicks(each)));
+for (const each of ["pause", "resume", "step"]) {
+  find(each).onclick = () => call(`/${server.state?.car_name}/car_sim/${each}`, "time-state");
+}
+for (const each of ["undo", "clear", "save"]) {
+  find(each).onclick = () => call(`${server.state?.prefix}/click_planner/${each}`, "click-state");
+}
 find("pose-form").onsubmit = (event) => {
   event.preventDefault();
   place(...[0, 1, 2].map((i) => find("pose-form")[i].valueAsNumber));
 };
-document.querySelectorAll("[id^=show-]").forEach((box) => {
+for (const box of document.querySelectorAll("[id^=show-]")) {
   box.onchange = () => view.set({hidden: {...view.hidden, [box.id.slice(5)]: !box.checked}});
-});
+}
 window.mushr = {view, ros, pose: null, get frames() { return view.frames; }};
-ros.start({onStatus, onError: (text) => onLog({level: 8, name: "/web_view", msg: text}), onOpen: () =>
-  ros.subscribe("/web_view/state", (msg) => onState(JSON.parse(msg.data)))});
+ros.start({onStatus, onError: (msg) => onLog({level: 8, name: "/web_view", msg}),
+  onOpen: () => ros.subscribe("/web_view/state", (msg) => onState(JSON.parse(msg.data)))});

@@ -1,18 +1,17 @@
 // What all parts of the page use.
 
-/** The server's state, which is null without a connection; see docs/web.md. */
-export const server = {state: null};
-
+export const server = {state: null}; // the server's state; null without a connection
 export const find = (id) => document.getElementById(id);
-
 export const element = (kind, textContent, className = "") =>
   Object.assign(document.createElement(kind), {textContent, className});
-
 /** Change a text only if it differs: screen readers read each change. */
 export const say = (id, text) => find(id).textContent === text || (find(id).textContent = text);
-
-export const poseText = (pose) =>
-  pose.map((value, i) => `${value.toFixed(3)} ${["m", "m", "rad"][i]}`).join(", ");
+export const poseText = ([x, y, theta]) =>
+  `${x.toFixed(3)} m, ${y.toFixed(3)} m, ${theta.toFixed(3)} rad`;
+/** A pose of geometry_msgs as [x, y, theta]. */
+export const flat = ({position: {x, y}, orientation: {z, w}}) =>
+  [x, y, Math.atan2(2 * w * z, 1 - 2 * z * z)];
+export const seconds = ({secs, nsecs}) => secs + nsecs / 1e9;
 
 /** GET, POST or DELETE; returns the JSON of the answer, or throws what is wrong. */
 export async function request(path, method = "GET", data = undefined) {

@@ -1,7 +1,6 @@
 // The plans: their names, the check and the rows of one, and its drive by path_publisher.
 
-import {element, find, poseText, request, say} from "./page.js";
-import {seconds} from "./ros.js";
+import {element, find, poseText, request, say, seconds} from "./page.js";
 import {view} from "./view.js";
 
 const TOLERANCE = 1e-4; // of the stamps [s]

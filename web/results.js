@@ -3,9 +3,8 @@
 import {find, poseText, request, say} from "./page.js";
 import {line, NOTHING, view} from "./view.js";
 
+const slider = find("time");
 let result = null;
-let isPlaying = false;
-const isAtEnd = () => find("time").value === find("time").max;
 
 export async function listResults() {
   const {results} = await request("results");
@@ -16,14 +15,12 @@ export async function listResults() {
 }
 
 async function open(name) {
-  play(false);
   result = name ? await request(`results/${encodeURI(name)}`) : null;
   say("verdict", result?.verdict ?? "");
   find("player").hidden = !result?.times.length;
   view.set({replay: null});
   if (find("player").hidden) return;
-  find("time").max = Math.ceil(100 * result.times.at(-1)) / 100;
-  find("time").value = 0;
+  Object.assign(slider, {max: Math.ceil(100 * result.times.at(-1)) / 100, value: 0});
   view.fit([...result.driven, ...result.predicted]);
   show();
 }
@@ -31,7 +28,7 @@ async function open(name) {
 /** Show the drive at the time of the slider. */
 function show() {
   const {times, driven, predicted} = result;
-  const time = find("time").valueAsNumber;
+  const time = slider.valueAsNumber;
   const count = Math.max(1, times.findLastIndex((each) => each <= time + 1e-9) + 1);
   const pose = driven[count - 1];
   say("time-text", `${time.toFixed(2)} s of ${times.at(-1).toFixed(2)} s: ${poseText(pose)}`);
@@ -39,23 +36,21 @@ function show() {
   view.set({replay}, !view.replay);
 }
 
-function play(isOn) {
-  if (isOn && isAtEnd()) find("time").value = 0;
-  isPlaying = isOn;
-  say("play", isOn ? "Halt" : "Play");
-  if (isOn) advance(performance.now());
-}
-
-function advance(last) {
+/** Play on from the slider's time, until the end or a press of the button. */
+function play(last) {
   requestAnimationFrame((now) => {
-    if (!isPlaying) return;
-    find("time").value = find("time").valueAsNumber + Math.max(0, now - last) / 1000;
+    if (find("player").hidden || find("play").textContent === "Play") return;
+    slider.value = slider.valueAsNumber + Math.max(0, now - last) / 1000;
     show();
-    if (isAtEnd()) play(false);
-    else advance(now);
+    if (slider.value === slider.max) say("play", "Play");
+    else play(now);
   });
 }
 
 find("result").onchange = () => open(find("result").value);
-find("time").oninput = show;
-find("play").onclick = () => play(!isPlaying);
+slider.oninput = show;
+find("play").onclick = () => {
+  if (slider.value === slider.max) slider.value = 0;
+  say("play", find("play").textContent === "Play" ? "Halt" : "Play");
+  play(performance.now());
+};
