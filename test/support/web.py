@@ -8,6 +8,7 @@ import math
 import os
 from xmlrpc.client import ServerProxy
 
+import roslib.packages
 from tornado.websocket import websocket_connect
 
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between
@@ -149,6 +150,9 @@ class Simulation:
         self.proxy = proxy
         self.environment = {"ROS_MASTER_URI": proxy.master_uri, "PWD": str(folder)}
         launch = ("sim.launch", "web:=true", f"web_port:={self.port}", *arguments)
+        # roslaunch starts rosout only with a master of its own.
+        rosout = Process(roslib.packages.find_node("rosout", "rosout")[0], **self.environment)
+        self._ending.enter_context(rosout)
         launched = Process("roslaunch", "mushr_ros_intro", *launch, **self.environment)
         self._ending.callback(self._end, launched)
         try:
