@@ -42,20 +42,15 @@ function onState(state) {
   updateDrive(state.drive);
   find("time-section").hidden = !state.holds_clock;
   find("result-section").hidden = !state.results;
-  if (isFirst || state.map !== view.map?.number) loadMap(state.map);
-  if (!isFirst) return;
+  if (!isFirst) return state.map === (view.map?.number ?? null) || loadMap(state.map);
+  Promise.all([listPlans(), loadMap(state.map)]).then(heard ? null : fit);
   if (state.results) listResults();
-  listPlans();
   [heard, isHeld] = [performance.now(), false];
   view.set({...NOTHING, plan: view.plan, driven: new Map()});
   subscribe(`/${state.car_name}`, `/${state.car_name}/mux/ackermann_cmd_mux`, state.prefix);
 }
 
 function subscribe(car, mux, prefix) {
-  const publishers = {[server.state.initial_pose_topic]: "geometry_msgs/PoseWithCovarianceStamped",
-    [`${prefix}/clicked_point`]: "geometry_msgs/PointStamped",
-    [`${mux}/input/teleop`]: "ackermann_msgs/AckermannDriveStamped"};
-  Object.entries(publishers).forEach(([topic, type]) => ros.send({op: "advertise", topic, type}));
   const path = (msg) => msg.poses.map((each) => flat(each.pose));
   ros.subscribe(`${car}/car_pose`, onPose, 15);
   ros.subscribe(`${car}/joint_states`, onJoints, 50);
@@ -129,13 +124,12 @@ function onLog({level, name, msg}) {
 }
 
 async function loadMap(number) {
-  const isFirst = !view.map;
   mapProblem = "";
   try {
     const info = number && await request("map.json");
     const answer = number && await fetch(`map.png?${number}`);
-    view.set({map: number && {...info, picture: await createImageBitmap(await answer.blob())}});
-    if (isFirst) fit();
+    const picture = number && await createImageBitmap(await answer.blob());
+    view.set({map: number && {...info, picture}});
   } catch (error) {
     mapProblem = `the map cannot be read: ${error.message}`;
   }

@@ -83,7 +83,7 @@ function mark(number) {
   if (old === (row ?? null)) return;
   old?.removeAttribute("aria-current");
   row?.setAttribute("aria-current", "true");
-  const box = find("rows").closest(".scroll"); // scrollIntoView would also scroll the page
+  const box = find("rows").closest("#table"); // scrollIntoView would also scroll the page
   if (row) box.scrollTop = row.offsetTop - box.clientHeight / 2;
 }
 
