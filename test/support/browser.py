@@ -1,6 +1,7 @@
 """Debian's chromium without a window, driven by python3-selenium."""
 
 import io
+import os
 import shutil
 import tempfile
 import time
@@ -70,7 +71,13 @@ class Browser:
 
     def wait(self, condition, what):
         """Wait for a true value of `condition`, which asks the browser."""
-        return wait_for(lambda: condition() or time.sleep(PERIOD), what)
+        try:
+            return wait_for(lambda: condition() or time.sleep(PERIOD), what)
+        except AssertionError as error:
+            path = os.path.join("/tmp/x_clients", "fail.png")
+            self.picture().save(path)
+            text = self.driver.find_element("tag name", "body").text
+            raise AssertionError(f"{error}\n--- the page ({path}):\n{text}") from None
 
     def find(self, name):
         """Return the element with an id."""
@@ -81,18 +88,8 @@ class Browser:
 
     def shows(self, name, part):
         """Wait until an element contains a text; return the whole text."""
-        text = None
-
-        def is_there():
-            nonlocal text
-            text = self.text(name)
-            return part in text
-
-        try:
-            self.wait(is_there, f"{part!r} in the element {name}")
-        except AssertionError as error:
-            raise AssertionError(f"{error}\nthe element {name} has the text {text!r}") from None
-        return text
+        self.wait(lambda: part in self.text(name), f"{part!r} in the element {name}")
+        return self.text(name)
 
     def pose(self):
         """Return the pose (x, y, theta) that the page shows, or None."""
