@@ -1,7 +1,6 @@
 """Debian's chromium without a window, driven by python3-selenium."""
 
 import io
-import os
 import shutil
 import tempfile
 import time
@@ -74,10 +73,8 @@ class Browser:
         try:
             return wait_for(lambda: condition() or time.sleep(PERIOD), what)
         except AssertionError as error:
-            path = os.path.join("/tmp/x_clients", "fail.png")
-            self.picture().save(path)
             text = self.driver.find_element("tag name", "body").text
-            raise AssertionError(f"{error}\n--- the page ({path}):\n{text}") from None
+            raise AssertionError(f"{error}\n--- the page:\n{text}") from None
 
     def find(self, name):
         """Return the element with an id."""

@@ -12,7 +12,7 @@ import roslib.packages
 from tornado.websocket import websocket_connect
 
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between
-from support.helpers import PATIENCE, LoggedAssertionError, Process, free_port, master, wait_for
+from support.helpers import PATIENCE, LoggedAssertionError, Process, free_port, master, node, wait_for
 from support.paths import CHECKOUT
 
 CLIENTS = os.path.join(CHECKOUT, "build", ".clients")
@@ -186,6 +186,10 @@ class Simulation:
         for topic in topics:
             client.subscribe(topic)
         return client
+
+    def start(self, name, *arguments):
+        """Start a node until the end of the simulation."""
+        return self._ending.enter_context(node(name, *arguments, **self.environment))
 
     def pid(self, name):
         """Return the process id of a node."""
