@@ -145,6 +145,7 @@ class Simulation:
 
     def __init__(self, folder, *arguments):
         self.port = free_port()
+        self.url = f"http://localhost:{self.port}/"
         self._ending = contextlib.ExitStack()
         self.master, proxy = self._ending.enter_context(master("/web_test"))
         self.proxy = proxy

@@ -44,7 +44,7 @@ def page(sim):
     """Yield a browser with the page of the server."""
     found = browser.Browser()
     try:
-        found.driver.get(f"http://localhost:{sim.port}/")
+        found.driver.get(sim.url)
         found.wait(lambda: found.text("connection") == "connected", "a connection")
         found.wait(found.pose, "the pose in the page")
         yield found
@@ -161,9 +161,9 @@ def test_figure_8(page):
     page.find("drive").click()
     page.shows("drive-state", "driving figure_8")
     assert not page.find("drive").is_enabled() and page.find("stop").is_enabled()
+    page.shows("owner", "navigation")
     current = "return document.querySelector('#rows [aria-current]')?.rowIndex ?? 0"
     page.wait(lambda: page.run(current) >= 12, "the mark of the second loop")
-    assert page.text("owner") == "navigation"
     page.shows("drive-state", "figure_8 ended successfully")
     page.wait(lambda: web.is_near(page.pose(), final), f"the car at {final}")
     assert page.run(current) == 0, "no row is current after the drive"
