@@ -2,7 +2,7 @@
 // something is held, then one stop, then nothing: the mux gives the car back to a plan.
 
 import {find, say, server} from "./page.js";
-import {ros} from "./ros.js";
+import * as ros from "./ros.js";
 
 const SPEED = 2.0; // [m/s]; this and the angle are those of config/keyboard_teleop.yaml
 const ANGLE = 0.34; // [rad]
@@ -39,8 +39,7 @@ function step() {
 
 /** Follow the pointer on the pad; null if it is released. */
 function pull(event) {
-  const half = pad.clientWidth / 2;
-  const part = (pixels) => Math.max(-1, Math.min(1, 1 - pixels / half));
+  const part = (pixels) => Math.max(-1, Math.min(1, 1 - (2 * pixels) / pad.clientWidth));
   stick = event && [part(event.offsetY), part(event.offsetX)];
   const [ahead, left] = stick ?? [0, 0];
   find("knob").style.transform = `translate(${-left * 42}px, ${-ahead * 42}px)`;
@@ -55,8 +54,8 @@ export function stopHand() {
 
 addEventListener("keydown", (event) => {
   const key = (event.target === pad && PAD_KEYS[event.key]) || event.key.toLowerCase();
-  if (event.ctrlKey || event.altKey || event.metaKey || !KEYS[key]) return;
-  if (event.target.matches(TYPING)) return;
+  const isOther = event.ctrlKey || event.altKey || event.metaKey || event.target.matches(TYPING);
+  if (isOther || !KEYS[key]) return;
   event.preventDefault();
   if (!event.repeat) keys.add(key); // after a stop, a key has to be pressed again
   if (!event.repeat) step();
@@ -67,10 +66,7 @@ addEventListener("keyup", (event) => {
 });
 addEventListener("focusin", (event) => event.target.matches(TYPING) && stopHand());
 for (const each of ["blur", "pagehide", "visibilitychange"]) addEventListener(each, stopHand);
-pad.onpointerdown = (event) => {
-  pad.setPointerCapture(event.pointerId);
-  pull(event);
-};
+pad.onpointerdown = (event) => pull(event, pad.setPointerCapture(event.pointerId));
 pad.onpointermove = (event) => stick && pull(event);
 pad.onlostpointercapture = () => pull(null);
 setInterval(step, PERIOD);

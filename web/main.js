@@ -5,8 +5,8 @@ import {element, find, flat, poseText, request, say, seconds, server} from "./pa
 import {addError, listPlans, onCommand, stopPlan, updateDrive} from "./plan.js";
 import {pointer} from "./pointer.js";
 import {listResults} from "./results.js";
-import {ros} from "./ros.js";
-import {line, NOTHING, view} from "./view.js";
+import * as ros from "./ros.js";
+import {NOTHING, view} from "./view.js";
 
 const LOG_LINES = 300;
 const LATE = 1000; // a pose or an answer of the bridge is late after this time [ms]
@@ -46,7 +46,7 @@ function onState(state) {
   Promise.all([listPlans(), loadMap(state.map)]).then(heard ? null : fit);
   if (state.results) listResults();
   [heard, isHeld] = [performance.now(), false];
-  view.set({...NOTHING, plan: view.plan, driven: new Map()});
+  view.set({...NOTHING, driven: new Map()});
   subscribe(`/${state.car_name}`, `/${state.car_name}/mux/ackermann_cmd_mux`, state.prefix);
 }
 
@@ -54,7 +54,7 @@ function subscribe(car, mux, prefix) {
   const path = (msg) => msg.poses.map((each) => flat(each.pose));
   ros.subscribe(`${car}/car_pose`, onPose, 15);
   ros.subscribe(`${car}/joint_states`, onJoints, 50);
-  ros.subscribe(`${car}/odom`, ({twist}) => say("speed", `${twist.twist.linear.x.toFixed(2)} m/s`), 100);
+  ros.subscribe(`${car}/odom`, onOdometry, 100);
   ros.subscribe(`${car}/scan`, onScan, 50);
   ros.subscribe(`${car}/driven_path`, onDriven);
   ros.subscribe(`${car}/predicted_path`, (msg) => view.set({predicted: path(msg)}));
@@ -65,14 +65,8 @@ function subscribe(car, mux, prefix) {
   const spread = `${prefix}/path_publisher/spread`;
   ros.subscribe(`${spread}_poses`, (msg) => view.set({cloud: msg.poses.map(flat)}));
   ros.subscribe(`${spread}_ellipses`, ({markers}) =>
-    view.set({ellipses: markers.filter((each) => each.action === 0).map(ellipse)}));
+    view.set({spread: markers.filter((each) => each.action === 0)}));
   ros.subscribe("/rosout_agg", onLog);
-}
-
-function ellipse({pose, scale}) {
-  const [path, [x, y, theta]] = [new Path2D(), flat(pose)];
-  path.ellipse(x, y, scale.x / 2, scale.y / 2, theta, 0, 2 * Math.PI);
-  return path;
 }
 
 function onPose(msg) {
@@ -84,29 +78,35 @@ function onPose(msg) {
   window.mushr.pose = {x: pose[0], y: pose[1], theta: pose[2], stamp};
   say("pose", poseText(pose) + (view.touches ? ", touches a wall" : ""));
   view.set({pose}, false);
-  if (find("follow").ariaPressed === "true" && !view.replay) view.move(pose[0], pose[1]);
+  if (find("follow").ariaPressed === "true" && !view.replay) view.set({x: pose[0], y: pose[1]});
 }
 
+const onOdometry = ({twist}) => say("speed", `${twist.twist.linear.x.toFixed(2)} m/s`);
+
 function onJoints({name, position}) {
-  const wheels = ["left", "right"].map((side) => position[name.indexOf(`front_${side}_wheel_steer`)]);
+  const joints = ["left", "right"].map((side) => name.indexOf(`front_${side}_wheel_steer`));
+  const wheels = joints.map((number) => position[number]);
   const [left, right] = wheels.map(Math.tan);
   const angle = Math.atan((2 * left * right) / (left + right) || 0); // of a wheel in the middle
   say("steering", `${angle.toFixed(3)} rad`);
   view.set({wheels}, false);
 }
 
+/** The point at a distance [m] and in a direction [rad] from a pose. */
+const beyond = ([x, y, theta], distance, angle) =>
+  [x + distance * Math.cos(theta + angle), y + distance * Math.sin(theta + angle), theta];
+
 function onScan({header, ranges, angle_min: begin, angle_increment: step}) {
   const {pose} = poses.findLast((each) => each.stamp <= seconds(header.stamp) + 1e-6) ?? {};
-  const at = ([x, y, theta], range, angle) => [x + LASER * Math.cos(theta) + range * Math.cos(angle),
-    y + LASER * Math.sin(theta) + range * Math.sin(angle)];
-  const points = ranges.map((range, i) => pose && range && at(pose, range, pose[2] + begin + i * step));
-  view.set({scan: points.filter(Boolean)}, false);
+  const laser = pose && beyond(pose, LASER, 0);
+  const scan = ranges.map((range, i) => laser && range && beyond(laser, range, begin + i * step));
+  view.set({scan: scan.filter(Boolean)}, false);
 }
 
 /** Each message replaces one line, or removes all of them. */
 function onDriven({action, id, points}) {
   if (action === 3) view.driven.clear();
-  else view.driven.set(id, line(points.map(({x, y}) => [x, y])));
+  else view.driven.set(id, points.map(({x, y}) => [x, y]));
 }
 
 function onLog({level, name, msg}) {
@@ -136,15 +136,12 @@ async function loadMap(number) {
 }
 
 function fit() {
-  const all = [...view.plan, ...view.predicted, ...view.clicked, ...(view.pose ? [view.pose] : [])];
   follow(false);
+  const all = [...view.plan, ...view.predicted, ...view.clicked, ...(view.pose ? [view.pose] : [])];
   view.fit(all.length ? all : [[-5, -5], [5, 5]]);
 }
 
-function follow(isOn) {
-  find("follow").ariaPressed = String(isOn);
-  if (isOn && view.pose) view.move(view.pose[0], view.pose[1]);
-}
+const follow = (isOn) => (find("follow").ariaPressed = String(isOn));
 
 function place(x, y, theta = view.pose?.[2] ?? 0) {
   const orientation = {x: 0, y: 0, z: Math.sin(theta / 2), w: Math.cos(theta / 2)};
@@ -153,9 +150,12 @@ function place(x, y, theta = view.pose?.[2] ?? 0) {
   [x, y, theta].forEach((value, i) => (find("pose-form")[i].value = value.toFixed(3)));
 }
 
+const click = (x, y) => ros.publish(`${server.state?.prefix}/clicked_point`,
+  {header: {frame_id: "map"}, point: {x, y, z: 0}});
+
 /** Call a service of the clock or of click_planner, and show its answer. */
 async function call(service, output) {
-  const {success, message} = await ros.call(service).catch((error) => error);
+  const {success, message} = await ros.call(service);
   say(output, message || (success ? "done" : "refused"));
   if (success && output === "time-state") isHeld = !service.endsWith("resume");
   const [, name] = message.match(/^saved .*?([^/]+)\.txt;/) ?? [];
@@ -166,7 +166,6 @@ function choose(mode) {
   pointer.mode = mode;
   MODES.forEach((each) => (find(each).ariaPressed = String(each === mode)));
   say("hint", find(mode).title);
-  find("view").className = mode === "pan" ? "" : "aim";
 }
 
 addEventListener("keydown", (event) => {
@@ -178,8 +177,7 @@ addEventListener("keydown", (event) => {
 });
 MODES.forEach((mode) => (find(mode).onclick = () => choose(mode)));
 choose("pan");
-Object.assign(pointer, {onPan: () => follow(false), onPlace: place, onClick: (x, y) => ros.publish(
-  `${server.state?.prefix}/clicked_point`, {header: {frame_id: "map"}, point: {x, y, z: 0}})});
+Object.assign(pointer, {onPan: () => follow(false), onPlace: place, onClick: click});
 find("zoom-in").onclick = () => view.zoom(1.4);
 find("zoom-out").onclick = () => view.zoom(1 / 1.4);
 find("fit").onclick = fit;

@@ -4,6 +4,7 @@ import {element, find, poseText, request, say, seconds} from "./page.js";
 import {view} from "./view.js";
 
 const TOLERANCE = 1e-4; // of the stamps [s]
+const names = find("plan");
 let plan = null;
 let drive; // that of the server's state; undefined if it is not known
 let begin = null; // of the first row [s]; NaN if it is not known
@@ -11,33 +12,34 @@ let isStopped = false; // by this page
 let errors = []; // of path_publisher
 
 /** Read the names, and show the plan with this name. */
-export async function listPlans(name = find("plan").value || "figure_8") {
+export async function listPlans(name = names.value || "figure_8") {
   try {
     const {plans} = await request("plans");
-    const old = [...find("plan").options].map((each) => each.value);
-    if (`${old}` !== `${plans}`) find("plan").replaceChildren(...plans.map((each) => new Option(each)));
-    if (plans.includes(name)) find("plan").value = name;
-    plan = await request(`plans/${encodeURIComponent(find("plan").value)}`);
-    showPlan();
+    const isOld = `${[...names.options].map((each) => each.value)}` === `${plans}`;
+    if (!isOld) names.replaceChildren(...plans.map((each) => new Option(each)));
+    if (plans.includes(name)) names.value = name;
+    plan = await request(`plans/${encodeURIComponent(names.value)}`);
+    show(plan);
   } catch (error) {
     find("check").replaceChildren(element("p", `no plan: ${error.message}`, "error"));
   }
 }
 
-function showPlan() {
-  find("rows").replaceChildren(...plan.rows.map((row) => {
+function show({rows, faults, length, duration, final_pose: end, path}) {
+  find("rows").replaceChildren(...rows.map((row) => {
     const tr = element("tr", "");
     const cells = [row.line, row.speed, row.steering_angle, row.duration];
     tr.append(...cells.map((each) => element("td", Number(each.toFixed(4)))));
     return tr;
   }));
-  const size = plan.rows.length ? `${plan.rows.length} rows, ${plan.length.toFixed(2)} m, ` +
-    `${plan.duration.toFixed(2)} s; ends at ${poseText(plan.final_pose)}` : "cannot be driven";
-  const faults = plan.faults.map(({line, column, text}) => element("p",
-    [line && `line ${line}`, column && `column ${column}`, text].filter(Boolean).join(": "), "warning"));
-  const verdict = faults.length ? faults : [element("p", "no faults", "good")];
+  const size = rows.length ? `${rows.length} rows, ${length.toFixed(2)} m, ` +
+    `${duration.toFixed(2)} s; ends at ${poseText(end)}` : "cannot be driven";
+  const texts = faults.map(({line, column, text}) =>
+    [line && `line ${line}`, column && `column ${column}`, text].filter(Boolean).join(": "));
+  const verdict = texts.length ? texts.map((text) => element("p", text, "warning")) :
+    [element("p", "no faults", "good")];
   find("check").replaceChildren(element("p", size), ...verdict);
-  view.set({plan: plan.path});
+  view.set({plan: path});
   updateDrive(drive);
 }
 
@@ -58,8 +60,8 @@ function result() {
   if (!drive) return drive === null ? "" : "not connected: the drive is not known";
   if (drive.running) return `driving ${drive.plan}`;
   if (drive.exit_status === 0) return `${drive.plan} ended successfully`;
-  const status = `(exit status ${drive.exit_status})`;
-  return `${drive.plan} ${isStopped ? "was stopped" : "ended: error"} ${status}`;
+  const how = isStopped ? "was stopped" : "ended: error";
+  return `${drive.plan} ${how} (exit status ${drive.exit_status})`;
 }
 
 export function addError(text) {
@@ -78,13 +80,11 @@ export function onCommand({header}) {
 }
 
 function mark(number) {
-  const row = find("rows").rows[number];
-  const old = find("rows").querySelector("[aria-current]");
-  if (old === (row ?? null)) return;
+  const [row, old] = [find("rows").rows[number], find("rows").querySelector("[aria-current]")];
+  if (row === old) return;
   old?.removeAttribute("aria-current");
-  row?.setAttribute("aria-current", "true");
-  const box = find("rows").closest("#table"); // scrollIntoView would also scroll the page
-  if (row) box.scrollTop = row.offsetTop - box.clientHeight / 2;
+  row?.setAttribute("aria-current", "true"); // then scroll the table, but not the page
+  if (row) find("table").scrollTop = row.offsetTop - find("table").clientHeight / 2;
 }
 
 const ask = (method, data) =>
@@ -95,7 +95,7 @@ export function stopPlan() {
   if (drive?.running) ask("DELETE");
 }
 
-find("plan").onchange = find("plan").onfocus = () => listPlans();
+names.onchange = names.onfocus = () => listPlans();
 find("stop").onclick = stopPlan;
-find("drive").onclick = () => ask("POST", {plan: find("plan").value,
-  spread: find("spread").checked, loop: find("loop").checked});
+find("drive").onclick = () => ask("POST", {plan: names.value, spread: find("spread").checked,
+  loop: find("loop").checked});

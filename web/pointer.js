@@ -14,7 +14,7 @@ let isDrag = false;
 
 function pan(right, down) {
   pointer.onPan();
-  view.move(view.x - right / view.scale, view.y + down / view.scale);
+  view.set({x: view.x - right / view.scale, y: view.y + down / view.scale});
 }
 
 /** The pose where the pointer was pressed, with the heading towards a pixel. */
@@ -28,21 +28,21 @@ canvas.onpointerdown = ({button, pointerId, offsetX, offsetY}) => {
   isDrag = false;
 };
 canvas.onpointermove = ({pointerId, offsetX: x, offsetY: y}) => {
-  const apart = (one, other) => Math.hypot(one[0] - other[0], one[1] - other[1]);
+  const apart = (one, other) => Math.max(1, Math.hypot(one[0] - other[0], one[1] - other[1]));
   const last = held.get(pointerId);
   isDrag ||= !start || apart([x, y], start) > CLICK;
   if (!last || !isDrag) return;
   held.set(pointerId, [x, y]);
   const [other] = [...held].filter(([id]) => id !== pointerId).map(([, at]) => at);
-  if (other) view.zoom(apart([x, y], other) / Math.max(1, apart(last, other)), ...other);
+  if (other) view.zoom(apart([x, y], other) / apart(last, other), ...other);
   else if (start && pointer.mode === "place") view.set({arrow: aim(x, y)}, false);
   else pan(x - last[0], y - last[1]);
 };
 canvas.onpointerup = canvas.onpointercancel = ({type, pointerId, offsetX, offsetY}) => {
-  const [x, y, theta] = start && type === "pointerup" ? aim(offsetX, offsetY) : [];
-  const isPlace = pointer.mode === "place";
-  if (theta !== undefined && isPlace) pointer.onPlace(x, y, isDrag ? theta : undefined);
-  if (theta !== undefined && pointer.mode === "clicks" && !isDrag) pointer.onClick(x, y);
+  const mode = start && type === "pointerup" && pointer.mode;
+  const [x, y, theta] = start ? aim(offsetX, offsetY) : [];
+  if (mode === "place") pointer.onPlace(x, y, isDrag ? theta : undefined);
+  if (mode === "clicks" && !isDrag) pointer.onClick(x, y);
   held.delete(pointerId);
   start = null;
   view.set({arrow: null}, false);

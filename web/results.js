@@ -1,23 +1,24 @@
 // Drives that the grading tool has recorded: played back beside the predicted path.
 
 import {find, poseText, request, say} from "./page.js";
-import {line, NOTHING, view} from "./view.js";
+import {NOTHING, view} from "./view.js";
 
-const slider = find("time");
-let result = null;
+const [slider, button] = [find("time"), find("play")];
+let result = {times: []};
 
 export async function listResults() {
   const {results} = await request("results");
   const options = results.map(({name, passed}) =>
     new Option(`${name}: ${passed ? "passed" : "failed"}`, name));
   find("result").replaceChildren(new Option("none: show the live car", ""), ...options);
-  if (result) find("result").value = result.name;
+  find("result").value = result.name ?? "";
 }
 
 async function open(name) {
-  result = name ? await request(`results/${encodeURI(name)}`) : null;
-  say("verdict", result?.verdict ?? "");
-  find("player").hidden = !result?.times.length;
+  result = name ? await request(`results/${encodeURI(name)}`) : {times: []};
+  say("verdict", result.verdict ?? "");
+  say("play", "Play");
+  find("player").hidden = !result.times.length;
   view.set({replay: null});
   if (find("player").hidden) return;
   Object.assign(slider, {max: Math.ceil(100 * result.times.at(-1)) / 100, value: 0});
@@ -32,25 +33,22 @@ function show() {
   const count = Math.max(1, times.findLastIndex((each) => each <= time + 1e-9) + 1);
   const pose = driven[count - 1];
   say("time-text", `${time.toFixed(2)} s of ${times.at(-1).toFixed(2)} s: ${poseText(pose)}`);
-  const replay = {...NOTHING, driven: [line(driven.slice(0, count))], predicted, pose};
-  view.set({replay}, !view.replay);
+  view.set({replay: {...NOTHING, driven: [driven.slice(0, count)], predicted, pose}}, !view.replay);
 }
 
 /** Play on from the slider's time, until the end or a press of the button. */
-function play(last) {
-  requestAnimationFrame((now) => {
-    if (find("player").hidden || find("play").textContent === "Play") return;
-    slider.value = slider.valueAsNumber + Math.max(0, now - last) / 1000;
-    show();
-    if (slider.value === slider.max) say("play", "Play");
-    else play(now);
-  });
-}
+const play = (last) => requestAnimationFrame((now) => {
+  if (button.textContent === "Play") return;
+  slider.value = slider.valueAsNumber + Math.max(0, now - last) / 1000;
+  show();
+  if (slider.value === slider.max) say("play", "Play");
+  play(now);
+});
 
 find("result").onchange = () => open(find("result").value);
 slider.oninput = show;
-find("play").onclick = () => {
+button.onclick = () => {
   if (slider.value === slider.max) slider.value = 0;
-  say("play", find("play").textContent === "Play" ? "Halt" : "Play");
+  say("play", button.textContent === "Play" ? "Halt" : "Play");
   play(performance.now());
 };

@@ -1,111 +1,106 @@
 // The canvas: map, paths, scan and car. It is drawn in an animation frame, only after a change.
 // What rarely changes (map, grid, plans, spread) is kept as a picture of its own, `back`.
 
-import {find, say} from "./page.js";
+import {find, flat, say} from "./page.js";
 
 const BODY = [-0.06, -0.135, 0.44, 0.27]; // of the car, from its rear axle: x, y, length, width [m]
 const WHEELS = [[0, 0.115], [0, -0.115], [0.2965, 0.115], [0.2965, -0.115]]; // ahead, left [m]
+const HEADING = [[0, 0], [1.5, 0], [1.2, 0.2], [1.2, -0.2], [1.5, 0]]; // the arrow in front of it
+const CIRCLE = Array.from({length: 37}, (_, i) => i * Math.PI / 18);
 const CAR_PIXELS = 16; // the car is drawn at least this long
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 const STYLE = getComputedStyle(document.documentElement);
-export const NOTHING = {plan: [], predicted: [], driven: [], scan: [], clicked: [], ellipses: [],
+/** Paths are lists of [x, y] or [x, y, theta]; driven has several; spread has markers. */
+export const NOTHING = {predicted: [], driven: new Map(), scan: [], clicked: [], spread: [],
   cloud: [], pose: null, wheels: [0, 0], isStale: false};
-
 const canvas = find("view");
 const back = document.createElement("canvas");
 const colour = (name) => STYLE.getPropertyValue(`--${name}`).trim();
-export function line(points, path = new Path2D()) {
-  points.forEach(([x, y]) => path.lineTo(x, y));
-  return path;
-}
 
 /** x, y: what is in the middle [m]; scale: pixels per metre; hidden: layers. */
-export const view = {...NOTHING, canvas, x: 0, y: 0, scale: 40, hidden: {}, frames: 0,
+export const view = {...NOTHING, canvas, plan: [], x: 0, y: 0, scale: 40, hidden: {}, frames: 0,
   /** Change what is drawn; with `all`, also what rarely changes. */
   set(values, all = true) {
     Object.assign(view, values);
     view.isBackOld ||= all;
     view.request ||= requestAnimationFrame(draw);
   },
-
   toMap(px, py) {
     const {x, y, scale, width, height} = view;
     return [x + (px - width / 2) / scale, y - (py - height / 2) / scale];
   },
-
-  move(x, y, scale = view.scale) {
-    view.set({x, y, scale: Math.min(Math.max(scale, 0.5), 2000)});
-  },
-
   /** Zoom; what is at the pixel (px, py) of the canvas stays there. */
   zoom(factor, px = view.width / 2, py = view.height / 2) {
     const [x, y] = view.toMap(px, py);
-    view.move(view.x, view.y, view.scale * factor);
-    const [newX, newY] = view.toMap(px, py);
-    view.move(view.x + x - newX, view.y + y - newY);
+    const scale = Math.min(Math.max(view.scale * factor, 0.5), 2000);
+    const k = view.scale / scale;
+    view.set({x: x + (view.x - x) * k, y: y + (view.y - y) * k, scale});
   },
-
   /** Show all of these points. */
   fit(points) {
-    const [[left, right], [bottom, top]] = [0, 1].map((axis) => points.reduce(([low, high], each) =>
-      [Math.min(low, each[axis]), Math.max(high, each[axis])], [Infinity, -Infinity]));
-    const scale = Math.min(view.width / (right - left + 1.5), view.height / (top - bottom + 1.5));
-    view.move((left + right) / 2, (bottom + top) / 2, scale);
+    const [[left, right], [low, high]] = [0, 1].map((axis) => points.reduce(([least, most], each) =>
+      [Math.min(least, each[axis]), Math.max(most, each[axis])], [Infinity, -Infinity]));
+    const scale = Math.min(view.width / (right - left + 1.5), view.height / (high - low + 1.5));
+    view.set({x: (left + right) / 2, y: (low + high) / 2, scale});
   },
 };
 
 function resize() {
   const {clientWidth: width, clientHeight: height} = canvas;
   const ratio = Math.min(devicePixelRatio, 2);
-  [canvas, back].forEach((each) =>
-    Object.assign(each, {width: width * ratio, height: height * ratio}));
+  for (const each of [canvas, back]) {
+    Object.assign(each, {width: width * ratio, height: height * ratio});
+  }
   view.set({width, height, ratio});
 }
 
-/** Let a pen draw in metres; return the length of a pixel [m]. */
-function inMetres(pen) {
+/** Let a pen draw in metres from a pose; return the length of a pixel [m]. */
+function inMetres(pen, [x, y, theta] = [0, 0, 0]) {
   const k = view.scale * view.ratio;
   pen.setTransform(k, 0, 0, -k, back.width / 2 - k * view.x, back.height / 2 + k * view.y);
+  pen.translate(x, y);
+  pen.rotate(theta);
   return 1 / view.scale;
 }
 
 function draw() {
+  Object.assign(view, {request: 0, frames: view.frames + 1});
+  if (!view.width || !view.height) return;
   const pen = canvas.getContext("2d");
   const {driven, scan, pose, wheels, isStale} = view.replay ?? view;
   if (view.isBackOld) drawBack(back.getContext("2d"), view.replay ?? view);
   pen.resetTransform();
   pen.drawImage(back, 0, 0);
-  if (!view.hidden.driven) driven.forEach((each) => stroke(pen, each, "driven", 3));
-  if (!view.hidden.scan) drawDots(pen, scan, "scan", 3);
+  driven.forEach((each) => drawLine(pen, each, "driven", 3));
+  drawDots(pen, scan, "scan", 3);
   if (pose) drawCar(pen, pose, wheels, isStale);
-  if (view.arrow) drawArrow(pen, view.arrow);
-  Object.assign(view, {request: 0, frames: view.frames + 1, isBackOld: false});
+  if (view.arrow) drawCar(pen, view.arrow, [], true);
+  if (view.arrow) drawLine(pen, HEADING, "car", 3, [], view.arrow);
+  view.isBackOld = false;
 }
 
-function drawBack(pen, {predicted, plan, clicked, cloud, ellipses}) {
-  const {map, hidden} = view;
+function drawBack(pen, {predicted, plan = [], clicked, cloud, spread}) {
   pen.resetTransform();
   pen.filter = DARK.matches ? "invert(1)" : "none";
-  pen.fillStyle = map ? "#cdcdcd" : "#fefefe"; // grey values of map_saver, as in the map
+  pen.fillStyle = view.map ? "#cdcdcd" : "#fefefe"; // grey values of map_saver, as in the map
   pen.fillRect(0, 0, back.width, back.height);
-  if (map && !hidden.map) drawMap(pen, map);
+  if (view.map && !view.hidden.map) drawMap(pen, view.map);
   pen.filter = "none";
-  if (!hidden.grid) drawGrid(pen, roundLength(30));
-  const isPredicted = predicted.length > 0;
-  const path = line(isPredicted ? predicted : plan);
-  if (!hidden.predicted) stroke(pen, path, "predicted", isPredicted ? 4 : 2, [9, 5]);
-  if (!hidden.clicked) stroke(pen, line(clicked), "clicked", 7, [2, 4]);
-  if (!hidden.spread) drawDots(pen, cloud, "spread", 2);
-  if (!hidden.spread) ellipses.forEach((each) => stroke(pen, each, "spread", 2));
+  drawGrid(pen, roundLength(30));
+  if (predicted.length) drawLine(pen, predicted, "predicted", 4, [9, 5]);
+  else drawLine(pen, plan, "predicted", 2, [9, 5]);
+  drawLine(pen, clicked, "clicked", 7, [2, 4]);
+  drawDots(pen, cloud, "spread", 2);
+  spread.forEach(({pose, scale: {x, y}}) => drawLine(pen, CIRCLE.map((angle) =>
+    [Math.cos(angle) * x / 2, Math.sin(angle) * y / 2]), "spread", 2, [], flat(pose)));
   say("scale", `${Number(roundLength(60).toPrecision(1))} m`);
   find("scale").style.width = `${roundLength(60) * view.scale}px`;
 }
 
-function drawMap(pen, {picture, origin: [x, y, theta], resolution, height}) {
-  pen.imageSmoothingEnabled = resolution < inMetres(pen) / view.ratio; // keeps thin walls
-  pen.translate(x, y);
-  pen.rotate(theta);
+function drawMap(pen, {picture, origin, resolution, height}) {
+  const pixel = inMetres(pen, origin) / view.ratio;
   pen.scale(resolution, -resolution);
+  pen.imageSmoothingEnabled = resolution < pixel; // otherwise thin walls vanish
   pen.drawImage(picture, 0, -height);
 }
 
@@ -117,37 +112,38 @@ function roundLength(pixels) {
 
 function drawGrid(pen, step) {
   const [[left, top], [right, low]] = [view.toMap(0, 0), view.toMap(view.width, view.height)];
-  const grid = new Path2D();
-  for (let x = left - (left % step); x < right; x += step) grid.rect(x, low, 0, top - low);
-  for (let y = low - (low % step); y < top; y += step) grid.rect(left, y, right - left, 0);
-  stroke(pen, grid, "grid", 1);
+  const draw = (...points) => drawLine(pen, points, "grid", 1);
+  for (let x = left - (left % step); x < right; x += step) draw([x, low], [x, top]);
+  for (let y = low - (low % step); y < top; y += step) draw([left, y], [right, y]);
 }
 
-function stroke(pen, path, name, width, dashes = []) {
-  const pixel = inMetres(pen);
+function drawLine(pen, points, name, width, dashes = [], from = undefined) {
+  if (view.hidden[name]) return;
+  const pixel = inMetres(pen, from);
   pen.setLineDash(dashes.map((each) => each * pixel));
   Object.assign(pen, {lineWidth: width * pixel, strokeStyle: colour(name)});
-  pen.stroke(path);
+  pen.beginPath();
+  points.forEach(([x, y]) => pen.lineTo(x, y));
+  pen.stroke();
 }
 
 function drawDots(pen, points, name, pixels) {
+  if (view.hidden[name]) return;
   const side = pixels * inMetres(pen);
   pen.fillStyle = colour(name);
   points.forEach(([x, y]) => pen.fillRect(x - side / 2, y - side / 2, side, side));
 }
 
 /** Without a present pose, only the outline is drawn. */
-function drawCar(pen, [x, y, theta], steering, isOutline) {
-  const k = Math.max(1, (CAR_PIXELS * inMetres(pen)) / BODY[2]);
-  pen.setLineDash([]);
-  pen.translate(x, y);
-  pen.rotate(theta);
+function drawCar(pen, pose, steering, isOutline) {
+  const k = Math.max(1, (CAR_PIXELS * inMetres(pen, pose)) / BODY[2]);
   pen.scale(k, k);
+  pen.setLineDash([]);
   Object.assign(pen, {lineWidth: 0.02, fillStyle: colour("car"), strokeStyle: colour("car")});
   if (isOutline) return pen.strokeRect(...BODY);
   pen.fillRect(...BODY);
   pen.fillStyle = colour("back");
-  pen.fill(line([[0.27, 0], [0.16, 0.08], [0.16, -0.08]])); // points ahead
+  pen.fillRect(0.16, -0.09, 0.08, 0.18); // the windscreen shows where the front is
   pen.fillStyle = colour("text");
   [0, 0, ...steering].forEach((angle, i) => {
     pen.save();
@@ -156,16 +152,6 @@ function drawCar(pen, [x, y, theta], steering, isOutline) {
     pen.fillRect(-0.0488, -0.025, 0.0976, 0.05);
     pen.restore();
   });
-}
-
-function drawArrow(pen, [x, y, theta]) {
-  drawCar(pen, [x, y, theta], [], true);
-  const pixel = inMetres(pen);
-  pen.translate(x, y);
-  pen.rotate(theta);
-  pen.scale(pixel, pixel);
-  pen.lineWidth = 4;
-  pen.stroke(line([[0, 0], [70, 0], [56, 9], [56, -9], [70, 0]]));
 }
 
 new ResizeObserver(resize).observe(canvas);
