@@ -17,7 +17,7 @@ def main(path):
         browser.find("drive").click()
         current = "return document.querySelector('#rows [aria-current]')?.rowIndex ?? 0"
         browser.wait(lambda: browser.run(current) >= 18, "the second loop")
-        browser.picture().quantize(128).save(path, optimize=True)
+        browser.picture().save(path, optimize=True)
     finally:
         browser.end()
         simulation.end()
