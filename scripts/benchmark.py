@@ -4,6 +4,7 @@ All results are medians unless noted. They depend on the machine and its load, s
 results of the same run.
 """
 
+import asyncio
 import json
 import os
 import random
@@ -25,6 +26,7 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
+from tornado.websocket import websocket_connect
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.plan.parse import read_plan
@@ -37,7 +39,13 @@ sys.path.insert(0, os.path.join(os.path.dirname(SCRIPTS), "test"))
 from support import classroom  # noqa: E402
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
+FUNCTIONS = ("drive_repeatedly", "cpu_and_memory", "latencies", "browser_view")
+"""Those that `in_a_process` calls."""
+
 RUNS = 20
+CLIENTS = 4
+"""Of the browser view."""
+
 PLAN_SECONDS = 22.0
 """Of figure_8 [s]."""
 
@@ -59,6 +67,14 @@ def running(*command):
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGINT)
         process.wait()
+
+
+def wait_for_server(port):
+    """Wait until a server accepts connections."""
+    while True:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
+            return
+        time.sleep(0.05)
 
 
 @contextmanager
@@ -121,29 +137,68 @@ def drive_repeatedly(runs):
     return {"factors": factors, "finals": finals}
 
 
+def pid_of(name):
+    """Return the process id of a node."""
+    uri = rosgraph.Master("/benchmark").lookupNode(name)
+    return xmlrpc.client.ServerProxy(uri).getPid("/benchmark")[2]
+
+
+def used(pid):
+    """Return the CPU time of a process [s]."""
+    with open(f"/proc/{pid}/stat") as file:
+        fields = file.read().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def resident(pid):
+    """Return the resident memory of a process [MB]."""
+    with open(f"/proc/{pid}/status") as file:
+        return int(re.search(r"VmRSS:\s+(\d+)", file.read()).group(1)) / 1e3
+
+
+def browser_view(port, seconds):
+    """Measure the server of the browser view with clients that subscribe to what the page does.
+
+    Return the times from the stamps of poses to their arrival at a client [s], and the server's CPU
+    time per second [s] and resident memory [MB].
+    """
+    delays = []
+    subscribed = {"car_pose": 15, "joint_states": 50, "odom": 100, "scan": 50, "driven_path": 0}
+
+    async def read():
+        client = await websocket_connect(f"ws://localhost:{port}/")
+        for name, period in subscribed.items():
+            request = {"op": "subscribe", "topic": f"/car/{name}", "throttle_rate": period}
+            await client.write_message(json.dumps(request))
+        while True:
+            text, now = await client.read_message(), time.time()
+            if "/car/car_pose" in text[:100]:
+                stamp = json.loads(text)["msg"]["header"]["stamp"]
+                delays.append(now - stamp["secs"] - stamp["nsecs"] / 1e9)
+
+    async def meter():
+        clients = [asyncio.ensure_future(read()) for _ in range(CLIENTS)]
+        await asyncio.sleep(2.0)
+        delays.clear()
+        pid = pid_of("/web_view")
+        before, began = used(pid), time.monotonic()
+        await asyncio.sleep(float(seconds))
+        cpu = (used(pid) - before) / (time.monotonic() - began)
+        for client in clients:
+            client.cancel()
+        return {"delays": sorted(delays), "cpu": cpu, "memory": resident(pid)}
+
+    return asyncio.run(meter())
+
+
 def cpu_and_memory(seconds):
     """Return the CPU time per second [s] and the resident memory [MB] of the car and the mux."""
     rospy.init_node("benchmark", disable_signals=True)
-    master = rosgraph.Master("/benchmark")
-    tick = os.sysconf("SC_CLK_TCK")
-
-    def used(pid):
-        with open(f"/proc/{pid}/stat") as file:
-            fields = file.read().rsplit(")", 1)[1].split()
-        return (int(fields[11]) + int(fields[12])) / tick
-
-    def resident(pid):
-        with open(f"/proc/{pid}/status") as file:
-            return int(re.search(r"VmRSS:\s+(\d+)", file.read()).group(1)) / 1e3
-
     node = ["rosrun", "mushr_ros_intro", "path_publisher.py", "_plan_file:=figure_8"]
     rospy.Subscriber("/car/car_pose", PoseStamped)
     with subprocess.Popen(node, stdout=subprocess.DEVNULL) as publisher:
         rospy.wait_for_message(CONTROL, AckermannDriveStamped, timeout=30)
-        pids = [
-            xmlrpc.client.ServerProxy(master.lookupNode(name)).getPid("/benchmark")[2]
-            for name in ("/car/car_sim", "/car/mux/ackermann_cmd_mux")
-        ]
+        pids = [pid_of(name) for name in ("/car/car_sim", "/car/mux/ackermann_cmd_mux")]
         before, began = [used(pid) for pid in pids], time.monotonic()
         time.sleep(float(seconds))
         elapsed = time.monotonic() - began
@@ -224,6 +279,16 @@ def measure():
         found = in_a_process("latencies", 150)
         yield "from command to pose, p50", 1e3 * found[len(found) // 2], "ms"
         yield "from command to pose, p99", 1e3 * found[len(found) * 99 // 100], "ms"
+    port = free_port()
+    with simulation("map:=sandbox", "laser:=true", "web:=true", f"web_port:={port}"):
+        wait_for_server(port)
+        result = in_a_process("browser_view", port, 15)
+        found = result["delays"]
+        what = f"browser view, {CLIENTS} clients"
+        yield f"{what}: from pose to client, p50", 1e3 * found[len(found) // 2], "ms"
+        yield f"{what}: from pose to client, p99", 1e3 * found[len(found) * 99 // 100], "ms"
+        yield f"{what}: CPU time", result["cpu"], "s per s"
+        yield f"{what}: memory", result["memory"], "MB"
     yield "laser scans", laser_benchmark.scans_per_second(), "scans/s"
     plan = read_plan(os.path.join(os.path.dirname(SCRIPTS), "plans", "figure_8.txt"))
     nano = Car(speed_limit=0.929, acceleration=2.5, steering_rate=3.2)
@@ -243,7 +308,7 @@ def measure():
 
 def main():
     """Print the table, or the result of one measurement."""
-    if len(sys.argv) > 1 and sys.argv[1] in ("drive_repeatedly", "cpu_and_memory", "latencies"):
+    if len(sys.argv) > 1 and sys.argv[1] in FUNCTIONS:
         print(json.dumps(globals()[sys.argv[1]](*sys.argv[2:])))
         return
     as_json = "--json" in sys.argv

@@ -4,6 +4,7 @@ import contextlib
 import glob
 import math
 import os
+import random
 import shutil
 import signal
 import socket
@@ -71,10 +72,15 @@ def wait_for(condition, what, patience=PATIENCE):
 
 
 def free_port():
-    """Return a free port of the loopback interface."""
-    with socket.socket() as unused:
-        unused.bind(("127.0.0.1", 0))
-        return unused.getsockname()[1]
+    """Return a free port of the loopback interface.
+
+    It is none of those that the system gives to outgoing connections, so it stays free.
+    """
+    while True:
+        port = random.SystemRandom().randrange(10_000, 32_000)
+        with socket.socket() as unused, contextlib.suppress(OSError):
+            unused.bind(("127.0.0.1", port))
+            return port
 
 
 class RosTestCase(unittest.TestCase):

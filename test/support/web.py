@@ -8,10 +8,11 @@ import math
 import os
 from xmlrpc.client import ServerProxy
 
+import roslib.packages
 from tornado.websocket import websocket_connect
 
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between
-from support.helpers import PATIENCE, LoggedAssertionError, Process, free_port, master, wait_for
+from support.helpers import PATIENCE, LoggedAssertionError, Process, free_port, master, node, wait_for
 from support.paths import CHECKOUT
 
 CLIENTS = os.path.join(CHECKOUT, "build", ".clients")
@@ -144,11 +145,15 @@ class Simulation:
 
     def __init__(self, folder, *arguments):
         self.port = free_port()
+        self.url = f"http://localhost:{self.port}/"
         self._ending = contextlib.ExitStack()
         self.master, proxy = self._ending.enter_context(master("/web_test"))
         self.proxy = proxy
         self.environment = {"ROS_MASTER_URI": proxy.master_uri, "PWD": str(folder)}
         launch = ("sim.launch", "web:=true", f"web_port:={self.port}", *arguments)
+        # roslaunch starts rosout only with a master of its own.
+        rosout = Process(roslib.packages.find_node("rosout", "rosout")[0], **self.environment)
+        self._ending.enter_context(rosout)
         launched = Process("roslaunch", "mushr_ros_intro", *launch, **self.environment)
         self._ending.callback(self._end, launched)
         try:
@@ -182,6 +187,10 @@ class Simulation:
         for topic in topics:
             client.subscribe(topic)
         return client
+
+    def start(self, name, *arguments):
+        """Start a node until the end of the simulation."""
+        return self._ending.enter_context(node(name, *arguments, **self.environment))
 
     def pid(self, name):
         """Return the process id of a node."""

@@ -1,0 +1,270 @@
+"""Use the page in a real browser: place and drive the car, and lose the connection."""
+
+import math
+import os
+import signal
+
+import pytest
+
+from support import browser, web
+from support.cars import plan_named
+from support.geometry import closed_form
+
+pytestmark = pytest.mark.skipif(
+    bool(browser.missing()),
+    reason=f"{', '.join(browser.missing())} missing; {web.INSTALL}",
+)
+
+FACTOR = 4
+"""Speed of simulated time; a drive of figure_8 takes 22 s of it."""
+
+PIXEL = 1.5
+"""The largest error of a click [pixel]."""
+
+MAP = {"wall": "#000000", "free": "#ffffff", "unknown": "#cdcdcd"}
+"""Colours of the map, which are those of map_saver."""
+
+FAULTY = "0, 0, 0\n1.0, 0.0\nfast, 0.1\n1.0, 99.0\n"
+COLLIDING = "0, 0, 0\n2.0, 0.0, 30.0\n"
+
+
+@pytest.fixture(scope="module")
+def sim(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plans")
+    (folder / "faulty.txt").write_text(FAULTY)
+    (folder / "colliding.txt").write_text(COLLIDING)
+    (folder / "long.txt").write_text("1, 0, 0\n0.5, 0.3, 1000.0\n")
+    found = web.Simulation(folder, "use_sim_time:=true", f"real_time_factor:={FACTOR}")
+    yield found
+    found.end()
+
+
+@pytest.fixture(scope="module")
+def page(sim):
+    """Yield a browser with the page of the server."""
+    found = browser.Browser()
+    try:
+        found.driver.get(sim.url)
+        found.wait(lambda: found.text("connection") == "connected", "a connection")
+        found.wait(found.pose, "the pose in the page")
+        yield found
+    finally:
+        found.end()
+
+
+def colour(page, name):
+    """Return a colour of the map, or of the page's style."""
+    if name in MAP:
+        return MAP[name]
+    script = "return getComputedStyle(document.documentElement).getPropertyValue(arguments[0])"
+    return page.run(script, f"--{name}").strip()
+
+
+def seen(page, *names):
+    """Return the number of pixels of the canvas in each of these colours."""
+    count = browser.colours(page.picture("view"))
+    return [count(colour(page, name)) for name in names]
+
+
+def place(page, x, y, theta):
+    """Place the car with the form."""
+    for name, value in (("x", x), ("y", y), ("theta", theta)):
+        field = page.find(f"place-{name}")
+        field.clear()
+        field.send_keys(repr(value))
+    page.find("pose-form").submit()
+    page.wait(lambda: web.is_near(page.pose(), (x, y, theta)), f"the car at {x}, {y}, {theta}")
+
+
+def test_load(page):
+    assert page.driver.title and page.text("problem") == ""
+    page.shows("pose", "0.000 m, 0.000 m, 0.000 rad")
+    page.shows("speed", "0.00 m/s")
+    page.shows("steering", "0.000 rad")
+    page.shows("owner", "idle")
+    page.shows("check", "22 rows, 44.00 m")
+    assert page.run("return document.querySelectorAll('#rows tr').length") == 22
+    names = ("wall", "free", "car", "scan", "predicted")
+    page.wait(lambda: all(n > 30 for n in seen(page, *names)), f"the colours of {names}")
+    page.find("show-scan").click()
+    page.wait(lambda: seen(page, "scan") == [0], "the scan to vanish")
+    page.find("show-scan").click()
+    page.wait(lambda: seen(page, "scan")[0] > 30, "the scan to appear again")
+
+
+def test_place(page):
+    place(page, 2.5, -0.25, 1.25)
+    page.shows("pose", "2.500 m, -0.250 m, 1.250 rad")
+    page.find("place").click()
+    start = 3.0, 1.0
+    down = page.actions().move_to_element_with_offset(page.find("view"), *pixel(page, *start))
+    down.click_and_hold().move_by_offset(-50, 0).move_by_offset(0, -50).release().perform()
+    error = PIXEL / page.run("return window.mushr.view.scale")
+    page.wait(lambda: math.dist(page.pose()[:2], start) < error, f"the car at {start}")
+    assert abs(page.pose()[2] - 0.75 * math.pi) < 0.05, "the car heads along the drag"
+    page.find("pan").click()
+
+
+def pixel(page, x, y):
+    """Return the offset of a point of the map in the canvas, as selenium expects it.
+
+    From version 4.3 on, it counts from the middle, and before, from the corner.
+    """
+    from selenium import __version__ as version
+
+    across, down, width, height = page.run(
+        "const {canvas, scale, x, y} = window.mushr.view, [a, b] = arguments;"
+        "const {clientWidth, clientHeight} = canvas;"
+        "return [(a - x) * scale, (y - b) * scale, clientWidth, clientHeight]",
+        *(x, y),
+    )
+    if tuple(map(int, version.split(".")[:2])) < (4, 3):
+        across, down = across + width / 2, down + height / 2
+    return round(across), round(down)
+
+
+def test_keys(page):
+    place(page, 1.0, 0.0, 0.0)
+    page.find("view").click()
+    page.actions().key_down("w").perform()
+    page.shows("owner", "teleop")
+    page.wait(lambda: page.pose()[0] > 1.5, "the car to drive forward")
+    page.actions().key_down("a").perform()
+    page.wait(lambda: page.pose()[2] > 0.1, "the car to turn left")
+    page.actions().key_up("a").key_up("w").perform()
+    at_rest(page)
+    page.actions().key_down("s").perform()
+    page.shows("owner", "teleop")
+    page.run("window.dispatchEvent(new Event('blur'))")  # another window has the focus
+    at_rest(page)
+    page.actions().key_up("s").perform()
+
+
+def at_rest(page):
+    """Wait until the car has stopped, and stands still."""
+    page.shows("owner", "idle")
+    page.shows("speed", "0.00 m/s")
+    script = "return window.mushr.pose"
+    first = page.run(script)
+    page.wait(lambda: page.run(script)["stamp"] > first["stamp"] + 1.0, "later poses")
+    last = page.run(script)
+    assert {**last, "stamp": 0} == {**first, "stamp": 0}, "the car still moves"
+
+
+def test_figure_8(page):
+    plan = plan_named("figure_8")
+    rows = [(*row[:2], row.duration / 1e9) for row in plan.rows]
+    final = closed_form(plan.start, rows)
+    page.choose("plan", "figure_8")
+    page.shows("check", "no faults")
+    page.find("fit").click()
+    page.find("drive").click()
+    page.shows("drive-state", "driving figure_8")
+    assert not page.find("drive").is_enabled() and page.find("stop").is_enabled()
+    page.shows("owner", "navigation")
+    current = "return document.querySelector('#rows [aria-current]')?.rowIndex ?? 0"
+    page.wait(lambda: page.run(current) >= 12, "the mark of the second loop")
+    page.shows("drive-state", "figure_8 ended successfully")
+    page.wait(lambda: web.is_near(page.pose(), final), f"the car at {final}")
+    assert page.run(current) == 0, "no row is current after the drive"
+    length = 44.0 * page.run("return window.mushr.view.scale")
+    page.wait(lambda: seen(page, "driven")[0] > length, "the driven path")
+    assert "closed form" in page.text("log")
+
+
+def test_stop(page):
+    page.choose("plan", "long")
+    page.wait(lambda: page.find("drive").is_enabled(), "the plan long")
+    page.find("drive").click()
+    page.shows("speed", "0.50 m/s")
+    page.find("stop").click()
+    page.shows("drive-state", "long was stopped")
+    at_rest(page)
+
+
+def test_simulated_time(page):
+    assert page.find("time-section").is_displayed()
+    stamp = "return window.mushr.pose.stamp"
+    try:
+        page.find("pause").click()
+        page.shows("time-state", " s")  # the time at which the clock is held
+        held = float(page.text("time-state").split()[0])
+        page.wait(lambda: page.run(stamp) > held - 0.02, "the last pose")
+        before = page.run(stamp)
+        page.find("step").click()
+        page.wait(lambda: page.run(stamp) > before, "a step")
+        assert abs(page.run(stamp) - before - 0.02) < 1e-3, "a step of one pose"
+        assert page.text("problem") == "", "no complaint that there is no pose"
+    finally:
+        page.find("resume").click()
+    page.wait(lambda: page.run(stamp) > before + 1.0, "time to run again")
+
+
+def test_plans_with_faults(page):
+    page.choose("plan", "faulty")
+    text = page.shows("check", "cannot be driven")
+    assert "line 3" in text and "line 4" in text
+    assert not page.find("drive").is_enabled()
+    page.choose("plan", "colliding")
+    text = page.shows("check", "49.02 m")
+    assert "wall" in text and "line 2" in text
+    assert page.find("drive").is_enabled(), "faults of a plan that can be parsed do not prevent it"
+
+
+def test_click_a_plan(page):
+    place(page, 1.0, 0.0, 0.0)
+    page.find("clear").click()
+    page.find("clicks").click()
+    page.find("follow").click()
+    for _ in range(3):
+        page.find("zoom-in").click()
+    for number, point in enumerate([(2.0, 0.2), (3.5, 0.9)], 1):
+        at = pixel(page, *point)
+        page.actions().move_to_element_with_offset(page.find("view"), *at).click().perform()
+        page.shows("click-state", f"click {number}")
+    page.wait(lambda: seen(page, "clicked")[0] > 100, "the path of the clicked plan")
+    both = seen(page, "clicked")[0]
+    page.find("undo").click()
+    page.shows("click-state", "the plan has 1 row")
+    page.wait(lambda: seen(page, "clicked")[0] < both, "a shorter path")
+    page.find("save").click()
+    page.shows("click-state", "clicked.txt")
+    page.wait(lambda: page.run("return document.getElementById('plan').value") == "clicked", "it")
+    page.shows("check", "1 row")
+    page.find("pan").click()
+
+
+def test_connection_is_lost_and_regained(sim, page):
+    pid = sim.pid("/web_view")
+    os.kill(pid, signal.SIGSTOP)
+    page.shows("problem", "the bridge has not answered")
+    os.kill(pid, signal.SIGKILL)
+    page.shows("connection", "not connected")
+    assert not page.find("drive").is_enabled()
+    (outline,) = seen(page, "car")
+    page.run("window.mushr.pose = null")
+    sim.start("web_view.py", "__name:=web_view")
+    page.wait(lambda: page.text("connection") == "connected", "a connection")
+    page.wait(page.pose, "a new pose")
+    page.wait(lambda: page.text("problem") == "", "no problem")
+    page.wait(lambda: page.find("drive").is_enabled(), "the plan")
+    assert outline < seen(page, "car")[0], "without a connection, there is only an outline"
+    place(page, 1.5, 0.0, 0.5)
+
+
+def test_another_map(sim, page):
+    before = seen(page, "wall", "unknown")
+    sim.start("map_server.py", "_map_file:=rooms")
+    page.wait(lambda: page.run("return window.mushr.view.map.width") == 580, "the other map")
+    page.wait(lambda: seen(page, "wall", "unknown") != before, "another picture")
+
+
+def test_vanished_master(sim, page):
+    """The page says so, and still shows the car."""
+    sim.master.send_signal(signal.SIGKILL)
+    page.shows("problem", "the ROS master does not answer")
+    stamp = "return window.mushr.pose.stamp"
+    before = page.run(stamp)
+    page.wait(lambda: page.run(stamp) > before + 1.0, "later poses")
+    assert page.text("connection") == "connected"
+    assert not [each for each in page.errors() if "Uncaught" in each], "errors in the page"
