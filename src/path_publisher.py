@@ -4,7 +4,8 @@
 import sys
 
 import rospy
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
+from tf.transformations import quaternion_from_euler
 
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.plan.model import Row
@@ -91,10 +92,12 @@ class PathPublisher:
 
     def send_init_pose(self, stamp: int) -> None:
         """Publish the start pose with the stamp `stamp` [ns]."""
+        x, y, theta = self.plan.start
         msg = PoseWithCovarianceStamped()
         msg.header.stamp = conversions.time_from(stamp)
         msg.header.frame_id = conversions.MAP_FRAME
-        msg.pose.pose = conversions.pose_to_msg(self.plan.start)
+        msg.pose.pose.position = Point(x=x, y=y)
+        msg.pose.pose.orientation = Quaternion(*quaternion_from_euler(0, 0, theta))
         self.pub_init_pose.publish(msg)
 
     def send_command(self, row: Row) -> None:
