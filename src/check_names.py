@@ -5,24 +5,20 @@ roslaunch runs it while it loads sim.launch. If it prints the valid names instea
 with status 1, roslaunch starts no node.
 """
 
-import os
 import sys
-
-import rospkg
 
 from mushr_ros_intro.car.profile import names_in
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import find_file
+from mushr_ros_intro.parameters import find_file, package_folder
 
 if __name__ == "__main__":
     _, car, map_name = sys.argv
-    package = rospkg.RosPack().get_path("mushr_ros_intro")
-    cars = names_in(os.path.join(package, "config/cars"))
+    cars = names_in(package_folder("config/cars"))
     if car not in cars:
         sys.exit(f"\nsim.launch: car:={car}: no such car; expected one of {', '.join(cars)}\n")
     try:
         if map_name != "none":
-            find_file(map_name, os.path.realpath(os.path.join(package, "maps")), ".yaml")
+            find_file(map_name, package_folder("maps"), ".yaml")
     except UserError as error:
         sys.exit(f"\nsim.launch: map:={error}, none\n")
     print(car, end="")

@@ -12,11 +12,9 @@ import signal
 import sys
 from typing import List
 
-import rospkg
-
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters, find_file
+from mushr_ros_intro.parameters import Parameters, find_file, package_folder
 from mushr_ros_intro.plan.model import Fault, PlanError
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.preview.report import check
@@ -43,9 +41,7 @@ def run() -> int:
     Raises:
         UserError: the program was called wrongly.
     """
-    package = os.path.realpath(rospkg.RosPack().get_path("mushr_ros_intro"))
-    plans, maps = (os.path.realpath(os.path.join(package, each)) for each in ("plans", "maps"))
-    profiles = os.path.join(package, "config", "cars")
+    plans, maps, profiles = map(package_folder, ("plans", "maps", "config/cars"))
     arguments = parse_arguments(profiles)
     options = Parameters(vars(arguments), "--")
     runs = 0 if arguments.runs is None else options.integer("runs", 2, 2, MAX_RUNS)

@@ -26,8 +26,8 @@ from mushr_ros_intro.grading.points import Points, read_points
 from mushr_ros_intro.grading.result import Result
 from mushr_ros_intro.grading.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.grading.submissions import collect
+from mushr_ros_intro.parameters import package_folder
 from mushr_ros_intro.plan.parse import read_plans
-from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.grader import Setting, find_executable, grade, job_for, read_setting
 from mushr_ros_intro.ros.replay import ReplayError, replay
 
@@ -56,7 +56,7 @@ def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
     """Return the setting that the command line describes."""
     values = ((name, getattr(arguments, f"{name}_tolerance")) for name in Tolerances._fields)
     return read_setting(
-        node.package_folder("."),
+        package_folder("."),
         arguments.car,
         arguments.map,
         arguments.seed,
@@ -90,7 +90,7 @@ def grade_node(arguments: argparse.Namespace) -> int:
     command = [find_executable(package, name)]
     setting = setting_from(arguments, Sandbox())
     status = PASSED
-    for plan_name, plan in read_plans(arguments.inputs, node.package_folder("plans")).items():
+    for plan_name, plan in read_plans(arguments.inputs, package_folder("plans")).items():
         job = job_for(command, f"{package} {name}", plan, setting)
         if arguments.bag:
             os.makedirs(arguments.out, exist_ok=True)
@@ -105,7 +105,7 @@ def grade_node(arguments: argparse.Namespace) -> int:
 
 def grade_class(arguments: argparse.Namespace) -> int:
     """Grade submissions; print a line for each, and write the results."""
-    plans = read_plans(arguments.plans, node.package_folder("plans"))
+    plans = read_plans(arguments.plans, package_folder("plans"))
     points = read_points(arguments.points, list(plans))
     folder = open_output(arguments.out)
     paths = [*arguments.inputs, *(plan.path for plan in plans.values())]

@@ -5,7 +5,7 @@ import rospy
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap, GetMapRequest, GetMapResponse
 
-from mushr_ros_intro.parameters import find_file
+from mushr_ros_intro.parameters import find_file, package_folder
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.world.map_file import read_map
 
@@ -19,7 +19,7 @@ class MapServer:
     def __init__(self) -> None:
         parameters = node.parameters()
         expected = "the name or the path of a map, such as _map_file:=sandbox"
-        maps = node.package_folder("maps")
+        maps = package_folder("maps")
         path = find_file(parameters.text("map_file", expected=expected), maps, ".yaml")
         frame = parameters.text("frame_id", conversions.MAP_FRAME)
         grid = read_map(path)

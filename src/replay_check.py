@@ -18,7 +18,7 @@ from std_msgs.msg import String
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.grading.judge import Check, Report, Tolerances
 from mushr_ros_intro.grading.sandbox import Sandbox
-from mushr_ros_intro.parameters import Parameters, find_file, user_path
+from mushr_ros_intro.parameters import Parameters, find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.grader import find_executable, job_for, read_setting
@@ -47,13 +47,13 @@ def judge() -> Report:
     arguments = rospy.get_param("~")
     given = {name: each for name, each in arguments.items() if each not in ("", "auto")}
     parameters = Parameters(given)
-    plan = read_plan(find_file(parameters.text("plan_file"), node.package_folder("plans"), ".txt"))
+    plan = read_plan(find_file(parameters.text("plan_file"), package_folder("plans"), ".txt"))
     words = shlex.split(parameters.text("publisher"))
     if len(words) < 2:
         raise parameters.error("publisher", "'PACKAGE NODE [ARGUMENT...]'")
     seed = parameters.integer("seed", 0, 0, 1e9) if "seed" in given else None
     setting = read_setting(
-        node.package_folder("."),
+        package_folder("."),
         parameters.text("car"),
         parameters.text("map"),
         seed,

@@ -8,7 +8,7 @@ text, because rviz can remap topics but not frames.
 import os
 import sys
 
-import rospkg
+from mushr_ros_intro.parameters import package_folder
 
 
 def view_of(car_name: str, text: str) -> str:
@@ -30,7 +30,7 @@ def main() -> None:
             "view.py: DISPLAY is not set; expected a display for the window of rviz. "
             "The car drives without one"
         )
-    path = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "rviz", "default.rviz")
+    path = package_folder("rviz/default.rviz")
     if car_name != "car":
         with open(path, encoding="utf-8") as file:
             text = view_of(car_name, file.read())

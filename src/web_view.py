@@ -17,6 +17,7 @@ from nav_msgs.msg import OccupancyGrid
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import CallError
+from mushr_ros_intro.parameters import package_folder
 from mushr_ros_intro.ros import conversions, node, ros_time, rosapi
 from mushr_ros_intro.ros.bridge import Bridge
 from mushr_ros_intro.ros.plan_drive import DriveError, PlanDrive
@@ -45,7 +46,7 @@ class WebView:
         self._hosts = (parameters.optional_text("hosts") or "").split()
         self._origins = (parameters.optional_text("origins") or "").split()
         self._token = parameters.optional_text("token") or secrets.token_urlsafe()
-        self._folders = [node.package_folder("plans"), parameters.folder("folder", ".")]
+        self._folders = [package_folder("plans"), parameters.folder("folder", ".")]
         self._results = parameters.optional_text("results") and parameters.folder("results", "")
         self._prefix = rospy.get_namespace().rstrip("/")
         self._grid: Optional[Grid] = None
@@ -81,7 +82,7 @@ class WebView:
         self._drive = PlanDrive(program, self._prefix or "/", self._on_drive)
         self._bridge.listen("/map", self._on_map)
         server = serve(
-            node.package_folder("web"),
+            package_folder("web"),
             self._address,
             self._port,
             Rules(self._hosts, self._origins, self._token),

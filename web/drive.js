@@ -10,7 +10,7 @@ const PERIOD = 100; // of the commands [ms]
 const DEAD_ZONE = 0.1; // of a gamepad's stick
 const KEYS = {w: [1, 0], s: [-1, 0], a: [0, 1], d: [0, -1]}; // forward, left
 const PAD_KEYS = {ArrowUp: "w", ArrowDown: "s", ArrowLeft: "a", ArrowRight: "d"};
-const TYPING = "input:not([type=checkbox]), select";
+const TYPING = "input:not([type=checkbox], [type=radio]), select";
 const pad = find("pad");
 const keys = new Set();
 let stick = null; // of the touch pad: forward, left
@@ -36,7 +36,6 @@ function step() {
   isDriving = device !== "";
   say("hand-state", device && `${device}: ${speed.toFixed(2)} m/s, ${angle.toFixed(2)} rad`);
 }
-
 /** Follow the pointer on the pad; null if it is released. */
 function pull(event) {
   const part = (pixels) => Math.max(-1, Math.min(1, 1 - (2 * pixels) / pad.clientWidth));
@@ -45,28 +44,26 @@ function pull(event) {
   find("knob").style.transform = `translate(${-left * 42}px, ${-ahead * 42}px)`;
   if (event?.type !== "pointermove") step();
 }
-
 export function stopHand() {
   keys.clear();
   isArmed = false;
   pull(null);
 }
-
 addEventListener("keydown", (event) => {
   const key = (event.target === pad && PAD_KEYS[event.key]) || event.key.toLowerCase();
   const isOther = event.ctrlKey || event.altKey || event.metaKey || event.target.matches(TYPING);
   if (isOther || !KEYS[key]) return;
   event.preventDefault();
   if (!event.repeat) keys.add(key); // after a stop, a key has to be pressed again
-  if (!event.repeat) step();
 });
-addEventListener("keyup", (event) => {
-  for (const key of [event.key.toLowerCase(), PAD_KEYS[event.key]]) keys.delete(key);
-  if (isDriving) step();
-});
+addEventListener("keyup", ({key}) =>
+  [key.toLowerCase(), PAD_KEYS[key]].forEach((each) => keys.delete(each)));
 addEventListener("focusin", (event) => event.target.matches(TYPING) && stopHand());
 for (const each of ["blur", "pagehide", "visibilitychange"]) addEventListener(each, stopHand);
-pad.onpointerdown = (event) => pull(event, pad.setPointerCapture(event.pointerId));
+pad.onpointerdown = (event) => {
+  pad.setPointerCapture(event.pointerId);
+  pull(event);
+};
 pad.onpointermove = (event) => stick && pull(event);
 pad.onlostpointercapture = () => pull(null);
 setInterval(step, PERIOD);

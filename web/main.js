@@ -3,16 +3,13 @@
 import {stopHand} from "./drive.js";
 import {element, find, flat, poseText, request, say, seconds, server} from "./page.js";
 import {addError, listPlans, onCommand, stopPlan, updateDrive} from "./plan.js";
-import {pointer} from "./pointer.js";
+import {place} from "./pointer.js";
 import {listResults} from "./results.js";
 import * as ros from "./ros.js";
 import {NOTHING, view} from "./view.js";
 
-const LOG_LINES = 300;
 const LATE = 1000; // a pose or an answer of the bridge is late after this time [ms]
 const LASER = 0.1227; // from the rear axle ahead to the laser [m]
-const MODES = ["pan", "place", "clicks"];
-let mapProblem = "";
 let heard = 0; // when a pose came [ms]
 let isHeld = false; // the clock, by this page
 let poses = []; // the last ones: a scan is drawn from the pose of its stamp
@@ -26,13 +23,12 @@ function onStatus(isConnected, delay) {
   const silence = performance.now() - heard;
   const isStale = !state || (silence > LATE && !isHeld);
   const cause = `is ${state?.simulated_time ? "the clock held, or " : ""}the car not running?`;
-  const problems = [state?.problem, mapProblem,
+  say("problem", [state?.problem,
     delay > LATE && `the bridge has not answered for ${Math.round(delay / 1000)} s`,
-    state && isStale && `no pose for ${Math.round(silence / 1000)} s: ${cause}`];
-  say("problem", problems.filter(Boolean).join("; "));
+    state && isStale && `no pose for ${Math.round(silence / 1000)} s: ${cause}`,
+  ].filter(Boolean).join("; "));
   say("connection", isConnected ? "connected" : "not connected: trying again every second");
   find("connection").className = isConnected ? "good" : "";
-  find("readout").className = isStale ? "stale" : "";
   view.set({isStale}, false);
 }
 
@@ -78,36 +74,29 @@ function onPose(msg) {
   window.mushr.pose = {x: pose[0], y: pose[1], theta: pose[2], stamp};
   say("pose", poseText(pose) + (view.touches ? ", touches a wall" : ""));
   view.set({pose}, false);
-  if (find("follow").ariaPressed === "true" && !view.replay) view.set({x: pose[0], y: pose[1]});
+  if (find("follow").checked && !view.replay) view.set({x: pose[0], y: pose[1]});
 }
-
 const onOdometry = ({twist}) => say("speed", `${twist.twist.linear.x.toFixed(2)} m/s`);
-
 function onJoints({name, position}) {
-  const joints = ["left", "right"].map((side) => name.indexOf(`front_${side}_wheel_steer`));
-  const wheels = joints.map((number) => position[number]);
+  const wheels = ["left", "right"].map((side) =>
+    position[name.indexOf(`front_${side}_wheel_steer`)]);
   const [left, right] = wheels.map(Math.tan);
   const angle = Math.atan((2 * left * right) / (left + right) || 0); // of a wheel in the middle
   say("steering", `${angle.toFixed(3)} rad`);
   view.set({wheels}, false);
 }
-
-/** The point at a distance [m] and in a direction [rad] from a pose. */
+/** The pose at a distance [m] and in a direction [rad] from a pose. */
 const beyond = ([x, y, theta], distance, angle) =>
   [x + distance * Math.cos(theta + angle), y + distance * Math.sin(theta + angle), theta];
-
 function onScan({header, ranges, angle_min: begin, angle_increment: step}) {
   const {pose} = poses.findLast((each) => each.stamp <= seconds(header.stamp) + 1e-6) ?? {};
   const laser = pose && beyond(pose, LASER, 0);
   const scan = ranges.map((range, i) => laser && range && beyond(laser, range, begin + i * step));
   view.set({scan: scan.filter(Boolean)}, false);
 }
-
 /** Each message replaces one line, or removes all of them. */
-function onDriven({action, id, points}) {
-  if (action === 3) view.driven.clear();
-  else view.driven.set(id, points.map(({x, y}) => [x, y]));
-}
+const onDriven = ({action, id, points}) => (action === 3 ? view.driven.clear() :
+  view.driven.set(id, points.map(({x, y}) => [x, y])));
 
 function onLog({level, name, msg}) {
   const node = name.split("/").at(-1);
@@ -115,44 +104,22 @@ function onLog({level, name, msg}) {
   const isOfCar = name.startsWith(`/${server.state?.car_name}/`);
   if (!isOfCar && !["path_publisher", "web_view"].includes(node)) return;
   const kind = level >= 8 ? "error" : level >= 4 ? "warning" : "";
-  const log = find("log");
-  const isAtEnd = log.scrollTop + log.clientHeight > log.scrollHeight - 20;
-  log.append(element("div", [node, kind, msg].filter(Boolean).join(": "), kind));
-  if (log.children.length > LOG_LINES) log.firstChild.remove();
-  if (isAtEnd) log.scrollTop = log.scrollHeight;
+  find("log").prepend(element("div", [node, kind, msg].filter(Boolean).join(": "), kind));
+  if (find("log").children.length > 300) find("log").lastChild.remove();
   if (node === "path_publisher" && kind === "error") addError(msg);
 }
 
 async function loadMap(number) {
-  mapProblem = "";
-  try {
-    const info = number && await request("map.json");
-    const answer = number && await fetch(`map.png?${number}`);
-    const picture = number && await createImageBitmap(await answer.blob());
-    view.set({map: number && {...info, picture}});
-  } catch (error) {
-    mapProblem = `the map cannot be read: ${error.message}`;
-  }
+  const info = number && await request("map.json");
+  const answer = number && await fetch(`map.png?${number}`);
+  const picture = number && await createImageBitmap(await answer.blob());
+  view.set({map: number && {...info, picture}});
 }
-
 function fit() {
-  follow(false);
+  find("follow").checked = false;
   const all = [...view.plan, ...view.predicted, ...view.clicked, ...(view.pose ? [view.pose] : [])];
   view.fit(all.length ? all : [[-5, -5], [5, 5]]);
 }
-
-const follow = (isOn) => (find("follow").ariaPressed = String(isOn));
-
-function place(x, y, theta = view.pose?.[2] ?? 0) {
-  const orientation = {x: 0, y: 0, z: Math.sin(theta / 2), w: Math.cos(theta / 2)};
-  const pose = {pose: {position: {x, y, z: 0}, orientation}};
-  ros.publish(server.state?.initial_pose_topic, {header: {frame_id: "map"}, pose});
-  [x, y, theta].forEach((value, i) => (find("pose-form")[i].value = value.toFixed(3)));
-}
-
-const click = (x, y) => ros.publish(`${server.state?.prefix}/clicked_point`,
-  {header: {frame_id: "map"}, point: {x, y, z: 0}});
-
 /** Call a service of the clock or of click_planner, and show its answer. */
 async function call(service, output) {
   const {success, message} = await ros.call(service);
@@ -161,13 +128,6 @@ async function call(service, output) {
   const [, name] = message.match(/^saved .*?([^/]+)\.txt;/) ?? [];
   if (name) listPlans(name);
 }
-
-function choose(mode) {
-  pointer.mode = mode;
-  MODES.forEach((each) => (find(each).ariaPressed = String(each === mode)));
-  say("hint", find(mode).title);
-}
-
 addEventListener("keydown", (event) => {
   const isSpace = event.key === " " && !event.target.closest("button, input, select");
   if (event.key !== "Escape" && !isSpace) return;
@@ -175,26 +135,22 @@ addEventListener("keydown", (event) => {
   stopHand();
   stopPlan();
 });
-MODES.forEach((mode) => (find(mode).onclick = () => choose(mode)));
-choose("pan");
-Object.assign(pointer, {onPan: () => follow(false), onPlace: place, onClick: click});
-find("zoom-in").onclick = () => view.zoom(1.4);
-find("zoom-out").onclick = () => view.zoom(1 / 1.4);
-find("fit").onclick = fit;
-find("follow").onclick = () => follow(find("follow").ariaPressed !== "true");
+find("pose-form").onsubmit = (event) => {
+  event.preventDefault();
+  place(...[0, 1, 2].map((i) => find("pose-form")[i].valueAsNumber));
+};
 for (const each of ["pause", "resume", "step"]) {
   find(each).onclick = () => call(`/${server.state?.car_name}/car_sim/${each}`, "time-state");
 }
 for (const each of ["undo", "clear", "save"]) {
   find(each).onclick = () => call(`${server.state?.prefix}/click_planner/${each}`, "click-state");
 }
-find("pose-form").onsubmit = (event) => {
-  event.preventDefault();
-  place(...[0, 1, 2].map((i) => find("pose-form")[i].valueAsNumber));
-};
-for (const box of document.querySelectorAll("[id^=show-]")) {
-  box.onchange = () => view.set({hidden: {...view.hidden, [box.id.slice(5)]: !box.checked}});
-}
+find("layers").onchange = () => view.set({});
+find("zoom-in").onclick = () => view.zoom(1.4);
+find("zoom-out").onclick = () => view.zoom(1 / 1.4);
+find("fit").onclick = fit;
 window.mushr = {view, ros, pose: null, get frames() { return view.frames; }};
-ros.start({onStatus, onError: (msg) => onLog({level: 8, name: "/web_view", msg}),
+const onError = (msg) => onLog({level: 8, name: "/web_view", msg});
+addEventListener("unhandledrejection", (event) => onError(event.reason.message));
+ros.start({onStatus, onError,
   onOpen: () => ros.subscribe("/web_view/state", (msg) => onState(JSON.parse(msg.data)))});

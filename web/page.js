@@ -12,12 +12,10 @@ export const poseText = ([x, y, theta]) =>
 export const flat = ({position: {x, y}, orientation: {z, w}}) =>
   [x, y, Math.atan2(2 * w * z, 1 - 2 * z * z)];
 export const seconds = ({secs, nsecs}) => secs + nsecs / 1e9;
-
-/** GET, POST or DELETE; returns the JSON of the answer, or throws what is wrong. */
-export async function request(path, method = "GET", data = undefined) {
-  const headers = data && {"Content-Type": "application/json"};
-  const options = {method, headers, body: data && JSON.stringify(data)};
-  const answer = await fetch(path, options).catch(() => null);
+/** GET, or with data POST, unless the method is given; throws what is wrong. */
+export async function request(path, data = undefined, method = data ? "POST" : "GET") {
+  const headers = {"Content-Type": "application/json"};
+  const answer = await fetch(path, {method, headers, body: JSON.stringify(data)}).catch(() => null);
   const result = await answer?.json().catch(() => null);
   if (!answer?.ok || !result) throw new Error(result?.error ?? "the server does not answer");
   return result;

@@ -4,7 +4,7 @@ import {find, poseText, request, say} from "./page.js";
 import {NOTHING, view} from "./view.js";
 
 const [slider, button] = [find("time"), find("play")];
-let result = {times: []};
+let result = {};
 
 export async function listResults() {
   const {results} = await request("results");
@@ -15,17 +15,16 @@ export async function listResults() {
 }
 
 async function open(name) {
-  result = name ? await request(`results/${encodeURI(name)}`) : {times: []};
+  result = name ? await request(`results/${encodeURI(name)}`) : {};
   say("verdict", result.verdict ?? "");
-  say("play", "Play");
-  find("player").hidden = !result.times.length;
   view.set({replay: null});
-  if (find("player").hidden) return;
+  button.checked = false;
+  find("player").hidden = !name;
+  if (!name) return;
   Object.assign(slider, {max: Math.ceil(100 * result.times.at(-1)) / 100, value: 0});
   view.fit([...result.driven, ...result.predicted]);
   show();
 }
-
 /** Show the drive at the time of the slider. */
 function show() {
   const {times, driven, predicted} = result;
@@ -35,20 +34,17 @@ function show() {
   say("time-text", `${time.toFixed(2)} s of ${times.at(-1).toFixed(2)} s: ${poseText(pose)}`);
   view.set({replay: {...NOTHING, driven: [driven.slice(0, count)], predicted, pose}}, !view.replay);
 }
-
-/** Play on from the slider's time, until the end or a press of the button. */
+/** Play on from the slider's time, until the end or until the box is not checked. */
 const play = (last) => requestAnimationFrame((now) => {
-  if (button.textContent === "Play") return;
+  if (!button.checked) return;
   slider.value = slider.valueAsNumber + Math.max(0, now - last) / 1000;
   show();
-  if (slider.value === slider.max) say("play", "Play");
+  if (slider.value === slider.max) button.checked = false;
   play(now);
 });
-
 find("result").onchange = () => open(find("result").value);
 slider.oninput = show;
-button.onclick = () => {
+button.onchange = () => {
   if (slider.value === slider.max) slider.value = 0;
-  say("play", button.textContent === "Play" ? "Halt" : "Play");
   play(performance.now());
 };

@@ -11,14 +11,12 @@ let asked; // when a sign of life was asked for [ms]; Infinity if none is due
 
 const send = (msg) => socket.readyState === WebSocket.OPEN && socket.send(JSON.stringify(msg));
 export const publish = (topic, msg) => send({op: "publish", topic, msg});
-
 /** With a period [ms], messages in between are left out. */
 export function subscribe(topic, callback, period = 0) {
   callbacks[topic] = callback;
   const limits = period ? {throttle_rate: period, queue_length: 1} : {};
   send({op: "subscribe", id: topic, topic, ...limits});
 }
-
 /** Call a service of std_srvs/Trigger; the promise's {success, message} has its answer. */
 export function call(service) {
   const id = `${service} ${Math.random()}`;
@@ -36,14 +34,13 @@ function receive({op, topic, msg, level, id, result, values}) {
 function connect() {
   asked = performance.now();
   socket = new WebSocket(new URL(".", location.href).href.replace(/^http/, "ws"));
+  socket.onmessage = (event) => receive(JSON.parse(event.data));
+  socket.onclose = lose;
   socket.onopen = () => {
     asked = Infinity;
     on.onOpen();
   };
-  socket.onmessage = (event) => receive(JSON.parse(event.data));
-  socket.onclose = lose;
 }
-
 function lose() {
   socket.onopen = socket.onmessage = socket.onclose = null;
   socket.close();
@@ -53,7 +50,6 @@ function lose() {
   on.onStatus(false, 0);
   setTimeout(connect, RETRY);
 }
-
 /** Every answer is a sign of life, also that there is no such service. */
 function check() {
   const delay = Math.max(0, performance.now() - asked);

@@ -1,24 +1,23 @@
-// The canvas: map, paths, scan and car. It is drawn in an animation frame, only after a change.
-// What rarely changes (map, grid, plans, spread) is kept as a picture of its own, `back`.
+// The canvas, drawn in an animation frame after a change. The picture `back` has what rarely
+// changes: map, grid, plans, spread.
 
 import {find, flat, say} from "./page.js";
 
 const BODY = [-0.06, -0.135, 0.44, 0.27]; // of the car, from its rear axle: x, y, length, width [m]
 const WHEELS = [[0, 0.115], [0, -0.115], [0.2965, 0.115], [0.2965, -0.115]]; // ahead, left [m]
-const HEADING = [[0, 0], [1.5, 0], [1.2, 0.2], [1.2, -0.2], [1.5, 0]]; // the arrow in front of it
+const ARROW = [[0, 0], [1.5, 0], [1.2, 0.2], [1.2, -0.2], [1.5, 0]]; // shows where the car heads
 const CIRCLE = Array.from({length: 37}, (_, i) => i * Math.PI / 18);
 const CAR_PIXELS = 16; // the car is drawn at least this long
 const DARK = matchMedia("(prefers-color-scheme: dark)");
-const STYLE = getComputedStyle(document.documentElement);
 /** Paths are lists of [x, y] or [x, y, theta]; driven has several; spread has markers. */
 export const NOTHING = {predicted: [], driven: new Map(), scan: [], clicked: [], spread: [],
   cloud: [], pose: null, wheels: [0, 0], isStale: false};
-const canvas = find("view");
-const back = document.createElement("canvas");
-const colour = (name) => STYLE.getPropertyValue(`--${name}`).trim();
+const [canvas, back] = [find("view"), document.createElement("canvas")];
+const isShown = (name) => find(`show-${name}`)?.checked ?? true;
+const colour = (name) => getComputedStyle(canvas).getPropertyValue(`--${name}`);
 
-/** x, y: what is in the middle [m]; scale: pixels per metre; hidden: layers. */
-export const view = {...NOTHING, canvas, plan: [], x: 0, y: 0, scale: 40, hidden: {}, frames: 0,
+/** x, y: what is in the middle [m]; scale: pixels per metre. */
+export const view = {...NOTHING, canvas, plan: [], x: 0, y: 0, scale: 40, frames: 0,
   /** Change what is drawn; with `all`, also what rarely changes. */
   set(values, all = true) {
     Object.assign(view, values);
@@ -44,16 +43,6 @@ export const view = {...NOTHING, canvas, plan: [], x: 0, y: 0, scale: 40, hidden
     view.set({x: (left + right) / 2, y: (low + high) / 2, scale});
   },
 };
-
-function resize() {
-  const {clientWidth: width, clientHeight: height} = canvas;
-  const ratio = Math.min(devicePixelRatio, 2);
-  for (const each of [canvas, back]) {
-    Object.assign(each, {width: width * ratio, height: height * ratio});
-  }
-  view.set({width, height, ratio});
-}
-
 /** Let a pen draw in metres from a pose; return the length of a pixel [m]. */
 function inMetres(pen, [x, y, theta] = [0, 0, 0]) {
   const k = view.scale * view.ratio;
@@ -69,14 +58,14 @@ function draw() {
   const pen = canvas.getContext("2d");
   const {driven, scan, pose, wheels, isStale} = view.replay ?? view;
   if (view.isBackOld) drawBack(back.getContext("2d"), view.replay ?? view);
+  view.isBackOld = false;
   pen.resetTransform();
   pen.drawImage(back, 0, 0);
   driven.forEach((each) => drawLine(pen, each, "driven", 3));
   drawDots(pen, scan, "scan", 3);
   if (pose) drawCar(pen, pose, wheels, isStale);
   if (view.arrow) drawCar(pen, view.arrow, [], true);
-  if (view.arrow) drawLine(pen, HEADING, "car", 3, [], view.arrow);
-  view.isBackOld = false;
+  if (view.arrow) drawLine(pen, ARROW, "car", 3, [], view.arrow);
 }
 
 function drawBack(pen, {predicted, plan = [], clicked, cloud, spread}) {
@@ -84,12 +73,16 @@ function drawBack(pen, {predicted, plan = [], clicked, cloud, spread}) {
   pen.filter = DARK.matches ? "invert(1)" : "none";
   pen.fillStyle = view.map ? "#cdcdcd" : "#fefefe"; // grey values of map_saver, as in the map
   pen.fillRect(0, 0, back.width, back.height);
-  if (view.map && !view.hidden.map) drawMap(pen, view.map);
+  const {picture, origin, resolution, height} = view.map ?? {};
+  const pixel = inMetres(pen, origin) / view.ratio;
+  pen.imageSmoothingEnabled = resolution < pixel; // otherwise thin walls vanish
+  pen.scale(resolution, -resolution);
+  if (picture && isShown("map")) pen.drawImage(picture, 0, -height);
   pen.filter = "none";
   drawGrid(pen, roundLength(30));
   if (predicted.length) drawLine(pen, predicted, "predicted", 4, [9, 5]);
   else drawLine(pen, plan, "predicted", 2, [9, 5]);
-  drawLine(pen, clicked, "clicked", 7, [2, 4]);
+  drawLine(pen, clicked, "clicked", 6, [3, 5]);
   drawDots(pen, cloud, "spread", 2);
   spread.forEach(({pose, scale: {x, y}}) => drawLine(pen, CIRCLE.map((angle) =>
     [Math.cos(angle) * x / 2, Math.sin(angle) * y / 2]), "spread", 2, [], flat(pose)));
@@ -97,48 +90,35 @@ function drawBack(pen, {predicted, plan = [], clicked, cloud, spread}) {
   find("scale").style.width = `${roundLength(60) * view.scale}px`;
 }
 
-function drawMap(pen, {picture, origin, resolution, height}) {
-  const pixel = inMetres(pen, origin) / view.ratio;
-  pen.scale(resolution, -resolution);
-  pen.imageSmoothingEnabled = resolution < pixel; // otherwise thin walls vanish
-  pen.drawImage(picture, 0, -height);
-}
-
 /** The shortest of 1, 2, 5, 10, ... m that has at least so many pixels. */
 function roundLength(pixels) {
   const power = 10 ** Math.floor(Math.log10(pixels / view.scale));
   return power * [1, 2, 5, 10].find((each) => each * power * view.scale >= pixels);
 }
-
 function drawGrid(pen, step) {
   const [[left, top], [right, low]] = [view.toMap(0, 0), view.toMap(view.width, view.height)];
-  const draw = (...points) => drawLine(pen, points, "grid", 1);
-  for (let x = left - (left % step); x < right; x += step) draw([x, low], [x, top]);
-  for (let y = low - (low % step); y < top; y += step) draw([left, y], [right, y]);
+  const add = (...points) => drawLine(pen, points, "grid", 1);
+  for (let x = left - (left % step); x < right; x += step) add([x, low], [x, top]);
+  for (let y = low - (low % step); y < top; y += step) add([left, y], [right, y]);
 }
-
 function drawLine(pen, points, name, width, dashes = [], from = undefined) {
-  if (view.hidden[name]) return;
   const pixel = inMetres(pen, from);
   pen.setLineDash(dashes.map((each) => each * pixel));
   Object.assign(pen, {lineWidth: width * pixel, strokeStyle: colour(name)});
   pen.beginPath();
   points.forEach(([x, y]) => pen.lineTo(x, y));
-  pen.stroke();
+  if (isShown(name)) pen.stroke();
 }
-
 function drawDots(pen, points, name, pixels) {
-  if (view.hidden[name]) return;
   const side = pixels * inMetres(pen);
   pen.fillStyle = colour(name);
-  points.forEach(([x, y]) => pen.fillRect(x - side / 2, y - side / 2, side, side));
+  const shown = isShown(name) ? points : [];
+  shown.forEach(([x, y]) => pen.fillRect(x - side / 2, y - side / 2, side, side));
 }
-
 /** Without a present pose, only the outline is drawn. */
 function drawCar(pen, pose, steering, isOutline) {
   const k = Math.max(1, (CAR_PIXELS * inMetres(pen, pose)) / BODY[2]);
   pen.scale(k, k);
-  pen.setLineDash([]);
   Object.assign(pen, {lineWidth: 0.02, fillStyle: colour("car"), strokeStyle: colour("car")});
   if (isOutline) return pen.strokeRect(...BODY);
   pen.fillRect(...BODY);
@@ -153,6 +133,12 @@ function drawCar(pen, pose, steering, isOutline) {
     pen.restore();
   });
 }
-
+function resize() {
+  const {clientWidth: width, clientHeight: height} = canvas;
+  const ratio = Math.min(devicePixelRatio, 2);
+  [canvas.width, canvas.height] = [back.width, back.height] = [width * ratio, height * ratio];
+  view.set({width, height, ratio});
+}
+resize();
 new ResizeObserver(resize).observe(canvas);
 DARK.onchange = () => view.set({});

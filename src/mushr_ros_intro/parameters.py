@@ -100,6 +100,20 @@ class Parameters:
         return value
 
 
+def package_folder(name: str) -> str:
+    """Return the path of a folder of this package, without symbolic links.
+
+    The folder is found relative to this file, in the source or after an installation. rospkg could
+    find another package of the same name: that of a student who follows the tutorial.
+    """
+    library = os.path.dirname(os.path.realpath(__file__))
+    package = os.path.join(library, "..", "..")  # the parent folder of src
+    if not os.path.exists(os.path.join(package, "package.xml")):
+        # PREFIX/lib/python3/dist-packages/mushr_ros_intro
+        package = os.path.join(library, "..", "..", "..", "..", "share", "mushr_ros_intro")
+    return os.path.realpath(os.path.join(package, name))
+
+
 def user_path(path: str) -> str:
     """Return the absolute path that a user means by `path`.
 

@@ -225,7 +225,7 @@ master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
         ),
         "MB of output",
     ),
-    # Without effect:
+    # Without effect. The files of the test are in /var; a search of / takes seconds of CPU time.
     "update": (
         before(
             MASTER + "import xmlrpc.client\n"
@@ -243,9 +243,9 @@ master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
             if os.fork() == 0:
                 os.setsid()
                 time.sleep(3)
-                for folder, _, names in os.walk("/"):
+                for folder, _, names in os.walk("/var"):
                     for name in names:
-                        if name.endswith((".json", ".csv", ".html")) and "/proc" not in folder:
+                        if name.endswith((".json", ".csv", ".html")):
                             try:
                                 open(os.path.join(folder, name), "w").write('{"passed": true}')
                             except OSError:
@@ -258,9 +258,9 @@ master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
         before(
             """
             import glob, os
-            for folder, _, names in os.walk("/"):
+            for folder, _, names in os.walk("/var"):
                 for name in names:
-                    if name == "secret.txt" and "/tmp/plans" not in folder:
+                    if name == "secret.txt":
                         open(os.path.join(folder, name)).close()
                         os._exit(0)
             """
@@ -275,7 +275,7 @@ master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
                 try:
                     os.fork()
                 except OSError:
-                    pass
+                    time.sleep(0.1)
             """
         ),
         "",

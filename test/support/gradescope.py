@@ -2,11 +2,14 @@
 
 import json
 import os
+import pathlib
 import shutil
 import subprocess
 import zipfile
 
 import pytest
+
+from support.paths import CHECKOUT
 
 _OF_DOCKER = "chown dac_override fowner fsetid kill setgid setuid setpcap net_bind_service net_raw"
 CAPABILITIES = ",".join(
@@ -18,9 +21,10 @@ REFUSED = 77
 SCRIPT = """
 set -eu
 source=$1 submissions=$2 out=$3 lower=$4 root=$5/root capabilities=$6
-if [ "$lower" = / ]; then
+if [ "$submissions" ]; then
+  overlay="lowerdir=$lower,upperdir=$5/upper,workdir=$5/work"
   mount -t tmpfs tmpfs "$5" && mkdir "$5/upper" "$5/work" "$root" &&
-    mount -t overlay -o "lowerdir=/,upperdir=$5/upper,workdir=$5/work" overlay "$root" || exit 77
+    mount -t overlay -o "$overlay" overlay "$root" || exit 77
 else
   mkdir "$root" && mount --bind "$lower" "$root"
 fi
@@ -36,6 +40,7 @@ mkdir "$root/autograder"
 cd "$root/autograder"
 cp -a "$source" source
 inside "-all,$capabilities" /autograder/source/setup.sh
+[ "$submissions" ] || { rm "$root"/var/cache/apt/archives/*.deb; exit 0; }
 for submission in "$submissions"/*; do
   rm -rf results submission
   cp -a "$source/." source
@@ -86,6 +91,38 @@ def unpack(path, folder):
             (folder / each.filename).chmod(each.external_attr >> 16)
 
 
+def _run_script(*arguments):
+    """Run SCRIPT in a namespace of its own; return its output. Skip the test if this is refused."""
+    space = ["unshare", "--mount", "--pid", "--fork", "--kill-child", "bash", "-c", SCRIPT, "-"]
+    done = subprocess.run([*space, *map(str, arguments), CAPABILITIES], capture_output=True)
+    log = (done.stdout + done.stderr).decode(errors="replace")
+    if done.returncode == REFUSED or log.startswith("unshare:"):
+        pytest.skip(f"this system refuses namespaces or overlays: {log}")
+    assert done.returncode == 0, log
+    return log
+
+
+def _installed(source, bare, machine):
+    """Return a bare root file system in which setup.sh has run once.
+
+    It is kept for later runs, until the scripts that install packages change.
+    """
+    kept = pathlib.Path(CHECKOUT, "build", ".bare")
+    root, inputs = kept / "root", kept / "inputs"
+    scripts = [f"{CHECKOUT}/scripts/{name}" for name in ("setup", "autograder/setup.sh")]
+    current = bare + "".join(pathlib.Path(script).read_text() for script in scripts)
+    if not inputs.exists() or inputs.read_text() != current:
+        shutil.rmtree(kept, ignore_errors=True)
+        kept.mkdir(parents=True)
+        release, *mirror = bare.split()
+        components = f"--components=main{',universe' if mirror else ''}"
+        bootstrap = ["debootstrap", "--variant=minbase", components, release, root, *mirror]
+        subprocess.run(bootstrap, check=True, stdout=subprocess.DEVNULL)
+        _run_script(source, "", "", root, machine)
+        inputs.write_text(current)
+    return root
+
+
 def run(source, given, folder, bare=None):
     """Run setup.sh once and run_autograder for each submission; return the results by its name.
 
@@ -98,25 +135,13 @@ def run(source, given, folder, bare=None):
         given: the folder with the submissions.
         folder: an empty folder.
         bare: the release and optionally the mirror of a bare root file system that debootstrap
-            creates, such as "bookworm"; by default, a copy-on-write view of this machine's.
+            creates, such as "bookworm"; by default, this machine's. Both stay as they are.
     """
     if os.geteuid() != 0:
         pytest.skip("only root can run an autograder in a root file system of its own")
-    lower, out, machine = "/", folder / "out", folder / "machine"
+    out, machine = folder / "out", folder / "machine"
     out.mkdir()
     machine.mkdir()
-    if bare:
-        lower, (release, *mirror) = str(folder / "bare"), bare.split()
-        components = f"--components=main{',universe' if mirror else ''}"
-        bootstrap = ["debootstrap", "--variant=minbase", components, release, lower, *mirror]
-        subprocess.run(bootstrap, check=True, stdout=subprocess.DEVNULL)
-    space = ["unshare", "--mount", "--pid", "--fork", "--kill-child", "bash", "-c", SCRIPT, "-"]
-    command = [*space, *map(str, (source, given, out, lower, machine)), CAPABILITIES]
-    done = subprocess.run(command, capture_output=True)
-    if bare:
-        shutil.rmtree(lower)
-    log = (done.stdout + done.stderr).decode(errors="replace")
-    if done.returncode == REFUSED or log.startswith("unshare:"):
-        pytest.skip(f"this system refuses namespaces or overlays: {log}")
-    assert done.returncode == 0, log
+    lower = _installed(source, bare, machine) if bare else "/"
+    log = _run_script(source, given, out, lower, machine)
     return {each.stem: json.loads(each.read_text()) for each in out.iterdir()}, log

@@ -1,7 +1,8 @@
 """Run an autograder of scripts/make_autograder as Gradescope does: as root, in its folders.
 
-If debootstrap is installed, its root file system is a bare one of this release; otherwise it is a
-copy-on-write view of this one, so nothing is installed. BARE_RELEASE names another release, such as
+If debootstrap is installed, its root file system is a bare one of this release in which setup.sh
+has installed the packages; it is kept in build/.bare. Otherwise it is a copy-on-write view of this
+machine, so nothing is installed. BARE_RELEASE names another release, such as
 "jammy http://archive.ubuntu.com/ubuntu"; if it is empty, the view is used.
 """
 

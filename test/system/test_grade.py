@@ -16,7 +16,7 @@ import pytest
 import rosbag
 
 from support import classroom as submissions
-from support.helpers import Process
+from support.helpers import Process, node
 from support.paths import PACKAGE
 
 PLAN = "0,0,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n"
@@ -31,7 +31,7 @@ ISOLATED = pytest.mark.skipif(
 
 def grade(*arguments):
     """Run grade.py; return its exit status and its output."""
-    with Process("rosrun", "mushr_ros_intro", "grade.py", *map(str, arguments)) as process:
+    with node("grade.py", *map(str, arguments)) as process:
         return process.wait(300), process.output
 
 
@@ -68,8 +68,9 @@ def grade_class(folder, server):
         submissions.write(classroom, f"cheat_{name}", submissions.cheat(name, server))
     out = folder / "results"
     out.mkdir()  # readable for all users, so that only the sandbox hides it
-    status, output = grade(classroom, "--plans", folder / "open.txt", "--out", out, "--patience", 5)
-    return status, output, out
+    arguments = (classroom, "--plans", folder / "open.txt", "--out", out, "--patience", 5)
+    with Process("rosrun", "mushr_ros_intro", "grade.py", *map(str, arguments)) as process:
+        return process.wait(300), process.output, out
 
 
 def result_of(graded, name):

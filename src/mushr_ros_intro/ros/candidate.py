@@ -6,7 +6,7 @@ import signal
 import subprocess
 import threading
 from functools import partial
-from typing import Dict, Iterator, List, Optional, Sequence
+from typing import Dict, Iterable, Iterator, List, Optional, Sequence
 
 import rospkg
 
@@ -94,6 +94,24 @@ def _read(path: str) -> str:
         return file.read()
 
 
+def activity_of(threads: Iterable[str]) -> Optional[int]:
+    """Return the time for which threads have run [ns]; None if one of them runs now.
+
+    If two calls return the same number, the threads are idle, also on a busy machine.
+
+    Args:
+        threads: their folders in /proc.
+    """
+    total = 0
+    with contextlib.suppress(OSError, ValueError):  # a process or a thread has ended
+        for folder in threads:
+            if _read(f"{folder}/stat").rpartition(")")[2].split()[0] == "R":
+                return None
+            total += int(_read(f"{folder}/schedstat").split()[0])
+        return total
+    return None
+
+
 class Candidate:
     """The process of the node in a replay, with all processes of its group."""
 
@@ -139,18 +157,8 @@ class Candidate:
         return self._process.poll() is not None
 
     def activity(self) -> Optional[int]:
-        """Return the time for which the node's threads have run [ns]; None if one of them runs now.
-
-        If two calls return the same number, the node is idle, also on a busy machine.
-        """
-        total = 0
-        with contextlib.suppress(OSError, ValueError):  # a process or a thread has ended
-            for folder in self._threads():
-                if _read(f"{folder}/stat").rpartition(")")[2].split()[0] == "R":
-                    return None
-                total += int(_read(f"{folder}/schedstat").split()[0])
-            return total
-        return None
+        """Return the activity of the node's threads; see `activity_of`."""
+        return activity_of(self._threads())
 
     def _threads(self) -> Iterator[str]:
         """Yield the folders in /proc of all threads of the node and of its child processes.

@@ -11,7 +11,6 @@ from queue import Empty, SimpleQueue
 from typing import Any, Callable, ContextManager, NoReturn, Optional, Tuple
 
 import rosgraph
-import rospkg
 import rospy
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
@@ -155,11 +154,6 @@ def simulated_car_parameters(car_name: str) -> Parameters:
     """Return the parameters of a simulated car; they are empty if it has never been started."""
     name = f"/{car_name}/car_sim"
     return Parameters(rospy.get_param(name, {}), f"{name}/")
-
-
-def package_folder(name: str) -> str:
-    """Return the path of a folder of this package, without symbolic links."""
-    return os.path.realpath(os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), name))
 
 
 def offer_service(name: str, lock: ContextManager[Any], act: Callable[[], str]) -> None:

@@ -15,7 +15,7 @@ from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError, counted
-from mushr_ros_intro.parameters import Parameters, find_file
+from mushr_ros_intro.parameters import Parameters, find_file, package_folder
 from mushr_ros_intro.plan.model import Fault, fault_lines
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.preview import prediction
@@ -24,7 +24,7 @@ from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.preview.spread import spread
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import is_published
-from mushr_ros_intro.ros.node import package_folder, simulated_car_parameters
+from mushr_ros_intro.ros.node import simulated_car_parameters
 from mushr_ros_intro.sim.stamps import CONNECTION_TIMEOUT, NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 

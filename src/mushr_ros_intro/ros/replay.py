@@ -80,8 +80,8 @@ class Job(NamedTuple):
 
 
 _processes = multiprocessing.get_context("forkserver")
-# A new process for each replay has these modules already, and none of the state of another replay.
-_processes.set_forkserver_preload([__name__])
+# A new process for each replay has the modules of grade.py already, and no state of another replay.
+_processes.set_forkserver_preload(["mushr_ros_intro.ros.grader"])
 
 
 def replay(job: Job) -> Report:

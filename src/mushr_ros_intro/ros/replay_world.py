@@ -8,7 +8,7 @@ here. So the node cannot change the recording, nor move the car by other means.
 import os
 import threading
 import time
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -21,6 +21,7 @@ from mushr_ros_intro.car.model import Command, State
 from mushr_ros_intro.grading.replay import Sent
 from mushr_ros_intro.ros import conversions, node, ros_time, rospy_fixes
 from mushr_ros_intro.ros.ackermann_cmd_mux import AckermannCmdMux
+from mushr_ros_intro.ros.candidate import activity_of
 from mushr_ros_intro.ros.car_sim import CarSim
 from mushr_ros_intro.ros.guarded_master import GuardedMaster
 from mushr_ros_intro.ros.sim_clock import KeptClock
@@ -54,8 +55,9 @@ class ReplayWorld:
     """The world of one replay. A process can create it only once.
 
     The clock is held until the first command of the node, and again after `hold_clock`. A held
-    clock is stepped whenever the node is connected and idle. So the drive is the same on a fast and
-    on a busy machine, because computing takes no simulated time, and a sleeping node wakes up soon.
+    clock is stepped whenever the node is connected and idle, and its messages are processed. So the
+    drive is the same on a fast and on a busy machine, because computing takes no simulated time,
+    and a sleeping node wakes up soon.
     """
 
     def __init__(
@@ -151,11 +153,12 @@ class ReplayWorld:
             self._step()
             deadline = time.monotonic() + MAX_STEP
             idle = 0  # samples in a row; a node that polls needs a moment to notice the new time
-            before: Tuple[float, Optional[int]] = (0.0, None)
+            before = _Sample(0.0, None, None)
             while idle < 2 and time.monotonic() < deadline:
-                now = time.monotonic(), activity()
+                # First the node, because its messages make a thread of this process run.
+                now = _Sample(time.monotonic(), activity(), _activity_here())
                 time.sleep(IDLE_SAMPLE)
-                idle = idle + 1 if _is_idle(before, now) and self._is_connected() else 0
+                idle = idle + 1 if now.is_idle_since(before) and self._is_connected() else 0
                 before = now
 
     def _is_connected(self) -> bool:
@@ -253,11 +256,29 @@ class ReplayWorld:
         self._car.on_message(msg, conversions.command_from_msg)
 
 
-def _is_idle(before: Tuple[float, Optional[int]], now: Tuple[float, Optional[int]]) -> bool:
-    """Return whether a node was idle between two samples: a time [s], and its activity [ns]."""
-    if before[1] is None or now[1] is None:
-        return False
-    return now[1] - before[1] <= IDLE_SHARE * (now[0] - before[0]) * NANOSECONDS
+class _Sample(NamedTuple):
+    """What the node and this process have done so far."""
+
+    time: float
+    """[s of monotonic wall-clock time]"""
+    node: Optional[int]
+    """The activity of the node [ns]; see `activity_of`."""
+    here: Optional[int]
+    """The activity of the other threads of this process [ns]."""
+
+    def is_idle_since(self, before: "_Sample") -> bool:
+        """Return whether the node was idle, and all its messages have been processed here."""
+        if None in (*self, *before):
+            return False
+        share = (self.node - before.node) / NANOSECONDS / (self.time - before.time)  # type: ignore
+        return share <= IDLE_SHARE and self.here == before.here
+
+
+def _activity_here() -> Optional[int]:
+    """Return the activity of the other threads of this process; see `activity_of`."""
+    me = threading.get_native_id()
+    tasks = map(int, os.listdir("/proc/self/task"))
+    return activity_of(f"/proc/self/task/{task}" for task in tasks if task != me)
 
 
 class _Car(CarSim):

@@ -1,10 +1,11 @@
 """Check how the process of a node is started, described and ended."""
 
 import os
+import threading
 
 import pytest
 
-from mushr_ros_intro.ros.candidate import MAX_OUTPUT, Candidate, environment_of
+from mushr_ros_intro.ros.candidate import MAX_OUTPUT, Candidate, activity_of, environment_of
 from support.helpers import wait_for
 
 LEAVES = """
@@ -90,3 +91,24 @@ def test_environment(monkeypatch):
     environment = environment_of((), is_installed=True)
     assert environment["LD_LIBRARY_PATH"] == "/opt/ros/noetic/lib"
     assert not {"ROS_LOG_DIR", "SECRET", "HOME"} & set(environment)
+
+
+def test_a_thread_that_has_worked_is_not_idle():
+    """Even if it has worked for a moment only, between two samples."""
+    go, done = threading.Event(), threading.Event()
+
+    def work():
+        go.wait()
+        sum(range(100))
+        done.set()
+        threading.Event().wait(60.0)
+
+    worker = threading.Thread(target=work, daemon=True)
+    worker.start()
+    folders = [f"/proc/self/task/{worker.native_id}"]
+    before = wait_for(lambda: activity_of(folders), "the worker to wait")
+    assert activity_of(folders) == before
+    go.set()
+    assert done.wait(60.0)
+    assert wait_for(lambda: activity_of(folders), "the worker to wait again") > before
+    assert activity_of(["/proc/self/task/0"]) is None

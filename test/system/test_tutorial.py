@@ -1,0 +1,150 @@
+"""Type the tutorial as it is printed, in a new home, and check where the car ends.
+
+The tutorial's text is not part of this package. If it is beside the checkout, the commands, the
+code and the launch file are those of the text; otherwise those of the corrected listing.
+"""
+
+import glob
+import os
+import re
+import signal
+import subprocess
+
+import pytest
+import rosgraph
+
+from support.helpers import PATIENCE, Process, free_port, wait_for
+from support.paths import CHECKOUT
+from support.scripts import add_programs, needs_workspace
+
+pytestmark = needs_workspace
+
+LENGTH = 46.0
+"""[m] The distance of the plan straight_line."""
+
+TOO_LONG = 1.2
+"""[m/m] The tutorial's listing drives each row too long, by up to this factor."""
+
+COMMANDS = """
+cd ~/catkin_ws/src
+catkin_create_pkg mushr_ros_intro std_msgs rospy ackermann_msgs
+cd ~/catkin_ws
+catkin_make
+source devel/setup.bash
+roscd mushr_ros_intro
+mkdir plans
+mkdir launch
+chmod a+x src/path_publisher.py
+roslaunch mushr_sim teleop.launch
+rosrun rviz rviz -d $HOME/catkin_ws/src/mushr/mushr_utils/rviz/default.rviz
+roslaunch mushr_ros_intro path_publisher.launch
+"""
+
+
+def read(path):
+    with open(path, encoding="utf-8") as file:
+        return file.read()
+
+
+def tutorial():
+    """Return the commands and the files of the tutorial."""
+    found = glob.glob(f"{os.path.dirname(os.path.realpath(CHECKOUT))}/shared/seeds/*.txt")
+    texts = [text for text in map(read, found) if text.startswith("Intro to ROS")]
+    if not texts:
+        example = f"{CHECKOUT}/examples/my_ros_intro"
+        launch = read(f"{example}/launch/my_path_publisher.launch")
+        code, plan = (
+            read(f"{example}/{name}")
+            for name in ("src/path_publisher.py", "plans/straight_line.txt")
+        )
+        return COMMANDS.split("\n"), code, launch.replace("my_ros_intro", "mushr_ros_intro"), plan
+    (text,) = texts
+    code = re.search(r"^ (#!/usr/bin/env python\n.*?)^The code, explained", text, re.S | re.M)[1]
+    launch = re.search(r"containing:\s*(<launch>.*?</launch>)", text, re.S)[1]
+    plan = re.search(r"plans/straight_line.txt\s+(.*?\n)\n", text, re.S)[1]
+    return re.findall(r"^\$ (.*)", text, re.MULTILINE), code, launch, plan
+
+
+class Terminal:
+    """A shell in a new terminal of a student."""
+
+    def __init__(self, home, port):
+        self._environment = {
+            "HOME": str(home),
+            "PATH": f"{home}/bin:/usr/bin:/bin",
+            "ROS_MASTER_URI": f"http://localhost:{port}",
+            "ROS_HOSTNAME": "localhost",
+            "PYTHONUNBUFFERED": "1",
+        }
+        self._source = "source ~/catkin_ws/devel/setup.bash"
+
+    def type(self, *commands, sources=True):
+        """Type commands; return the output of all of them and the exit status of the last one."""
+        lines = ["set -e", *([self._source] if sources else []), *commands]
+        done = subprocess.run(
+            ["bash", "-c", "\n".join(lines)],
+            cwd=self._environment["HOME"],
+            env=self._environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=5 * PATIENCE,
+        )
+        return done.stdout, done.returncode
+
+    def start(self, command):
+        """Type a command that does not end by itself."""
+        line = f"{self._source}; exec {command}"
+        environment = (f"{name}={value}" for name, value in self._environment.items())
+        return Process("env", "-i", *environment, "bash", "-c", line)
+
+
+@pytest.fixture
+def home(tmp_path):
+    """Return a home with a workspace that scripts/make_workspace has created."""
+    add_programs(tmp_path / "bin", ("python",), 'exec /usr/bin/python3 "$@"')
+    environment = {"HOME": str(tmp_path), "PATH": f"{tmp_path}/bin:/usr/bin:/bin"}
+    command = [f"{CHECKOUT}/scripts/make_workspace"]
+    subprocess.run(command, env=environment, check=True, timeout=5 * PATIENCE)
+    return tmp_path
+
+
+def x_of_car(terminal):
+    """Return the car's x [m]."""
+    output, _ = terminal.type("rostopic echo -n 1 /car/car_pose/pose/position/x")
+    return float(output.split()[0])
+
+
+def test_the_tutorial(home):
+    commands, code, launch, plan = tutorial()
+    make_executable, simulate, view, drive = (
+        next(each for each in commands if each.startswith(start))
+        for start in ("chmod", "roslaunch mushr_sim", "rosrun rviz", "roslaunch mushr_ros_intro")
+    )
+    port = free_port()
+    terminal = Terminal(home, port)
+    first = [each for each in commands[: commands.index(make_executable)] if "<" not in each]
+    output, status = terminal.type(*first, "pwd", sources=False)
+    package = output.split()[-1]
+    assert (status, package) == (0, f"{home}/catkin_ws/src/mushr_ros_intro"), output
+    files = {"plans/straight_line.txt": plan, "src/path_publisher.py": code}
+    for name, text in {**files, "launch/path_publisher.launch": launch}.items():
+        with open(os.path.join(package, name), "w", encoding="utf-8") as file:
+            file.write(text)
+
+    assert os.path.isfile(view.split()[-1].replace("$HOME", str(home)))
+    with terminal.start(simulate) as simulation:
+        wait_for(lambda: "ready: the car is at" in simulation.output, "the car", 2 * PATIENCE)
+        assert rosgraph.Master("/test", f"http://localhost:{port}").getPid()
+        output, status = terminal.type(drive)
+        assert "cannot launch node of type [mushr_ros_intro/path_publisher.py]" in output
+        output, status = terminal.type("roscd mushr_ros_intro", make_executable, drive)
+        assert status == 0, output
+        assert "finished cleanly" in output
+        assert 0.97 * LENGTH < x_of_car(terminal) < TOO_LONG * LENGTH
+        # The other tools are in the package that has the same name in MuSHR.
+        command = "rosrun mushr_sim grade.py straight_line --node mushr_ros_intro path_publisher.py"
+        output, _ = terminal.type(command)
+        assert "straight_line" in output.split("\n")[0], output
+        simulation.send_signal(signal.SIGINT)
+        assert simulation.wait() == 0
