@@ -11,8 +11,7 @@ const DEAD_ZONE = 0.1; // of a gamepad's stick
 const KEYS = {w: [1, 0], s: [-1, 0], a: [0, 1], d: [0, -1]}; // forward, left
 const PAD_KEYS = {ArrowUp: "w", ArrowDown: "s", ArrowLeft: "a", ArrowRight: "d"};
 const TYPING = "input:not([type=checkbox], [type=radio]), select";
-const pad = find("pad");
-const keys = new Set();
+const [pad, keys] = [find("pad"), new Set()];
 let stick = null; // of the touch pad: forward, left
 let isDriving = false;
 let isArmed = true; // after a stop, the gamepad's button has to be pressed again

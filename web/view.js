@@ -138,6 +138,7 @@ function resize() {
   const ratio = Math.min(devicePixelRatio, 2);
   [canvas.width, canvas.height] = [back.width, back.height] = [width * ratio, height * ratio];
   view.set({width, height, ratio});
+  draw(); // at once: the new size has cleared the canvas
 }
 resize();
 new ResizeObserver(resize).observe(canvas);
