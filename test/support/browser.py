@@ -116,7 +116,9 @@ class Browser:
 
     def errors(self):
         """Return the errors that the page has logged since the last call."""
-        return [each["message"] for each in self.driver.get_log("browser") if each["level"] == "SEVERE"]
+        return [
+            each["message"] for each in self.driver.get_log("browser") if each["level"] == "SEVERE"
+        ]
 
 
 def colours(picture, tolerance=30):

@@ -12,7 +12,15 @@ import roslib.packages
 from tornado.websocket import websocket_connect
 
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between
-from support.helpers import PATIENCE, LoggedAssertionError, Process, free_port, master, node, wait_for
+from support.helpers import (
+    PATIENCE,
+    LoggedAssertionError,
+    Process,
+    free_port,
+    master,
+    node,
+    wait_for,
+)
 from support.paths import CHECKOUT
 
 CLIENTS = os.path.join(CHECKOUT, "build", ".clients")
@@ -83,13 +91,18 @@ class Client:
         complete(write(), "the server to read")
 
     def frame(self, condition, what):
-        """Return the next frame for which a condition is true, or None if the connection ends."""
+        """Return the next frame for which a condition is true, or None if the connection ends.
+
+        Binary frames are skipped.
+        """
 
         async def read():
             while True:
                 text = await self._socket.read_message()
-                frame = text and json.loads(text)
-                if frame is None or condition(frame):
+                if text is None:
+                    return None
+                frame = {} if isinstance(text, bytes) else json.loads(text)
+                if frame and condition(frame):
                     return frame
 
         return complete(read(), what)

@@ -127,14 +127,15 @@ def test_keys(page):
     place(page, 1.0, 0.0, 0.0)
     page.find("view").click()
     page.actions().key_down("w").perform()
-    page.shows("owner", "teleop")
+    page.shows("hand-state", "driving by keys: 2.00 m/s, 0.00 rad")
     page.wait(lambda: page.pose()[0] > 1.5, "the car to drive forward")
     page.actions().key_down("a").perform()
     page.wait(lambda: page.pose()[2] > 0.1, "the car to turn left")
     page.actions().key_up("a").key_up("w").perform()
     at_rest(page)
+    start = page.pose()[:2]
     page.actions().key_down("s").perform()
-    page.shows("owner", "teleop")
+    page.wait(lambda: math.dist(page.pose()[:2], start) > 0.2, "the car to drive back")
     page.run("window.dispatchEvent(new Event('blur'))")  # another window has the focus
     at_rest(page)
     page.actions().key_up("s").perform()
