@@ -12,6 +12,7 @@ import rospkg
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.grading.sandbox import SYSTEM
+from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 SHOWN_LINES = 15
 """Number of lines at the end of the node's output that a message quotes."""
@@ -112,6 +113,15 @@ def activity_of(threads: Iterable[str]) -> Optional[int]:
     return None
 
 
+def delay_of(threads: Iterable[str]) -> float:
+    """Return for how long threads have waited for a processor [s]; args as for `activity_of`."""
+    total = 0
+    with contextlib.suppress(OSError, ValueError):
+        for folder in threads:
+            total += int(_read(f"{folder}/schedstat").split()[1])
+    return total / NANOSECONDS
+
+
 class Candidate:
     """The process of the node in a replay, with all processes of its group."""
 
@@ -159,6 +169,15 @@ class Candidate:
     def activity(self) -> Optional[int]:
         """Return the activity of the node's threads; see `activity_of`."""
         return activity_of(self._threads())
+
+    @property
+    def delay(self) -> float:
+        """The time for which the node and this process have waited for a processor [s].
+
+        A busy machine delays a node by this time, at most.
+        """
+        here = (f"/proc/self/task/{task}" for task in os.listdir("/proc/self/task"))
+        return delay_of(self._threads()) + delay_of(here)
 
     def _threads(self) -> Iterator[str]:
         """Yield the folders in /proc of all threads of the node and of its child processes.

@@ -233,7 +233,7 @@ def _watch(candidate: Candidate, world: ReplayWorld, job: Job) -> str:
                 world.hold_clock()
                 if world.silence > DONE_AFTER or silence > MAX_QUIET:
                     return ""  # a node that has driven the plan need not end
-        elif silence > job.patience:
+        elif silence > job.patience and silence - candidate.delay > job.patience:
             return _describe_silence(len(sent), expected, job.patience, world)
         time.sleep(POLL_PERIOD)
     fault = candidate.describe_failure()
