@@ -26,7 +26,6 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from mushr_ros_intro.ros.connections import receivers, wait_until_connected
-from support.forks import Fork
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between, planar
 from support.messages import MUX, OUTPUT, placement
 
@@ -286,21 +285,17 @@ class Process:
 
     def __init__(self, *command, **environment):
         self.command = " ".join(map(os.path.basename, command)).split("\n")[0]
-        self._process = self._start(command, {**os.environ, **environment, "PYTHONUNBUFFERED": "1"})
+        self._process = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, **environment, "PYTHONUNBUFFERED": "1"},
+            start_new_session=True,
+        )
         self._lines = []
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
         _processes.add(self)
-
-    @staticmethod
-    def _start(command, environment):
-        return subprocess.Popen(
-            command,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            env=environment,
-            start_new_session=True,
-        )
 
     def _read(self):
         for line in self._process.stdout:
@@ -353,16 +348,10 @@ class Process:
         self.end()
 
 
-class ForkedProcess(Process):
-    """A Python program as a process that starts faster."""
-
-    _start = Fork
-
-
 def node(name, *arguments, **environment):
     """Start a node of this package as rosrun does, but without rosrun's search of one second."""
     path = roslib.packages.find_node("mushr_ros_intro", name)[0]
-    return ForkedProcess(path, *arguments, **environment)
+    return Process(path, *arguments, **environment)
 
 
 def driver(plan, *arguments, **environment):

@@ -36,8 +36,7 @@ REPLAYS = {
         set(),
         "plan.txt with the car ideal:\nok   node: the node ran without an error\n",
     ),
-    "listing": (publisher("listing.py"), set(), NO_STOP),
-    "remap": (
+    "listing": (
         publisher("listing.py", f"remap:=_control_topic=/cmd /cmd={CONTROL}"),
         set(),
         NO_STOP,

@@ -155,8 +155,8 @@ class ReplayWorld:
             idle = 0  # samples in a row; a node that polls needs a moment to notice the new time
             before = _Sample(0.0, None, None)
             while idle < 2 and time.monotonic() < deadline:
-                # First the node, because its messages make a thread of this process run.
-                now = _Sample(time.monotonic(), activity(), _activity_here())
+                # First the node: its messages make the receiving threads run.
+                now = _Sample(time.monotonic(), activity(), _receiving())
                 time.sleep(IDLE_SAMPLE)
                 idle = idle + 1 if now.is_idle_since(before) and self._is_connected() else 0
                 before = now
@@ -263,22 +263,24 @@ class _Sample(NamedTuple):
     """[s of monotonic wall-clock time]"""
     node: Optional[int]
     """The activity of the node [ns]; see `activity_of`."""
-    here: Optional[int]
-    """The activity of the other threads of this process [ns]."""
+    received: Optional[int]
+    """The activity of the threads that receive its messages [ns]."""
 
     def is_idle_since(self, before: "_Sample") -> bool:
         """Return whether the node was idle, and all its messages have been processed here."""
         if None in (*self, *before):
             return False
         share = (self.node - before.node) / NANOSECONDS / (self.time - before.time)  # type: ignore
-        return share <= IDLE_SHARE and self.here == before.here
+        return share <= IDLE_SHARE and self.received == before.received
 
 
-def _activity_here() -> Optional[int]:
-    """Return the activity of the other threads of this process; see `activity_of`."""
-    me = threading.get_native_id()
-    tasks = map(int, os.listdir("/proc/self/task"))
-    return activity_of(f"/proc/self/task/{task}" for task in tasks if task != me)
+def _receiving() -> Optional[int]:
+    """Return the activity of the threads that receive messages; see `activity_of`.
+
+    rospy gives them the names of the topics.
+    """
+    threads = (each for each in threading.enumerate() if each.name.startswith("/"))
+    return activity_of(f"/proc/self/task/{each.native_id}" for each in threads)
 
 
 class _Car(CarSim):
