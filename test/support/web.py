@@ -26,7 +26,7 @@ from support.paths import CHECKOUT
 CLIENTS = os.path.join(CHECKOUT, "build", ".clients")
 """Where `scripts/test --clients` installs clients from npm and PyPI."""
 
-INSTALL = "scripts/test --clients installs it"
+INSTALL = "scripts/test --clients installs what is missing"
 """The end of the reason why a test is skipped."""
 
 JSON = {"Content-Type": "application/json"}

@@ -10,16 +10,15 @@ from support import browser, web
 from support.cars import plan_named
 from support.geometry import closed_form
 
-pytestmark = pytest.mark.skipif(
-    bool(browser.missing()),
-    reason=f"{', '.join(browser.missing())} missing; {web.INSTALL}",
-)
+if browser.missing():
+    reason = f"the packages {', '.join(browser.missing())} are missing; {web.INSTALL}"
+    pytest.skip(reason, allow_module_level=True)
 
 FACTOR = 4
 """Speed of simulated time; a drive of figure_8 takes 22 s of it."""
 
-PIXEL = 1.5
-"""The largest error of a click [pixel]."""
+PIXEL = 3.5
+"""The largest error of a click [pixel]: roundings in selenium, and the border of the canvas."""
 
 MAP = {"wall": "#000000", "free": "#ffffff", "unknown": "#cdcdcd"}
 """Colours of the map, which are those of map_saver."""
@@ -50,6 +49,13 @@ def page(sim):
         yield found
     finally:
         found.end()
+
+
+@pytest.fixture(autouse=True)
+def released_keys(page):
+    """Stop a drive by hand at the end of a test that failed: other tests drive plans."""
+    yield
+    page.run("window.dispatchEvent(new Event('blur'))")
 
 
 def colour(page, name):
@@ -127,7 +133,7 @@ def test_keys(page):
     place(page, 1.0, 0.0, 0.0)
     page.find("view").click()
     page.actions().key_down("w").perform()
-    page.shows("hand-state", "driving by keys: 2.00 m/s, 0.00 rad")
+    page.shows("hand-state", "2.00 m/s, 0.00 rad")
     page.wait(lambda: page.pose()[0] > 1.5, "the car to drive forward")
     page.actions().key_down("a").perform()
     page.wait(lambda: page.pose()[2] > 0.1, "the car to turn left")
@@ -165,7 +171,7 @@ def test_figure_8(page):
     page.shows("owner", "navigation")
     current = "return document.querySelector('#rows [aria-current]')?.rowIndex ?? 0"
     page.wait(lambda: page.run(current) >= 12, "the mark of the second loop")
-    page.shows("drive-state", "figure_8 ended successfully")
+    page.shows("drive-state", "ended success")
     page.wait(lambda: web.is_near(page.pose(), final), f"the car at {final}")
     assert page.run(current) == 0, "no row is current after the drive"
     length = 44.0 * page.run("return window.mushr.view.scale")
@@ -179,7 +185,7 @@ def test_stop(page):
     page.find("drive").click()
     page.shows("speed", "0.50 m/s")
     page.find("stop").click()
-    page.shows("drive-state", "long was stopped")
+    assert "long" in page.shows("drive-state", "stopped")
     at_rest(page)
 
 
