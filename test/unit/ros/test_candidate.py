@@ -1,11 +1,13 @@
 """Check how the process of a node is started, described and ended."""
 
 import os
+import subprocess
+import sys
 import threading
 
 import pytest
 
-from mushr_ros_intro.ros.candidate import MAX_OUTPUT, Candidate, activity_of, environment_of
+from mushr_ros_intro.ros.candidate import MAX_OUTPUT, Candidate, activity_of, delay_of, environment_of
 from support.helpers import wait_for
 
 LEAVES = """
@@ -112,3 +114,16 @@ def test_a_thread_that_has_worked_is_not_idle():
     assert done.wait(60.0)
     assert wait_for(lambda: activity_of(folders), "the worker to wait again") > before
     assert activity_of(["/proc/self/task/0"]) is None
+
+
+def test_the_time_of_waiting_for_a_processor():
+    """Of two programs that compute on one processor, each waits half of the time."""
+    code = "import os\nos.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\nwhile True: pass"
+    programs = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(2)]
+    try:
+        folders = [f"/proc/{each.pid}/task/{each.pid}" for each in programs]
+        wait_for(lambda: min(delay_of([folder]) for folder in folders) > 0.1, "a delay")
+    finally:
+        for each in programs:
+            each.kill()
+            each.wait()
