@@ -7,7 +7,13 @@ import threading
 
 import pytest
 
-from mushr_ros_intro.ros.candidate import MAX_OUTPUT, Candidate, activity_of, delay_of, environment_of
+from mushr_ros_intro.ros.candidate import (
+    MAX_OUTPUT,
+    Candidate,
+    activity_of,
+    delay_of,
+    environment_of,
+)
 from support.helpers import wait_for
 
 LEAVES = """
