@@ -95,8 +95,8 @@ function onScan({header, ranges, angle_min: begin, angle_increment: step}) {
   view.set({scan: scan.filter(Boolean)}, false);
 }
 /** Each message replaces one line, or removes all of them. */
-const onDriven = ({action, id, points}) => (action === 3 ? view.driven.clear() :
-  view.driven.set(id, points.map(({x, y}) => [x, y])));
+const onDriven = ({action, id, points}) => view.set({driven: action === 3 ? new Map() :
+  view.driven.set(id, points.map(({x, y}) => [x, y]))}, false);
 
 function onLog({level, name, msg}) {
   const node = name.split("/").at(-1);

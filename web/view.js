@@ -20,7 +20,10 @@ const colour = (name) => getComputedStyle(canvas).getPropertyValue(`--${name}`);
 export const view = {...NOTHING, canvas, plan: [], x: 0, y: 0, scale: 40, frames: 0,
   /** Change what is drawn; with `all`, also what rarely changes. */
   set(values, all = true) {
+    const isOld = ([name, value]) => `${value}` === `${view[name]}` && !/object/.test(value);
+    const isSame = Object.keys(values).length && Object.entries(values).every(isOld);
     Object.assign(view, values);
+    if (isSame) return; // the car stands
     view.isBackOld ||= all;
     view.request ||= requestAnimationFrame(draw);
   },
@@ -51,7 +54,6 @@ function inMetres(pen, [x, y, theta] = [0, 0, 0]) {
   pen.rotate(theta);
   return 1 / view.scale;
 }
-
 function draw() {
   Object.assign(view, {request: 0, frames: view.frames + 1});
   if (!view.width || !view.height) return;
@@ -67,7 +69,6 @@ function draw() {
   if (view.arrow) drawCar(pen, view.arrow, [], true);
   if (view.arrow) drawLine(pen, ARROW, "car", 3, [], view.arrow);
 }
-
 function drawBack(pen, {predicted, plan = [], clicked, cloud, spread}) {
   pen.resetTransform();
   pen.filter = DARK.matches ? "invert(1)" : "none";
@@ -89,7 +90,6 @@ function drawBack(pen, {predicted, plan = [], clicked, cloud, spread}) {
   say("scale", `${Number(roundLength(60).toPrecision(1))} m`);
   find("scale").style.width = `${roundLength(60) * view.scale}px`;
 }
-
 /** The shortest of 1, 2, 5, 10, ... m that has at least so many pixels. */
 function roundLength(pixels) {
   const power = 10 ** Math.floor(Math.log10(pixels / view.scale));
