@@ -6,7 +6,7 @@ threads.
 
 import asyncio
 import io
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Set, Union
 
@@ -63,6 +63,12 @@ class Topic:
         """Send a message to all clients."""
         for outbox in self.outboxes:
             outbox.put(message)
+
+
+def _report(done: "Future[None]") -> None:
+    """Log the error of a subscription in ROS."""
+    if done.exception():
+        rospy.logerr("a topic cannot be subscribed to: %s", done.exception())
 
 
 class Bridge:
@@ -184,7 +190,7 @@ class Bridge:
         if not topic.is_used:
             self._topics.pop(topic.name, None)
         if not topic.is_local:
-            self._registration.submit(self._register, topic)
+            self._registration.submit(self._register, topic).add_done_callback(_report)
 
     def _register(self, topic: Topic) -> None:
         """Do the same in another thread: the master may take long to answer."""
