@@ -1,12 +1,14 @@
-"""Type the tutorial as it is printed, in a new home, and check where the car ends.
+"""Type the tutorial and a course's exercise as they are printed, and check where the car ends.
 
 The tutorial's text is not part of this package. If it is beside the checkout, the commands, the
 code and the launch file are those of the text; otherwise those of the corrected listing.
 """
 
 import glob
+import math
 import os
 import re
+import shutil
 import signal
 import subprocess
 
@@ -14,7 +16,7 @@ import pytest
 import rosgraph
 
 from support.helpers import PATIENCE, Process, free_port, wait_for
-from support.paths import CHECKOUT
+from support.paths import CHECKOUT, FIXTURES
 from support.scripts import add_programs, needs_workspace
 
 pytestmark = needs_workspace
@@ -99,9 +101,10 @@ class Terminal:
         return Process("env", "-i", *environment, "bash", "-c", line)
 
 
-@pytest.fixture
-def home(tmp_path):
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
     """Return a home with a workspace that scripts/make_workspace has created."""
+    tmp_path = tmp_path_factory.mktemp("home")
     add_programs(tmp_path / "bin", ("python",), 'exec /usr/bin/python3 "$@"')
     environment = {"HOME": str(tmp_path), "PATH": f"{tmp_path}/bin:/usr/bin:/bin"}
     command = [f"{CHECKOUT}/scripts/make_workspace"]
@@ -148,3 +151,27 @@ def test_the_tutorial(home):
         assert "straight_line" in output.split("\n")[0], output
         simulation.send_signal(signal.SIGINT)
         assert simulation.wait() == 0
+
+
+def test_a_course(home):
+    """Packages of a course that includes mushr_sim; its node has relative topics and no stamps."""
+    for name in ("course", "introduction"):
+        shutil.copytree(f"{FIXTURES}/course/{name}", f"{home}/catkin_ws/src/{name}")
+    plan = home / "plan.txt"
+    plan.write_text("1,2,0.5\n2.0,0\n1.0,0\n")
+    terminal = Terminal(home, free_port())
+    output, status = terminal.type("cd ~/catkin_ws", "catkin_make")
+    assert status == 0, output
+    with terminal.start("roslaunch course simulation.launch") as simulation:
+        wait_for(lambda: "ready: the car is at (3.0000 m" in simulation.output, "the car")
+        ignored = "racecar_version:=racecar-uw-nano use_tf_prefix:=false fake_localization:=true"
+        assert f"these arguments have no effect here: {ignored}" in simulation.output
+        output, status = terminal.type(
+            f"roslaunch introduction exercise.launch plan_file:={plan}"
+        )
+        assert status == 0, output
+        moved = float(re.search("the car moved (.*) m", output)[1])
+        assert moved > 0.0
+        # Without stamps, each row may take 0.1 s longer; the mux stops the car after 0.2 s.
+        driven = (x_of_car(terminal) - 1.0) / math.cos(0.5)
+        assert 2.9 < driven < 3.6

@@ -76,7 +76,7 @@ def test_stamps(header, stamp):
         ({"header": {"seq": -1}}, "field header.seq must be unsigned integer type"),
         ({"header": {"frame_id": 5}}, "field header.frame_id must be of type bytes or"),
         ({"header": {"stamp": "now"}}, "No key named [now]"),
-        ({"header": {"stamp": {"secs": -5}}}, "<class 'struct.error'>: 'argument out of range'"),
+        ({"header": {"stamp": {"secs": -5}}}, "<class 'struct.error'>: '"),
         ({"pose": {"covariance": [1]}}, "Field [pose.covariance] has incorrect number of"),
         (
             {"pose": {"pose": {"position": {"x": "1"}}}},
