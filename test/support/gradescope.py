@@ -93,8 +93,10 @@ def unpack(path, folder):
 
 def _run_script(*arguments):
     """Run SCRIPT in a namespace of its own; return its output. Skip the test if this is refused."""
-    space = ["unshare", "--mount", "--pid", "--fork", "--kill-child", "bash", "-c", SCRIPT, "-"]
-    done = subprocess.run([*space, *map(str, arguments), CAPABILITIES], capture_output=True)
+    # setpriv of Debian 11 needs the /proc of the namespace.
+    space = ["unshare", "--mount-proc", "--pid", "--fork", "--kill-child"]
+    command = ["bash", "-c", SCRIPT, "-", *map(str, arguments), CAPABILITIES]
+    done = subprocess.run([*space, *command], capture_output=True)
     log = (done.stdout + done.stderr).decode(errors="replace")
     if done.returncode == REFUSED or log.startswith("unshare:"):
         pytest.skip(f"this system refuses namespaces or overlays: {log}")
