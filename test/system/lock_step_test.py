@@ -123,20 +123,17 @@ class TestLockStep(RosTestCase):
         return self.drives[plan]
 
     def test_to_the_bit(self):
-        last, others = ["parallel_parking", "slalom"], []
+        plans = ["parallel_parking", "slalom"]
         if rospy.get_param("~every_plan"):
-            others = sorted({os.path.splitext(name)[0] for name in os.listdir(PLANS)} - {*last})
-        for plan in others + last:
+            plans = sorted(os.path.splitext(name)[0] for name in os.listdir(PLANS))
+        for plan in plans:
             self.first_drive(plan)
-        for plan in others + last:
-            if plan == last[0] and rospy.get_param("~busy"):
-                self.keep_cores_busy()
+        if rospy.get_param("~busy"):
+            for number in range(os.cpu_count()):
+                self.ending(node("busy.py", f"__name:=busy_{number}"))
+                wait_for(lambda name=f"/busy_{number}": name in rosnode.get_node_names(), "busy.py")
+        for plan in plans:
             self.assert_same_to_the_bit(plan, self.first_drive(plan), self.drive(plan))
-
-    def keep_cores_busy(self):
-        for number in range(os.cpu_count()):
-            self.ending(node("busy.py", f"__name:=busy_{number}"))
-            wait_for(lambda name=f"/busy_{number}": name in rosnode.get_node_names(), "busy.py")
 
     def delay(self, seconds):
         """Delay the messages of a node; return the arguments for its start."""

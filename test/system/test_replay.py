@@ -36,7 +36,8 @@ REPLAYS = {
         set(),
         "plan.txt with the car ideal:\nok   node: the node ran without an error\n",
     ),
-    "listing": (
+    "listing": (publisher("listing.py"), set(), NO_STOP),
+    "remap": (
         publisher("listing.py", f"remap:=_control_topic=/cmd /cmd={CONTROL}"),
         set(),
         NO_STOP,

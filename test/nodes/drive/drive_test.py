@@ -18,7 +18,7 @@ from support.paths import PLANS
 PERIOD = 100_000_000
 """[ns] Between two commands of a row."""
 
-BUSY = 3
+BUSY = 8
 """[s] Both cores are busy for this part of the drives."""
 
 TUTORIAL = {"straight_line", "figure_8"}

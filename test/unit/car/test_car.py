@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.car.bicycle import Pose, compose, inverse
@@ -140,7 +140,6 @@ def expected_state(events, stamp):
 
 
 @given(commands, initial_poses, st.data())
-@settings(max_examples=50)
 def test_late_repeated_and_shuffled_messages_give_the_state_as_in_order(
     commands, initial_poses, data
 ):
