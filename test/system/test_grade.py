@@ -58,6 +58,8 @@ def grade_class(folder, server):
     classroom = folder / "submissions"
     (folder / "open.txt").write_text(PLAN)
     (folder / "secret.txt").write_text(PLAN)
+    (folder / "writable.json").touch()
+    (folder / "writable.json").chmod(0o666)  # so that only the sandbox protects it
     for name in RIGHT:
         submissions.write(classroom, name, submissions.CORRECT[name])
     for name in WRONG:
@@ -120,6 +122,7 @@ def test_nothing_is_left(graded):
     for path in glob.glob("/proc/[0-9]*/cmdline"):
         with contextlib.suppress(OSError), open(path, "rb") as file:  # it has ended
             assert b"/cheat_survivor" not in file.read()
+    assert (graded[2].parent / "writable.json").read_text() == ""
     for folder in ("/tmp", "/var/tmp", "/dev/shm", "/mnt", "/run", "/"):
         assert not os.path.exists(f"{folder}/fill0"), folder
 

@@ -40,6 +40,12 @@ MAX_QUIET = 5.0
 MAX_DURATION = 120.0
 """Longest drive [s of wall-clock time]; a plan that takes longer may take its own time twice."""
 
+MAX_DELAY = 3.0
+"""Longest time of waiting for a processor that does not count as silence, in units of the patience.
+
+A node that starts hundreds of processes makes itself wait.
+"""
+
 MAX_OVERHEAD = 60.0
 """Longest time of a replay before and after the drive [s of wall-clock time]."""
 
@@ -233,7 +239,9 @@ def _watch(candidate: Candidate, world: ReplayWorld, job: Job) -> str:
                 world.hold_clock()
                 if world.silence > DONE_AFTER or silence > MAX_QUIET:
                     return ""  # a node that has driven the plan need not end
-        elif silence > job.patience and silence - candidate.delay > job.patience:
+        elif silence > job.patience and (
+            silence - min(candidate.delay, MAX_DELAY * job.patience) > job.patience
+        ):
             return _describe_silence(len(sent), expected, job.patience, world)
         time.sleep(POLL_PERIOD)
     fault = candidate.describe_failure()
