@@ -6,9 +6,11 @@ import signal
 
 import pytest
 
+from mushr_ros_intro.grading import result
 from support import browser, web
 from support.cars import plan_named
 from support.geometry import closed_form
+from support.grades import graded, submission
 
 if browser.missing():
     reason = f"the packages {', '.join(browser.missing())} are missing; {web.INSTALL}"
@@ -33,6 +35,7 @@ def sim(tmp_path_factory):
     (folder / "faulty.txt").write_text(FAULTY)
     (folder / "colliding.txt").write_text(COLLIDING)
     (folder / "long.txt").write_text("1, 0, 0\n0.5, 0.3, 1000.0\n")
+    result.store(str(folder / result.FOLDER), [submission(graded())])
     found = web.Simulation(folder, "use_sim_time:=true", f"real_time_factor:={FACTOR}")
     yield found
     found.end()
@@ -250,13 +253,39 @@ def test_connection_is_lost_and_regained(sim, page):
     assert not page.find("drive").is_enabled()
     (outline,) = seen(page, "car")
     page.run("window.mushr.pose = null")
-    sim.start("web_view.py", "__name:=web_view")
+    sim.start("web_view.py", "__name:=web_view", "_results:=.")
     page.wait(lambda: page.text("connection") == "connected", "a connection")
     page.wait(page.pose, "a new pose")
     page.wait(lambda: page.text("problem") == "", "no problem")
     page.wait(lambda: page.find("drive").is_enabled(), "the plan")
     assert outline < seen(page, "car")[0], "without a connection, there is only an outline"
     place(page, 1.5, 0.0, 0.5)
+
+
+def test_results(page):
+    """A graded drive on a quarter of a circle, one position per second."""
+
+    def move(seconds):
+        page.run(
+            "const slider = document.getElementById('time'); slider.value = arguments[0];"
+            "slider.dispatchEvent(new Event('input'))",
+            seconds,
+        )
+
+    page.choose("result", "ann/circle")
+    page.shows("verdict", "the verdict: as expected")
+    page.shows("time-text", "0.00 s of 8.00 s: 2.000 m, 0.000 m, 1.571 rad")
+    page.wait(lambda: seen(page, "predicted")[0] > 100, "the predicted path")
+    (before,) = seen(page, "driven")
+    move(8.0)
+    page.shows("time-text", "8.00 s of 8.00 s: 0.000 m, 2.000 m, 3.142 rad")
+    page.wait(lambda: seen(page, "driven")[0] > before + 100, "the driven path")
+    move(6.5)
+    page.find("play").click()
+    page.shows("time-text", "8.00 s of 8.00 s")
+    page.wait(lambda: not page.find("play").is_selected(), "the end of the playback")
+    page.choose("result", "")
+    page.wait(lambda: seen(page, "driven")[0] < before + 100, "the live car")
 
 
 def test_another_map(sim, page):

@@ -30,7 +30,7 @@ def paths(folders: Sequence[str]) -> Dict[str, str]:
 
 
 def summary(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:
-    """Check a plan with a car, and on a map (a `Grid`) if there is one; see docs/nodes.md."""
+    """Check a plan with a car, and on a map (a `Grid`) if there is one; see docs/web.md."""
     result: Dict[str, Any] = {"name": name, "start": None, "rows": [], "faults": [], "path": []}
     result.update(length=None, duration=None, final_pose=None)
     try:

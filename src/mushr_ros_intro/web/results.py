@@ -12,7 +12,7 @@ from mushr_ros_intro.grading import result
 def drives(folder: str) -> Dict[str, Dict[str, Any]]:
     """Return the graded drives in a folder by their names, such as SUBMISSION/PLAN or PLAN.
 
-    Files that are something else are skipped. See docs/nodes.md for the values.
+    Files that are something else are skipped. See docs/web.md for the values.
     """
     return dict(sorted([*_of_class(os.path.join(folder, result.FOLDER)), *_of_node(folder)]))
 

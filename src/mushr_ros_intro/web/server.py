@@ -109,7 +109,7 @@ def serve(
     except (OSError, OverflowError) as error:
         raise UserError(
             f"port {port} of {address} cannot be used ({error}); expected a free port, such as "
-            f"web_port:={port + 1}"
+            f"web_port:={port + 1} of sim.launch, or port:={port + 1} of web.launch"
         ) from None
     return server
 
