@@ -39,9 +39,9 @@ def before(code, *pairs):
 
 
 def midway(code, *pairs):
-    """Return a node that runs code, which may use `plan`, once in the first second of the drive."""
-    hook = textwrap.indent("if due.nsecs // 100000000 == 5 and not done:\n    midway()\n", 8 * " ")
-    function = "done = []\n\n\ndef midway():\n    done.append(1)\n" + _code(code)
+    """Return a node that runs code, which may use `plan`, once before its fifth command."""
+    hook = textwrap.indent("sent.append(due)\nif len(sent) == 5:\n    midway()\n", 8 * " ")
+    function = "sent = []\n\n\ndef midway():\n" + _code(code)
     return changed((_DUE, _DUE + hook), ("def run_plan(", function + "\n\ndef run_plan("), *pairs)
 
 
@@ -61,6 +61,16 @@ CORRECT = {
         (_STOP, ""),
     ),
     "env_python3": RIGHT.replace("#!/usr/bin/python3", "#!/usr/bin/env python3", 1),
+    "places_twice": changed(  # the last start pose counts
+        (
+            "    pub_init_pose.publish(init_pose)\n",
+            "    init_pose.pose.pose.position.x += 1\n"
+            "    pub_init_pose.publish(init_pose)\n"
+            "    rospy.sleep(0.2)\n"
+            "    init_pose.pose.pose.position.x -= 1\n"
+            "    pub_init_pose.publish(init_pose)\n",
+        )
+    ),
     "chatty": midway("print('speed ' * 20)"),
 }
 """Nodes that pass, by name."""

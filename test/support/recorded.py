@@ -56,7 +56,7 @@ def replay(plan=PLAN, sent=COMMANDS, **changes):
         plan=plan,
         car=Car(),
         outcome="",
-        starts=(Pose(*plan.start),),
+        start=Pose(*plan.start),
         sent=tuple(sent),
         stamps=np.array(instants) + BEGIN,
         poses=np.array([state.pose for state in states_at(plan, Car(), instants)]),

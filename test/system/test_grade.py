@@ -20,7 +20,7 @@ from support.helpers import Process, node
 from support.paths import PACKAGE
 
 PLAN = "0,0,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n"
-RIGHT = ("right", "spins", "no_stamps")
+RIGHT = ("right", "spins", "no_stamps", "places_twice")
 WRONG = ("sign", "crashes", "hangs", "five_hz")
 _PROBE = ("unshare", "--net", "--mount", "--pid", "--fork", "--mount-proc", "true")
 ISOLATED = pytest.mark.skipif(

@@ -124,9 +124,9 @@ def _topics(report: Report) -> Tuple[bool, str]:
 def _start_pose(report: Report) -> Tuple[bool, str]:
     """Judge whether the drive began at the plan's start pose."""
     wanted = report.replay.plan.start
-    if not report.replay.starts:
+    sent = report.replay.start
+    if not sent:
         return False, f"the node sent no start pose; expected {wanted}"
-    sent = report.replay.starts[0]
     if not sent.is_close_to(wanted, START_TOLERANCE):  # also if it is NaN
         return False, f"the node sent the start pose {sent}; expected {wanted}"
     passed, difference = compare(Pose(*report.drive.driven[0]), wanted, *report.tolerances[:2])

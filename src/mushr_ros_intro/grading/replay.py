@@ -39,8 +39,8 @@ class Replay(NamedTuple):
     car: Car
     outcome: str
     """How the node failed to run or to exit; empty if it did not fail."""
-    starts: Tuple[Pose, ...]
-    """The start poses that the node sent; NaN if a message had unusable numbers."""
+    start: Optional[Pose]
+    """The last initial pose before the first command; NaN if its numbers are unusable."""
     sent: Tuple[Sent, ...]
     """The commands in order of arrival."""
     stamps: np.ndarray

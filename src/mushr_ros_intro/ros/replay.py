@@ -182,7 +182,7 @@ def run(job: Job) -> Report:
         plan=job.plan,
         car=car,
         outcome=outcome,
-        starts=tuple(world.starts),
+        start=world.start,
         sent=tuple(world.sent),
         stamps=stamps,
         poses=poses,

@@ -74,8 +74,8 @@ class ReplayWorld:
         """The commands on CONTROL in order of arrival."""
         self.last_message = time.monotonic()
         """When the node sent its last message [s of monotonic wall-clock time]."""
-        self.starts: List[Pose] = []
-        """The initial poses; NaN if a message had unusable numbers."""
+        self.start: Optional[Pose] = None
+        """The last initial pose before the first command; NaN if its numbers are unusable."""
         self.states: List[State] = []
         """The reported states of the car."""
         self._is_placed = threading.Event()
@@ -224,9 +224,10 @@ class ReplayWorld:
             pose = conversions.pose_from_msg(msg.pose.pose)
         except conversions.MessageError:
             pose = Pose(*3 * [float("nan")])
-        if self.sent and self.starts:
+        if self.sent and self.start:
             self._master.record(f"places the car again, at {pose}")
-        self.starts.append(pose)
+        else:
+            self.start = pose
         self.last_message = time.monotonic()
         self._car.on_message(msg, conversions.initial_pose_from_msg)
         self._is_placed.set()
