@@ -170,6 +170,7 @@ def test_a_course(home):
         assert status == 0, output
         moved = float(re.search("the car moved (.*) m", output)[1])
         assert moved > 0.0
-        # Without stamps, each row may take 0.1 s longer; the mux stops the car after 0.2 s.
+        # Without stamps, the distance depends on the load: the first command may arrive before the
+        # start pose (0.2 m less), rows may become longer, and the mux stops the car after 0.2 s.
         driven = (x_of_car(terminal) - 1.0) / math.cos(0.5)
-        assert 2.9 < driven < 3.6
+        assert 2.5 < driven < 4.0
