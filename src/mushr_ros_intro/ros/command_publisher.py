@@ -3,7 +3,7 @@
 import math
 import threading
 import time
-from typing import Dict, Optional
+from typing import Dict, Optional, Union
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -44,12 +44,18 @@ class CommandPublisher:
         self._monitor = TakeoverMonitor(topic.rsplit("/", 1)[-1])
         self._is_known = False  # which input drives
         self._active_topic = active_topic
+        self._mux: Dict[str, Union[rospy.Publisher, rospy.Subscriber]] = {}
+        """The connections to the mux, which must not be lost, by what a lost one means."""
         if active_topic:
-            rospy.Subscriber(active_topic, String, self._on_active)
+            self._active = rospy.Subscriber(active_topic, String, self._on_active)
 
     def wait_for_subscriber(self, seconds: float) -> None:
-        """Wait until a node subscribes to the commands; see connections.wait_for_subscriber."""
+        """Wait until a node subscribes to the commands; see connections.wait_for_subscriber.
+
+        After that, `publish` fails if no node subscribes.
+        """
         connections.wait_for_subscriber(self._publisher, seconds)
+        self._mux[f"no node subscribes to {self.topic} any more"] = self._publisher
 
     def wait_until_free(self, seconds: float, countdown: float) -> None:
         """Wait until the mux has published which input drives, and then for the countdown.
@@ -68,6 +74,8 @@ class CommandPublisher:
                 "a takeover could not be detected. Is the mux running, and is this its topic "
                 "(rostopic list)?"
             )
+        if self._active_topic:
+            self._mux[f"no node publishes {self._active_topic} any more"] = self._active
         end = time.monotonic() + countdown
         for left in range(math.ceil(countdown), 0, -1):
             rospy.loginfo("the car starts to drive in %d s; Ctrl-C cancels", left)
@@ -77,11 +85,18 @@ class CommandPublisher:
         """Publish a command.
 
         Raises:
+            UserError: the mux has disappeared.
             rospy.ROSInterruptException: `stop` has been called.
         """
         with self._lock:
             if self._is_stopped:
                 raise rospy.ROSInterruptException("the car has been stopped")
+            for fault, connection in self._mux.items():
+                if not connection.get_num_connections():
+                    raise UserError(
+                        f"{fault}, so the commands may not reach the car. Did the mux end, or was "
+                        "the network cut (rosnode list)? The drive ends"
+                    )
             self._publish(command)
 
     def end(self, stamp: int) -> None:

@@ -211,6 +211,18 @@ class TestRealCar(RosTestCase):
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         mux.unregister()
 
+    def test_the_mux_is_killed(self):
+        """The plan ends, although a node still subscribes to the commands."""
+        plan = self.plan("0,0,0\n0.5,0.1,900\n")
+        mux = Process("rostopic", "pub", "/killed", "std_msgs/String", "Navigation")
+        with mux, driver(plan, "_send_init_pose:=false", "_active_topic:=/killed") as process:
+            wait_for(lambda: self.commands.messages, "a command")
+            mux.send_signal(signal.SIGKILL)
+            self.assertEqual(process.wait(), 1)
+        self.assertEqual(process.output.count("FATAL"), 1)
+        self.assertIn("no node publishes /killed any more", process.output)
+        wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
+
 
 if __name__ == "__main__":
     run("real_car", TestRealCar)
