@@ -43,7 +43,7 @@ class DrivenCarTestCase(RosTestCase):
         cls.placements = publisher("/initialpose", PoseWithCovarianceStamped)
         cls.inputs = {
             name: publisher(f"{MUX}/input/{name}", AckermannDriveStamped)
-            for name in ("teleop", "navigation")
+            for name in ("teleop", "navigation", "default")
         }
 
     @classmethod

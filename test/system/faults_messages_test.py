@@ -98,6 +98,20 @@ class TestMessageFaults(DrivenCarTestCase):
             self.assertNotIn("Traceback", plan.output)
         self.assert_recovered()
 
+    def test_stops_with_an_old_stamp(self):
+        """MuSHR sends them on `default`. One that arrives before a plan does not cancel it."""
+        self.place(1.0, 2.0, 0.5)
+        warnings = self.car.output.count("the stamp of a message")
+        begin = rospy.Time.now()
+        self.inputs["default"].publish(command(at(begin, -30.0), 0.0, 0.0))
+        wait_for(lambda: self.output.last, "the mux to pass the stop")
+        self.poses.after(rospy.Time.now())
+        self.inputs["navigation"].publish(command(begin, 2.0, 0.3))
+        pose = self.poses.pose_at_rest(at(begin, COMMAND_TIMEOUT))
+        self.assert_pose(pose, closed_form((1.0, 2.0, 0.5), [(2.0, 0.3, COMMAND_TIMEOUT)]))
+        self.assertEqual(self.car.output.count("the stamp of a message"), warnings)
+        self.assert_recovered()
+
     def test_a_thousand_commands_a_second(self):
         self.place(0.0, 0.0, 0.0)
         begin = at(rospy.Time.now(), LEAD)

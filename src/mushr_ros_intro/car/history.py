@@ -3,13 +3,17 @@
 Each event (a command or an initial pose) applies at its stamp, not on arrival. An event that
 arrives late, twice or out of order is inserted at its position. So the pose at any instant depends
 on the stamped messages alone, and not on the load of the machine.
+
+A command without a valid stamp applies on arrival. If a stamped command arrives after it, the order
+of arrival counts: from its stamp on, the stamped command replaces it. So the stops that MuSHR sends
+while no input drives, all with one old stamp, do not cancel the first command of a plan.
 """
 
 import bisect
 from typing import List, Optional, Tuple
 
 from mushr_ros_intro.car.contact import World
-from mushr_ros_intro.car.model import Car, Command, Event, State
+from mushr_ros_intro.car.model import Car, Command, Event, InitialPose, State
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.sim.stamps import STAMP_TOLERANCE
 
@@ -21,7 +25,7 @@ class History:
         """Begin with the state `start`. Without a `world` there are no walls."""
         self._car = car
         self._world = world
-        self._keys: List[Tuple[int, bool]] = []  # stamps, and whether it is a command
+        self._keys: List[Tuple[int, bool]] = []
         self._events: List[Event] = []
         self._states = [start]  # before the first event, and after each event
 
@@ -33,11 +37,15 @@ class History:
         An event from before its beginning applies at its beginning.
         """
         event = event._replace(stamp=max(event.stamp, self._states[0].stamp))
-        key = (event.stamp, isinstance(event, Command))
-        index = bisect.bisect_right(self._keys, key)
-        self._keys.insert(index, key)
-        self._events.insert(index, event)
-        self._recompute(index)
+        first = bisect.bisect_left(self._keys, (event.stamp, False))
+        later = self._events[first:]
+        if isinstance(event, Command) and event.is_dated:
+            later = [each for each in later if isinstance(each, InitialPose) or each.is_dated]
+        later.append(event)
+        later.sort(key=_key)  # equal keys keep their order
+        self._events[first:] = later
+        self._keys[first:] = map(_key, later)
+        self._recompute(first)
         self._forget(now - STAMP_TOLERANCE)
 
     def build(self, world: World) -> None:
@@ -62,3 +70,8 @@ class History:
         """Drop the events before `horizon` [ns], but keep the state after the last of them."""
         old = bisect.bisect_left(self._keys, (horizon, False))
         del self._keys[:old], self._events[:old], self._states[:old]
+
+
+def _key(event: Event) -> Tuple[int, bool]:
+    """Return the position of an event: its stamp, and whether it is a command."""
+    return event.stamp, isinstance(event, Command)

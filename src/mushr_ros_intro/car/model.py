@@ -87,6 +87,8 @@ class Command(NamedTuple):
     """Rate of change of the speed [m/s^2], of any sign; 0 means as fast as the car can."""
     steering_angle_velocity: float = 0.0
     """Rate of change of the steering angle [rad/s], of any sign; 0 means as fast as possible."""
+    is_dated: bool = True
+    """Whether the sender has set `stamp`; otherwise it is the time of arrival."""
 
 
 class InitialPose(NamedTuple):

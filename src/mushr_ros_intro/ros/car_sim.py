@@ -12,7 +12,7 @@ from rospy.numpy_msg import numpy_msg
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.history import History
-from mushr_ros_intro.car.model import Event, InitialPose, State, at_rest, halted
+from mushr_ros_intro.car.model import Command, Event, InitialPose, State, at_rest, halted
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.plan.model import MAX_COORDINATE
 from mushr_ros_intro.ros import conversions, node, sim_clock
@@ -133,10 +133,14 @@ class CarSim:
             return
         with self._changed:
             now = self._read_clock()
-            stamp = effective_stamp(event.stamp, now)
-            self._history.add(event._replace(stamp=stamp), now)
-            self.clock.hear(event._replace(stamp=stamp))
-        if event.stamp and abs(event.stamp - now) > self._stamp_tolerance:
+            applied = event._replace(stamp=effective_stamp(event.stamp, now))
+            if isinstance(applied, Command):
+                applied = applied._replace(is_dated=applied.stamp == event.stamp)
+            self._history.add(applied, now)
+            self.clock.hear(applied)
+        # MuSHR sends stops with one old stamp while no input drives.
+        is_stop = isinstance(event, Command) and not event.speed
+        if event.stamp and not is_stop and abs(event.stamp - now) > self._stamp_tolerance:
             rospy.logwarn_throttle(
                 1.0,
                 f"the stamp of a message on {topic} differs by "

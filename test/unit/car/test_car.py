@@ -103,6 +103,26 @@ def test_with_equal_stamps_an_initial_pose_comes_first_and_the_last_command_wins
         assert at(history(*events), 5000).pose == pytest.approx((0.4, 0.0, 0.0), abs=ROUNDING)
 
 
+def test_a_stamped_command_replaces_earlier_commands_without_a_stamp():
+    """Only those that arrived earlier, but would apply later."""
+    zero = Command(BEGIN + 30 * MS, 0.0, 0.0, is_dated=False)
+    drive = Command(BEGIN + 20 * MS, 2.0, 0.0)
+    for events, distance in (
+        ((zero, drive), 0.4),
+        ((drive, zero), 0.02),
+        ((zero._replace(stamp=BEGIN + 10 * MS), drive), 0.4),
+        ((zero._replace(is_dated=True), drive), 0.02),
+    ):
+        made = History(CAR, at_rest(BEGIN, Pose(0.0, 0.0, 0.0)))
+        for event in events:
+            made.add(event, BEGIN + 40 * MS)
+        assert at(made, 5000).pose == pytest.approx((distance, 0.0, 0.0), abs=ROUNDING)
+    made = History(CAR, START)
+    for event in (zero, InitialPose(BEGIN + 25 * MS, Pose(1.0, 0.0, 0.0)), drive):
+        made.add(event, BEGIN + 40 * MS)
+    assert at(made, 5000).pose == Pose(1.0, 0.0, 0.0)  # placing the car stops it
+
+
 def test_an_event_from_before_the_history_applies_at_its_beginning():
     made = history((-500, 2.0, 0.0))
     assert at(made, 100).speed == 2.0 and at(made, 200).speed == 0.0
