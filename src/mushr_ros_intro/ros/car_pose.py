@@ -1,8 +1,10 @@
 """Follow the pose that a car reports."""
 
+import math
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from typing import Deque, NamedTuple, Optional
 
 import rosgraph
@@ -27,6 +29,9 @@ MAX_SILENCE = 0.4
 
 A simulated car also is silent while its clock is held.
 """
+
+_REPOSITION = "/mushr_sim/reposition"
+"""The topic on which the simulator of MuSHR's branch noetic is placed."""
 
 _KEPT_REPORTS = 256
 """Number of kept reports; `wait_until_at` needs the first report at the start pose."""
@@ -117,8 +122,7 @@ class CarPose:
             last = self.last
             raise UserError(
                 f"the car was not at the start pose {pose} within {seconds:g} s; {self.topic} "
-                f"reports {last.pose if last else 'nothing'}. Is the start pose inside a wall, is "
-                "the clock held, or does another node place the car?"
+                f"reports {last.pose if last else 'nothing'}. {_why_not_at(pose)}"
             )
         with self._lock:
             newest = self._reports.pop()
@@ -140,3 +144,19 @@ class CarPose:
                 last = self._reports[-1]
                 distance = last.distance + last.pose.distance_to(pose)
             self._reports.append(Report(stamp, pose, distance))
+
+
+def _why_not_at(pose: Pose) -> str:
+    """Return the likely reason why a car does not report its start pose, with the remedy."""
+    names = []
+    with suppress(rosgraph.MasterException, OSError):
+        names = registered_nodes(_REPOSITION, "subscribers")
+    if not names:
+        return "Is the start pose inside a wall, is the clock held, or does another node place it?"
+    z, w = math.sin(pose.theta / 2.0), math.cos(pose.theta / 2.0)
+    return (
+        f"The car of {names[0]} is placed on {_REPOSITION} (MuSHR, branch noetic). Type: rostopic "
+        f"pub -1 {_REPOSITION} geometry_msgs/PoseStamped '{{pose: {{position: {{x: {pose.x:g}, "
+        f"y: {pose.y:g}}}, orientation: {{z: {z:g}, w: {w:g}}}}}}}' and then start path_publisher "
+        "with send_init_pose:=false"
+    )

@@ -85,7 +85,8 @@ def _no_subscriber(topic: str, seconds: float) -> str:
         )
     return (
         f"no node subscribes to {topic} after {seconds:g} s. Is the car running "
-        "(roslaunch mushr_ros_intro sim.launch), and is this its topic (rostopic list)?"
+        "(roslaunch mushr_ros_intro sim.launch), and is this its topic (rostopic list)? For the "
+        "actual car, use real_car.launch"
     )
 
 

@@ -4,13 +4,14 @@
 import math
 import os
 import re
+import shlex
 import signal
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
-from support.geometry import closed_form
+from support.geometry import closed_form, planar
 from support.ghost import Ghost
 from support.helpers import Process, Recording, RosTestCase, driver, kill, node, run, wait_for
 from support.messages import COMMAND_TIMEOUT, NAVIGATION
@@ -160,6 +161,21 @@ class TestPathPublisher(RosTestCase):
         # It called the subscriber and the publisher that do not answer more than once.
         for calls in ghost.calls.values():
             self.assertGreater(len(calls), 1)
+
+    def test_the_car_of_mushrs_branch_noetic(self):
+        """It is placed on another topic; the message contains the command that places it."""
+        reposition = Recording("/mushr_sim/reposition", PoseStamped)
+        self.addCleanup(reposition.subscriber.unregister)
+        wrong = rospy.Subscriber("/wrong_initialpose", PoseWithCovarianceStamped)
+        self.addCleanup(wrong.unregister)
+        path = self.plan("5,6,0.5\n1,0\n")
+        with driver(path, "_init_pose_topic:=/wrong_initialpose", "_subscriber_timeout:=1") as plan:
+            self.assertEqual(plan.wait(), 1)
+        command = re.search("Type: (.*) and then start", plan.output)[1]
+        with Process(*shlex.split(command)) as place:
+            self.assertEqual(place.wait(), 0)
+        wait_for(lambda: reposition.last, "the pose")
+        self.assert_pose(planar(reposition.last.pose), (5.0, 6.0, 0.5))
 
 
 if __name__ == "__main__":
