@@ -190,7 +190,7 @@ class WebView:
         return await self._bridge.in_thread(self._check, name, path)
 
     def _check(self, name: str, path: str) -> Dict[str, Any]:
-        car = car_from(node.simulated_car_parameters(self._car_name))
+        car = car_from(node.simulated_car_parameters(self._car_name, must_run=True))
         return plans.summary(name, path, "car", car, self._grid)
 
     async def _path(self, name: Any) -> str:

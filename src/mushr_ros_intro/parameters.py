@@ -28,6 +28,10 @@ class Parameters:
     def __str__(self) -> str:
         return ", ".join(f"{name}: {value}" for name, value in self.resolved.items())
 
+    def __bool__(self) -> bool:
+        """Return whether there is any parameter."""
+        return bool(self._values)
+
     def with_values(self, **values: Any) -> "Parameters":
         """Return the same parameters with other values for some."""
         return Parameters({**self._values, **values}, self._prefix)

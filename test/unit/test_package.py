@@ -67,6 +67,16 @@ def test_only_the_folder_ros_imports_ros():
     assert set(found) == {"ros"}
 
 
+def test_launch_files_clear_the_parameters_of_earlier_runs():
+    launch = glob.glob(os.path.join(PACKAGE, "launch", "*.launch"))
+    launch += glob.glob(os.path.join(PACKAGE, "underlay", "*", "launch", "*.launch"))
+    for path in launch:
+        for node in ElementTree.parse(path).iter("node"):
+            if node.find("param") is not None or node.find("rosparam") is not None:
+                is_ours = node.get("type").endswith(".py")
+                assert not is_ours or node.get("clear_params") == "true", (path, node.get("name"))
+
+
 def test_every_rostest_is_registered():
     registered = set(re.findall(r"add_rostest\((test/[\w./]+)\)", read("CMakeLists.txt")))
     found = glob.glob(os.path.join(PACKAGE, "test", "**", "*.test"), recursive=True)

@@ -109,8 +109,7 @@ class Preview:
         Raises:
             UserError: the plan has faults and ~strict is set, or a parameter of the car is invalid.
         """
-        profile = self._profile or simulated_car_parameters(self._car_name)
-        is_known = bool(self._profile) or rospy.has_param(f"/{self._car_name}/car_sim")
+        profile = self._profile or simulated_car_parameters(self._car_name, must_run=True)
         car = car_from(profile)
         grid = _read_map() if self._is_placed else None
         report = check(self.plan, self._profile_name, car, "", grid)
@@ -131,7 +130,7 @@ class Preview:
             rest,
             is_placed=self._is_placed,
             is_closed_form=car.is_ideal and world is None,
-            is_exact=is_known and not has_noise,
+            is_exact=bool(profile) and not has_noise,
         )
 
     def publish_path(self) -> None:

@@ -108,6 +108,14 @@ class TestPathPublisher(RosTestCase):
         self.assertIn("/second/car_pose since row 1 of 1, so it is not known", publisher.output)
         self.assertNotIn("has been driven", publisher.output)
 
+    def test_the_parameters_of_a_car_that_has_ended(self):
+        """They do not count: the plan is not checked against their limits."""
+        rospy.set_param("/ended/car_sim/speed_limit", 0.01)
+        self.addCleanup(rospy.delete_param, "/ended")
+        path = self.plan("0,0,0\n0.02,0,0.1\n")
+        arguments = ("_car_name:=ended", "_send_init_pose:=false", f"_control_topic:={NAVIGATION}")
+        self.assertNotIn("at most", self.drive_plan(path, *arguments))
+
     def test_tutorial_listing(self):
         """The listing sends no stop, so the car drives for up to 0.2 s longer."""
         rows = [(2.0, 0.09, 1.0), (3.0, -0.15, 1.0)]
