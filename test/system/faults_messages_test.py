@@ -99,16 +99,22 @@ class TestMessageFaults(DrivenCarTestCase):
         self.assert_recovered()
 
     def test_stops_with_an_old_stamp(self):
-        """MuSHR sends them on `default`. One that arrives before a plan does not cancel it."""
-        self.place(1.0, 2.0, 0.5)
+        """MuSHR sends them on `default`. One that arrives before a plan does not cancel it.
+
+        Nor does the stop of the mux when the input `default` expires.
+        """
         warnings = self.car.output.count("the stamp of a message")
-        begin = rospy.Time.now()
-        self.inputs["default"].publish(command(at(begin, -30.0), 0.0, 0.0))
-        wait_for(lambda: self.output.last, "the mux to pass the stop")
-        self.poses.after(rospy.Time.now())
-        self.inputs["navigation"].publish(command(begin, 2.0, 0.3))
-        pose = self.poses.pose_at_rest(at(begin, COMMAND_TIMEOUT))
-        self.assert_pose(pose, closed_form((1.0, 2.0, 0.5), [(2.0, 0.3, COMMAND_TIMEOUT)]))
+        for stops, seconds in ((1, 0.0), (2, 0.1)):
+            self.place(1.0, 2.0, 0.5)
+            self.output.clear()
+            begin = rospy.Time.now()
+            self.inputs["default"].publish(command(at(begin, -30.0), 0.0, 0.0))
+            wait_for(lambda n=stops: len(self.output.messages) >= n, "the mux to pass the stop")
+            self.poses.after(rospy.Time.now())
+            begin = at(begin, seconds)
+            self.inputs["navigation"].publish(command(begin, 2.0, 0.3))
+            pose = self.poses.pose_at_rest(at(begin, COMMAND_TIMEOUT))
+            self.assert_pose(pose, closed_form((1.0, 2.0, 0.5), [(2.0, 0.3, COMMAND_TIMEOUT)]))
         self.assertEqual(self.car.output.count("the stamp of a message"), warnings)
         self.assert_recovered()
 

@@ -84,7 +84,7 @@ class AckermannCmdMux:
     def _held(self) -> float:
         """Return the time for which no input may expire [s of wall-clock time]; needs the lock.
 
-        The age of a command without a stamp is unknown. In lock-step the clock of this node may be
+        The age of a command without a valid stamp is unknown. In lock-step the clock of this node may be
         seconds behind the sender's clock, and then advance suddenly. So in simulated time such a
         command is valid for at least its timeout in wall-clock time.
         """
@@ -122,7 +122,7 @@ class AckermannCmdMux:
             # Expire first, so that the output depends on the stamps alone.
             self._expire(stamp)
             self._mux, passes = self._mux.command(source, stamp, slack)
-            if slack and self._mux.deadline == stamp + source.timeout + slack:
+            if not is_dated and self._mux.deadline == stamp + source.timeout + slack:
                 until = time.monotonic() + source.timeout / NANOSECONDS
                 self._unstamped = (self._mux.deadline, until)
             if passes:
