@@ -2,7 +2,8 @@
 
 import threading
 import time
-from typing import Dict
+from collections import deque
+from typing import Deque, Dict
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -12,7 +13,7 @@ from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.sim.mux import Input, Mux, parse_config
-from mushr_ros_intro.sim.stamps import NANOSECONDS, PresentTime
+from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS, PresentTime
 
 
 class AckermannCmdMux:
@@ -34,6 +35,8 @@ class AckermannCmdMux:
         self._time = PresentTime()
         # A command of unknown age: when it expires [ns], and its minimum [s of wall-clock time].
         self._unstamped = (-1, 0.0)
+        self._delays: Dict[str, Deque[int]] = {}
+        """The delays of the last commands of each input, by topic [ns]."""
         self._frame = ""
         self._announced = ""
 
@@ -84,9 +87,9 @@ class AckermannCmdMux:
     def _held(self) -> float:
         """Return the time for which no input may expire [s of wall-clock time]; needs the lock.
 
-        The age of a command without a valid stamp is unknown. In lock-step the clock of this node may be
-        seconds behind the sender's clock, and then advance suddenly. So in simulated time such a
-        command is valid for at least its timeout in wall-clock time.
+        The age of a command without a valid stamp is unknown. In lock-step the clock of this node
+        may be seconds behind the sender's clock, and then advance suddenly. So in simulated time
+        such a command is valid for at least its timeout in wall-clock time.
         """
         deadline, until = self._unstamped
         return until - time.monotonic() if self._mux.deadline == deadline else 0.0
@@ -118,7 +121,10 @@ class AckermannCmdMux:
             self._read_clock()
             stamp = ros_time.received_stamp(command.stamp)
             is_dated = command.stamp and stamp == command.stamp
-            slack = source.timeout if ros_time.is_simulated() and not is_dated else 0
+            if is_dated:
+                slack = self._lateness(source, stamp)
+            else:
+                slack = source.timeout if ros_time.is_simulated() else 0
             # Expire first, so that the output depends on the stamps alone.
             self._expire(stamp)
             self._mux, passes = self._mux.command(source, stamp, slack)
@@ -130,6 +136,19 @@ class AckermannCmdMux:
                 self._send(msg)
                 self._announce()
             self._is_live.set()
+
+    def _lateness(self, source: Input, stamp: int) -> int:
+        """Return by how much the clock of a sender is late [ns]; needs the lock.
+
+        This is the smallest delay of the last ten commands of an input. So it is 0 if some commands
+        are late on a busy machine, but not if the sender's clock is late. A part of a period of the
+        commands does not count, nor does a delay in simulated time, where the clock of this node
+        may be ahead.
+        """
+        delays = self._delays.setdefault(source.topic, deque(maxlen=10))
+        delays.append(self._time.now - stamp)
+        is_late = min(delays) > COMMAND_PERIOD // 2 and not ros_time.is_simulated()
+        return min(delays) if is_late else 0
 
     def _announce(self) -> None:
         """Publish the name of the input that drives if it has changed."""

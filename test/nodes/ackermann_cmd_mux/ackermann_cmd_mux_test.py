@@ -32,6 +32,9 @@ class TestMux(RosTestCase):
         """Send a command on an input, with a stamp `seconds` after the beginning of the test."""
         self.inputs[name].publish(command(at(self.begin, seconds), speed, 0.0))
 
+    def stamps(self):
+        return {m.header.stamp for m in self.output.messages}
+
     def sent(self):
         """Return the commands that the mux has passed, as (seconds, speed)."""
         return [
@@ -75,6 +78,18 @@ class TestMux(RosTestCase):
         later = rospy.Time.now() + rospy.Duration(3 * COMMAND_TIMEOUT)
         wait_for(lambda: rospy.Time.now() > later, "time to pass")
         self.expect((0.0, 2.0), (COMMAND_TIMEOUT, 0.0))
+
+    def test_a_sender_whose_clock_is_late(self):
+        """Its input is live while its commands arrive."""
+        self.active.clear()
+        for _ in range(8):
+            late = command(at(rospy.Time.now(), -0.6), 1.0, 0.0)
+            self.inputs["teleop"].publish(late)
+            wait_for(lambda s=late.header.stamp: s in self.stamps(), "the command to pass")
+            self.inputs["navigation"].publish(command(rospy.Time.now(), 2.0, 0.0))
+        wait_for(lambda: self.active.last.data == "idle", "an idle mux")
+        self.assertEqual([m.data for m in self.active.messages], ["teleop", "idle"])
+        self.assertEqual({m.drive.speed for m in self.output.messages[:-1]}, {1.0})
 
     def test_messages_are_forwarded_as_they_are(self):
         msg = AckermannDriveStamped()  # the stamp is zero, as in the tutorial's listing
