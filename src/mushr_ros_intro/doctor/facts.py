@@ -77,7 +77,7 @@ class Facts:
     car: str
     master: Master
     inputs: Dict[str, Topic] = field(default_factory=dict)
-    """The inputs of the mux by name, by falling priority.
+    """The inputs of the mux by name in lower case, by falling priority.
 
     The first one, "output", is the mux's output with the publishers that bypass the mux.
     """
@@ -98,6 +98,8 @@ class Facts:
     """None in wall-clock time."""
     window: Optional[Tuple[int, int]] = None
     """The time of the nodes when listening began and ended [ns]; None if there was none."""
+    simulators: Tuple[str, ...] = ()
+    """The nodes that report the pose of the car."""
     contact: str = ""
     """The pose at which the car touches a wall."""
     moves: Optional[bool] = None
@@ -105,5 +107,13 @@ class Facts:
 
     @property
     def senders(self) -> List[Publisher]:
-        """The publishers from which commands were received."""
-        return [each for topic in self.inputs.values() for each in topic.senders]
+        """The publishers from which commands were received.
+
+        Without those that send only stops on the input `default`, as in MuSHR.
+        """
+        return [
+            each
+            for name, topic in self.inputs.items()
+            for each in topic.senders
+            if name != "default" or any(each.speeds)
+        ]

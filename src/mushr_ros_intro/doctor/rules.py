@@ -13,6 +13,11 @@ from mushr_ros_intro.doctor.facts import (
 from mushr_ros_intro.errors import DEFAULT_MASTER, CallFault
 from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE
 
+_JOYSTICK = (
+    "MuSHR's joystick node sends stops until a button is held: RB for commands of other nodes, LB "
+    "to drive with the joystick"
+)
+
 _CONTINUE = "If it was stopped with Ctrl-Z, type in its terminal: fg"
 
 
@@ -27,7 +32,7 @@ def diagnose(facts: Facts, package: str = "") -> List[Finding]:
     """
     if facts.master.fault:
         return [_no_master(facts.master, facts.master.fault)]
-    first = _rivals(facts) + [_abandoned(node) for node in facts.abandoned]
+    first = _rivals(facts) + _doubles(facts) + [_abandoned(node) for node in facts.abandoned]
     found = [_dead_node(node, fault) for node, fault in facts.dead.items()]
     if facts.clock:
         found += _time(facts.clock, set(facts.dead))
@@ -80,6 +85,20 @@ def _rivals(facts: Facts) -> List[Finding]:
         )
         for topic in facts.inputs.values()
         if len(topic.senders) > 1
+    ]
+
+
+def _doubles(facts: Facts) -> List[Finding]:
+    """Find two simulators of one car, or two muxes."""
+    receivers = {node for topic in facts.inputs.values() for node in topic.subscribers}
+    muxes = [each.node for each in facts.output.publishers if each.node in receivers]
+    return [
+        Finding(f"{_list(nodes)} run at the same time: {what}", "Stop one of them with Ctrl-C")
+        for nodes, what in (
+            (facts.simulators, f"each reports a pose of the car '{facts.car}'"),
+            (muxes, f"each is a mux of the car '{facts.car}'"),
+        )
+        if len(nodes) > 1
     ]
 
 
@@ -206,7 +225,7 @@ def _commands(facts: Facts) -> List[Finding]:
     active = facts.inputs.get(facts.active)
     if active:
         lower = list(facts.inputs.values())[list(facts.inputs).index(facts.active) + 1 :]
-        blocked = [each for topic in lower for each in topic.senders]
+        blocked = [each for topic in lower for each in topic.senders if each in facts.senders]
         holders = active.senders or active.publishers
         if blocked:
             problem = (
@@ -214,16 +233,22 @@ def _commands(facts: Facts) -> List[Finding]:
                 f"{_names(holders)}, so the commands of {_names(blocked)} do not reach the car"
             )
             remedy = f"Stop driving there, or type: rosnode kill {_names(holders, ' ')}"
+            if active.senders and not any(speed for each in holders for speed in each.speeds):
+                remedy = f"{_JOYSTICK}. {remedy}"
             return [Finding(problem, remedy)]
     if not any(speed for each in facts.senders for speed in each.speeds):
         problem = f"all commands of {_names(facts.senders)} have speed 0"
-        return [Finding(problem, "Set msg.drive.speed [m/s] before you publish")]
+        remedy = "Set msg.drive.speed [m/s] before you publish"
+        is_person = active and active.senders and facts.active.startswith("teleop")
+        return [Finding(problem, _JOYSTICK if is_person else remedy)]
     return []
 
 
 def _no_commands(facts: Facts, package: str) -> Finding:
     """Return that no node sends commands."""
-    silent = [each for topic in facts.inputs.values() for each in topic.publishers]
+    silent = [
+        each for topic in facts.inputs.values() for each in topic.publishers if not each.stamps
+    ]
     if silent:
         return Finding(
             f"no commands arrived from {_names(silent)}",

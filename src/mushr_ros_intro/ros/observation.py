@@ -4,7 +4,7 @@ import re
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Dict, List, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, Iterable, List, Optional, Sequence, Set, Tuple
 
 import rosgraph.network
 import rospy
@@ -209,9 +209,10 @@ class Observer:
             abandoned=tuple(abandoned),
             strays=strays,
             other_cars=other_cars,
-            active=actives[-1] if actives else IDLE,
+            active=_input(actives[-1], inputs) if actives else IDLE,
             clock=clock,
             window=window,
+            simulators=tuple(graph.live(graph.publishers, self._pose)),
             contact=_shown(contacts[-1][0]) if touches else "",
             moves=len(poses) > 1 if poses else None,
         )
@@ -242,7 +243,7 @@ class Observer:
         inputs = {each: f"input/{each}" for each in _MUX_INPUTS}
         with suppress(UserError):
             config = parse_config(self._parameter(self._mux))
-            inputs = {each.name: each.topic for each in config.inputs}
+            inputs = {each.name.lower(): each.topic for each in config.inputs}
         return {
             name: topic if topic.startswith("/") else f"{self._mux}/{topic.lstrip('~')}"
             for name, topic in inputs.items()
@@ -303,6 +304,11 @@ def _topic(graph: _Graph, heard: Listener, name: str, kind: Any = AckermannDrive
         )
     subscribers = tuple(graph.subscribers.get(name, []))
     return Topic(name, kind._type, kind._md5sum, tuple(publishers), subscribers)
+
+
+def _input(active: str, inputs: Iterable[str]) -> str:
+    """Return the input that a mux announces; MuSHR's mux announces teleop as "Teleoperation"."""
+    return next((name for name in inputs if active.lower().startswith(name)), active)
 
 
 def _instants(heard: Listener) -> List[int]:

@@ -31,6 +31,7 @@ from support.helpers import (
     driver,
     free_port,
     master,
+    node,
     publisher,
     run,
     wait_for,
@@ -204,6 +205,31 @@ class TestDoctor(RosTestCase):
         placements.publish(placement(rospy.Time(), 0.0, 0.0, 0.0))
         with driving(NAVIGATION):
             self.expect()
+
+    def test_mushrs_mux(self):
+        """Its configuration is in a file, its inputs have long names, `default` gets old stops."""
+        mux = "/car3/mux/ackermann_cmd_mux"
+        names = {"Teleoperation": "teleop", "Navigation": "navigation", "Default": "default"}
+        inputs = [
+            {"name": name, "topic": f"input/{topic}", "timeout": 0.2, "priority": -number}
+            for number, (name, topic) in enumerate(names.items())
+        ]
+        rospy.set_param(mux, {"subscribers": inputs, "publisher": "output"})
+        self.addCleanup(rospy.delete_param, "/car3")
+        self.ending(node("ackermann_cmd_mux.py", "__ns:=/car3/mux"))
+        self.ending(node("car_sim.py", "__ns:=/car3"))
+        self.expect(f"no node publishes commands: {mux}/input/navigation", car="car3")
+        rospy.set_param(mux, {"yaml_cfg_file": "/mux.yaml"})
+        old = rospy.Time.now() - rospy.Duration(13)
+        with driving(f"{mux}/input/default", 0.0, lambda: old):
+            self.expect(f"no node publishes commands: {mux}/input/navigation", car="car3")
+            with driving(f"{mux}/input/navigation"):
+                self.expect(car="car3")
+                with driving(f"{mux}/input/teleop", 0.0):
+                    expected = "the input 'teleop' of the mux has a higher priority and is in use"
+                    self.expect(expected, car="car3")
+        for name in names.values():
+            release(f"{mux}/input/{name}")
 
     def test_another_car(self):
         problem = "the car 'car2' is not running: no node subscribes to /car2/mux/"

@@ -281,3 +281,72 @@ def test_effects_of_a_paused_clock_are_left_out_but_commands_are_judged():
     clock, speed = findings(inputs=slow, clock=Clock((CAR,)), moves=False)
     assert clock.startswith("time stands still")
     assert "have speed 0" in speed
+
+
+ZEROS = Publisher("/car/mux/zero_ackermann_cmd", TYPE, MD5, 9 * (NOW - 13 * S,), 9 * (0.0,))
+JOYSTICK = Publisher("/car/teleop/joy_teleop", TYPE, MD5, (NOW, NOW + S // 20), (0.0, 0.0))
+MANAGER = "/car/mux/ackermann_cmd_mux_nodelet_manager"
+STATE = "/car/vesc/racecar_state"
+
+
+def in_mushr(plan=None, joystick=None, active="idle", muxes=(MANAGER,), simulators=(STATE,)):
+    """Return the findings in a system of MuSHR; the names are those of its launch files."""
+
+    def topic(name, *publishers):
+        full = f"{MUX}/input/{name}"
+        return Topic(full, TYPE, MD5, tuple(filter(None, publishers)), muxes)
+
+    output = Topic(
+        f"{MUX}/output",
+        TYPE,
+        MD5,
+        tuple(Publisher(each, TYPE, MD5) for each in muxes),
+        ("/car/vesc/ackermann_to_vesc",),
+    )
+    return findings(
+        inputs={
+            "output": output._replace(publishers=()),
+            "safety": topic("safety"),
+            "teleop": topic("teleop", joystick),
+            "navigation": topic("navigation", plan),
+            "default": topic("default", ZEROS),
+        },
+        output=output,
+        active=active,
+        simulators=simulators,
+        moves=None,
+    )
+
+
+@pytest.mark.parametrize(
+    "system, problem",
+    [
+        ({"plan": PLAN, "active": "navigation"}, None),
+        ({"plan": PLAN, "active": "navigation", "simulators": ()}, None),  # branch noetic
+        ({}, "no node publishes commands: "),
+        ({"active": "default"}, "no node publishes commands: "),
+        ({"plan": SILENT, "active": "default"}, "no commands arrived from /path_publisher. "),
+        (
+            {"plan": PLAN, "joystick": JOYSTICK, "active": "teleop"},
+            "is in use by /car/teleop/joy_teleop, so the commands of /path_publisher do not reach "
+            "the car. MuSHR's joystick node sends stops until a button is held: RB",
+        ),
+        (
+            {"joystick": JOYSTICK, "active": "teleop"},
+            "all commands of /car/teleop/joy_teleop have speed 0. MuSHR's joystick node sends",
+        ),
+        (
+            {"plan": PLAN, "active": "navigation", "simulators": (STATE, CAR)},
+            f"{STATE} and {CAR} run at the same time: each reports a pose of the car 'car'. Stop",
+        ),
+        (
+            {"plan": PLAN, "active": "navigation", "muxes": (MANAGER, MUX)},
+            f"{MANAGER} and {MUX} run at the same time: each is a mux of the car 'car'. Stop one",
+        ),
+    ],
+)
+def test_mushrs_systems(system, problem):
+    found = in_mushr(**system)
+    assert len(found) == (problem is not None), found
+    for finding in found:
+        assert problem in finding
