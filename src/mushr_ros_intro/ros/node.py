@@ -86,8 +86,9 @@ def _run(node_class: Callable[[], Any]) -> None:
     except (TimeoutError, ConnectionError) as error:
         _fail(f"the master does not answer: {error}")
     except Exception:
-        # Topics that are closed during a shutdown raise various errors in rospy.
-        if not rospy.is_shutdown():
+        # Topics that are closed during a shutdown raise various errors in rospy. It closes them
+        # before is_shutdown() is true.
+        if not rospy.core.is_shutdown_requested():
             rospy.logfatal("%s: %s", rospy.get_name(), traceback.format_exc())
         else:
             status = 0

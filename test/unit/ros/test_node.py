@@ -35,6 +35,7 @@ PROGRAMS = {
     "publishes": """
     def run(self):
         publisher = rospy.Publisher("/text", String, queue_size=1, latch=True)
+        rospy.core.add_preshutdown_hook(lambda _: time.sleep(0.2))  # the topic is closed already
         print("publishes", flush=True)
         while not rospy.is_shutdown():
             publisher.publish("text")
