@@ -34,6 +34,8 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("workspace")
     (folder / "src").mkdir()
     (folder / "src" / "mushr_ros_intro").symlink_to(CHECKOUT)
+    for name in ("mushr_sim", "mushr_utils"):
+        (folder / "src" / name).symlink_to(f"{CHECKOUT}/underlay/{name}")
     if not any(os.path.isdir(f"{root}/share/ackermann_msgs") for root in (NOETIC, "/usr")):
         (folder / "src" / "ackermann_msgs").symlink_to(f"{CHECKOUT}/underlay/ackermann_msgs")
     options = "-DPYTHON_EXECUTABLE=/usr/bin/python3 -DCATKIN_ENABLE_TESTING=OFF"
@@ -49,6 +51,12 @@ def test_modules_and_files_are_in_the_install_space(folder):
     assert output.startswith(f"{folder}/install/lib/")
     output = run("source install/setup.bash; rospack find mushr_ros_intro", folder)
     assert output == f"{folder}/install/share/mushr_ros_intro\n"
+
+
+def test_the_stand_ins_have_their_files(folder):
+    assert run("find -L install -type l", folder) == ""  # prints links without a target
+    assert (folder / "install/share/mushr_sim/maps/sandbox.yaml").is_file()
+    assert (folder / "install/share/mushr_utils/rviz/default.rviz").is_file()
 
 
 def test_roslaunch_drives(folder):
