@@ -102,6 +102,12 @@ def test_every_run_of_a_rostest_has_results_of_its_own():
 def test_versions_agree():
     version = ElementTree.fromstring(read("package.xml")).findtext("version")
     assert re.search(rf"^{re.escape(version)} \(", read("CHANGELOG.rst"), re.MULTILINE)
+    assert read("debian/changelog").startswith(f"mushr-ros-intro ({version})")
+
+
+def test_the_debian_packages_need_what_setup_installs():
+    (names,) = re.findall(r'^debian_packages="([^"]*)"', read("scripts/setup"), re.MULTILINE)
+    assert set(names.split()) <= set(re.findall(r"[\w+-]+", read("debian/control")))
 
 
 def test_sources_are_ascii():
