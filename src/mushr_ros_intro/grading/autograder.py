@@ -17,7 +17,7 @@ from mushr_ros_intro.yaml_file import read_mapping
 
 FILES = (
     *("CMakeLists.txt", "LICENSE", "package.xml", "setup.py"),
-    *("scripts/grade", "scripts/loopback.c", "scripts/setup"),
+    *("scripts/grade", "scripts/loopback.c", "scripts/packages", "scripts/setup"),
 )
 FOLDERS = ("config", "src", "underlay")
 """What of this package is needed for grading; scripts/setup builds it without tests."""
