@@ -127,6 +127,13 @@ def test_the_workflow_runs_a_script_that_is_there():
     assert job["strategy"]["matrix"]["debian"] == [11, 12, 13]
 
 
+def test_the_workflow_publishes_the_targets_of_the_dockerfile():
+    (job,) = yaml.safe_load(read(".github/workflows/image.yml"))["jobs"].values()
+    targets = re.findall(r"^FROM \S+ AS (\w+)$", read("Dockerfile"), re.MULTILINE)
+    assert set(job["strategy"]["matrix"]["target"]) == {"full", "slim"} < set(targets)
+    assert targets[-1] == "full"  # the default
+
+
 def test_every_file_that_the_page_for_contributors_names_is_there():
     named = re.findall(r"`([\w./]+/[\w./]*)`", read("CONTRIBUTING.md"))
     assert len(named) > 10
