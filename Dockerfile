@@ -1,11 +1,13 @@
 # The simulated car in a container: see docs/container.md. The default target is full, which also builds and
 # tests; the target slim only runs.
 FROM debian:12 AS base
-# Leave out large files that nothing here needs: documentation, static libraries, the headers of boost, link-time
-# optimisation, the unit tests of Python packages. To build nodes in C++, delete this file, and reinstall.
+# Leave out large files that nothing here needs: documentation except licences, static libraries, the headers of
+# boost, cpack, sanitizers, link-time optimisation, and below, the unit tests of Python packages. To build nodes in
+# C++, delete this file, and reinstall.
 RUN printf 'path-exclude=/usr/%s\n' 'share/doc/*' 'share/info/*' 'share/locale/*' 'share/man/*' \
-    'share/unicode/*' 'include/boost/*' 'lib/gcc/*/lto1' 'bin/*-lto-dump-*' \
-    'lib/*/libboost*.a' 'lib/*/libicu*.a' 'lib/*/libpython*.a' 'lib/*blas*/*.a' >/etc/dpkg/dpkg.cfg.d/small
+    'share/unicode/*' 'include/boost/*' 'lib/gcc/*/lto1' 'bin/*-lto-dump-*' 'bin/cpack' 'lib/*/lib*san.*' \
+    'lib/*/libboost*.a' 'lib/*/libicu*.a' 'lib/*/libpython*.a' 'lib/*blas*/*.a' >/etc/dpkg/dpkg.cfg.d/small && \
+    echo 'path-include=/usr/share/doc/*/copyright' >>/etc/dpkg/dpkg.cfg.d/small
 COPY scripts/packages /opt/
 RUN . /opt/packages && apt-get -q update && \
     DEBIAN_FRONTEND=noninteractive apt-get -q -y install --no-install-recommends $runtime_packages && \
