@@ -162,6 +162,8 @@ def test_a_course(home):
     terminal = Terminal(home, free_port())
     output, status = terminal.type("cd ~/catkin_ws", "catkin_make")
     assert status == 0, output
+    output, status = terminal.type("rostest introduction exercise.test")
+    assert status == 0 and "RESULT: SUCCESS" in output, output
     with terminal.start("roslaunch course simulation.launch") as simulation:
         wait_for(lambda: "ready: the car is at (3.0000 m" in simulation.output, "the car")
         ignored = "racecar_version:=racecar-uw-nano use_tf_prefix:=false fake_localization:=true"
