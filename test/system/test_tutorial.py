@@ -55,16 +55,15 @@ def tutorial():
     if not texts:
         example = f"{CHECKOUT}/examples/my_ros_intro"
         launch = read(f"{example}/launch/my_path_publisher.launch")
-        code, plan = (
-            read(f"{example}/{name}")
-            for name in ("src/path_publisher.py", "plans/straight_line.txt")
-        )
-        return COMMANDS.split("\n"), code, launch.replace("my_ros_intro", "mushr_ros_intro"), plan
+        launch = launch.replace("my_ros_intro", "mushr_ros_intro")
+        names = ("plans/straight_line.txt", "plans/figure_8.txt")
+        plans = {name: read(f"{example}/{name}") for name in names}
+        return COMMANDS.split("\n"), read(f"{example}/src/path_publisher.py"), launch, plans
     (text,) = texts
     code = re.search(r"^ (#!/usr/bin/env python\n.*?)^The code, explained", text, re.S | re.M)[1]
     launch = re.search(r"containing:\s*(<launch>.*?</launch>)", text, re.S)[1]
-    plan = re.search(r"plans/straight_line.txt\s+(.*?\n)\n", text, re.S)[1]
-    return re.findall(r"^\$ (.*)", text, re.MULTILINE), code, launch, plan
+    plans = dict(re.findall(r"^(plans/\w+.txt)\s+(.*?\n)\n", text, re.S | re.M))
+    return re.findall(r"^\$ (.*)", text, re.MULTILINE), code, launch, plans
 
 
 class Terminal:
@@ -119,7 +118,7 @@ def x_of_car(terminal):
 
 
 def test_the_tutorial(home):
-    commands, code, launch, plan = tutorial()
+    commands, code, launch, plans = tutorial()
     make_executable, simulate, view, drive = (
         next(each for each in commands if each.startswith(start))
         for start in ("chmod", "roslaunch mushr_sim", "rosrun rviz", "roslaunch mushr_ros_intro")
@@ -130,8 +129,9 @@ def test_the_tutorial(home):
     output, status = terminal.type(*first, "pwd", sources=False)
     package = output.split()[-1]
     assert (status, package) == (0, f"{home}/catkin_ws/src/mushr_ros_intro"), output
-    files = {"plans/straight_line.txt": plan, "src/path_publisher.py": code}
-    for name, text in {**files, "launch/path_publisher.launch": launch}.items():
+    assert set(plans) == {"plans/straight_line.txt", "plans/figure_8.txt"}
+    files = {"src/path_publisher.py": code, "launch/path_publisher.launch": launch}
+    for name, text in {**plans, **files}.items():
         with open(os.path.join(package, name), "w", encoding="utf-8") as file:
             file.write(text)
 
@@ -146,9 +146,11 @@ def test_the_tutorial(home):
         assert "finished cleanly" in output
         assert 0.97 * LENGTH < x_of_car(terminal) < TOO_LONG * LENGTH
         # The other tools are in the package that has the same name in MuSHR.
-        command = "rosrun mushr_sim grade.py straight_line --node mushr_ros_intro path_publisher.py"
+        plan = f"{package}/plans/figure_8.txt"
+        command = f"rosrun mushr_sim grade.py {plan} --node mushr_ros_intro path_publisher.py"
         output, _ = terminal.type(command)
-        assert "straight_line" in output.split("\n")[0], output
+        assert f"drives {plan} with the car ideal" in output.split("\n")[0], output
+        assert "ok   final_pose: the car ended at (-1." in output, output
         simulation.send_signal(signal.SIGINT)
         assert simulation.wait() == 0
 
