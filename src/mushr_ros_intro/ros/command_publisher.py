@@ -45,7 +45,7 @@ class CommandPublisher:
         self._is_known = False  # which input drives
         self._active_topic = active_topic
         self._mux: Dict[str, Union[rospy.Publisher, rospy.Subscriber]] = {}
-        """The connections to the mux, which must not be lost, by what a lost one means."""
+        """The connections that must not be lost, by the fault if one is lost."""
         if active_topic:
             self._active = rospy.Subscriber(active_topic, String, self._on_active)
 
