@@ -291,7 +291,7 @@ def measure():
         yield f"{what}: memory", result["memory"], "MB"
     yield "laser scans", laser_benchmark.scans_per_second(), "scans/s"
     plan = read_plan(os.path.join(os.path.dirname(SCRIPTS), "plans", "figure_8.txt"))
-    nano = Car(speed_limit=0.929, acceleration=2.5, steering_rate=3.2)
+    nano = Car(speed_limit=0.929, acceleration=3.889, steering_rate=3.2)
     errors = Errors(speed=0.01, steering_angle=0.01)
     for name, car, cars in (
         ("ideal", Car(), 1000),

@@ -80,7 +80,8 @@ class TestMapServer(RosTestCase):
         cases = (
             (
                 "car:=nano",
-                "no such car; expected one of ideal, mushr_nano, mushr_tx2, racecar_mit\n",
+                "no such car; expected one of ideal, mushr_nano, mushr_nano_master, mushr_tx2, "
+                "racecar_mit\n",
             ),
             ("map:=sandbx", "no such file; did you mean sandbox? (searched: "),
         )

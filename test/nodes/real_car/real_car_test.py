@@ -57,7 +57,7 @@ class TestRealCar(RosTestCase):
         plan = self.plan("47,0,0\n0.9,0\n2.0, 0.0, 3\n")
         output = self.drive_plan(plan, status=1)
         fast = "row 2 asks for 2 m/s; the car does 0.9286 m/s at most"
-        wall = "row 2 hits a wall at t = 2.4 s, (49.0, 0.0); it stops there"
+        wall = "row 2 hits a wall at t = 2.3 s, (49.0, 0.0); it stops there"
         warnings = WARNINGS.findall(output)
         self.assertEqual(warnings[:-1], [f"{plan}:3:1: {each}" for each in (fast, wall)])
         self.assertIn("the car stopped at a wall in row 2 of 2 at (49.0200 m", warnings[-1])

@@ -16,7 +16,7 @@ from support.cars import CARS, PROFILES
 
 
 def test_profiles():
-    assert set(CARS) == {"ideal", "mushr_nano", "mushr_tx2", "racecar_mit"}
+    assert set(CARS) == {"ideal", "mushr_nano", "mushr_nano_master", "mushr_tx2", "racecar_mit"}
     assert CARS["ideal"] == Car() == car_from(Parameters({}))
     assert [name for name, car in CARS.items() if car.is_ideal] == ["ideal"]
     for limited in (Car(acceleration=1.0), Car(speed_noise=0.1), Car(steering_noise=0.1)):
@@ -27,7 +27,7 @@ def test_profiles():
     assert noisy == CARS["mushr_nano"]._replace(speed_noise=0.013, steering_noise=0.01, seed=7)
     assert str(Car()) == "wheelbase 0.33 m; limits: none; noise: off; command timeout 0.2 s"
     assert str(noisy) == (
-        "wheelbase 0.3 m; limits: 0.9286 m/s, 0.4375 rad left, 0.4375 rad right, 2.5 m/s^2, "
+        "wheelbase 0.3 m; limits: 0.9286 m/s, 0.3158 rad left, 0.4211 rad right, 3.8889 m/s^2, "
         "3.2 rad/s; noise: 0.013 m/s, 0.01 rad, seed 7; command timeout 0.2 s"
     )
     assert CARS["mushr_nano"].speed_noise == CARS["mushr_nano"].steering_noise == 0.0
@@ -36,7 +36,8 @@ def test_profiles():
 @pytest.mark.parametrize(
     "name, erpm_gain, servo_gain, servo_offset",
     [
-        ("mushr_nano", -3500.0, 0.8, 0.5),
+        ("mushr_nano", -3500.0, 0.95, 0.55),
+        ("mushr_nano_master", -3500.0, 0.8, 0.5),
         ("mushr_tx2", -2000.0, 1.2135, 0.55),
         ("racecar_mit", 4614.0, -1.2135, 0.5304),
     ],
@@ -47,6 +48,9 @@ def test_limits_are_those_of_the_motor_controller(name, erpm_gain, servo_gain, s
     servo = sorted((servo - servo_offset) / servo_gain for servo in (0.15, 0.85))
     assert (-car.steering_limit_right, car.steering_limit_left) == pytest.approx(servo, abs=1e-4)
     assert car.speed_limit == pytest.approx(3250.0 / abs(erpm_gain), abs=1e-4)
+    # throttle_interpolator changes erpm by at most `step`, and does so `step` times per second.
+    step = abs(erpm_gain) * 2.5 / 75.0
+    assert car.acceleration == pytest.approx(step * step / abs(erpm_gain), abs=1e-4)
 
 
 @pytest.mark.parametrize(
