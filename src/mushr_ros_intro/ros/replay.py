@@ -2,6 +2,7 @@
 
 import ctypes
 import multiprocessing
+import multiprocessing.popen_forkserver  # threads that first import it together may fail
 import os
 import shutil
 import signal

@@ -74,6 +74,7 @@ class TestAnyFactor(RosTestCase):
         clock = Recording("/clock", Clock).connected()
         for connection in clock.subscriber.impl.connections:
             connection.protocol.queue_size = None  # otherwise it is 1, as in rospy's own subscriber
+        clock.clear()
         self.poses.clear()
         self.wait_for_clock(1.0)
         # Wait for some more poses: the first ones can be older than the first message on /clock.
