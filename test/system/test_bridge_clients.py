@@ -312,6 +312,8 @@ def test_too_many_clients(sim):
 
 
 def test_twenty_clients_of_which_some_do_not_read(sim):
+    mapped = sim.client("/map")
+    mapped.message("/map")  # from now on, the server has the map
     silent = sim.client()
     for _ in range(8):  # the map has some MB: more than what the connection takes
         silent.subscribe("/map", id="a")
@@ -331,7 +333,7 @@ def test_twenty_clients_of_which_some_do_not_read(sim):
         assert stamps == sent[first : last + 1], "a client that reads has lost poses"
     (first,) = silent.stamps(1)
     assert first > found[0][20], "the server keeps all poses for a client that does not read"
-    for client in (silent, slow, *clients):
+    for client in (mapped, silent, slow, *clients):
         client.close()
 
 
