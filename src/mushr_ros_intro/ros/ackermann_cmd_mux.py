@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import deque
-from typing import Deque, Dict
+from typing import Deque, Dict, Tuple
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -35,8 +35,8 @@ class AckermannCmdMux:
         self._time = PresentTime()
         # A command of unknown age: when it expires [ns], and its minimum [s of wall-clock time].
         self._unstamped = (-1, 0.0)
-        self._delays: Dict[str, Deque[int]] = {}
-        """The delays of the last commands of each input, by topic [ns]."""
+        self._delays: Dict[str, Deque[Tuple[int, int]]] = {}
+        """When the commands of the last second arrived, and their delays [ns], by topic."""
         self._frame = ""
         self._announced = ""
 
@@ -111,6 +111,7 @@ class AckermannCmdMux:
         if self._time.update(ros_time.now()):
             rospy.logwarn("the clock was set back; all inputs expire")
             self._mux = self._mux.restart(self._time.now)
+            self._delays.clear()
         return self._time.now
 
     @conversions.ignore_bad_messages
@@ -140,15 +141,18 @@ class AckermannCmdMux:
     def _lateness(self, source: Input, stamp: int) -> int:
         """Return by how much the clock of a sender is late [ns]; needs the lock.
 
-        This is the smallest delay of the last ten commands of an input. So it is 0 if some commands
-        are late on a busy machine, but not if the sender's clock is late. A part of a period of the
-        commands does not count, nor does a delay in simulated time, where the clock of this node
-        may be ahead.
+        This is the smallest delay of the commands of the last second on an input. So it is 0 if
+        some commands are late on a busy machine, but not if the sender's clock is late. A part of a
+        period of the commands does not count, nor does a delay in simulated time, where the clock
+        of this node may be ahead.
         """
-        delays = self._delays.setdefault(source.topic, deque(maxlen=10))
-        delays.append(self._time.now - stamp)
-        is_late = min(delays) > COMMAND_PERIOD // 2 and not ros_time.is_simulated()
-        return min(delays) if is_late else 0
+        now = self._time.now
+        delays = self._delays.setdefault(source.topic, deque())
+        delays.append((now, now - stamp))
+        while delays[0][0] <= now - NANOSECONDS:
+            delays.popleft()
+        lateness = min(delay for _, delay in delays)
+        return 0 if ros_time.is_simulated() or lateness <= COMMAND_PERIOD // 2 else lateness
 
     def _announce(self) -> None:
         """Publish the name of the input that drives if it has changed."""

@@ -80,8 +80,13 @@ class TestMux(RosTestCase):
         self.expect((0.0, 2.0), (COMMAND_TIMEOUT, 0.0))
 
     def test_a_sender_whose_clock_is_late(self):
-        """Its input is live while its commands arrive."""
+        """Its input is live while its commands arrive, also after a sender with a good clock."""
+        self.send("teleop", 0.0, 1.0)
+        later = at(self.begin, 1.0)
+        wait_for(lambda: rospy.Time.now() > later, "time to pass")
+        self.expect((0.0, 1.0), (COMMAND_TIMEOUT, 0.0))
         self.active.clear()
+        self.output.clear()
         for _ in range(8):
             late = command(at(rospy.Time.now(), -0.6), 1.0, 0.0)
             self.inputs["teleop"].publish(late)
@@ -90,6 +95,14 @@ class TestMux(RosTestCase):
         wait_for(lambda: self.active.last.data == "idle", "an idle mux")
         self.assertEqual([m.data for m in self.active.messages], ["teleop", "idle"])
         self.assertEqual({m.drive.speed for m in self.output.messages[:-1]}, {1.0})
+
+    def test_a_late_command_of_a_sender_with_a_good_clock(self):
+        """It does not prolong its input."""
+        self.send("teleop", 0.0, 1.0)
+        wait_for(lambda: rospy.Time.now() >= at(self.begin, 0.17), "time to pass")
+        self.send("teleop", 0.02, 2.0)
+        self.send("navigation", 0.22, 3.0)
+        wait_for(lambda: (0.22, 3.0) in self.sent(), f"the command to pass, got {self.sent()}")
 
     def test_messages_are_forwarded_as_they_are(self):
         msg = AckermannDriveStamped()  # the stamp is zero, as in the tutorial's listing
