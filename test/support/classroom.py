@@ -66,7 +66,6 @@ CORRECT = {
             "    pub_init_pose.publish(init_pose)\n",
             "    init_pose.pose.pose.position.x += 1\n"
             "    pub_init_pose.publish(init_pose)\n"
-            "    rospy.sleep(0.2)\n"
             "    init_pose.pose.pose.position.x -= 1\n"
             "    pub_init_pose.publish(init_pose)\n",
         )

@@ -157,6 +157,17 @@ def test_a_port_that_is_taken(sim):
     assert f"port {sim.port} of 127.0.0.1 cannot be used" in process.output
 
 
+def test_parameters_of_a_car_that_has_ended(sim):
+    """They do not change the prediction."""
+    port = free_port()
+    sets = ["rosparam", "set", "/car9/car_sim/speed_limit", "0.25"]
+    subprocess.run(sets, env={**os.environ, **sim.environment}, check=True)
+    settings = ("__name:=fourth_view", f"_port:={port}", "_car_name:=car9")
+    with node("web_view.py", *settings, **sim.environment) as process:
+        wait_for(lambda: "in a browser" in process.output, "the other server")
+        assert web.fetch(port, "/plans/figure_8")[2] == sim.get("/plans/figure_8")[2]
+
+
 def test_headers(sim):
     for path in ("/", "/main.js", "/map.json", "/map.png", "/nothing", "/plans/nothing"):
         status, headers, _ = sim.get(path)

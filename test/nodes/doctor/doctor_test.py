@@ -228,6 +228,8 @@ class TestDoctor(RosTestCase):
                 with driving(f"{mux}/input/teleop", 0.0):
                     expected = "the input 'teleop' of the mux has a higher priority and is in use"
                     self.expect(expected, car="car3")
+                with node("car_sim.py", "__ns:=/car3", "__name:=second"):
+                    self.expect("each reports a pose of the car 'car3'", car="car3")
         for name in names.values():
             release(f"{mux}/input/{name}")
 

@@ -35,10 +35,14 @@ PROGRAMS = {
     "publishes": """
     def run(self):
         publisher = rospy.Publisher("/text", String, queue_size=1, latch=True)
-        rospy.core.add_preshutdown_hook(lambda _: time.sleep(0.2))  # the topic is closed already
+        failed = threading.Event()
+        rospy.core.add_preshutdown_hook(lambda _: failed.wait(10.0))  # the topic is closed already
         print("publishes", flush=True)
-        while not rospy.is_shutdown():
-            publisher.publish("text")
+        try:
+            while not rospy.is_shutdown():
+                publisher.publish("text")
+        finally:
+            failed.set()
 """,
     "waits": """
     def run(self):
