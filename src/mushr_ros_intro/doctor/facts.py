@@ -98,7 +98,7 @@ class Facts:
     """None in wall-clock time."""
     window: Optional[Tuple[int, int]] = None
     """The time of the nodes when listening began and ended [ns]; None if there was none."""
-    simulators: Tuple[str, ...] = ()
+    pose_publishers: Tuple[str, ...] = ()
     """The nodes that report the pose of the car."""
     contact: str = ""
     """The pose at which the car touches a wall."""

@@ -95,7 +95,7 @@ def _doubles(facts: Facts) -> List[Finding]:
     return [
         Finding(f"{_list(nodes)} run at the same time: {what}", "Stop one of them with Ctrl-C")
         for nodes, what in (
-            (facts.simulators, f"each reports a pose of the car '{facts.car}'"),
+            (facts.pose_publishers, f"each reports a pose of the car '{facts.car}'"),
             (muxes, f"each is a mux of the car '{facts.car}'"),
         )
         if len(nodes) > 1
@@ -239,8 +239,9 @@ def _commands(facts: Facts) -> List[Finding]:
     if not any(speed for each in facts.senders for speed in each.speeds):
         problem = f"all commands of {_names(facts.senders)} have speed 0"
         remedy = "Set msg.drive.speed [m/s] before you publish"
-        is_person = active and active.senders and facts.active.startswith("teleop")
-        return [Finding(problem, _JOYSTICK if is_person else remedy)]
+        if active and active.senders and facts.active.startswith("teleop"):
+            remedy = _JOYSTICK
+        return [Finding(problem, remedy)]
     return []
 
 

@@ -152,7 +152,10 @@ def _why_not_at(pose: Pose) -> str:
     with suppress(rosgraph.MasterException, OSError):
         names = registered_nodes(_REPOSITION, "subscribers")
     if not names:
-        return "Is the start pose inside a wall, is the clock held, or does another node place it?"
+        return (
+            "Is the start pose inside a wall, is the clock held, or does another node place the "
+            "car?"
+        )
     z, w = math.sin(pose.theta / 2.0), math.cos(pose.theta / 2.0)
     return (
         f"The car of {names[0]} is placed on {_REPOSITION} (MuSHR, branch noetic). Type: rostopic "

@@ -212,7 +212,7 @@ class Observer:
             active=_input(actives[-1], inputs) if actives else IDLE,
             clock=clock,
             window=window,
-            simulators=tuple(graph.live(graph.publishers, self._pose)),
+            pose_publishers=tuple(graph.live(graph.publishers, self._pose)),
             contact=_shown(contacts[-1][0]) if touches else "",
             moves=len(poses) > 1 if poses else None,
         )

@@ -102,10 +102,10 @@ def write_at_once() -> None:
     Cause: rospy has a queue and a thread for each connection (QueuedConnection in
     rospy/impl/tcpros_pubsub.py), and publish() yields the processor after each message.
     """
-    rospy.topics.QueuedConnection = _Connection
+    rospy.topics.QueuedConnection = DirectConnection
 
 
-class _Connection(QueuedConnection):
+class DirectConnection(QueuedConnection):
     """Writes a message at once if nothing is queued and the socket takes it; queues the rest."""
 
     def __init__(self, connection: Any, queue_size: int) -> None:

@@ -289,7 +289,7 @@ MANAGER = "/car/mux/ackermann_cmd_mux_nodelet_manager"
 STATE = "/car/vesc/racecar_state"
 
 
-def in_mushr(plan=None, joystick=None, active="idle", muxes=(MANAGER,), simulators=(STATE,)):
+def in_mushr(plan=None, joystick=None, active="idle", muxes=(MANAGER,), pose_publishers=(STATE,)):
     """Return the findings in a system of MuSHR; the names are those of its launch files."""
 
     def topic(name, *publishers):
@@ -313,7 +313,7 @@ def in_mushr(plan=None, joystick=None, active="idle", muxes=(MANAGER,), simulato
         },
         output=output,
         active=active,
-        simulators=simulators,
+        pose_publishers=pose_publishers,
         moves=None,
     )
 
@@ -322,7 +322,7 @@ def in_mushr(plan=None, joystick=None, active="idle", muxes=(MANAGER,), simulato
     "system, problem",
     [
         ({"plan": PLAN, "active": "navigation"}, None),
-        ({"plan": PLAN, "active": "navigation", "simulators": ()}, None),  # branch noetic
+        ({"plan": PLAN, "active": "navigation", "pose_publishers": ()}, None),  # branch noetic
         ({}, "no node publishes commands: "),
         ({"active": "default"}, "no node publishes commands: "),
         ({"plan": SILENT, "active": "default"}, "no commands arrived from /path_publisher. "),
@@ -336,7 +336,7 @@ def in_mushr(plan=None, joystick=None, active="idle", muxes=(MANAGER,), simulato
             "all commands of /car/teleop/joy_teleop have speed 0. MuSHR's joystick node sends",
         ),
         (
-            {"plan": PLAN, "active": "navigation", "simulators": (STATE, CAR)},
+            {"plan": PLAN, "active": "navigation", "pose_publishers": (STATE, CAR)},
             f"{STATE} and {CAR} run at the same time: each reports a pose of the car 'car'. Stop",
         ),
         (

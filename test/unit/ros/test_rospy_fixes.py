@@ -9,7 +9,7 @@ import pytest
 from rospy.exceptions import TransportException
 from rospy.impl.tcpros_base import TCPROSTransport, TCPROSTransportProtocol
 
-from mushr_ros_intro.ros.rospy_fixes import _Connection
+from mushr_ros_intro.ros.rospy_fixes import DirectConnection
 from support.helpers import wait_for
 
 
@@ -32,7 +32,7 @@ def connect(queue_size):
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     transport = TCPROSTransport(TCPROSTransportProtocol("/topic", None), "/topic")
     transport.set_socket(ours, "/subscriber")
-    connection = _Connection(transport, queue_size)
+    connection = DirectConnection(transport, queue_size)
     yield connection, theirs
     theirs.close()
     transport.close()
