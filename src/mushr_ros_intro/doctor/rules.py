@@ -1,5 +1,6 @@
 """Derive findings from facts: what keeps the car from moving, and what to type."""
 
+import itertools
 from typing import Iterable, List, Set
 
 from mushr_ros_intro.doctor.facts import (
@@ -17,6 +18,9 @@ _JOYSTICK = (
     "MuSHR's joystick node sends stops until a button is held: RB for commands of other nodes, LB "
     "to drive with the joystick"
 )
+
+_MANUAL = ("safety", "teleop")
+"""The inputs of the mux for people. The nodes that publish there are silent most of the time."""
 
 _CONTINUE = "If it was stopped with Ctrl-Z, type in its terminal: fg"
 
@@ -65,13 +69,16 @@ def health(facts: Facts) -> str:
 
 def hints(facts: Facts) -> List[str]:
     """Return what could be better in a system without findings."""
+    manual = {
+        each for name in _MANUAL if name in facts.inputs for each in facts.inputs[name].senders
+    }
     return [
         f"hint: the commands of {each.node} have no stamp, so each one takes effect when it "
         "arrives, and the final pose differs from drive to drive. In send_command of the "
         "tutorial's listing, replace AckermannDriveStamped(drive=drive) by AckermannDriveStamped("
         "header=Header(stamp=rospy.Time.now()), drive=drive); Header is in std_msgs.msg"
         for each in facts.senders
-        if 0 in each.stamps
+        if 0 in each.stamps and each not in manual
     ]
 
 
@@ -91,7 +98,8 @@ def _rivals(facts: Facts) -> List[Finding]:
 def _doubles(facts: Facts) -> List[Finding]:
     """Find two simulators of one car, or two muxes."""
     receivers = {node for topic in facts.inputs.values() for node in topic.subscribers}
-    muxes = [each.node for each in facts.output.publishers if each.node in receivers]
+    publishers = {each.node: None for each in facts.output.publishers}
+    muxes = [node for node in publishers if node in receivers and node not in facts.dead]
     return [
         Finding(f"{_list(nodes)} run at the same time: {what}", "Stop one of them with Ctrl-C")
         for nodes, what in (
@@ -247,20 +255,25 @@ def _commands(facts: Facts) -> List[Finding]:
 
 def _no_commands(facts: Facts, package: str) -> Finding:
     """Return that no node sends commands."""
-    silent = [
-        each for topic in facts.inputs.values() for each in topic.publishers if not each.stamps
-    ]
-    if silent:
+    silent = {
+        name: [each for each in topic.publishers if not each.stamps]
+        for name, topic in facts.inputs.items()
+    }
+    people = [each for name in _MANUAL for each in silent.pop(name, ())]
+    nodes = [*itertools.chain(*silent.values())]
+    if nodes:
         return Finding(
-            f"no commands arrived from {_names(silent)}",
-            "To drive with keys, hold a key down in the window of keyboard_teleop. Otherwise read "
-            "the node's terminal, and check that its loop calls publish",
+            f"no commands arrived from {_names(nodes)}",
+            "Read the node's terminal, and check that its loop calls publish",
         )
     own = f"roslaunch mushr_ros_intro path_publisher.launch{_car_argument(facts)} "
     remedy = "Start your node, and read its terminal. To find out why it does not start, type: "
     remedy += "rosrun mushr_ros_intro doctor.py --package THE_PACKAGE_OF_YOUR_NODE"
     if package:
         remedy = f"Start the node of {package}, and read its terminal"
+    if people:
+        remedy += f". To drive with {_names(people)}, hold a key down in its window, or on MuSHR's "
+        remedy += "joystick hold LB"
     return Finding(
         f"no node publishes commands: {_control_topic(facts)} has no publisher",
         f"{remedy}. To drive with this package's node, type: {own}plan_file:=figure_8",
