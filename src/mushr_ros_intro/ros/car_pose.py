@@ -161,5 +161,5 @@ def _why_not_at(pose: Pose) -> str:
         f"The car of {names[0]} is placed on {_REPOSITION} (MuSHR, branch noetic). Type: rostopic "
         f"pub -1 {_REPOSITION} geometry_msgs/PoseStamped '{{pose: {{position: {{x: {pose.x:g}, "
         f"y: {pose.y:g}}}, orientation: {{z: {z:g}, w: {w:g}}}}}}}' and then start path_publisher "
-        "with send_init_pose:=false"
+        "again"
     )

@@ -94,8 +94,9 @@ class CommandPublisher:
             for fault, connection in self._mux.items():
                 if not connection.get_num_connections():
                     raise UserError(
-                        f"{fault}, so the commands may not reach the car. Did the mux end, or was "
-                        "the network cut (rosnode list)? The drive ends"
+                        f"{fault}, so the commands and the stop may not reach the car. It may "
+                        "drive on. Did the mux end, or was the network cut (rosnode list)? The "
+                        "drive ends"
                     )
             self._publish(command)
 

@@ -201,11 +201,14 @@ class DriveMonitor:
             rospy.logwarn("%s", self._wall)
 
     def _log_stop(self) -> None:
-        """If the drive is interrupted, log where the car stops."""
+        """If the drive is interrupted, log where the car stops, or its last pose."""
         if self._is_done or not self._timetable.start:
             return
         self._is_done = True
         position = self._timetable.position(ros_time.now())
-        ros_time.wait_for(self._car_pose.stands, HALT_TIMEOUT)
+        stands = ros_time.wait_for(self._car_pose.stands, HALT_TIMEOUT)
         last = self._car_pose.last
-        rospy.logwarn("stopped in %s%s", position, f" at {last.pose}" if last else "")
+        text = f"stopped in {position}" if stands else f"the drive ended in {position}"
+        if last:
+            text += f" at {last.pose}" if stands else f"; the last reported pose is {last.pose}"
+        rospy.logwarn("%s", text)

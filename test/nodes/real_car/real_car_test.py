@@ -9,11 +9,12 @@ import signal
 import numpy as np
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Path
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
+from mushr_ros_intro.ros.connections import registered_nodes
 from support.geometry import angle_between, closed_form, planar
 from support.helpers import Process, Recording, RosTestCase, driver, publisher, run, wait_for
 from support.messages import MUX, NAVIGATION, TELEOP
@@ -35,9 +36,12 @@ class TestRealCar(RosTestCase):
         self.commands = Recording(NAVIGATION, AckermannDriveStamped)
         self.placements = Recording("/initialpose", PoseWithCovarianceStamped)
         self.paths = Recording("/car/predicted_path", Path)
-        # Wait until only the car is connected: an earlier node sends its latched message.
-        connections = self.paths.subscriber.get_num_connections
-        wait_for(lambda: connections() < 2, "the end of the earlier node")
+        # An earlier node sends its latched message until it has ended.
+        path = self.paths.subscriber.resolved_name
+        wait_for(
+            lambda: registered_nodes(path, "publishers") == ["/car/car_sim"],
+            "the end of the earlier node",
+        )
         self.paths.clear()
         self.addCleanup(self.forget)
 
@@ -212,15 +216,30 @@ class TestRealCar(RosTestCase):
         mux.unregister()
 
     def test_the_mux_is_killed(self):
-        """The plan ends, although a node still subscribes to the commands."""
+        """The plan ends, although a node still subscribes to the commands; this car drives on."""
         plan = self.plan("0,0,0\n0.5,0.1,900\n")
         mux = Process("rostopic", "pub", "/killed", "std_msgs/String", "Navigation")
-        with mux, driver(plan, "_send_init_pose:=false", "_active_topic:=/killed") as process:
+        poses = rospy.Publisher("/other/car_pose", PoseStamped, queue_size=10)
+        self.addCleanup(poses.unregister)
+        pose = PoseStamped()
+        pose.pose.orientation.w = 1.0
+
+        def report(event):
+            pose.header.stamp = event.current_real
+            pose.pose.position.x += 0.1
+            poses.publish(pose)
+
+        timer = rospy.Timer(rospy.Duration(0.05), report)
+        self.addCleanup(timer.join)
+        self.addCleanup(timer.shutdown)
+        other = ("_car_name:=other", f"_control_topic:={NAVIGATION}", "_active_topic:=/killed")
+        with mux, driver(plan, "_send_init_pose:=false", *other) as process:
             wait_for(lambda: self.commands.messages, "a command")
             mux.send_signal(signal.SIGKILL)
             self.assertEqual(process.wait(), 1)
         self.assertEqual(process.output.count("FATAL"), 1)
         self.assertIn("no node publishes /killed any more", process.output)
+        self.assertIn("the drive ended in row 1 of 1; the last reported pose is", process.output)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
 
 
