@@ -122,11 +122,10 @@ class AckermannCmdMux:
             self._read_clock()
             stamp = ros_time.received_stamp(command.stamp)
             is_dated = command.stamp and stamp == command.stamp
-            slack = 0
             if is_dated:
-                stamp += self._lateness(source, stamp)
-            elif ros_time.is_simulated():
-                slack = source.timeout
+                slack = self._lateness(source, stamp)
+            else:
+                slack = source.timeout if ros_time.is_simulated() else 0
             # Expire first, so that the output depends on the stamps alone.
             self._expire(stamp)
             self._mux, passes = self._mux.command(source, stamp, slack)

@@ -51,8 +51,8 @@ class Mux(NamedTuple):
         Args:
             source: the input of the command.
             stamp: the stamp of the command [ns].
-            slack: time that is added to the input's timeout for this command [ns], because the age
-                of the command is not known.
+            slack: time that is added to the input's timeout for this command [ns], if its stamp is
+                not valid or from a late clock.
         """
         passes = not any(
             other.priority > source.priority and stamp < until for other, until in self.expires
