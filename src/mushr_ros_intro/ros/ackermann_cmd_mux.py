@@ -126,6 +126,10 @@ class AckermannCmdMux:
                 slack = self._lateness(source, stamp)
             else:
                 slack = source.timeout if ros_time.is_simulated() else 0
+            # A live input with a higher priority also blocks a command that is stamped ahead: the
+            # sender's clock may be early. In simulated time, the clock of this node may be late.
+            early = 0 if ros_time.is_simulated() else max(0, stamp - self._time.now)
+            stamp, slack = stamp - early, slack + early
             # Expire first, so that the output depends on the stamps alone.
             self._expire(stamp)
             self._mux, passes = self._mux.command(source, stamp, slack)

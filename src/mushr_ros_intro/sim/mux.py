@@ -50,9 +50,9 @@ class Mux(NamedTuple):
 
         Args:
             source: the input of the command.
-            stamp: the stamp of the command [ns].
+            stamp: the stamp of the command, or the time of arrival if that is earlier [ns].
             slack: time that is added to the input's timeout for this command [ns], if its stamp is
-                not valid or from a late clock.
+                not valid, or its sender's clock is late or early.
         """
         passes = not any(
             other.priority > source.priority and stamp < until for other, until in self.expires

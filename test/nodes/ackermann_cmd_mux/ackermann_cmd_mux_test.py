@@ -5,19 +5,24 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
-from support.helpers import Recording, RosTestCase, publisher, run, wait_for
-from support.messages import COMMAND_TIMEOUT, LEAD, MUX, OUTPUT, at, command
+from support.helpers import Recording, RosTestCase, node, publisher, run, wait_for
+from support.messages import COMMAND_TIMEOUT, LEAD, MUX, at, command
+
+INPUTS = ("safety", "teleop", "navigation", "default")
 
 
 class TestMux(RosTestCase):
     def setUp(self):
         super().setUp()
-        self.output = Recording(OUTPUT, AckermannDriveStamped).connected()
+        self.use(MUX)
+
+    def use(self, mux):
+        """Connect to a mux, and wait until it is idle."""
+        self.output = Recording(f"{mux}/output", AckermannDriveStamped).connected()
         # Only a new connection gets the latched message.
-        self.active = self.ending(Recording(f"{MUX}/active", String).connected())
+        self.active = self.ending(Recording(f"{mux}/active", String).connected())
         self.inputs = {
-            name: publisher(f"{MUX}/input/{name}", AckermannDriveStamped)
-            for name in ("safety", "teleop", "navigation", "default")
+            name: publisher(f"{mux}/input/{name}", AckermannDriveStamped) for name in INPUTS
         }
         wait_for(lambda: self.active.last and self.active.last.data == "idle", "an idle mux")
         self.output.clear()
@@ -31,6 +36,11 @@ class TestMux(RosTestCase):
     def send(self, name, seconds, speed):
         """Send a command on an input, with a stamp `seconds` after the beginning of the test."""
         self.inputs[name].publish(command(at(self.begin, seconds), speed, 0.0))
+
+    def wait_until(self, seconds):
+        """Wait until `seconds` after the beginning of the test."""
+        until = at(self.begin, seconds)
+        wait_for(lambda: rospy.Time.now() >= until, "time to pass")
 
     def stamps(self):
         return {m.header.stamp for m in self.output.messages}
@@ -49,23 +59,39 @@ class TestMux(RosTestCase):
         self.assertEqual(self.sent(), expected)
 
     def test_priorities_and_timeouts(self):
-        self.send("navigation", 0.0, 1.0)
-        self.expect((0.0, 1.0))
-        self.send("teleop", 0.05, 2.0)
-        self.expect((0.0, 1.0), (0.05, 2.0))
-        wait_for(lambda: self.active.last.data == "teleop", "teleop to drive")
-        self.send("navigation", 0.1, 3.0)  # teleop is live
-        self.send("navigation", 0.24, 4.0)  # and still is
-        self.send("navigation", 0.25, 5.0)  # and no longer is
-        self.expect((0.0, 1.0), (0.05, 2.0), (0.25, 5.0))
-        self.send("default", 0.3, 6.0)
-        self.send("default", 0.45, 7.0)
-        self.expect((0.0, 1.0), (0.05, 2.0), (0.25, 5.0), (0.45, 7.0))
-        self.send("safety", 0.5, 0.0)
-        expected = [(0.0, 1.0), (0.05, 2.0), (0.25, 5.0), (0.45, 7.0), (0.5, 0.0)]
-        self.expect(*expected)
-        wait_for(lambda: self.active.last.data == "safety", "safety to drive")
-        self.expect(*expected, (0.5 + COMMAND_TIMEOUT, 0.0))
+        """The timeouts are 1 s, so that the commands arrive in time on a busy machine."""
+        entries = ", ".join(
+            f"{{name: {name}, topic: input/{name}, timeout: 1.0, priority: {-number}}}"
+            for number, name in enumerate(INPUTS)
+        )
+        settings = ("__name:=patient", f"_subscribers:=[{entries}]", "_publisher:=output")
+        with node("ackermann_cmd_mux.py", *settings):
+            self.use("/patient")
+            self.send("navigation", 0.0, 1.0)
+            self.expect((0.0, 1.0))
+            self.send("teleop", 0.25, 2.0)
+            self.expect((0.0, 1.0), (0.25, 2.0))
+            wait_for(lambda: self.active.last.data == "teleop", "teleop to drive")
+            self.send("navigation", 0.5, 3.0)  # teleop is live
+            self.wait_until(0.6)
+            self.send("navigation", 1.24, 4.0)  # and still is
+            self.send("navigation", 1.375, 4.5)  # and is when this arrives
+            self.wait_until(1.25)
+            self.send("navigation", 1.25, 5.0)  # and no longer is
+            expected = [(0.0, 1.0), (0.25, 2.0), (1.25, 5.0)]
+            self.expect(*expected)
+            self.send("default", 1.5, 6.0)
+            self.wait_until(1.6)
+            self.send("default", 2.25, 6.5)
+            self.wait_until(2.375)
+            self.send("default", 2.375, 7.0)
+            expected.append((2.375, 7.0))
+            self.expect(*expected)
+            self.send("safety", 2.5, 0.0)
+            expected.append((2.5, 0.0))
+            self.expect(*expected)
+            wait_for(lambda: self.active.last.data == "safety", "safety to drive")
+            self.expect(*expected, (3.5, 0.0))
 
     def test_one_stop_when_the_last_live_input_times_out(self):
         self.send("teleop", 0.0, 2.0)
@@ -99,8 +125,9 @@ class TestMux(RosTestCase):
     def test_a_late_command_of_a_sender_with_a_good_clock(self):
         """It does not prolong its input."""
         self.send("teleop", 0.0, 1.0)
-        wait_for(lambda: rospy.Time.now() >= at(self.begin, 0.17), "time to pass")
+        self.wait_until(0.17)
         self.send("teleop", 0.02, 2.0)
+        self.wait_until(0.22)
         self.send("navigation", 0.22, 3.0)
         wait_for(lambda: (0.22, 3.0) in self.sent(), f"the command to pass, got {self.sent()}")
 
