@@ -1,6 +1,5 @@
 """Derive findings from facts: what keeps the car from moving, and what to type."""
 
-import itertools
 from typing import Iterable, List, Set
 
 from mushr_ros_intro.doctor.facts import (
@@ -98,8 +97,8 @@ def _rivals(facts: Facts) -> List[Finding]:
 def _doubles(facts: Facts) -> List[Finding]:
     """Find two simulators of one car, or two muxes."""
     receivers = {node for topic in facts.inputs.values() for node in topic.subscribers}
-    publishers = {each.node: None for each in facts.output.publishers}
-    muxes = [node for node in publishers if node in receivers and node not in facts.dead]
+    receivers -= set(facts.dead)
+    muxes = [each.node for each in facts.output.publishers if each.node in receivers]
     return [
         Finding(f"{_list(nodes)} run at the same time: {what}", "Stop one of them with Ctrl-C")
         for nodes, what in (
@@ -260,10 +259,10 @@ def _no_commands(facts: Facts, package: str) -> Finding:
         for name, topic in facts.inputs.items()
     }
     people = [each for name in _MANUAL for each in silent.pop(name, ())]
-    nodes = [*itertools.chain(*silent.values())]
+    nodes = _names(each for publishers in silent.values() for each in publishers)
     if nodes:
         return Finding(
-            f"no commands arrived from {_names(nodes)}",
+            f"no commands arrived from {nodes}",
             "Read the node's terminal, and check that its loop calls publish",
         )
     own = f"roslaunch mushr_ros_intro path_publisher.launch{_car_argument(facts)} "
