@@ -128,8 +128,9 @@ class AckermannCmdMux:
                 slack = source.timeout if ros_time.is_simulated() else 0
             # A live input with a higher priority also blocks a command that is stamped ahead: the
             # sender's clock may be early. In simulated time, the clock of this node may be late.
-            early = 0 if ros_time.is_simulated() else max(0, stamp - self._time.now)
-            stamp, slack = stamp - early, slack + early
+            arrival = stamp if ros_time.is_simulated() else min(stamp, self._time.now)
+            if not self._mux.command(source, arrival)[1]:
+                stamp, slack = arrival, slack + stamp - arrival
             # Expire first, so that the output depends on the stamps alone.
             self._expire(stamp)
             self._mux, passes = self._mux.command(source, stamp, slack)
