@@ -1,4 +1,4 @@
-"""Write a picture of the page with the car in the middle of figure_8; run by scripts/screenshot."""
+"""Write a picture of the page with the car in the middle of figure_8, for dev/screenshot."""
 
 import os
 import sys

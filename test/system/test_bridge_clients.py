@@ -401,7 +401,7 @@ ODD = [
     [1.5],
 ]
 FRAMES = int(os.environ.get("FUZZ_FRAMES", "2000"))
-"""scripts/fuzz_bridge sets another number."""
+"""scripts/dev/fuzz_bridge sets another number."""
 
 BURST = 390
 """Fewer frames than those that a client may send at once."""
@@ -419,7 +419,7 @@ def with_odd_values(dice, value):
 def test_random_frames(sim):
     """The server survives, and the car drives exactly. Valid frames among them move the car."""
     (sim.folder / "short.txt").write_text("1, 2, 0.5\n1.0, 0.1, 0.5\n-0.5, 0.2, 0.3\n")
-    mutated = runpy.run_path(f"{CHECKOUT}/scripts/fuzz")["mutated"]
+    mutated = runpy.run_path(f"{CHECKOUT}/scripts/dev/fuzz")["mutated"]
     dice, texts = random.Random(1), [json.dumps(seed).encode() for seed in SEEDS]
     pid = sim.pid("/web_view")
     for begin in range(0, FRAMES, BURST):

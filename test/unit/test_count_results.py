@@ -5,7 +5,7 @@ import subprocess
 
 from support.paths import PACKAGE
 
-COUNT = os.path.join(PACKAGE, "scripts", "count_results")
+COUNT = os.path.join(PACKAGE, "scripts", "dev", "count_results")
 PASSED = '<testcase classname="test.test_plan" name="test_it"/>'
 BROKEN = '<testcase classname="test.test_plan" name="test_a"><{0}>why</{0}></testcase>'
 SKIPPED = '<testcase classname="test.test_plan" name="a"><skipped message="no netem"/></testcase>'

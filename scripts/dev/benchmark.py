@@ -34,8 +34,8 @@ from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.preview.spread import Errors
 from mushr_ros_intro.preview.spread import sample as sample_runs
 
-SCRIPTS = os.path.dirname(os.path.abspath(__file__))
-sys.path.insert(0, os.path.join(os.path.dirname(SCRIPTS), "test"))
+CHECKOUT = os.path.abspath(os.path.join(os.path.dirname(__file__), "../.."))
+sys.path.insert(0, os.path.join(CHECKOUT, "test"))
 from support import classroom  # noqa: E402
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
@@ -290,7 +290,7 @@ def measure():
         yield f"{what}: CPU time", result["cpu"], "s per s"
         yield f"{what}: memory", result["memory"], "MB"
     yield "laser scans", laser_benchmark.scans_per_second(), "scans/s"
-    plan = read_plan(os.path.join(os.path.dirname(SCRIPTS), "plans", "figure_8.txt"))
+    plan = read_plan(os.path.join(CHECKOUT, "plans", "figure_8.txt"))
     nano = Car(speed_limit=0.929, acceleration=3.889, steering_rate=3.2)
     errors = Errors(speed=0.01, steering_angle=0.01)
     for name, car, cars in (
@@ -302,7 +302,8 @@ def measure():
         yield f"{cars} {name} cars with noise, median of 9", statistics.median(rates), "car-steps/s"
     yield "100 submissions of all kinds, three plans each", grade_class(100), "s"
     began = time.monotonic()
-    subprocess.run([os.path.join(SCRIPTS, "test")], stdout=subprocess.DEVNULL, check=True)
+    command = os.path.join(CHECKOUT, "scripts", "test")
+    subprocess.run([command], stdout=subprocess.DEVNULL, check=True)
     yield "the whole test suite", time.monotonic() - began, "s"
 
 
