@@ -49,6 +49,9 @@ CLIENTS = 4
 PLAN_SECONDS = 22.0
 """Of figure_8 [s]."""
 
+LONG_SECONDS = 1000
+"""Of a long plan, which shows the speed without the start and the end [s]."""
+
 
 def free_port():
     """Return a free port."""
@@ -102,8 +105,8 @@ def in_a_process(function, *arguments):
     return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
 
 
-def drive_repeatedly(runs):
-    """Drive figure_8 repeatedly; return the real-time factors and the final poses."""
+def drive_repeatedly(plan, seconds, runs):
+    """Drive a plan of `seconds` repeatedly; return the real-time factors and the final poses."""
     rospy.init_node("benchmark", disable_rostime=True, disable_signals=True)
     changed = threading.Condition()
     first, poses = [], []
@@ -125,13 +128,13 @@ def drive_repeatedly(runs):
         with changed:
             first.clear()
             poses.clear()
-        node = ["rosrun", "mushr_ros_intro", "path_publisher.py", "_plan_file:=figure_8"]
+        node = ["rosrun", "mushr_ros_intro", "path_publisher.py", f"_plan_file:={plan}"]
         subprocess.run(node, check=True, stdout=subprocess.DEVNULL, timeout=120)
         with changed:
             began, stamp = first[0]
-            end = stamp + rospy.Duration(PLAN_SECONDS)
+            end = stamp + rospy.Duration(float(seconds))
             ended, msg = next((wall, msg) for wall, msg in poses if msg.header.stamp >= end)
-        factors.append(PLAN_SECONDS / (ended - began))
+        factors.append(float(seconds) / (ended - began))
         position, turn = msg.pose.position, msg.pose.orientation
         finals.append((position.x, position.y, turn.z, turn.w))
     return {"factors": factors, "finals": finals}
@@ -263,7 +266,7 @@ def measure():
         loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(busy)]
         try:
             with simulation("use_sim_time:=true", "real_time_factor:=0"):
-                result = in_a_process("drive_repeatedly", RUNS)
+                result = in_a_process("drive_repeatedly", "figure_8", PLAN_SECONDS, RUNS)
         finally:
             for loop in loops:
                 loop.kill()
@@ -272,6 +275,14 @@ def measure():
         yield f"figure_8 in lock-step{load}, median of {RUNS}", factor, "times real time"
         spread = max(max(values) - min(values) for values in zip(*result["finals"]))
         yield f"largest spread of the final pose over these {RUNS} runs", spread, "m, rad"
+    with tempfile.NamedTemporaryFile("w") as file, simulation(
+        "use_sim_time:=true", "real_time_factor:=0"
+    ):
+        file.write("0, 0, 0\n" + "1.0, 0.1\n" * LONG_SECONDS)
+        file.flush()
+        result = in_a_process("drive_repeatedly", file.name, LONG_SECONDS, 3)
+        factor = statistics.median(result["factors"])
+        yield f"a plan of {LONG_SECONDS} s in lock-step, median of 3", factor, "times real time"
     with simulation():
         result = in_a_process("cpu_and_memory", 15)
         yield "CPU time of car and mux, poses at 50 Hz", result["cpu"], "s per s"
