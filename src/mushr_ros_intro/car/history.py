@@ -4,16 +4,17 @@ Each event (a command or an initial pose) applies at its stamp, not on arrival. 
 arrives late, twice or out of order is inserted at its position. So the pose at any instant depends
 on the stamped messages alone, and not on the load of the machine.
 
-A command without a valid stamp applies on arrival. If a stamped command arrives after it, the order
-of arrival counts: from its stamp on, the stamped command replaces it. So the stops that MuSHR sends
-while no input drives, all with one old stamp, do not cancel the first command of a plan.
+An event without a valid stamp applies on arrival. If a stamped event of the same kind arrives after
+it, the order of arrival counts: from its stamp on, the stamped event replaces it. So the stops that
+MuSHR sends while no input drives, all with one old stamp, do not cancel the first command of a
+plan.
 """
 
 import bisect
 from typing import List, Optional, Tuple
 
 from mushr_ros_intro.car.contact import World
-from mushr_ros_intro.car.model import Car, Command, Event, InitialPose, State
+from mushr_ros_intro.car.model import Car, Command, Event, State
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.sim.stamps import STAMP_TOLERANCE
 
@@ -39,8 +40,8 @@ class History:
         event = event._replace(stamp=max(event.stamp, self._states[0].stamp))
         first = bisect.bisect_left(self._keys, (event.stamp, False))
         later = self._events[first:]
-        if isinstance(event, Command) and event.is_dated:
-            later = [each for each in later if isinstance(each, InitialPose) or each.is_dated]
+        if event.is_dated:
+            later = [each for each in later if each.is_dated or type(each) is not type(event)]
         later.append(event)
         later.sort(key=_key)  # equal keys keep their order
         self._events[first:] = later

@@ -98,6 +98,8 @@ class InitialPose(NamedTuple):
     """When it applies [ns]."""
     pose: Pose
     """The pose in the map frame."""
+    is_dated: bool = True
+    """As for a command."""
 
 
 Event = Union[Command, InitialPose]

@@ -133,9 +133,8 @@ class CarSim:
             return
         with self._changed:
             now = self._read_clock()
-            applied = event._replace(stamp=effective_stamp(event.stamp, now))
-            if isinstance(applied, Command):
-                applied = applied._replace(is_dated=applied.stamp == event.stamp)
+            stamp = effective_stamp(event.stamp, now)
+            applied = event._replace(stamp=stamp, is_dated=stamp == event.stamp)
             self._history.add(applied, now)
             self.clock.hear(applied)
         # MuSHR sends stops with one old stamp while no input drives.

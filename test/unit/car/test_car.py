@@ -123,6 +123,22 @@ def test_a_stamped_command_replaces_earlier_commands_without_a_stamp():
     assert at(made, 5000).pose == Pose(1.0, 0.0, 0.0)  # placing the car stops it
 
 
+def test_a_stamped_initial_pose_replaces_earlier_ones_without_a_stamp():
+    """A command without a stamp stays."""
+    there, here = Pose(1.0, 0.0, 0.0), Pose(2.0, 0.0, 0.0)
+    undated = InitialPose(BEGIN + 30 * MS, there, is_dated=False)
+    drive = Command(BEGIN + 30 * MS, 2.0, 0.0, is_dated=False)
+    for events, x in (
+        ((undated, drive, InitialPose(BEGIN + 20 * MS, here)), 2.4),
+        ((drive, InitialPose(BEGIN + 20 * MS, here), undated), 1.4),
+        ((undated._replace(is_dated=True), drive, InitialPose(BEGIN + 20 * MS, here)), 1.4),
+    ):
+        made = History(CAR, START)
+        for event in events:
+            made.add(event, BEGIN + 40 * MS)
+        assert at(made, 5000).pose == pytest.approx((x, 0.0, 0.0), abs=ROUNDING)
+
+
 def test_an_event_from_before_the_history_applies_at_its_beginning():
     made = history((-500, 2.0, 0.0))
     assert at(made, 100).speed == 2.0 and at(made, 200).speed == 0.0
