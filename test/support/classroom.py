@@ -93,6 +93,7 @@ WRONG = {
         changed(("    pub_init_pose.publish(init_pose)\n", "    return rospy.Time.now()\n")),
         "start_pose",
     ),
+    "frame": (changed(('stamp=rospy.Time.now(), frame_id="map"', 'frame_id="odom"')), "node"),
     "short": (changed((_PLAN, _PLAN + _SHORT)), "commands"),
     "crashes": (midway("raise IndexError('list index out of range')"), "node"),
     "exits": (midway("import os; os._exit(3)"), "node"),

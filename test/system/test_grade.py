@@ -21,7 +21,7 @@ from support.paths import PACKAGE
 
 PLAN = "0,0,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n"
 RIGHT = ("right", "spins", "no_stamps", "places_twice")
-WRONG = ("sign", "crashes", "hangs", "five_hz")
+WRONG = ("sign", "crashes", "hangs", "five_hz", "frame")
 _PROBE = ("unshare", "--net", "--mount", "--pid", "--fork", "--mount-proc", "true")
 ISOLATED = pytest.mark.skipif(
     os.geteuid() != 0 or subprocess.run(_PROBE, stderr=subprocess.DEVNULL).returncode != 0,
@@ -93,7 +93,11 @@ def test_right(graded, name):
 @ISOLATED
 @pytest.mark.parametrize("name", WRONG)
 def test_wrong(graded, name):
-    assert submissions.WRONG[name][1] in failed_checks(result_of(graded, name))
+    result = result_of(graded, name)
+    assert submissions.WRONG[name][1] in failed_checks(result)
+    if name == "frame":
+        note = "note: the car ignored a message on /initialpose: pose is in the frame 'odom'"
+        assert note in result["plans"][0]["verdict"]
 
 
 @ISOLATED
@@ -191,6 +195,13 @@ def test_bag(parts):
     assert counts["/car/car_pose"] > 200
 
 
+def test_noise():
+    """A correct node passes with any seed: the noise is predicted, too."""
+    node = ("--node", "mushr_ros_intro", "path_publisher.py", "--car", "mushr_nano")
+    status, output = grade("straight_line", *node, "--seed", 1)
+    assert (status, "all checks passed" in output) == (0, True), output
+
+
 def test_other_files_stay(tmp_path):
     """grade.py does not write to a folder with other files."""
     (tmp_path / "data").mkdir()
@@ -227,6 +238,8 @@ NODE = ("--node", "mushr_ros_intro", "listing.py")
             "there is no node 'nothing.py'",
         ),
         (("figure_8", *NODE, "--seed", "-1"), 2, "car ideal: seed is -1; expected"),
+        (("figure_8", *NODE, "--points", "p.yaml"), 2, "--points needs submissions"),
+        (("figure_8", *NODE, "--path-tolerance", "nan"), 2, "--path-tolerance: invalid tolerance"),
         (("figure_8",), 2, "expected PLAN... --node PACKAGE FILE, or"),
         (("figure_8", *NODE, "--car", "fiat"), 2, "car is 'fiat'; expected one of ideal"),
         (("--merge", "/nowhere", "--out", "/nowhere"), 2, "/nowhere: not the output of grade.py"),

@@ -8,12 +8,23 @@ from typing import Sequence
 from mushr_ros_intro.grading.judge import Tolerances
 
 
+_OF_A_CLASS = ("points", "jobs", "shard", "user", "gradescope", "classroom50", "github")
+"""Options that `--node` does not use."""
+
+
 def shard(text: str) -> Sequence[int]:
     """Return I and N of "I/N"."""
     number, _, count = text.partition("/")
     if not 1 <= int(number) <= int(count):
         raise ValueError
     return int(number), int(count)
+
+
+def tolerance(text: str) -> float:
+    """Return a number that is not negative."""
+    if not float(text) >= 0.0:
+        raise ValueError
+    return float(text)
 
 
 def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespace:
@@ -34,7 +45,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--seed", type=int, help="drive with the noise of the car, and with this seed")
     add("--patience", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
     for name, unit in zip(Tolerances._fields, ("m", "rad", "m")):
-        add(f"--{name}-tolerance", type=float, metavar=unit, help="default: see docs/grading.md")
+        add(f"--{name}-tolerance", type=tolerance, metavar=unit, help="default: see docs/grading.md")
     add("--jobs", type=int, default=2 * (os.cpu_count() or 1), help="simultaneous replays")
     add("--shard", type=shard, default=(1, 1), metavar="I/N", help="grade part I of N only")
     add("--user", default="", help="run the nodes as this user; default a new one for each replay")
@@ -46,14 +57,21 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
             help="also write the result of one submission in its format",
         )
     arguments = parser.parse_args(words)
-    if fault := _fault(arguments):
+    values = vars(arguments)
+    given = [name for name in _OF_A_CLASS if values[name] != parser.get_default(name)]
+    if fault := _fault(arguments, given):
         parser.error(fault)
     return arguments
 
 
-def _fault(arguments: argparse.Namespace) -> str:
-    """Return what is wrong with the combination of arguments; "" if nothing."""
+def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
+    """Return what is wrong with the combination of arguments; "" if nothing.
+
+    `of_a_class` contains the options that need submissions.
+    """
     is_class = not arguments.node and not arguments.merge
+    if arguments.node and of_a_class:
+        return f"--{of_a_class[0]} needs submissions; --node grades one installed node"
     if arguments.node and (arguments.plans or not arguments.inputs):
         return "expected PLAN... --node PACKAGE FILE"
     if is_class and not (arguments.inputs and arguments.plans and arguments.out):

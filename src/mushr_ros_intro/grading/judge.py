@@ -25,8 +25,7 @@ from mushr_ros_intro.grading.replay import (
 from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
 
-_ROUNDING = 1e-6
-"""Added to default tolerances [m, rad]: commands travel as float32."""
+_NOT_JUDGED = "not judged"
 
 _SAME = 1e-4
 """Relative difference between commands that count as equal; a node may compute in float32."""
@@ -57,6 +56,11 @@ class Check(NamedTuple):
     message: str
     """What was found, and what was expected."""
 
+    @property
+    def is_judged(self) -> bool:
+        """Whether the check does not only fail because an earlier one failed."""
+        return _NOT_JUDGED not in self.message
+
 
 class Report(NamedTuple):
     """A replay and the verdict on it."""
@@ -76,9 +80,7 @@ class Report(NamedTuple):
     @property
     def verdict(self) -> str:
         """One line for each check, failures first, and then notes and the node's last output."""
-        ordered = sorted(
-            self.checks, key=lambda each: 2 * each.passed or "not judged" in each.message
-        )
+        ordered = sorted(self.checks, key=lambda each: 2 * each.passed or not each.is_judged)
         lines = [self.title] if self.title else []
         lines += [
             " ".join(["ok  " if check.passed else "FAIL", f"{check.name}:", *_ends(check.message)])
@@ -92,6 +94,8 @@ class Report(NamedTuple):
                 "note: the node sends no stop at the end, so the car rolls on until its last "
                 f"command expires, up to {seconds:g} s"
             )
+        if self.replay.ignored:
+            lines.append(f"note: the car ignored {self.replay.ignored}")
         if output := self.replay.outcome.splitlines()[1:]:
             lines += ["the last output of the node:", *output]
         return "\n".join(lines)
@@ -106,12 +110,12 @@ def _ends(message: str) -> List[str]:
 def default_tolerances(plan: Plan, car: Car) -> Tolerances:
     """Return how far the plan drives and turns the car within its command timeout.
 
-    This is what a missing stop at the end of the plan costs.
+    This is what a missing stop at the end of the plan costs. A rounded start pose is added.
     """
     seconds = car.command_timeout / NANOSECONDS
-    distance = _ROUNDING + seconds * max(abs(row.speed) for row in plan.rows)
+    distance = START_TOLERANCE + seconds * max(abs(row.speed) for row in plan.rows)
     rates = [abs(row.speed * curvature(row.steering_angle, car.wheelbase)) for row in plan.rows]
-    return Tolerances(distance, _ROUNDING + seconds * max(rates), distance)
+    return Tolerances(distance, START_TOLERANCE + seconds * max(rates), distance)
 
 
 def _topics(report: Report) -> Tuple[bool, str]:
@@ -198,7 +202,7 @@ def _rate(report: Report) -> Tuple[bool, str]:
     runs, groups = runs_of(report.replay.plan), _groups(report.replay)
     for index, run in enumerate(runs):
         if index >= len(groups) or groups[index][0][2:] != run[:2]:
-            return False, f"{run}: not judged, because its command was not received in turn"
+            return False, f"{run}: {_NOT_JUDGED}, because its command was not received in turn"
         if fault := _rate_fault(run, groups[index], run is runs[-1]):
             return False, f"{run}: {fault}"
     message = f"{NANOSECONDS // COMMAND_PERIOD} commands per second in every row"
@@ -266,6 +270,7 @@ def _map(report: Report) -> Tuple[bool, str]:
 
 
 _CHECKS = {
+    "topics": _topics,
     "start_pose": _start_pose,
     "commands": _commands,
     "rate": _rate,
@@ -275,18 +280,16 @@ _CHECKS = {
     "map": _map,
 }
 
-CHECK_NAMES = ("node", "topics", *_CHECKS)
+CHECK_NAMES = ("node", *_CHECKS)
 """The names of all checks, in the order of the most telling ones."""
 
 
 def judge(replay: Replay, tolerances: Tolerances) -> Report:
     """Return the verdict on a replay; its checks are in the order of the most telling ones."""
     report = Report(replay, drive(replay), tolerances)
-    checks = [
-        Check("node", not replay.outcome, replay.outcome or "the node ran without an error"),
-        Check("topics", *_topics(report)),
-    ]
+    checks = [Check("node", not replay.outcome, replay.outcome or "the node ran without an error")]
     for name, check in _CHECKS.items():
-        verdict = check(report) if replay.sent else (False, "not judged: the node sent no command")
-        checks.append(Check(name, *verdict))
+        is_judged = replay.sent or (name == "topics" and replay.actions)
+        verdict = (False, f"{_NOT_JUDGED}: the node sent no command")
+        checks.append(Check(name, *(check(report) if is_judged else verdict)))
     return report._replace(checks=checks)

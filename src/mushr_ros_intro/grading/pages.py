@@ -156,7 +156,7 @@ def _plan_cell(plan: PlanResult, points: Points, link: str) -> str:
     """Return the cell of a drive in the index."""
     score, most = shown(points.plan_score(plan)), shown(points.max_score([plan.plan]))
     failed = [check for check in plan.checks if not check.passed]
-    judged = [check for check in failed if "not judged" not in check.message] or failed
+    judged = [check for check in failed if check.is_judged] or failed
     names = _text(", ".join(check.name for check in judged))
     image = drawing.picture(plan) or "no drive"
     line = f'<div class="line">{_verdict(plan.passed)} {score} / {most}</div>'
@@ -198,7 +198,7 @@ def _check_rows(plan: PlanResult, points: Points) -> List[str]:
     """Return the rows of the checks of a drive: failures first, those not judged after them."""
     rows = sorted(
         zip(plan.checks, points.earned(plan)),
-        key=lambda row: 2 * row[0].passed or "not judged" in row[0].message,
+        key=lambda row: 2 * row[0].passed or not row[0].is_judged,
     )
     return [
         f'<tr><th scope="row">{_text(check.name)}</th><td>{_verdict(check.passed)}</td>'

@@ -72,8 +72,8 @@ class Points(NamedTuple):
 
     def loss(self, plan: PlanResult) -> str:
         """Return why a drive gives no points whatever its checks give, or nothing."""
-        failed = {check.name for check in plan.checks if not check.passed}
-        if "topics" in failed:
+        failed = {check.name: check for check in plan.checks if not check.passed}
+        if "topics" in failed and failed["topics"].is_judged:
             return "This plan gives 0 points, because the check topics failed."
         missed = sorted(name for name in failed if self.points(plan.plan, name))
         if missed and self._of(plan.plan).all_or_nothing:

@@ -53,6 +53,8 @@ class Replay(NamedTuple):
     """The map, or None if there is none."""
     actions: Tuple[str, ...] = ()
     """What the node did besides driving the car, such as "publishes on /clock"."""
+    ignored: str = ""
+    """The first message that the car ignored, and the reason; empty if there was none."""
 
     @property
     def begin(self) -> int:
@@ -110,19 +112,20 @@ def runs_of(plan: Plan) -> List[Run]:
 def drive(replay: Replay) -> Drive:
     """Return the driven path from the start pose on, and the predicted path.
 
-    The prediction is that of a car without noise. If the recording ends before the plan, the car
+    The prediction is for a node that sends the plan's commands: it includes the noise, which depends
+    on the car's seed and on the number of a command. If the recording ends before the plan, the car
     counts as standing from there on. Both paths end with the last move of either.
     """
     begin = _first_pose(replay)
     driven = replay.poses[begin:]
     instants = (replay.stamps[begin:] - replay.begin).tolist()
-    car = replay.car._replace(speed_noise=0.0, steering_noise=0.0)
-    end, _ = rest(replay.plan, car)
+    end, _ = rest(replay.plan, replay.car)
     step = max(NANOSECONDS // 50, (end - instants[-1]) // 10_000)
     instants += range(instants[-1] + step, end + step, step)
     standing = np.repeat(driven[-1:], len(instants) - len(driven), axis=0)
     driven = np.concatenate([driven, standing])
-    predicted = np.array([state.pose for state in states_at(replay.plan, car, instants)], float)
+    states = states_at(replay.plan, replay.car, instants)
+    predicted = np.array([state.pose for state in states], float)
     moves, _ = np.nonzero(np.diff(np.hstack([driven, predicted]), axis=0))
     last = int(moves[-1]) + 2 if len(moves) else 1
     times, driven, predicted = (

@@ -150,7 +150,9 @@ class Sandbox(NamedTuple):
         modes = {path: "rw" if writable and path == folder else "ro" for path in moved}
         triples = [each for path in moved for each in (path, moved[path], modes[path])]
         arguments = [str(len(moved)), *triples, str(len(self.hidden)), *self.hidden]
-        return [*_DIE_TOGETHER, *_NAMESPACES, "--", "sh", "-c", _MOUNT, "sh", *arguments, *inner]
+        # The library of LD_PRELOAD may be in a folder that is hidden.
+        tools = ["env", "-u", "LD_PRELOAD", *_DIE_TOGETHER, *_NAMESPACES]
+        return [*tools, "--", "sh", "-c", _MOUNT, "sh", *arguments, *inner]
 
     @staticmethod
     def _moves(environment: Dict[str, str], plan: str, folder: str) -> Dict[str, str]:

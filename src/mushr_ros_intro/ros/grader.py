@@ -90,7 +90,10 @@ def find_executable(package: str, name: str) -> str:
     try:
         found = roslib.packages.find_node(package, name)
     except rospkg.ResourceNotFound:
-        raise UserError(f"there is no package '{package}' (rospack find)") from None
+        raise UserError(
+            f"there is no package '{package}' (rospack find {package}). "
+            "Is its workspace sourced (source devel/setup.bash)?"
+        ) from None
     if not found:
         raise UserError(
             f"there is no node '{name}' in the package '{package}'. "
@@ -224,6 +227,7 @@ def _build_here(submission: Submission, sandbox: Sandbox) -> str:
             os.chmod(build, 0o755)
     if done.returncode == 0:
         return ""
-    lines = done.stdout.decode(errors="replace").splitlines()[-SHOWN_LINES:]
-    first = next((line for line in lines if "rror" in line), "")
-    return "\n".join([f"the package does not build: {first}", *lines])
+    lines = done.stdout.decode(errors="replace").splitlines()
+    first = next((number for number, line in enumerate(lines) if "rror" in line), len(lines))
+    error = " ".join(line.strip() for line in lines[first : first + 2])  # CMake's have two lines
+    return "\n".join([f"the package does not build: {error}", *lines[-SHOWN_LINES:]])

@@ -190,6 +190,7 @@ def run(job: Job) -> Report:
         collisions=collisions,
         grid=job.grid,
         actions=world.actions,
+        ignored=world.ignored,
     )
     tolerances = default_tolerances(job.plan, car)._replace(**job.tolerances)
     report = judge(recorded, tolerances)._replace(title=job.title)

@@ -76,6 +76,8 @@ class ReplayWorld:
         """When the node sent its last message [s of monotonic wall-clock time]."""
         self.start: Optional[Pose] = None
         """The last initial pose before the first command; NaN if its numbers are unusable."""
+        self.ignored = ""
+        """The first message that the car ignored, and the reason; empty if there was none."""
         self.states: List[State] = []
         """The reported states of the car."""
         self._is_placed = threading.Event()
@@ -221,9 +223,10 @@ class ReplayWorld:
     def on_initial_pose(self, msg: PoseWithCovarianceStamped) -> None:
         """Record an initial pose, and give it to the car."""
         try:
-            pose = conversions.pose_from_msg(msg.pose.pose)
-        except conversions.MessageError:
+            pose = conversions.initial_pose_from_msg(msg).pose
+        except conversions.MessageError as error:
             pose = Pose(*3 * [float("nan")])
+            self._ignore(INITIAL_POSES, error)
         if self.sent and self.start:
             self._master.record(f"places the car again, at {pose}")
         else:
@@ -249,8 +252,13 @@ class ReplayWorld:
         self.sent.append(Sent(taken, taken == stamp, msg.drive.speed, msg.drive.steering_angle))
         try:
             conversions.command_from_msg(msg)
-        except conversions.MessageError:
+        except conversions.MessageError as error:
             self._car.skip(taken)
+            self._ignore(CONTROL, error)
+
+    def _ignore(self, topic: str, error: conversions.MessageError) -> None:
+        """Record that the car ignores a message."""
+        self.ignored = self.ignored or f"a message on {topic}: {error}"
 
     def on_output(self, msg: AckermannDriveStamped) -> None:
         """Give a command from the mux to the car."""

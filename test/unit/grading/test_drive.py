@@ -5,25 +5,41 @@ import math
 import numpy as np
 import pytest
 
-from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.car.history import History
+from mushr_ros_intro.car.model import Car, Command, at_rest
 from mushr_ros_intro.grading.replay import drive, frechet_distance
 from mushr_ros_intro.preview.prediction import rest
 from support.geometry import closed_form
-from support.recorded import BEGIN, PLAN, ROWS, SECOND, START, plan_of, replay
+from support.recorded import BEGIN, PLAN, ROWS, SECOND, START, judged, plan_of, replay
 
 ROUNDING = 1e-9
 """[m, rad] Of the sums in a prediction."""
 END = closed_form(START, ROWS)
 
 
-@pytest.mark.parametrize("car", [Car(), Car(speed_noise=0.1), Car(steering_noise=0.1)])
-def test_the_prediction_is_the_closed_form_without_noise(car):
-    path = drive(replay(car=car))
+def test_the_prediction_is_the_closed_form():
+    path = drive(replay())
     assert path.times == pytest.approx(0.02 * np.arange(len(path.times)))
     assert path.times[-1] == pytest.approx(1.76)  # the first pose at rest
     assert path.driven == pytest.approx(path.predicted)
     for pose, wanted in ((path.predicted[0], START), (path.predicted[-1], END)):
         assert pose == pytest.approx(wanted, abs=ROUNDING)
+
+
+def test_the_prediction_has_the_noise_of_the_car():
+    """So a correct node ends where it is predicted to, and another node does not."""
+    car = Car(speed_noise=0.1, steering_noise=0.1, seed=3)
+    right = replay(car=car)
+    history = History(car, at_rest(BEGIN - SECOND, PLAN.start))
+    commands, poses = list(right.sent), []
+    for stamp in right.stamps.tolist():
+        while commands and commands[0].time <= stamp:
+            time, _, *values = commands.pop(0)
+            history.add(Command(time, *values), stamp)
+        poses.append(history.state_at(stamp).pose)
+    seen = right._replace(poses=np.array(poses))
+    assert drive(seen).frechet_distance < ROUNDING < 0.01 < drive(right).frechet_distance
+    assert judged(seen)[0] == {}
 
 
 def test_a_car_that_brakes_slowly_is_predicted_until_it_stands():

@@ -7,7 +7,9 @@ import pytest
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.grading.judge import default_tolerances
+from mushr_ros_intro.grading.replay import START_TOLERANCE
 from support import recorded
+from support.geometry import float32
 from support.recorded import BEGIN, COMMANDS, ROWS, STOP, TENTH, commands, judged, map_of, replay
 
 STANDING = [(1.0, 0.0, 1.0), (0.0, 0.0, 0.5)]
@@ -26,13 +28,25 @@ def test_all_is_right():
 
 @pytest.mark.parametrize("rows", [ROWS, [(-2.0, 0.1, 1.0)]])
 def test_the_tolerances_are_what_a_missing_stop_costs(rows):
-    """0.2 s of driving, and a rounding: 0.1 rad is rounded up as a float32."""
+    """0.2 s of driving, and the allowed rounding of a start pose."""
     tolerances = default_tolerances(recorded.plan_of((1, 2, 0.5), rows), Car())
-    assert tolerances.position == tolerances.path == pytest.approx(0.2 * 2.0, abs=2e-6)
-    angle = 0.2 * 2.0 * math.tan(0.1) / 0.33
-    assert angle + 1e-8 < tolerances.angle == pytest.approx(angle, abs=2e-6)
+    assert tolerances.position == tolerances.path == pytest.approx(0.2 * 2.0 + START_TOLERANCE)
+    angle = 0.2 * 2.0 * math.tan(float32(0.1)) / 0.33
+    assert tolerances.angle == pytest.approx(angle + START_TOLERANCE)
     standing = recorded.plan_of((0, 0, 0), [(0.0, 0.0, 1.0)])
-    assert default_tolerances(standing, Car()) == 3 * (1e-6,)
+    assert default_tolerances(standing, Car()) == 3 * (START_TOLERANCE,)
+
+
+def test_a_rounded_start_pose():
+    """Also if no row turns the car."""
+    rounded = replay(recorded.plan_of((0, 0, 0.7854), [(1.0, 0.0, 1.0)]), commands([(1, 0, 1.0)]))
+    plan = recorded.plan_of((0, 0, 0.7853981634), [(1.0, 0.0, 1.0)])
+    assert judged(rounded._replace(plan=plan))[0] == {}
+
+
+def test_an_ignored_message_is_noted():
+    _, verdict = judged(replay(ignored="a message on /initialpose: wrong frame"))
+    assert verdict.endswith("passed\nnote: the car ignored a message on /initialpose: wrong frame")
 
 
 @pytest.mark.parametrize(
@@ -74,7 +88,7 @@ def test_a_crash_is_the_first_line():
 
 
 def test_without_a_command_nothing_passes():
-    checks = {"start_pose", "commands", "rate", "path", "final_pose", "rest", "map"}
+    checks = {"topics", "start_pose", "commands", "rate", "path", "final_pose", "rest", "map"}
     failed, _ = judged(replay(sent=()))
     assert failed == dict.fromkeys(checks, "not judged: the node sent no command")
 
@@ -172,9 +186,9 @@ def test_one_stop_is_allowed_after_the_plan(rows, sent, names):
             (0.5, 0.0, 0.0),
             {
                 "start_pose": "the car started at (1.5000 m, 2.0000 m, 0.5000 rad), 0.5 m and "
-                "0 rad from the expected (1.0000 m, 2.0000 m, 0.5000 rad); tolerances 0.4 m",
-                "path": "by up to 0.5 m from the predicted path; tolerance 0.4 m",
-                "final_pose": "tolerances 0.4 m and 0.122 rad",
+                "0 rad from the expected (1.0000 m, 2.0000 m, 0.5000 rad); tolerances 0.401 m",
+                "path": "by up to 0.5 m from the predicted path; tolerance 0.401 m",
+                "final_pose": "tolerances 0.401 m and 0.123 rad",
             },
         ),
         (slice(None), (0.3, 0.0, 0.0), {}),
