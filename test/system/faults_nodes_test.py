@@ -73,6 +73,23 @@ class TestNodeFaults(DrivenCarTestCase):
             self.assertLess(difference, POSITION_TOLERANCE)
         self.assert_recovered()
 
+    def test_the_sender_stands_still(self):
+        """The stop of the mux does not cancel commands that were due before it, but arrive later.
+
+        The rows are not multiples of the command period, so no command is due together with the
+        stop, and no command would replace it for this reason.
+        """
+        path = self.plan("1,-1,0.5\n" + "1.0,0.1,0.25\n1.0,-0.1,0.25\n" * 4)
+        self.output.clear()
+        with driver(path) as plan:
+            wait_for(lambda: self.count(1.0) >= 5, "five commands")
+            plan.send_signal(signal.SIGSTOP)
+            wait_for(lambda: self.output.last.drive.speed == 0.0, "the stop of the mux")
+            plan.send_signal(signal.SIGCONT)
+            self.assertEqual(plan.wait(), 0, plan.output)
+        _, difference = map(float, COMPARISON.search(plan.output).groups())
+        self.assertLess(difference, POSITION_TOLERANCE)
+
     def test_the_master_dies(self):
         """The plan is driven to its end, and Ctrl-C works, in a home that cannot be written."""
         with self.other_master() as (core, plan, _):

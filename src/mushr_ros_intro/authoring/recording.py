@@ -12,6 +12,7 @@ from typing import List, Optional, Sequence, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Command, InitialPose
+from mushr_ros_intro.car.motion import changes_nothing
 from mushr_ros_intro.plan.model import Plan, Row
 from mushr_ros_intro.sim.stamps import effective_stamp
 
@@ -70,10 +71,13 @@ class Recording:
         stamp = effective_stamp(command.stamp, now, self._tolerance)
         if stamp < self._since:
             return True
+        command = command._replace(stamp=stamp, is_dated=stamp == command.stamp)
+        if command.is_dated:  # see car/history.py
+            self._commands = [each for each in self._commands if each.is_dated or each.stamp < stamp]
         place = len(self._commands)
         while place and self._commands[place - 1].stamp > stamp:
             place -= 1
-        self._commands.insert(place, command._replace(stamp=stamp))
+        self._commands.insert(place, command)
         horizon = now - self._tolerance
         unused = list(
             takewhile(lambda c: c.stamp < horizon and not self._can_begin(c), self._commands)
@@ -142,7 +146,11 @@ def _rows(commands: Sequence[Command], timeout: int) -> Tuple[Row, ...]:
         if duration:
             rows.append(Row(speed, steering_angle, duration, 0))
 
-    for command, following in zip_longest(commands, commands[1:]):
+    effective: List[Command] = []
+    for command in commands:
+        if not effective or not changes_nothing(command, effective[-1], timeout):
+            effective.append(command)
+    for command, following in zip_longest(effective, effective[1:]):
         valid = timeout if following is None else min(timeout, following.stamp - command.stamp)
         append(command.speed, command.steering_angle, valid)
         if following is not None:

@@ -71,11 +71,24 @@ def apply(state: State, event: Event, car: Car, world: Optional[World] = None) -
     if event.speed != 0.0 and not is_counted:
         state = state._replace(drive_commands=state.drive_commands + 1)
     state = state._replace(command=event)
-    is_stop = event.speed == 0.0 and event.acceleration == 0.0
-    if not is_stop or last is None or event != last._replace(stamp=event.stamp):
+    if last is None or not changes_nothing(event, last, car.command_timeout):
         motion = _motion(state, event, car, world)
         state = state._replace(moved=event.stamp, motion=motion)
     return advance(state, event.stamp, car)
+
+
+def changes_nothing(event: Command, last: Command, timeout: int) -> bool:
+    """Return whether a command after the command `last` is a stop of a car that stops already.
+
+    This is a repeated stop, or a plain stop after the last command has expired, which it does after
+    `timeout` [ns]. So the time at which the mux's stop arrives does not matter.
+    """
+    if event.speed != 0.0 or event.acceleration != 0.0:
+        return False
+    if event == last._replace(stamp=event.stamp, is_dated=event.is_dated):
+        return True
+    is_plain = event.steering_angle == event.steering_angle_velocity == 0.0
+    return is_plain and event.stamp >= last.stamp + timeout
 
 
 def _motion(state: State, command: Command, car: Car, world: Optional[World]) -> Tuple[Piece, ...]:

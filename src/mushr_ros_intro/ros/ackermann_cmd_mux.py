@@ -2,8 +2,7 @@
 
 import threading
 import time
-from collections import deque
-from typing import Deque, Dict, Tuple
+from typing import Dict
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -15,6 +14,11 @@ from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.sim.mux import Input, Mux, parse_config
 from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS, PresentTime
 
+MAX_DELAY = COMMAND_PERIOD // 2
+"""A command that arrives later than this after its stamp expires by its arrival [ns].
+
+In wall-clock time only. Then an input drives as long as its commands arrive, whatever its clock.
+"""
 
 class AckermannCmdMux:
     """The mux as a node.
@@ -35,8 +39,6 @@ class AckermannCmdMux:
         self._time = PresentTime()
         # A command of unknown age: when it expires [ns], and its minimum [s of wall-clock time].
         self._unstamped = (-1, 0.0)
-        self._delays: Dict[str, Deque[Tuple[int, int]]] = {}
-        """When the commands of the last second arrived, and their delays [ns], by topic."""
         self._frame = ""
         self._announced = ""
 
@@ -98,11 +100,12 @@ class AckermannCmdMux:
         """Send a stop if the last live input has expired at `now` [ns]; needs the lock."""
         if self._held() > 0.0:
             return
-        is_unstamped = self._mux.deadline == self._unstamped[0]
+        is_stamped = ros_time.is_simulated() and self._mux.deadline != self._unstamped[0]
         self._mux, stop = self._mux.expire(now)
         if stop is not None:
             self._is_live.clear()
-            command = Command(0 if is_unstamped else stop, 0.0, 0.0)
+            # Without a stamp, a command that arrives later, but was due earlier, replaces the stop.
+            command = Command(stop if is_stamped else 0, 0.0, 0.0)
             self._send(conversions.command_to_msg(command, self._frame))
             self._announce()
 
@@ -111,7 +114,6 @@ class AckermannCmdMux:
         if self._time.update(ros_time.now()):
             rospy.logwarn("the clock was set back; all inputs expire")
             self._mux = self._mux.restart(self._time.now)
-            self._delays.clear()
         return self._time.now
 
     @conversions.ignore_bad_messages
@@ -119,45 +121,26 @@ class AckermannCmdMux:
         """Forward a command unchanged if its input may drive."""
         command = conversions.command_from_msg(msg)
         with self._lock:
-            self._read_clock()
+            now = self._read_clock()
             stamp = ros_time.received_stamp(command.stamp)
-            is_dated = command.stamp and stamp == command.stamp
-            if is_dated:
-                slack = self._lateness(source, stamp)
+            is_dated = command.stamp == stamp
+            begin, until = stamp, stamp + source.timeout
+            if ros_time.is_simulated():
+                until += 0 if is_dated else source.timeout
             else:
-                slack = source.timeout if ros_time.is_simulated() else 0
-            # A live input with a higher priority also blocks a command that is stamped ahead: the
-            # sender's clock may be early. In simulated time, the clock of this node may be late.
-            arrival = stamp if ros_time.is_simulated() else min(stamp, self._time.now)
-            if not self._mux.command(source, arrival)[1]:
-                stamp, slack = arrival, slack + stamp - arrival
-            # Expire first, so that the output depends on the stamps alone.
-            self._expire(stamp)
-            self._mux, passes = self._mux.command(source, stamp, slack)
-            if not is_dated and self._mux.deadline == stamp + source.timeout + slack:
-                until = time.monotonic() + source.timeout / NANOSECONDS
-                self._unstamped = (self._mux.deadline, until)
+                begin = min(stamp, now)  # the sender's clock may be early
+                if now > stamp + MAX_DELAY:
+                    until = now + source.timeout  # or late
+            # Expire first. In simulated time, the output then depends on the stamps alone.
+            self._expire(begin)
+            self._mux, passes = self._mux.command(source, begin, until)
+            if not is_dated and self._mux.deadline == until:
+                self._unstamped = (until, time.monotonic() + source.timeout / NANOSECONDS)
             if passes:
                 self._frame = msg.header.frame_id
                 self._send(msg)
                 self._announce()
             self._is_live.set()
-
-    def _lateness(self, source: Input, stamp: int) -> int:
-        """Return by how much the clock of a sender is late [ns]; needs the lock.
-
-        This is the smallest delay of the commands of the last second on an input. So it is 0 if
-        some commands are late on a busy machine, but not if the sender's clock is late. A part of a
-        period of the commands does not count, nor does a delay in simulated time, where the clock
-        of this node may be ahead.
-        """
-        now = self._time.now
-        delays = self._delays.setdefault(source.topic, deque())
-        delays.append((now, now - stamp))
-        while delays[0][0] <= now - NANOSECONDS:
-            delays.popleft()
-        lateness = min(delay for _, delay in delays)
-        return 0 if ros_time.is_simulated() or lateness <= COMMAND_PERIOD // 2 else lateness
 
     def _announce(self) -> None:
         """Publish the name of the input that drives if it has changed."""

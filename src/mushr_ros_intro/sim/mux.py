@@ -1,8 +1,7 @@
 """Select one of several command inputs for the car.
 
 Each input has a priority and a timeout. An input is live until its timeout after its last command.
-A command passes unless an input of higher priority is live. All instants are stamps of commands
-[ns], so the selection does not depend on the time at which the commands arrive.
+A command passes unless an input of higher priority is live. All instants are in nanoseconds [ns].
 """
 
 import itertools
@@ -45,20 +44,19 @@ class Mux(NamedTuple):
     active: str = IDLE
     """The name of the input that drives, or idle."""
 
-    def command(self, source: Input, stamp: int, slack: int = 0) -> Tuple["Mux", bool]:
+    def command(self, source: Input, instant: int, until: int) -> Tuple["Mux", bool]:
         """Return the state after a command, and whether the command passes.
 
         Args:
             source: the input of the command.
-            stamp: the stamp of the command, or the time of arrival if that is earlier [ns].
-            slack: time that is added to the input's timeout for this command [ns], if its stamp is
-                not valid, or its sender's clock is late or early.
+            instant: when the command would begin to drive [ns].
+            until: when the command expires [ns].
         """
         passes = not any(
-            other.priority > source.priority and stamp < until for other, until in self.expires
+            other.priority > source.priority and instant < live for other, live in self.expires
         )
         expires = dict(self.expires)
-        expires[source] = max(expires.get(source, 0), stamp + source.timeout + slack)
+        expires[source] = max(expires.get(source, 0), until)
         return Mux(tuple(expires.items()), source.name if passes else self.active), passes
 
     @property

@@ -32,13 +32,13 @@ START = (-3.0, 2.0, 1.0)
 DRIVE = [
     (0.0, 1.0, 0.2),
     (0.1, 1.0, 0.2),
-    (0.17, 1.5, -0.3),  # expires after 0.2 s; then the mux stops the car
+    (0.17, 1.5, -0.3),  # expires after 0.2 s; then the car stops
     (0.55, -0.8, 0.1),
     (0.65, -0.8, 0.1),
 ]
 """[s, m/s, rad] Commands, with their times."""
 
-ROWS = [(1.0, 0.2, 0.17), (1.5, -0.3, 0.2), (0.0, 0.0, 0.18), (-0.8, 0.1, 0.3)]
+ROWS = [(1.0, 0.2, 0.17), (1.5, -0.3, 0.2), (0.0, -0.3, 0.18), (-0.8, 0.1, 0.3)]
 """[m/s, rad, s] The rows to be recorded."""
 
 

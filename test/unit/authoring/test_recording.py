@@ -78,6 +78,13 @@ def rows(plan):
             [(1, 0, 200), (0, 0, 10000), (-1, 0, 200)],
         ),
         ("drive 0 1 0.1; drive 200 1 0.1", [(1, 0.1, 400)]),
+        # A stop that comes after the last command has expired, and one without a valid stamp that
+        # comes before a late command.
+        ("drive 0 1 0.1; drive 204 0 0; drive 900 1 0", [(1, 0.1, 200), (0, 0.1, 700), (1, 0, 200)]),
+        (
+            "drive 0 1 0.1; drive -5000 0 0 @ 250; drive 150 1 0.1 @ 260; drive 340 1 0",
+            [(1, 0.1, 340), (1, 0, 200)],
+        ),
         # Of commands with the same stamp the last one counts.
         ("drive 0 1 0.1; drive 0 2 0.2", [(2, 0.2, 200)]),
         ("drive 0 1 0.1; drive 100 2 0; drive 100 0.5 0", [(1, 0.1, 100), (0.5, 0, 200)]),

@@ -68,6 +68,20 @@ def test_a_repeated_stop_changes_no_pose(again):
     assert before == [at(made, offset)._replace(command=None) for offset in range(150, 800, 7)]
 
 
+@pytest.mark.parametrize("late", [0, 3, 250])
+def test_a_stop_after_the_last_command_has_expired_changes_no_pose(late):
+    """So it does not matter when the mux's stop arrives. An earlier stop turns the wheels back."""
+    events = (0, 0.93, 0.3), (150, 0.93, 0.3)
+    alone = history(*events, car=LIMITED)
+    before = [at(alone, offset)._replace(command=None) for offset in range(150, 900, 7)]
+    for stop, is_same in ((350 + late, True), (349 - late // 2, False)):
+        made = history(*events, (stop, 0.0, 0.0), car=LIMITED)
+        after = [at(made, offset)._replace(command=None) for offset in range(150, 900, 7)]
+        assert (before == after) == is_same
+    steered = history(*events, (350 + late, 0.0, 0.1), car=LIMITED)
+    assert at(steered, 5000).steering_angle == 0.1
+
+
 @pytest.mark.parametrize(
     "stop", [(0.0, 0.1), (0.0, 0.0, 0.5), (0.0, 0.0, 0.0, 0.5), (1e-3, 0.0)], ids=str
 )

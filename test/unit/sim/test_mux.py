@@ -16,11 +16,16 @@ TELEOP = Input("teleop", "input/teleop", 200 * MS, 5)
 PLAN = Input("plan", "input/plan", 300 * MS, 1)
 
 
+def command(mux, source, instant):
+    """Feed a command, which expires after the timeout of its input, to a mux."""
+    return mux.command(source, instant, instant + source.timeout)
+
+
 def passed(*commands):
     """Feed commands of (input, stamp [ms]) to a new mux; return it, and which of them passed."""
     mux, verdicts = Mux(), []
     for source, stamp in commands:
-        mux, passes = mux.command(source, stamp * MS)
+        mux, passes = command(mux, source, stamp * MS)
         verdicts.append(passes)
     return mux, verdicts
 
@@ -57,14 +62,14 @@ def test_a_late_command_does_not_shorten_the_hold_of_a_newer_one():
     assert verdicts == [True, True] and mux.deadline == 300 * MS
     assert passed((TELEOP, 100), (TELEOP, 50), (PLAN, 299))[1][-1] is False
     # One of unknown age holds longer.
-    mux, passes = Mux().command(TELEOP, 100 * MS, slack=50 * MS)
+    mux, passes = Mux().command(TELEOP, 100 * MS, 350 * MS)
     assert passes and mux.deadline == 350 * MS
 
 
 def test_after_a_stop_the_mux_is_as_new():
     mux, _ = passed((TELEOP, 0))
     mux, _ = mux.expire(200 * MS)
-    mux, passes = mux.command(PLAN, 201 * MS)
+    mux, passes = command(mux, PLAN, 201 * MS)
     assert passes and mux.active == "plan" and mux.deadline == 501 * MS
 
 
@@ -72,7 +77,7 @@ def test_restart_lets_all_inputs_expire():
     mux, _ = passed((TELEOP, 5000), (PLAN, 5000))
     mux = mux.restart(100 * MS)
     assert mux.deadline == 100 * MS
-    assert mux.command(PLAN, 100 * MS)[1] is True
+    assert command(mux, PLAN, 100 * MS)[1] is True
     assert mux.expire(100 * MS) == (Mux(), 100 * MS)
     assert Mux().restart(0) == Mux()
 
@@ -89,7 +94,7 @@ def test_in_order_a_command_passes_unless_a_higher_one_is_live(steps):
             last = {}
         else:
             assert stop is None
-        mux, passes = mux.command(source, now)
+        mux, passes = command(mux, source, now)
         blocked = source is PLAN and now < last.get(TELEOP, 0) + TELEOP.timeout
         assert passes is not blocked
         assert mux.active == ("teleop" if blocked else source.name)
