@@ -179,6 +179,9 @@ def _not_running(facts: Facts) -> Finding:
     if facts.output.subscribers:
         missing, topic = "the mux of the car", _control_topic(facts)
     problem = f"{missing} '{facts.car}' is not running: no node subscribes to {topic}"
+    if len(facts.pose_publishers) > 1:
+        remedy = "Two simulations of this car were started, and their muxes have ended each other. "
+        return Finding(problem, f"{remedy}Stop all nodes of both, and start one of them again")
     remedies = [f"Type: roslaunch mushr_ros_intro sim.launch{_car_argument(facts)}"]
     if facts.other_cars:
         problem += f"; running: {_list(facts.other_cars)}"
@@ -194,7 +197,8 @@ def _strays(facts: Facts) -> List[Finding]:
     return [
         Finding(
             f"the commands of {_list(nodes)} have no effect: no node subscribes to {topic}",
-            f"Send them to the car '{facts.car}': in the launch file, add to its <node>: "
+            f"Send them to the car '{facts.car}': correct the name of the topic in the node. To "
+            "connect it without a change, add to its <node> in the launch file: "
             f'<remap from="{topic}" to="{_control_topic(facts)}" />; with rosrun, add the argument '
             f"{topic}:={_control_topic(facts)}",
         )
@@ -266,16 +270,19 @@ def _no_commands(facts: Facts, package: str) -> Finding:
             "Read the node's terminal, and check that its loop calls publish",
         )
     own = f"roslaunch mushr_ros_intro path_publisher.launch{_car_argument(facts)} "
+    own += "plan_file:=figure_8"
+    if f"/{facts.car}/car_sim" not in facts.output.subscribers:  # maybe an actual car
+        own = "roslaunch mushr_ros_intro real_car.launch plan_file:=my_plan.txt (see real_car.md)"
     remedy = "Start your node, and read its terminal. To find out why it does not start, type: "
     remedy += "rosrun mushr_ros_intro doctor.py --package THE_PACKAGE_OF_YOUR_NODE"
     if package:
         remedy = f"Start the node of {package}, and read its terminal"
     if people:
-        remedy += f". To drive with {_names(people)}, hold a key down in its window, or on MuSHR's "
-        remedy += "joystick hold LB"
+        remedy += f". To drive with {_names(people)}, hold a key down in its window or page, or on "
+        remedy += "MuSHR's joystick hold LB"
     return Finding(
         f"no node publishes commands: {_control_topic(facts)} has no publisher",
-        f"{remedy}. To drive with this package's node, type: {own}plan_file:=figure_8",
+        f"{remedy}. To drive with this package's node, type: {own}",
     )
 
 

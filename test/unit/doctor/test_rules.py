@@ -119,6 +119,11 @@ def test_master(master, problem, remedy):
             "Type: roslaunch mushr_ros_intro sim.launch",
         ),
         (
+            {"inputs": without_mux(), "pose_publishers": (CAR,)},
+            "the mux of the car 'car' is not running",
+            "Type: roslaunch mushr_ros_intro sim.launch",
+        ),
+        (
             {
                 "car": "car2",
                 "inputs": without_mux(),
@@ -340,7 +345,8 @@ ZERO = {"stamps": (NOW, NOW + S // 20), "speeds": (0.0, 0.0), "active": "teleop"
         ),
         (
             {"active": "default"},
-            "To drive with {teleop}, hold a key down in its window, or on MuSHR's joystick hold LB",
+            "To drive with {teleop}, hold a key down in its window or page, or on MuSHR's joystick "
+            "hold LB. To drive with this package's node, type: roslaunch mushr_ros_intro real_car.lau",
         ),
         ({"plan": SILENT, "active": "default"}, "no commands arrived from /path_publisher. Read"),
         (
@@ -373,6 +379,14 @@ def test_mushrs_systems(system, changes, problem):
     assert len(found) == (problem is not None), found
     for finding in found:
         assert problem.format(teleop=SYSTEMS[system][0], manager=MANAGER, mux=MUX) in finding
+
+
+def test_two_systems_whose_muxes_have_ended_each_other():
+    """Starting sim.launch once more would not help."""
+    changed = replace(HEALTHY, inputs=without_mux(), pose_publishers=(CAR, "/mushr_sim"))
+    doubles, mux = map(str, diagnose(changed))
+    assert "each reports a pose of the car" in doubles
+    assert "Stop all nodes of both, and start one of them again" in mux and "Type" not in mux
 
 
 def test_no_hint_about_the_tutorials_listing_for_a_joystick():
