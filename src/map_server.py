@@ -1,12 +1,18 @@
 #!/usr/bin/python3
 """Serve a map from a YAML file and an image, like ROS's own map_server."""
 
+import sys
+from typing import Tuple
+
 import rospy
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap, GetMapRequest, GetMapResponse
+from rospy.client import load_command_line_node_params
 
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import find_file, package_folder
 from mushr_ros_intro.ros import conversions, node, ros_time
+from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.map_file import read_map
 
 
@@ -19,10 +25,8 @@ class MapServer:
     def __init__(self) -> None:
         parameters = node.parameters()
         expected = "the name or the path of a map, such as _map_file:=sandbox"
-        maps = package_folder("maps")
-        path = find_file(parameters.text("map_file", expected=expected), maps, ".yaml")
+        path, grid = read(parameters.text("map_file", expected=expected))
         frame = parameters.text("frame_id", conversions.MAP_FRAME)
-        grid = read_map(path)
         self._msg = conversions.grid_to_msg(grid, ros_time.now(), frame)
 
         self._metadata_pub = rospy.Publisher("map_metadata", MapMetaData, queue_size=1, latch=True)
@@ -42,5 +46,29 @@ class MapServer:
         return GetMapResponse(map=self._msg)
 
 
+def read(name: str) -> Tuple[str, Grid]:
+    """Return the path and the grid of a map, which is given by its name or path.
+
+    Raises:
+        UserError: there is no such map, or it is not valid.
+    """
+    path = find_file(name, package_folder("maps"), ".yaml")
+    return path, read_map(path)
+
+
+def check_command_line() -> None:
+    """End the program if the map on the command line is not valid.
+
+    This is before the node is registered, which ends the map server that is running.
+    """
+    name = load_command_line_node_params(sys.argv).get("map_file")
+    if isinstance(name, str):
+        try:
+            read(name)
+        except UserError as error:
+            sys.exit(f"[FATAL] map_server: {error}")
+
+
 if __name__ == "__main__":
+    check_command_line()
     node.main("map_server", MapServer)

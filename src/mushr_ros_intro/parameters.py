@@ -3,7 +3,7 @@
 import math
 import os
 from difflib import get_close_matches
-from typing import Any, Dict, Mapping, Optional, Sequence
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Set
 
 from mushr_ros_intro.errors import UserError
 
@@ -22,6 +22,7 @@ class Parameters:
     def __init__(self, values: Mapping[str, Any], prefix: str = "~") -> None:
         self._values = values
         self._prefix = prefix
+        self._known: Set[str] = set()
         self.resolved: Dict[str, Any] = {}
         """The value of every parameter that has been read, with defaults filled in."""
 
@@ -36,12 +37,21 @@ class Parameters:
         """Return the same parameters with other values for some."""
         return Parameters({**self._values, **values}, self._prefix)
 
+    def unknown(self) -> List[str]:
+        """Return a message for each parameter that is set, but that no method was asked for."""
+        messages = []
+        for name in sorted(set(self._values) - self._known):
+            close = get_close_matches(name, self._known, 1)
+            hint = f"; did you mean {self._prefix}{close[0]}?" if close else ""
+            messages.append(f"parameter {self._prefix}{name} is not known, and has no effect{hint}")
+        return messages
+
     def number(self, name: str, default: float, unit: str, low: float, high: float) -> float:
         """Return a number from `low` to `high`; text such as 1e-6, which YAML takes for a string.
 
         A parameter with the default NaN is required.
         """
-        value = self._values.get(name, default)
+        value = self._get(name, default)
         try:
             number = float(value) if isinstance(value, (int, float, str)) else math.nan
         except (ValueError, OverflowError):
@@ -57,22 +67,22 @@ class Parameters:
 
     def flag(self, name: str, default: bool) -> bool:
         """Return true or false."""
-        value = self._values.get(name, default)
+        value = self._get(name, default)
         return bool(self._checked(name, value, isinstance(value, bool), "true or false"))
 
     def text(self, name: str, default: Optional[str] = None, expected: str = "") -> str:
         """Return text that is not empty. Without a `default` the parameter is required."""
-        value = self._values.get(name, default)
+        value = self._get(name, default)
         is_text = isinstance(value, str) and bool(value.strip())
         return str(self._checked(name, value, is_text, expected or "text that is not empty"))
 
     def optional_text(self, name: str) -> Optional[str]:
         """Return text, or None if the parameter is missing or empty."""
-        return None if self._values.get(name, "") == "" else self.text(name)
+        return None if self._get(name, "") == "" else self.text(name)
 
     def choice(self, name: str, options: Sequence[str], default: Optional[str] = None) -> str:
         """Return one of `options`."""
-        value = self._values.get(name, default)
+        value = self._get(name, default)
         return str(self._checked(name, value, value in options, f"one of {', '.join(options)}"))
 
     def folder(self, name: str, default: str) -> str:
@@ -91,6 +101,11 @@ class Parameters:
         """Return the error that says what was expected of a parameter."""
         what = f"is {self._values[name]!r}" if name in self._values else "is not set"
         return UserError(f"parameter {self._prefix}{name} {what}; expected {expected}")
+
+    def _get(self, name: str, default: Any) -> Any:
+        """Return the value of a parameter, or the default."""
+        self._known.add(name)
+        return self._values.get(name, default)
 
     def _checked(self, name: str, value: Any, is_valid: bool, expected: str) -> Any:
         """Note the value of a parameter, and return it.

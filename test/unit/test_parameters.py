@@ -158,3 +158,15 @@ def test_a_missing_file(folders, name, expected, monkeypatch):
         find_file(name, str(plans), ".txt")
     expected = expected.replace("PLANS", str(plans)).replace("HERE", str(here))
     assert expected in str(caught.value)
+
+
+def test_unknown_parameters():
+    """Those that are asked for are known, whatever their values."""
+    parameters = Parameters({"plan": "a", "lop": True, "x": 1, "empty": ""})
+    parameters.text("plan")
+    parameters.optional_text("empty")
+    parameters.flag("loop", False)
+    assert parameters.unknown() == [
+        "parameter ~lop is not known, and has no effect; did you mean ~loop?",
+        "parameter ~x is not known, and has no effect",
+    ]

@@ -81,7 +81,8 @@ def _no_subscriber(topic: str, seconds: float) -> str:
         return (
             f"no node is connected to {topic} after {seconds:g} s, but these nodes are registered: "
             f"{', '.join(names)}. Do they respond (rosnode ping)? A node that is stopped (for "
-            "example with Ctrl-Z) can block the master"
+            "example with Ctrl-Z) can block the master. To find the cause, type: "
+            "rosrun mushr_ros_intro doctor.py"
         )
     return (
         f"no node subscribes to {topic} after {seconds:g} s. Is the car running "

@@ -135,7 +135,10 @@ class DriveMonitor:
                 f"and turned by {theta:.2f} rad"
             )
         elif self._car_pose.last:
-            raise UserError(f"{self._lost()}, so it is not known where it is")
+            raise UserError(
+                f"{self._lost()}, so it is not known where it is. If it has ended, start it again "
+                "(roslaunch mushr_ros_intro sim.launch)"
+            )
         else:
             rospy.loginfo(
                 f"all commands have been sent; the {name} of the plan ends at {expected}. No node "

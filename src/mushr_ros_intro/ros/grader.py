@@ -1,5 +1,6 @@
 """Grade submissions: build them if necessary, and replay each plan with each of them."""
 
+import glob
 import os
 import subprocess
 import tempfile
@@ -95,10 +96,10 @@ def find_executable(package: str, name: str) -> str:
             "Is its workspace sourced (source devel/setup.bash)?"
         ) from None
     if not found:
-        raise UserError(
-            f"there is no node '{name}' in the package '{package}'. "
-            f"Is the file executable (chmod +x {name})?"
-        )
+        folder = rospkg.RosPack().get_path(package)
+        files = glob.glob(f"{glob.escape(folder)}/**/{glob.escape(name)}", recursive=True)
+        hint = f". It is not executable; type: chmod +x {files[0]}" if files else ""
+        raise UserError(f"there is no node '{name}' in the package '{package}'{hint}")
     return str(found[0])
 
 

@@ -8,7 +8,7 @@ import time
 import traceback
 from contextlib import suppress
 from queue import Empty, SimpleQueue
-from typing import Any, Callable, ContextManager, NoReturn, Optional, Tuple
+from typing import Any, Callable, ContextManager, List, NoReturn, Optional, Tuple
 
 import rosgraph
 import rospy
@@ -29,6 +29,10 @@ _ends: "SimpleQueue[Tuple[str, Optional[int]]]" = SimpleQueue()
 
 A SimpleQueue, because no other queue may be used in a signal handler.
 """
+
+
+_read: List[Parameters] = []
+"""The private parameters of this node."""
 
 
 def main(name: str, node_class: Callable[[], Any], **options: Any) -> NoReturn:
@@ -77,7 +81,10 @@ def _run(node_class: Callable[[], Any]) -> None:
     """Run a node; if it fails, log the reason."""
     status = 1
     try:
-        node_class().run()
+        made = node_class()
+        for message in [each for read in _read for each in read.unknown()]:
+            rospy.logwarn("%s", message)
+        made.run()
         status = 0
     except rospy.ROSInterruptException:
         status = 0
@@ -148,7 +155,8 @@ def parameters() -> Parameters:
     for argument in sys.argv[1:]:
         if argument.partition(":=")[0] in values:
             raise UserError(f"'{argument}' sets no parameter; expected _{argument}")
-    return Parameters(values)
+    _read.append(Parameters(values))
+    return _read[-1]
 
 
 def simulated_car_parameters(car_name: str, must_run: bool = False) -> Parameters:

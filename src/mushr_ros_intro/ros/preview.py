@@ -173,6 +173,7 @@ def _read_map() -> Optional[Grid]:
     """Return the map on /map, or None if no node publishes one."""
     topic = rospy.resolve_name("/map")
     if not is_published(topic):
+        rospy.loginfo("no node publishes a map on %s, so walls are not checked", topic)
         return None
     try:
         msg = rospy.wait_for_message(topic, numpy_msg(OccupancyGrid), CONNECTION_TIMEOUT)

@@ -75,6 +75,16 @@ class TestMapServer(RosTestCase):
         )
         self.assert_refused(*(("map_server.py", *case) for case in cases))
 
+    def test_a_misspelt_name_does_not_end_the_map_server_that_runs(self):
+        with node("map_server.py", "__ns:=fourth", "_map_file:=rooms", "_map_fil:=x") as running:
+            wait_for(lambda: "rooms.yaml" in running.output, "the map")
+            unknown = "~map_fil is not known, and has no effect; did you mean ~map_file?"
+            wait_for(lambda: unknown in running.output, "a warning")
+            with node("map_server.py", "__ns:=fourth", "_map_file:=roomz") as second:
+                self.assertEqual(second.wait(), 1)
+            self.assertIn("did you mean rooms?", second.output)
+            self.assertTrue(running.running)
+
     def test_wrong_names_in_sim_launch(self):
         """roslaunch stops before it starts a node."""
         cases = (
