@@ -73,7 +73,9 @@ class Recording:
             return True
         command = command._replace(stamp=stamp, is_dated=stamp == command.stamp)
         if command.is_dated:  # see car/history.py
-            self._commands = [each for each in self._commands if each.is_dated or each.stamp < stamp]
+            self._commands = [
+                each for each in self._commands if each.is_dated or each.stamp < stamp
+            ]
         place = len(self._commands)
         while place and self._commands[place - 1].stamp > stamp:
             place -= 1

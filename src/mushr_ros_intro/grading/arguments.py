@@ -7,7 +7,6 @@ from typing import Sequence
 
 from mushr_ros_intro.grading.judge import Tolerances
 
-
 _OF_A_CLASS = ("points", "jobs", "shard", "user", "gradescope", "classroom50", "github")
 """Options that `--node` does not use."""
 
@@ -45,7 +44,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--seed", type=int, help="drive with the noise of the car, and with this seed")
     add("--patience", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
     for name, unit in zip(Tolerances._fields, ("m", "rad", "m")):
-        add(f"--{name}-tolerance", type=tolerance, metavar=unit, help="default: see docs/grading.md")
+        add(f"--{name}-tolerance", type=tolerance, metavar=unit, help="see docs/grading.md")
     add("--jobs", type=int, default=2 * (os.cpu_count() or 1), help="simultaneous replays")
     add("--shard", type=shard, default=(1, 1), metavar="I/N", help="grade part I of N only")
     add("--user", default="", help="run the nodes as this user; default a new one for each replay")

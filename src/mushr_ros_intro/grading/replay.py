@@ -112,9 +112,9 @@ def runs_of(plan: Plan) -> List[Run]:
 def drive(replay: Replay) -> Drive:
     """Return the driven path from the start pose on, and the predicted path.
 
-    The prediction is for a node that sends the plan's commands: it includes the noise, which depends
-    on the car's seed and on the number of a command. If the recording ends before the plan, the car
-    counts as standing from there on. Both paths end with the last move of either.
+    The prediction is for a node that sends the plan's commands. It has the noise of the drive, which
+    depends on the car's seed and on the number of a command. If the recording ends before the plan,
+    the car counts as standing from there on. Both paths end with the last move of either.
     """
     begin = _first_pose(replay)
     driven = replay.poses[begin:]

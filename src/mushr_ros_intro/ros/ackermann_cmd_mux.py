@@ -20,6 +20,7 @@ MAX_DELAY = COMMAND_PERIOD // 2
 In wall-clock time only. Then an input drives as long as its commands arrive, whatever its clock.
 """
 
+
 class AckermannCmdMux:
     """The mux as a node.
 

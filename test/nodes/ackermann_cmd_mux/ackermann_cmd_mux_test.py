@@ -134,7 +134,9 @@ class TestMux(RosTestCase):
         self.wait_until(0.2)
         self.send("navigation", 0.2, 3.0)
         self.expect((-0.3, 1.0), (0.3, 2.0), STOP)
-        self.assertEqual([m.data for m in self.active.messages[1:]], ["navigation", "teleop", "idle"])
+        self.assertEqual(
+            [m.data for m in self.active.messages[1:]], ["navigation", "teleop", "idle"]
+        )
 
     def test_messages_are_forwarded_as_they_are(self):
         msg = AckermannDriveStamped()  # the stamp is zero, as in the tutorial's listing

@@ -80,7 +80,10 @@ def rows(plan):
         ("drive 0 1 0.1; drive 200 1 0.1", [(1, 0.1, 400)]),
         # A stop that comes after the last command has expired, and one without a valid stamp that
         # comes before a late command.
-        ("drive 0 1 0.1; drive 204 0 0; drive 900 1 0", [(1, 0.1, 200), (0, 0.1, 700), (1, 0, 200)]),
+        (
+            "drive 0 1 0.1; drive 204 0 0; drive 900 1 0",
+            [(1, 0.1, 200), (0, 0.1, 700), (1, 0, 200)],
+        ),
         (
             "drive 0 1 0.1; drive -5000 0 0 @ 250; drive 150 1 0.1 @ 260; drive 340 1 0",
             [(1, 0.1, 340), (1, 0, 200)],

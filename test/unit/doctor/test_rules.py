@@ -346,7 +346,7 @@ ZERO = {"stamps": (NOW, NOW + S // 20), "speeds": (0.0, 0.0), "active": "teleop"
         (
             {"active": "default"},
             "To drive with {teleop}, hold a key down in its window or page, or on MuSHR's joystick "
-            "hold LB. To drive with this package's node, type: roslaunch mushr_ros_intro real_car.lau",
+            "hold LB. To drive with this package's node, type: roslaunch mushr_ros_intro real_car",
         ),
         ({"plan": SILENT, "active": "default"}, "no commands arrived from /path_publisher. Read"),
         (
