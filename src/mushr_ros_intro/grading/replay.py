@@ -112,7 +112,7 @@ def runs_of(plan: Plan) -> List[Run]:
 def drive(replay: Replay) -> Drive:
     """Return the driven path from the start pose on, and the predicted path.
 
-    The prediction is for a node that sends the plan's commands. It has the noise of the drive, which
+    The prediction is for a node that sends the commands of the plan. It has the same noise, which
     depends on the car's seed and on the number of a command. If the recording ends before the plan,
     the car counts as standing from there on. Both paths end with the last move of either.
     """

@@ -63,9 +63,9 @@ class TestRecording(RosTestCase):
         super().setUp()
         self.poses = Recording("/car/car_pose", PoseStamped).connected()
 
-    def start(self, name, folder=None):
+    def start(self, name, folder=None, *arguments):
         """Start a node that writes into a folder, and wait for it."""
-        process = self.ending(node(name, f"_folder:={folder or self.folder}", "_speed:=4.0"))
+        process = self.ending(node(name, f"_folder:={folder or self.folder}", *arguments))
         self.name = name[:-3]
         self.initial_poses = publisher("/initialpose", PoseWithCovarianceStamped)
         rospy.wait_for_service(f"{self.name}/save", 30.0)
@@ -73,7 +73,7 @@ class TestRecording(RosTestCase):
         return process
 
     def start_planner(self, folder=None):
-        planner = self.start("click_planner.py", folder)
+        planner = self.start("click_planner.py", folder, "_speed:=4.0")
         self.points = publisher("/clicked_point", PointStamped)
         return planner
 
