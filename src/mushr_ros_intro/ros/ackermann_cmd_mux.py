@@ -14,7 +14,7 @@ from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.sim.mux import Input, Mux, parse_config
 from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS, PresentTime
 
-MAX_DELAY = COMMAND_PERIOD // 2
+LATE_AFTER = COMMAND_PERIOD // 2
 """A command that arrives later than this after its stamp expires by its arrival [ns].
 
 In wall-clock time only. Then an input drives as long as its commands arrive, whatever its clock.
@@ -130,7 +130,7 @@ class AckermannCmdMux:
                 until += 0 if is_dated else source.timeout
             else:
                 begin = min(stamp, now)  # the sender's clock may be early
-                if now > stamp + MAX_DELAY:
+                if now > stamp + LATE_AFTER:
                     until = now + source.timeout  # or late
             # Expire first. In simulated time, the output then depends on the stamps alone.
             self._expire(begin)
