@@ -86,17 +86,7 @@ class ReplayWorld:
         self._step_lock = threading.Lock()
 
         self._master = GuardedMaster()
-        uri = self._master.serve(0)
-        os.environ["ROS_MASTER_URI"] = uri
-        rospy.set_param("/use_sim_time", True)
-        rospy.set_param(CAR, {**parameters, "real_time_factor": 0.0})
-        rospy.set_param(MUX, mux)
-        node.init_node(
-            "car_sim",
-            argv=[f"initialpose:={INITIAL_POSES}"],
-            disable_rostime=True,
-            disable_signals=True,
-        )
+        _join(self._master.serve(0), parameters, mux)
         rospy.on_shutdown(lambda: self._master.record(f"shuts down the node {CAR}"))
         self._car = _Car(self)
         if grid is not None:
@@ -263,6 +253,16 @@ class ReplayWorld:
     def on_output(self, msg: AckermannDriveStamped) -> None:
         """Give a command from the mux to the car."""
         self._car.on_message(msg, conversions.command_from_msg)
+
+
+def _join(uri: str, parameters: Dict[str, Any], mux: Dict[str, Any]) -> None:
+    """Set the parameters of a new master, and make this process the node of the car there."""
+    os.environ["ROS_MASTER_URI"] = uri
+    rospy.set_param("/use_sim_time", True)
+    rospy.set_param(CAR, {**parameters, "real_time_factor": 0.0})
+    rospy.set_param(MUX, mux)
+    argv = [f"initialpose:={INITIAL_POSES}"]
+    node.init_node("car_sim", argv=argv, disable_rostime=True, disable_signals=True)
 
 
 class _Sample(NamedTuple):
