@@ -7,25 +7,22 @@ import logging
 import os
 import secrets
 from contextlib import suppress
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, List
 
-import numpy as np
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
-from nav_msgs.msg import OccupancyGrid
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import CallError
 from mushr_ros_intro.parameters import package_folder
-from mushr_ros_intro.ros import conversions, node, ros_time, rosapi
+from mushr_ros_intro.ros import node, ros_time, rosapi
 from mushr_ros_intro.ros.bridge import Bridge
 from mushr_ros_intro.ros.plan_drive import DriveError, PlanDrive
+from mushr_ros_intro.ros.web_map import WebMap
 from mushr_ros_intro.web import plans
-from mushr_ros_intro.web.map_image import png
 from mushr_ros_intro.web.results import drives
 from mushr_ros_intro.web.server import Action, Clients, ConflictError, Rules, serve
-from mushr_ros_intro.world.grid import Grid
 
 STATE_TOPIC = "/web_view/state"
 """What the page shows beside ROS's topics. Only clients of this node can subscribe to it."""
@@ -49,9 +46,6 @@ class WebView:
         self._folders = [package_folder("plans"), parameters.folder("folder", ".")]
         self._results = parameters.optional_text("results") and parameters.folder("results", "")
         self._prefix = rospy.get_namespace().rstrip("/")
-        self._grid: Optional[Grid] = None
-        self._map_number = 0
-        self._png = 0, b""
         self._problem = ""
         self._holds_clock = False
         self._state = ""
@@ -80,7 +74,7 @@ class WebView:
         rospy.on_shutdown(lambda: self._bridge.call_soon(ended.set))
         program = os.path.join(os.path.dirname(os.path.abspath(__file__)), "path_publisher.py")
         self._drive = PlanDrive(program, self._prefix or "/", self._on_drive)
-        self._bridge.listen("/map", self._on_map)
+        self._map = WebMap(self._bridge, self._offer_state)
         server = serve(
             package_folder("web"),
             self._address,
@@ -105,8 +99,8 @@ class WebView:
     def _actions(self) -> Dict[str, Dict[str, Action]]:
         """Return what the server answers, by path and method."""
         return {
-            r"/map\.json": {"GET": self._get_map},
-            r"/map\.png": {"GET": self._get_png},
+            r"/map\.json": {"GET": self._map.get_numbers},
+            r"/map\.png": {"GET": self._map.get_png},
             r"/plans": {"GET": self._get_plans},
             r"/plans/(.+)": {"GET": self._get_plan},
             r"/drive": {"POST": self._start_drive, "DELETE": self._stop_drive},
@@ -131,7 +125,7 @@ class WebView:
             "initial_pose_topic": self._init_pose_topic,
             "simulated_time": ros_time.is_simulated(),
             "holds_clock": self._holds_clock,
-            "map": self._map_number or None,
+            "map": self._map.number or None,
             "results": bool(self._results),
             "drive": self._drive.state,
             "problem": self._problem,
@@ -144,44 +138,6 @@ class WebView:
     def _on_drive(self) -> None:
         self._bridge.call_soon(self._offer_state)
 
-    def _on_map(self, raw: bytes) -> None:
-        asyncio.ensure_future(self._use_map(raw))
-
-    async def _use_map(self, raw: bytes) -> None:
-        """Read a map."""
-
-        def read() -> Grid:
-            return conversions.grid_from_msg(OccupancyGrid().deserialize_numpy(raw, np))
-
-        try:
-            self._grid = await self._bridge.in_thread(read)
-        except conversions.MessageError as error:
-            rospy.logwarn("ignored a message on /map: %s", error)
-            return
-        self._map_number += 1
-        self._offer_state()
-
-    async def _get_map(self) -> Dict[str, Any]:
-        grid = self._map()
-        return {
-            "number": self._map_number,
-            "resolution": grid.resolution,
-            "width": grid.width,
-            "height": grid.height,
-            "origin": grid.origin,
-        }
-
-    async def _get_png(self) -> bytes:
-        grid, number = self._map(), self._map_number
-        if self._png[0] != number:
-            self._png = number, await self._bridge.in_thread(png, grid)
-        return self._png[1]
-
-    def _map(self) -> Grid:
-        if self._grid is None:
-            raise LookupError("there is no map")
-        return self._grid
-
     async def _get_plans(self) -> Dict[str, List[str]]:
         return {"plans": [*await self._bridge.in_thread(plans.paths, self._folders)]}
 
@@ -191,7 +147,7 @@ class WebView:
 
     def _check(self, name: str, path: str) -> Dict[str, Any]:
         car = car_from(node.simulated_car_parameters(self._car_name, must_run=True))
-        return plans.summary(name, path, "car", car, self._grid)
+        return plans.summary(name, path, "car", car, self._map.grid)
 
     async def _path(self, name: Any) -> str:
         """Return the path of a plan; raise a LookupError if there is none with this name."""
