@@ -178,7 +178,7 @@ def run(job: Job) -> Report:
             candidate.end()
             job.sandbox.end_processes()
     world.wait_until_rest(car.command_timeout)
-    stamps, poses, collisions = world.recording()
+    states, stamps, poses, collisions = world.recording()
     recorded = Replay(
         plan=job.plan,
         car=car,
@@ -195,7 +195,7 @@ def run(job: Job) -> Report:
     tolerances = default_tolerances(job.plan, car)._replace(**job.tolerances)
     report = judge(recorded, tolerances)._replace(title=job.title)
     if job.bag:
-        bag.write(job.bag, report, world.states)
+        bag.write(job.bag, report, states)
     return report
 
 

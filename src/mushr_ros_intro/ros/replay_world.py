@@ -8,7 +8,8 @@ here. So the node cannot change the recording, nor move the car by other means.
 import os
 import threading
 import time
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+from collections import deque
+from typing import Any, Callable, Deque, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -26,7 +27,7 @@ from mushr_ros_intro.ros.car_sim import CarSim
 from mushr_ros_intro.ros.guarded_master import GuardedMaster
 from mushr_ros_intro.ros.sim_clock import KeptClock
 from mushr_ros_intro.sim.mux import Input
-from mushr_ros_intro.sim.stamps import NANOSECONDS
+from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE
 from mushr_ros_intro.world.grid import Grid
 
 CAR = "/car/car_sim"
@@ -198,12 +199,16 @@ class ReplayWorld:
         recent = [each.pose for each in self.states[-1000:] if each.stamp >= stamp - timeout]
         return stamp > self.sent[-1].time + 2 * timeout and all(each == pose for each in recent)
 
-    def recording(self) -> Tuple[np.ndarray, np.ndarray, Tuple[Pose, ...]]:
-        """Return the stamps [ns] and the poses of the car, and the poses at which it hit a wall."""
-        stamps = np.array([state.stamp for state in self.states], np.int64)
-        poses = np.array([state.pose for state in self.states], float)
-        contacts = [state.collision for state in self.states if state.collision]
-        return stamps, poses, tuple(dict.fromkeys(contact.pose for contact in contacts))
+    def recording(self) -> Tuple[List[State], np.ndarray, np.ndarray, Tuple[Pose, ...]]:
+        """Return the states of the car when it reported them, corrected by late commands.
+
+        Also return their stamps [ns] and poses, and the poses at which the car hit a wall.
+        """
+        states = self._car.corrected_states()
+        stamps = np.array([state.stamp for state in states], np.int64)
+        poses = np.array([state.pose for state in states], float)
+        contacts = [state.collision for state in states if state.collision]
+        return states, stamps, poses, tuple(dict.fromkeys(contact.pose for contact in contacts))
 
     def on_states(self, states: List[State], now: int) -> None:
         """Record states of the car; `now` is the time to which the clock advances [ns]."""
@@ -299,6 +304,8 @@ class _Car(CarSim):
 
     def __init__(self, recorder: ReplayWorld) -> None:
         self._recorder = recorder
+        self._corrected: List[State] = []
+        self._reported: Deque[int] = deque()  # instants whose states late commands may still change
         super().__init__(keeps_clock=True)
 
     def _subscribe(self) -> None:
@@ -314,6 +321,24 @@ class _Car(CarSim):
         """Let the clock advance as after a command, although the command is ignored."""
         with self._changed:
             self.clock.hear(Command(stamp, 1.0, 0.0))
+
+    def _evaluate(self, instants: Sequence[int]) -> List[State]:
+        """Return the car's state at instants [ns]; needs the lock."""
+        self._correct(instants[-1] - STAMP_TOLERANCE if instants else 0)
+        self._reported += instants
+        return super()._evaluate(instants)
+
+    def _correct(self, until: int) -> None:
+        """Keep the states that were reported until an instant [ns], as they are now."""
+        while self._reported and self._reported[0] <= until:
+            self._corrected.append(self._history.state_at(self._reported.popleft()))
+
+    def corrected_states(self) -> List[State]:
+        """Return the states of the car when it reported them, corrected by late commands."""
+        with self._changed:
+            if self._reported:
+                self._correct(self._reported[-1])
+            return list(self._corrected)
 
     def run(self) -> None:
         """Report the car's state, to the world too."""
