@@ -47,7 +47,7 @@ class LoggedAssertionError(AssertionError):
 
 def logs():
     """Return the last lines of the output of each process and of each node of the launch file."""
-    outputs = {process.command: process.output for process in _processes}
+    outputs = {f"{process.command} {process.state}": process.output for process in _processes}
     if rospy.core.is_initialized():
         folder = os.path.join(rospkg.get_log_dir(), rospy.get_param("/run_id", ""))
         for path in glob.glob(f"{folder}/*-[0-9]*.log"):
@@ -312,6 +312,19 @@ class Process:
     @property
     def running(self):
         return self._process.poll() is None
+
+    @property
+    def state(self):
+        """The exit status, or the state of each thread: its letter in /proc, and its CPU time."""
+        if not self.running:
+            return f"(exit status {self._process.poll()})"
+        threads = []
+        for path in glob.glob(f"/proc/{self.pid}/task/*/stat"):
+            with contextlib.suppress(OSError), open(path) as file:  # the thread has ended
+                fields = file.read().rpartition(")")[2].split()
+                seconds = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+                threads.append(f"{fields[0]} {seconds:.1f} s")
+        return f"(threads: {', '.join(threads)})"
 
     def send_signal(self, number):
         """Send a signal to the process and to its child processes."""
