@@ -328,6 +328,8 @@ def test_twenty_clients_of_which_some_do_not_read(sim):
     silent = sim.client()
     for _ in range(8):  # the map has some MB: more than what the connection takes
         silent.subscribe("/map", id="a")
+        # During this call, the server begins to send the map. Otherwise it may drop it at once.
+        silent.send("call_service", id="b", service="/rosapi/topics")
         silent.send("unsubscribe", topic="/map", id="a")
     silent.subscribe("/map")
     silent.subscribe(web.POSE)
