@@ -12,7 +12,7 @@ from typing import Iterable, Iterator, NamedTuple, Optional, Tuple
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car, Command, Piece, State, at_rest
-from mushr_ros_intro.car.motion import advance, apply
+from mushr_ros_intro.car.motion import advance, apply, changes_nothing
 from mushr_ros_intro.plan.model import MAX_DURATION, Plan
 from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
 
@@ -49,16 +49,25 @@ def drive(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg]:
         period = MAX_DURATION
         car = car._replace(command_timeout=MAX_DURATION)
     state = at_rest(0, plan.start)
+    last = used = Command(-MAX_DURATION, 0.0, 0.0)
+
+    def after(command: Command) -> State:
+        """Return the state after a command; see `changes_nothing`."""
+        nonlocal last, used
+        is_ignored = changes_nothing(command, last, car.command_timeout)
+        used = used._replace(stamp=command.stamp, speed=0.0) if is_ignored else command
+        last = command
+        return apply(advance(state, command.stamp, car), used, car, world)
+
     now = 0
     for index, row in enumerate(plan.rows):
         row_end = now + row.duration
         for stamp in range(now, row_end, period):
-            command = Command(stamp, row.speed, row.steering_angle)
-            state = apply(advance(state, stamp, car), command, car, world)
+            state = after(Command(stamp, row.speed, row.steering_angle))
             state = state._replace(command=None)  # a repeated stop then begins a motion, too
             yield Leg(index, state, min(stamp + period, row_end))
         now = row_end
-    state = apply(advance(state, now, car), Command(now, 0.0, 0.0), car, world)
+    state = after(Command(now, 0.0, 0.0))
     yield Leg(len(plan.rows), state, now + math.ceil(state.motion[-1].begin * NANOSECONDS))
 
 

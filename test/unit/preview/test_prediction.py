@@ -132,3 +132,11 @@ def test_noise_of_the_steering_angle_alone_is_drawn_for_each_command():
     plan, car = plan_of("0,0,0\n1,0.1\n"), Car(steering_noise=0.1, seed=3)
     last = driven(car, plan, None)[-1]
     assert last.pose == pytest.approx(prediction.rest(plan, car)[1], abs=DRIVEN)
+
+
+def test_commands_that_expire_before_the_next_one():
+    """A plain stop after the last command has expired does not turn the wheels back."""
+    car = Car(acceleration=2.0, steering_rate=1.0, command_timeout=SECOND // 20)
+    for text in ("0,0,0\n1,0.3\n", "0,0,0\n1,0.3\n0,0\n1,-0.2\n0,0\n"):
+        last = driven(car, plan_of(text), None)[-1]
+        assert last.pose == pytest.approx(prediction.rest(plan_of(text), car)[1], abs=DRIVEN)
