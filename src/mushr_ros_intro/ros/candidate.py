@@ -6,7 +6,7 @@ import signal
 import subprocess
 import threading
 from functools import partial
-from typing import Dict, Iterable, Iterator, List, Optional, Sequence
+from typing import Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence
 
 import rospkg
 
@@ -85,6 +85,9 @@ def _module_paths(folders: List[str]) -> Iterator[str]:
             yield modules
 
 
+IDLE_SHARE = 0.1
+"""A node that runs for a smaller share of the time is idle: it may poll the time."""
+
 MAX_OUTPUT = 50_000_000
 """A node that prints more has failed [bytes]."""
 
@@ -120,6 +123,33 @@ def delay_of(threads: Iterable[str]) -> float:
         for folder in threads:
             total += int(_read(f"{folder}/schedstat").split()[1])
     return total / NANOSECONDS
+
+
+class Sample(NamedTuple):
+    """What the node and this process have done so far."""
+
+    time: float
+    """[s of monotonic wall-clock time]"""
+    node: Optional[int]
+    """The activity of the node [ns]; see `activity_of`."""
+    received: Optional[int]
+    """The activity of the threads that receive its messages [ns]."""
+
+    def is_idle_since(self, before: "Sample") -> bool:
+        """Return whether the node was idle, and all its messages have been processed here."""
+        if None in (*self, *before):
+            return False
+        share = (self.node - before.node) / NANOSECONDS / (self.time - before.time)  # type: ignore
+        return share <= IDLE_SHARE and self.received == before.received
+
+
+def receiving_activity() -> Optional[int]:
+    """Return the activity of the threads that receive messages; see `activity_of`.
+
+    rospy gives them the names of the topics.
+    """
+    threads = (each for each in threading.enumerate() if each.name.startswith("/"))
+    return activity_of(f"/proc/self/task/{each.native_id}" for each in threads)
 
 
 class Candidate:

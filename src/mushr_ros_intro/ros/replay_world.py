@@ -9,7 +9,7 @@ import os
 import threading
 import time
 from collections import deque
-from typing import Any, Callable, Deque, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import rospy
@@ -22,7 +22,7 @@ from mushr_ros_intro.car.model import Command, State
 from mushr_ros_intro.grading.replay import Sent
 from mushr_ros_intro.ros import conversions, node, ros_time, rospy_fixes
 from mushr_ros_intro.ros.ackermann_cmd_mux import AckermannCmdMux
-from mushr_ros_intro.ros.candidate import activity_of
+from mushr_ros_intro.ros.candidate import Sample, receiving_activity
 from mushr_ros_intro.ros.car_sim import CarSim
 from mushr_ros_intro.ros.guarded_master import GuardedMaster
 from mushr_ros_intro.ros.sim_clock import KeptClock
@@ -44,9 +44,6 @@ MAX_STEP = 0.5
 
 IDLE_SAMPLE = 0.002
 """Time between two samples of a node's activity [s of wall-clock time]."""
-
-IDLE_SHARE = 0.1
-"""A node that runs for a smaller share of the time is idle: it may poll the time."""
 
 CLOSE_TIMEOUT = 1.0
 """Longest wait until the connections of an ended node are closed [s of wall-clock time]."""
@@ -146,10 +143,10 @@ class ReplayWorld:
             self._step()
             deadline = time.monotonic() + MAX_STEP
             idle = 0  # samples in a row; a node that polls needs a moment to notice the new time
-            before = _Sample(0.0, None, None)
+            before = Sample(0.0, None, None)
             while idle < 2 and time.monotonic() < deadline:
                 # First the node: its messages make the receiving threads run.
-                now = _Sample(time.monotonic(), activity(), _receiving())
+                now = Sample(time.monotonic(), activity(), receiving_activity())
                 time.sleep(IDLE_SAMPLE)
                 idle = idle + 1 if now.is_idle_since(before) and self._is_connected() else 0
                 before = now
@@ -268,33 +265,6 @@ def _join(uri: str, parameters: Dict[str, Any], mux: Dict[str, Any]) -> None:
     rospy.set_param(MUX, mux)
     argv = [f"initialpose:={INITIAL_POSES}"]
     node.init_node("car_sim", argv=argv, disable_rostime=True, disable_signals=True)
-
-
-class _Sample(NamedTuple):
-    """What the node and this process have done so far."""
-
-    time: float
-    """[s of monotonic wall-clock time]"""
-    node: Optional[int]
-    """The activity of the node [ns]; see `activity_of`."""
-    received: Optional[int]
-    """The activity of the threads that receive its messages [ns]."""
-
-    def is_idle_since(self, before: "_Sample") -> bool:
-        """Return whether the node was idle, and all its messages have been processed here."""
-        if None in (*self, *before):
-            return False
-        share = (self.node - before.node) / NANOSECONDS / (self.time - before.time)  # type: ignore
-        return share <= IDLE_SHARE and self.received == before.received
-
-
-def _receiving() -> Optional[int]:
-    """Return the activity of the threads that receive messages; see `activity_of`.
-
-    rospy gives them the names of the topics.
-    """
-    threads = (each for each in threading.enumerate() if each.name.startswith("/"))
-    return activity_of(f"/proc/self/task/{each.native_id}" for each in threads)
 
 
 class _Car(CarSim):
