@@ -107,6 +107,7 @@ class TestOddMessages(RosTestCase):
                 rospy.sleep(0.001)  # a queue holds a hundred messages
             publishers[topic].publish(goods[topic])
 
+        poses.pose_at_rest(rospy.Time.now())  # an odd command may still drive the car
         publishers["/map"].publish(goods["/map"])
         since = rospy.Time.now()
         publishers["/initialpose"].publish(placement(since, 7.0, 8.0, 0.5))
