@@ -1,4 +1,3 @@
-#!/usr/bin/python3
 """Check the arguments `car` and `map` of sim.launch: check_names.py CAR MAP.
 
 roslaunch runs it while it loads sim.launch. If it prints the valid names instead of CAR and exits
