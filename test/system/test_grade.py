@@ -239,13 +239,17 @@ NODE = ("--node", "mushr_ros_intro", "listing.py")
         ),
         (("figure_8", *NODE, "--seed", "-1"), 2, "car ideal: seed is -1; expected"),
         (("figure_8", *NODE, "--points", "p.yaml"), 2, "--points needs submissions"),
-        (("figure_8", *NODE, "--path-tolerance", "nan"), 2, "--path-tolerance: invalid tolerance"),
+        (
+            ("figure_8", *NODE, "--path-tolerance", "nan"),
+            2,
+            "--path-tolerance: 'nan'; expected a number of at least 0",
+        ),
         (("figure_8",), 2, "expected PLAN... --node PACKAGE FILE, or"),
         (("figure_8", *NODE, "--car", "fiat"), 2, "car is 'fiat'; expected one of ideal"),
         (("--merge", "/nowhere", "--out", "/nowhere"), 2, "/nowhere: not the output of grade.py"),
         (("/nowhere", "--plans", "figure_8", "--out", "/proc/x"), 3, "/proc/x"),
         (("/nowhere", "--out", "out"), 2, "or SUBMISSION... --plans PLAN... --out FOLDER"),
-        ((PACKAGE, "--plans", "figure_8", "--out", "/tmp/x", "--shard", "3/2"), 2, "3/2"),
+        ((PACKAGE, "--plans", "figure_8", "--out", "/tmp/x", "--shard", "3/2"), 2, "expected I/N"),
     ],
 )
 def test_usage(arguments, status, message):

@@ -3,6 +3,7 @@
 import argparse
 import os
 import re
+from contextlib import suppress
 from typing import Sequence
 
 from mushr_ros_intro.grading.judge import Tolerances
@@ -12,18 +13,20 @@ _OF_A_CLASS = ("points", "jobs", "shard", "user", "gradescope", "classroom50", "
 
 
 def shard(text: str) -> Sequence[int]:
-    """Return I and N of "I/N"."""
-    number, _, count = text.partition("/")
-    if not 1 <= int(number) <= int(count):
-        raise ValueError
-    return int(number), int(count)
+    """Return I and N of "I/N"; raise ArgumentTypeError for any other text."""
+    if re.fullmatch("[0-9]+/[0-9]+", text):
+        number, count = map(int, text.split("/"))
+        if 1 <= number <= count:
+            return number, count
+    raise argparse.ArgumentTypeError(f"{text!r}; expected I/N, such as 1/4 or 4/4")
 
 
 def tolerance(text: str) -> float:
-    """Return a number that is not negative."""
-    if not float(text) >= 0.0:
-        raise ValueError
-    return float(text)
+    """Return a number that is not negative; raise ArgumentTypeError for any other text."""
+    with suppress(ValueError):
+        if float(text) >= 0.0:
+            return float(text)
+    raise argparse.ArgumentTypeError(f"{text!r}; expected a number of at least 0")
 
 
 def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespace:
