@@ -89,7 +89,7 @@ class Terminal:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            timeout=5 * PATIENCE,
+            timeout=10 * PATIENCE,
         )
         return done.stdout, done.returncode
 
@@ -107,7 +107,7 @@ def home(tmp_path_factory):
     add_programs(tmp_path / "bin", ("python",), 'exec /usr/bin/python3 "$@"')
     environment = {"HOME": str(tmp_path), "PATH": f"{tmp_path}/bin:/usr/bin:/bin"}
     command = [f"{CHECKOUT}/scripts/make_workspace"]
-    subprocess.run(command, env=environment, check=True, timeout=5 * PATIENCE)
+    subprocess.run(command, env=environment, check=True, timeout=10 * PATIENCE)
     return tmp_path
 
 
