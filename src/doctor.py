@@ -13,7 +13,6 @@ import shlex
 import signal
 import sys
 import tempfile
-from contextlib import suppress
 from functools import partial
 from typing import List
 
@@ -25,7 +24,7 @@ try:
     from mushr_ros_intro.doctor.facts import Facts, Finding
     from mushr_ros_intro.doctor.programs import program_findings
     from mushr_ros_intro.doctor.rules import diagnose, health, hints
-    from mushr_ros_intro.parameters import package_folder
+    from mushr_ros_intro.ros.commands import as_typed
     from mushr_ros_intro.ros.network import network_findings
     from mushr_ros_intro.ros.observation import Observer, sign_off
 
@@ -34,16 +33,6 @@ except ImportError as error:  # the workspace is not sourced, or the Python is n
     missing = error.name or str(error)
 
 PACKAGE = "mushr_ros_intro"
-
-STAND_INS = (
-    ("roslaunch mushr_ros_intro sim.launch", "roslaunch mushr_sim teleop.launch"),
-    (
-        "roslaunch mushr_ros_intro path_publisher.launch plan_file:=",
-        "rosrun mushr_sim path_publisher.py _plan_file:=",
-    ),
-    ("rosrun mushr_ros_intro ", "rosrun mushr_sim "),
-)
-"""Commands, and how to type them if a student's package has the name of this one."""
 
 
 def import_fault(module: str, python: str, is_sourced: bool) -> str:
@@ -97,16 +86,6 @@ def package_findings(package: str) -> List["Finding"]:
             part = os.path.normpath(os.path.join(folder, part))
             found += program_findings(part, partial(roslib.packages.find_node, name))
     return found
-
-
-def as_typed(text: str) -> str:
-    """Return a text with the commands that work in this workspace."""
-    with suppress(rospkg.ResourceNotFound):
-        found = os.path.join(rospkg.RosPack().get_path(PACKAGE), "package.xml")
-        if os.path.realpath(found) != package_folder("package.xml"):
-            for command, stand_in in STAND_INS:
-                text = text.replace(command, stand_in)
-    return text
 
 
 def observe(car: str) -> "Facts":

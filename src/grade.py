@@ -38,6 +38,7 @@ PASSED, FAILED, USAGE, NOT_GRADED = range(4)
 def main() -> int:
     """Grade what the command line names; return the exit status."""
     arguments = parse_arguments(sys.argv[1:], __doc__ or "")
+    os.environ["ROS_HOSTNAME"] = "localhost"  # works even if the machine's name does not resolve
     try:
         if arguments.merge:
             return merge(arguments)

@@ -8,6 +8,7 @@ from mushr_ros_intro.authoring.teleop import Schedule
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.ros import node, ros_time
 from mushr_ros_intro.ros.command_publisher import CommandPublisher
+from mushr_ros_intro.ros.commands import as_typed
 
 
 class KeyboardTeleop:
@@ -36,7 +37,9 @@ class KeyboardTeleop:
         keyboard = open_keyboard(
             f"Teleop {self._car_name}".strip(),
             self._values,
-            f"rosrun mushr_ros_intro keyboard_teleop.py __ns:=/{self._car_name or 'car'}",
+            as_typed(
+                f"rosrun mushr_ros_intro keyboard_teleop.py __ns:=/{self._car_name or 'car'}"
+            ),
         )
         try:
             while keyboard.is_open and not rospy.is_shutdown():

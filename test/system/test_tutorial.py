@@ -138,6 +138,7 @@ def test_the_tutorial(home):
     assert os.path.isfile(view.split()[-1].replace("$HOME", str(home)))
     with terminal.start(simulate) as simulation:
         wait_for(lambda: "ready: the car is at" in simulation.output, "the car", 2 * PATIENCE)
+        assert "type in another terminal: rosrun mushr_sim path_pub" in simulation.output
         assert rosgraph.Master("/test", f"http://localhost:{port}").getPid()
         output, status = terminal.type(drive)
         assert "cannot launch node of type [mushr_ros_intro/path_publisher.py]" in output

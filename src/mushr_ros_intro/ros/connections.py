@@ -20,6 +20,7 @@ import rosgraph
 import rospy
 
 from mushr_ros_intro.errors import CallError, CallFault, UserError
+from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.sim.stamps import CONNECTION_TIMEOUT, REANNOUNCE_PERIOD
 
@@ -78,13 +79,13 @@ def _no_subscriber(topic: str, seconds: float) -> str:
     with suppress(rosgraph.MasterException, OSError):
         names = registered_nodes(topic, "subscribers")
     if names:
-        return (
+        return as_typed(
             f"no node is connected to {topic} after {seconds:g} s, but these nodes are registered: "
             f"{', '.join(names)}. Do they respond (rosnode ping)? A node that is stopped (for "
             "example with Ctrl-Z) can block the master. To find the cause, type: "
             "rosrun mushr_ros_intro doctor.py"
         )
-    return (
+    return as_typed(
         f"no node subscribes to {topic} after {seconds:g} s. Is the car running "
         "(roslaunch mushr_ros_intro sim.launch), and is this its topic (rostopic list)? For the "
         "actual car, use real_car.launch"

@@ -15,6 +15,7 @@ from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car, Contact, State
 from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.world.footprint import on_map
 
 _DRAWN_STEP = 0.1
@@ -109,11 +110,12 @@ class StatePublisher:
                     return
                 time.sleep(READY_POLL_PERIOD)
             name = rospy.get_namespace().strip("/")
+            command = "roslaunch mushr_ros_intro path_publisher.launch"
+            command += "" if name == "car" else f" car_name:={name}"
             rospy.loginfo(
-                "ready: the car is at %s. To drive a plan, type in another terminal: "
-                "roslaunch mushr_ros_intro path_publisher.launch%s",
+                "ready: the car is at %s. To drive a plan, type in another terminal: %s",
                 self._last.pose,
-                "" if name == "car" else f" car_name:={name}",
+                as_typed(command),
             )
 
         threading.Thread(target=wait_and_log, daemon=True).start()

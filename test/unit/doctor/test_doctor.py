@@ -101,15 +101,3 @@ def test_wrong_arguments(monkeypatch, capsys):
         doctor.main()
     assert end.value.code == 2
     assert "'a car'; expected the name of a car" in capsys.readouterr().err
-
-
-def test_commands_in_the_workspace_of_a_student(tmp_path, monkeypatch):
-    """There, mushr_ros_intro is the package of the student, and mushr_sim has the nodes."""
-    text = "roslaunch mushr_ros_intro sim.launch, rosrun mushr_ros_intro doctor.py"
-    assert doctor.as_typed(text) == text
-    (tmp_path / "package.xml").write_text("<package><name>mushr_ros_intro</name></package>")
-    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{tmp_path}:{os.environ['ROS_PACKAGE_PATH']}")
-    expected = "roslaunch mushr_sim teleop.launch, rosrun mushr_sim doctor.py"
-    assert doctor.as_typed(text) == expected
-    text = "roslaunch mushr_ros_intro path_publisher.launch plan_file:=figure_8"
-    assert doctor.as_typed(text) == "rosrun mushr_sim path_publisher.py _plan_file:=figure_8"
