@@ -76,7 +76,9 @@ def test_the_workspace_around_the_checkout(shell, tmp_path):
     (workspace / "src").mkdir(parents=True)
     (workspace / "src" / "mushr_ros_intro").symlink_to(CHECKOUT)
     (workspace / "devel").mkdir()
-    (workspace / "devel" / "setup.bash").write_text("export MINE=yes\ngreet() { echo greeting; }\n")
+    # catkin's file, too, uses arguments that are not its own.
+    setup = "export MINE=yes ARGUMENTS=$#\ngreet() { echo greeting; }\n"
+    (workspace / "devel" / "setup.bash").write_text(setup)
     checkout = workspace / "src" / "mushr_ros_intro"
-    assert shell("printenv", "MINE", checkout=checkout) == ["yes"]
+    assert shell("printenv", "MINE", "ARGUMENTS", checkout=checkout) == ["yes", "0"]
     assert shell(typed="echo $MINE\ngreet\n", checkout=checkout) == ["yes", "greeting"]

@@ -79,6 +79,9 @@ def test_a_missing_parameter_has_its_default():
     with pytest.raises(UserError) as caught:
         Parameters({}, "/car/car_sim/").text("plan_file", expected="a plan")
     assert str(caught.value) == "parameter /car/car_sim/plan_file is not set; expected a plan"
+    with pytest.raises(UserError) as caught:
+        Parameters({"planfile": "a"}).text("plan_file", expected="a plan")
+    assert str(caught.value) == "parameter ~plan_file is not set, but ~planfile is; expected a plan"
 
 
 def test_folder(monkeypatch, tmp_path):
