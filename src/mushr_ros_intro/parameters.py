@@ -99,9 +99,11 @@ class Parameters:
 
     def error(self, name: str, expected: str) -> UserError:
         """Return the error that says what was expected of a parameter."""
-        close = get_close_matches(name, set(self._values) - self._known, 1)
-        what = f"is not set, but {self._prefix}{close[0]} is" if close else "is not set"
-        what = f"is {self._values[name]!r}" if name in self._values else what
+        if name in self._values:
+            what = f"is {self._values[name]!r}"
+        else:
+            close = get_close_matches(name, map(str, set(self._values) - self._known), 1)
+            what = f"is not set, but {self._prefix}{close[0]} is" if close else "is not set"
         return UserError(f"parameter {self._prefix}{name} {what}; expected {expected}")
 
     def _get(self, name: str, default: Any) -> Any:
