@@ -37,9 +37,7 @@ class KeyboardTeleop:
         keyboard = open_keyboard(
             f"Teleop {self._car_name}".strip(),
             self._values,
-            as_typed(
-                f"rosrun mushr_ros_intro keyboard_teleop.py __ns:=/{self._car_name or 'car'}"
-            ),
+            as_typed(f"rosrun mushr_ros_intro keyboard_teleop.py __ns:=/{self._car_name or 'car'}"),
         )
         try:
             while keyboard.is_open and not rospy.is_shutdown():
