@@ -29,7 +29,7 @@ HOLD = 200_000_000
 """[ns] The car obeys a command for this time, so the next one may be late by this time."""
 
 HINDSIGHT = 1_000_000_000
-"""[ns] In wall-clock time, late commands have arrived after this time."""
+"""[ns] A pose is judged this long after its stamp, when late commands have arrived."""
 
 ROUNDING = 1e-9
 """[m, rad] The largest rounding error."""
@@ -148,8 +148,8 @@ class Drive:
         if self._unjudged and stamp - self._unjudged[-1][0] > PERIOD:  # the car was suspended
             self._late.append((self._unjudged[-1][0], stamp + HOLD))
         self._unjudged.append((stamp, planar(msg.pose)))
-        hindsight = HINDSIGHT if rospy.rostime.is_wallclock() else 0
-        while self._unjudged and self._unjudged[0][0] <= stamp - hindsight:
+        # Also in lock-step, a pose may arrive here before the command that begins its lap.
+        while self._unjudged and self._unjudged[0][0] <= stamp - HINDSIGHT:
             self._judge(*self._unjudged.popleft())
 
     def _judge(self, stamp, found):
