@@ -21,6 +21,7 @@ from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.sim.stamps import CLOCK_PATIENCE_AT_REST
 from support.helpers import PATIENCE, Recording, Relay, RosTestCase, driver, node, run, wait_for
 from support.messages import NAVIGATION, OUTPUT, is_stop
+from support.paths import PLANS
 
 PROMISED = 1e-9
 """[m, rad] The largest difference between the predicted and the driven final pose."""
@@ -37,8 +38,7 @@ patience at rest."""
 
 LAPS = 3
 
-TO_THE_BIT = ("figure_8", "parallel_parking", "slalom")
-"""The plans that are driven twice. The other plans contain nothing that these do not."""
+EVERY_PLAN = sorted(os.path.splitext(name)[0] for name in os.listdir(PLANS))
 
 DIFFERENCE = re.compile(r"difference (\S+) m, (\S+) rad")
 
@@ -125,13 +125,13 @@ class TestLockStep(RosTestCase):
         return self.drives[plan]
 
     def test_to_the_bit(self):
-        for plan in TO_THE_BIT:
+        for plan in EVERY_PLAN:
             self.first_drive(plan)
         if rospy.get_param("~busy"):
             for number in range(os.cpu_count()):
                 self.ending(node("busy.py", f"__name:=busy_{number}"))
                 wait_for(lambda name=f"/busy_{number}": name in rosnode.get_node_names(), "busy.py")
-        for plan in TO_THE_BIT:
+        for plan in EVERY_PLAN:
             self.assert_same_to_the_bit(plan, self.first_drive(plan), self.drive(plan))
 
     def delay(self, seconds):

@@ -224,6 +224,17 @@ def test_gradescope(parts, tmp_path):
     assert sum(test["score"] for test in json.loads(path.read_text())["tests"]) == 9
 
 
+@ISOLATED
+def test_the_name_of_the_machine_does_not_resolve():
+    """Debian's packages set no ROS_HOSTNAME."""
+    rename = "echo nowhere >/proc/sys/kernel/hostname"
+    command = "env -u ROS_HOSTNAME -u LD_PRELOAD rosrun mushr_ros_intro grade.py"
+    arguments = "circle --node mushr_ros_intro path_publisher.py"
+    script = f"{rename} && exec {command} {arguments}"
+    with Process("unshare", "--uts", "sh", "-c", script) as process:
+        assert process.wait() == 0, process.output
+
+
 NODE = ("--node", "mushr_ros_intro", "listing.py")
 
 

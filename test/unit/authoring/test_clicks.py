@@ -4,7 +4,7 @@ import math
 import random
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.authoring.clicks import arc_to, extend
@@ -82,7 +82,6 @@ def test_rows_by_hand(x, speed):
 
 
 @given(poses, st.floats(0.1, 6.6), st.integers(0, 2**32))
-@settings(max_examples=30)
 def test_fifty_clicks(start, speed, seed):
     """The car passes every click when it drives the saved file."""
     numbers = random.Random(seed)

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Ellipse
@@ -99,7 +99,6 @@ def test_the_figures_of_figure_8():
     ),
     st.sampled_from([CARS["ideal"], CARS["mushr_tx2"]]),
 )
-@settings(max_examples=40)
 @example([(2.0, 0.5, 9)], Car(steering_rate=0.05))
 @example([(1.625, 0.2468, 7.3)], CARS["mushr_tx2"])  # ends with wheels turned, along an axis
 def test_the_box_is_that_of_the_path(rows, car):
