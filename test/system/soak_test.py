@@ -54,6 +54,8 @@ class Drive:
         self.lateness = 0.0
         self.over = False
         self.first = None
+        self.newest = 0
+        """Stamp of the newest command [ns]."""
         self._late = collections.deque(maxlen=100)
         self._unjudged = collections.deque()
         self._plan = plan
@@ -115,6 +117,7 @@ class Drive:
             self.first = stamp
         self._check("command", self.commands, msg)
         self.commands += 1
+        self.newest = stamp
         self.lateness = max(self.lateness, self._note_lateness(stamp))
 
     def _note_lateness(self, stamp):
@@ -242,7 +245,8 @@ class TestSoak(unittest.TestCase):
             time.sleep(0.5)
         elapsed = time.monotonic() - began
         for drive, each in zip(drives, nodes):
-            wait_for(lambda d=drive: d.commands > duration / PERIOD, "the commands of that time")
+            end = drive.first + duration  # laps begin up to a second apart
+            wait_for(lambda d=drive, t=end: d.newest >= t, "the commands of that time")
             sent = drive.commands
             wait_for(lambda d=drive, n=sent: d.passed >= n, f"the mux to pass on {sent} commands")
             drive.over = True
