@@ -39,10 +39,11 @@ function show({rows, faults, length, duration, final_pose: end, path}) {
 export function updateDrive(next) {
   const isNew = next?.running && !drive?.running;
   // The stamp of the first command is not known of a drive that began before this page.
-  if (isNew) [begin, errors, isStopped] = [drive === undefined ? NaN : null, [], false];
+  const isKnown = drive !== undefined;
+  if (isNew) [begin, errors, isStopped] = [isKnown ? null : NaN, [], !isKnown && isStopped];
   if (isNew && plan.name !== next.plan) listPlans(next.plan);
   drive = next;
-  stop.disabled = !drive?.running;
+  stop.disabled = drive !== undefined && !drive?.running;
   find("drive").disabled = drive === undefined || drive?.running || !plan.rows.length;
   if (!drive?.running) mark(-1);
   say("drive-state", [result(), ...errors].join("\n"));
@@ -79,7 +80,8 @@ const ask = (data, method) =>
   request("drive", data, method).catch((error) => say("drive-state", error.message));
 export function stopPlan() {
   isStopped = true;
-  if (drive?.running) ask(undefined, "DELETE");
+  // A request may arrive even without the connection, so a drive that is not known is stopped, too.
+  if (drive === undefined || drive?.running) ask(undefined, "DELETE");
 }
 stop.onclick = stopPlan;
 names.onchange = names.onfocus = () => listPlans();

@@ -183,13 +183,32 @@ def test_figure_8(page):
     assert "closed form" in page.text("log")
 
 
-def test_stop(page):
+def drive_long(page):
+    """Start the drive of a plan that does not end before the test."""
     page.choose("plan", "long")
     page.wait(lambda: page.find("drive").is_enabled(), "the plan long")
     page.find("drive").click()
     page.shows("speed", "0.50 m/s")
+
+
+def test_stop(page):
+    drive_long(page)
     page.wait(lambda: page.run(CURRENT) == 2, "the mark of the second row")
     page.find("stop").click()
+    assert "long" in page.shows("drive-state", "stopped")
+    at_rest(page)
+
+
+def test_stop_without_a_connection(sim, page):
+    """The button also works while the page tries to connect again."""
+    drive_long(page)
+    pid = sim.pid("/web_view")
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        page.shows("connection", "not connected")
+        page.find("stop").click()
+    finally:
+        os.kill(pid, signal.SIGCONT)
     assert "long" in page.shows("drive-state", "stopped")
     at_rest(page)
 
