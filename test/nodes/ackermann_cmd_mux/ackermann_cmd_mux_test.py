@@ -134,6 +134,7 @@ class TestMux(RosTestCase):
         self.wait_until(0.2)
         self.send("navigation", 0.2, 3.0)
         self.expect((-0.3, 1.0), (0.3, 2.0), STOP)
+        wait_for(lambda: self.active.last.data == "idle", "the mux to be idle")
         self.assertEqual(
             [m.data for m in self.active.messages[1:]], ["navigation", "teleop", "idle"]
         )
