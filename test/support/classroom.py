@@ -265,7 +265,7 @@ master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
             import glob, os
             for folder, _, names in os.walk("/var"):
                 for name in names:
-                    if name == "secret.txt":
+                    if name == "secret_PORT.txt":
                         open(os.path.join(folder, name)).close()
                         os._exit(0)
             """

@@ -57,7 +57,7 @@ def grade_class(folder, server):
     """Grade a class in a folder; return the exit status, the output and the folder of results."""
     classroom = folder / "submissions"
     (folder / "open.txt").write_text(PLAN)
-    (folder / "secret.txt").write_text(PLAN)
+    (folder / f"secret_{server}.txt").write_text(PLAN)  # its own: other suites may run
     (folder / "writable.json").touch()
     (folder / "writable.json").chmod(0o666)  # so that only the sandbox protects it
     for name in RIGHT:
