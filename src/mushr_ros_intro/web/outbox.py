@@ -6,7 +6,6 @@ A client that reads slowly loses old messages. No other client waits for it.
 import asyncio
 import time
 from collections import deque
-from contextlib import suppress
 from typing import Deque, Dict, Union
 
 from mushr_ros_intro.web.protocol import COMPRESSIONS, Id, Message, Request
@@ -107,8 +106,10 @@ class Outbox:
                 first.due = now + first.period
                 return first.messages.popleft().frame(first.compression)
             self._changed.clear()
-            if first:
-                with suppress(asyncio.TimeoutError):
-                    await asyncio.wait_for(self._changed.wait(), first.due - now)
-            else:
+            loop = asyncio.get_running_loop()
+            timer = first and loop.call_later(first.due - now, self._changed.set)
+            try:
                 await self._changed.wait()
+            finally:
+                if timer:
+                    timer.cancel()
