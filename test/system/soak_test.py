@@ -29,7 +29,7 @@ HOLD = 200_000_000
 """[ns] The car obeys a command for this time, so the next one may be late by this time."""
 
 HINDSIGHT = 1_000_000_000
-"""[ns] A pose is judged this long after its stamp, when late commands have arrived."""
+"""[ns] A pose is judged this long after its stamp, and after a command with a later stamp."""
 
 ROUNDING = 1e-9
 """[m, rad] The largest rounding error."""
@@ -152,7 +152,7 @@ class Drive:
             self._late.append((self._unjudged[-1][0], stamp + HOLD))
         self._unjudged.append((stamp, planar(msg.pose)))
         # Also in lock-step, a pose may arrive here before the command that begins its lap.
-        while self._unjudged and self._unjudged[0][0] <= stamp - HINDSIGHT:
+        while self._unjudged and self._unjudged[0][0] <= min(stamp - HINDSIGHT, self.newest):
             self._judge(*self._unjudged.popleft())
 
     def _judge(self, stamp, found):
