@@ -36,6 +36,9 @@ function show({rows, faults, length, duration, final_pose: end, path}) {
   updateDrive(drive);
 }
 
+function mayRun() {
+  return drive === undefined || drive?.running;
+}
 export function updateDrive(next) {
   const isNew = next?.running && !drive?.running;
   // The stamp of the first command is not known of a drive that began before this page.
@@ -43,8 +46,8 @@ export function updateDrive(next) {
   if (isNew) [begin, errors, isStopped] = [isKnown ? null : NaN, [], !isKnown && isStopped];
   if (isNew && plan.name !== next.plan) listPlans(next.plan);
   drive = next;
-  stop.disabled = drive !== undefined && !drive?.running;
-  find("drive").disabled = drive === undefined || drive?.running || !plan.rows.length;
+  stop.disabled = !mayRun();
+  find("drive").disabled = mayRun() || !plan.rows.length;
   if (!drive?.running) mark(-1);
   say("drive-state", [result(), ...errors].join("\n"));
 }
@@ -81,7 +84,7 @@ const ask = (data, method) =>
 export function stopPlan() {
   isStopped = true;
   // A request may arrive even without the connection, so a drive that is not known is stopped, too.
-  if (drive === undefined || drive?.running) ask(undefined, "DELETE");
+  if (mayRun()) ask(undefined, "DELETE");
 }
 stop.onclick = stopPlan;
 names.onchange = names.onfocus = () => listPlans();

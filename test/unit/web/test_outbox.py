@@ -131,7 +131,7 @@ async def test_a_wait_ends_if_it_is_cancelled_as_a_message_arrives(steps):
     await outbox.next()
     put(outbox, [2])
     waiting = asyncio.ensure_future(outbox.next())
-    await asyncio.sleep(0.01)
+    await asyncio.sleep(0)
     put(outbox, [3])
     for _ in range(steps):
         await asyncio.sleep(0)
