@@ -1,15 +1,20 @@
 // Driving by hand: keys, touch pad and gamepad feed one loop. Commands are sent only while
 // something is held, then one stop, then nothing: the mux gives the car back to a plan.
 
-import {find, say, server} from "./page.js";
+import { find, say, server } from "./page.js";
 import * as ros from "./ros.js";
 
 const SPEED = 2.0; // [m/s]; this and the angle are those of config/keyboard_teleop.yaml
 const ANGLE = 0.34; // [rad]
 const PERIOD = 100; // of the commands [ms]
 const DEAD_ZONE = 0.1; // of a gamepad's stick
-const KEYS = {w: [1, 0], s: [-1, 0], a: [0, 1], d: [0, -1]}; // forward, left
-const PAD_KEYS = {ArrowUp: "w", ArrowDown: "s", ArrowLeft: "a", ArrowRight: "d"};
+const KEYS = { w: [1, 0], s: [-1, 0], a: [0, 1], d: [0, -1] }; // forward, left
+const PAD_KEYS = {
+  ArrowUp: "w",
+  ArrowDown: "s",
+  ArrowLeft: "a",
+  ArrowRight: "d",
+};
 const TYPING = "input:not([type=checkbox], [type=radio]), select";
 const [pad, keys] = [find("pad"), new Set()];
 let stick = null; // of the touch pad: forward, left
@@ -19,25 +24,45 @@ let isArmed = true; // after a stop, the gamepad's button has to be pressed agai
 /** MuSHR's mapping: LB is the deadman button. The axes point down and to the right. */
 function gamepad() {
   const pads = document.hasFocus() ? [...navigator.getGamepads()] : [];
-  const held = pads.find((each) => each?.mapping === "standard" && each.buttons[4].pressed);
+  const held = pads.find(
+    (each) => each?.mapping === "standard" && each.buttons[4].pressed,
+  );
   isArmed ||= !held;
   const part = (value) => (Math.abs(value) < DEAD_ZONE ? 0 : -value);
   return held && isArmed && [part(held.axes[1]), part(held.axes[2])];
 }
 
 function step() {
-  const sum = (axis) => [...keys].reduce((total, key) => total + KEYS[key][axis], 0);
-  const held = {keys: keys.size && [sum(0), sum(1)], "touch pad": stick, gamepad: gamepad()};
-  const [device, [ahead, left]] = Object.entries(held).find(([, each]) => each) ?? ["", [0, 0]];
-  const [speed, angle, car] = [ahead * SPEED, left * ANGLE, server.state?.car_name];
-  if (device || isDriving) ros.publish(`/${car}/mux/ackermann_cmd_mux/input/teleop`,
-    {header: {frame_id: `${car}/base_footprint`}, drive: {speed, steering_angle: angle}});
+  const sum = (axis) =>
+    [...keys].reduce((total, key) => total + KEYS[key][axis], 0);
+  const held = {
+    keys: keys.size && [sum(0), sum(1)],
+    "touch pad": stick,
+    gamepad: gamepad(),
+  };
+  const [device, [ahead, left]] = Object.entries(held).find(
+    ([, each]) => each,
+  ) ?? ["", [0, 0]];
+  const [speed, angle, car] = [
+    ahead * SPEED,
+    left * ANGLE,
+    server.state?.car_name,
+  ];
+  if (device || isDriving)
+    ros.publish(`/${car}/mux/ackermann_cmd_mux/input/teleop`, {
+      header: { frame_id: `${car}/base_footprint` },
+      drive: { speed, steering_angle: angle },
+    });
   isDriving = device !== "";
-  say("hand-state", device && `${device}: ${speed.toFixed(2)} m/s, ${angle.toFixed(2)} rad`);
+  say(
+    "hand-state",
+    device && `${device}: ${speed.toFixed(2)} m/s, ${angle.toFixed(2)} rad`,
+  );
 }
 /** Follow the pointer on the pad; null if it is released. */
 function pull(event) {
-  const part = (pixels) => Math.max(-1, Math.min(1, 1 - (2 * pixels) / pad.clientWidth));
+  const part = (pixels) =>
+    Math.max(-1, Math.min(1, 1 - (2 * pixels) / pad.clientWidth));
   stick = event && [part(event.offsetY), part(event.offsetX)];
   const [ahead, left] = stick ?? [0, 0];
   find("knob").style.transform = `translate(${-left * 42}px, ${-ahead * 42}px)`;
@@ -49,16 +74,26 @@ export function stopHand() {
   pull(null);
 }
 addEventListener("keydown", (event) => {
-  const key = (event.target === pad && PAD_KEYS[event.key]) || event.key.toLowerCase();
-  const isOther = event.ctrlKey || event.altKey || event.metaKey || event.target.matches(TYPING);
+  const key =
+    (event.target === pad && PAD_KEYS[event.key]) || event.key.toLowerCase();
+  const isOther =
+    event.ctrlKey ||
+    event.altKey ||
+    event.metaKey ||
+    event.target.matches(TYPING);
   if (isOther || !KEYS[key]) return;
   event.preventDefault();
   if (!event.repeat) keys.add(key); // after a stop, a key has to be pressed again
 });
-addEventListener("keyup", ({key}) =>
-  [key.toLowerCase(), PAD_KEYS[key]].forEach((each) => keys.delete(each)));
-addEventListener("focusin", (event) => event.target.matches(TYPING) && stopHand());
-for (const each of ["blur", "pagehide", "visibilitychange"]) addEventListener(each, stopHand);
+addEventListener("keyup", ({ key }) =>
+  [key.toLowerCase(), PAD_KEYS[key]].forEach((each) => keys.delete(each)),
+);
+addEventListener(
+  "focusin",
+  (event) => event.target.matches(TYPING) && stopHand(),
+);
+for (const each of ["blur", "pagehide", "visibilitychange"])
+  addEventListener(each, stopHand);
 pad.onpointerdown = (event) => {
   pad.setPointerCapture(event.pointerId);
   pull(event);

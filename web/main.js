@@ -1,12 +1,27 @@
 // Connects the parts of the page with the topics and services.
 
-import {stopHand} from "./drive.js";
-import {element, find, flat, poseText, request, say, seconds, server} from "./page.js";
-import {addError, listPlans, onCommand, stopPlan, updateDrive} from "./plan.js";
-import {place} from "./pointer.js";
-import {listResults} from "./results.js";
+import { stopHand } from "./drive.js";
+import {
+  element,
+  find,
+  flat,
+  poseText,
+  request,
+  say,
+  seconds,
+  server,
+} from "./page.js";
+import {
+  addError,
+  listPlans,
+  onCommand,
+  stopPlan,
+  updateDrive,
+} from "./plan.js";
+import { place } from "./pointer.js";
+import { listResults } from "./results.js";
 import * as ros from "./ros.js";
-import {NOTHING, view} from "./view.js";
+import { NOTHING, view } from "./view.js";
 
 const LATE = 1000; // a pose or an answer of the bridge is late after this time [ms]
 const LASER = 0.1227; // from the rear axle ahead to the laser [m]
@@ -17,19 +32,31 @@ let poses = []; // the last ones: a scan is drawn from the pose of its stamp
 /** Called twice a second: says what is wrong. */
 function onStatus(isConnected, delay) {
   if (!isConnected) server.state = null;
-  const {state} = server;
+  const { state } = server;
   if (!state) updateDrive(undefined);
   if (!state || delay > LATE) stopHand();
   const silence = performance.now() - heard;
   const isStale = !state || (silence > LATE && !isHeld);
   const cause = `is ${state?.simulated_time ? "the clock held, or " : ""}the car not running?`;
-  say("problem", [state?.problem,
-    delay > LATE && `the bridge has not answered for ${Math.round(delay / 1000)} s`,
-    state && isStale && `no pose for ${Math.round(silence / 1000)} s: ${cause}`,
-  ].filter(Boolean).join("; "));
-  say("connection", isConnected ? "connected" : "not connected: trying again every second");
+  say(
+    "problem",
+    [
+      state?.problem,
+      delay > LATE &&
+        `the bridge has not answered for ${Math.round(delay / 1000)} s`,
+      state &&
+        isStale &&
+        `no pose for ${Math.round(silence / 1000)} s: ${cause}`,
+    ]
+      .filter(Boolean)
+      .join("; "),
+  );
+  say(
+    "connection",
+    isConnected ? "connected" : "not connected: trying again every second",
+  );
   find("connection").className = isConnected ? "good" : "";
-  view.set({isStale}, false);
+  view.set({ isStale }, false);
 }
 
 function onState(state) {
@@ -38,12 +65,17 @@ function onState(state) {
   updateDrive(state.drive);
   find("time-section").hidden = !state.holds_clock;
   find("result-section").hidden = !state.results;
-  if (!isFirst) return state.map === (view.map?.number ?? null) || loadMap(state.map);
+  if (!isFirst)
+    return state.map === (view.map?.number ?? null) || loadMap(state.map);
   Promise.all([listPlans(), loadMap(state.map)]).then(heard ? null : fit);
   if (state.results) listResults();
   [heard, isHeld] = [performance.now(), false];
-  view.set({...NOTHING, driven: new Map()});
-  subscribe(`/${state.car_name}`, `/${state.car_name}/mux/ackermann_cmd_mux`, state.prefix);
+  view.set({ ...NOTHING, driven: new Map() });
+  subscribe(
+    `/${state.car_name}`,
+    `/${state.car_name}/mux/ackermann_cmd_mux`,
+    state.prefix,
+  );
 }
 
 function subscribe(car, mux, prefix) {
@@ -53,15 +85,25 @@ function subscribe(car, mux, prefix) {
   ros.subscribe(`${car}/odom`, onOdometry, 100);
   ros.subscribe(`${car}/scan`, onScan, 50);
   ros.subscribe(`${car}/driven_path`, onDriven);
-  ros.subscribe(`${car}/predicted_path`, (msg) => view.set({predicted: path(msg)}));
-  ros.subscribe(`${car}/car_sim/collision`, (msg) => (view.touches = msg.poses.length > 0));
+  ros.subscribe(`${car}/predicted_path`, (msg) =>
+    view.set({ predicted: path(msg) }),
+  );
+  ros.subscribe(
+    `${car}/car_sim/collision`,
+    (msg) => (view.touches = msg.poses.length > 0),
+  );
   ros.subscribe(`${mux}/active`, (msg) => say("owner", msg.data));
   ros.subscribe(`${mux}/input/navigation`, onCommand);
-  ros.subscribe(`${prefix}/click_planner/path`, (msg) => view.set({clicked: path(msg)}));
+  ros.subscribe(`${prefix}/click_planner/path`, (msg) =>
+    view.set({ clicked: path(msg) }),
+  );
   const spread = `${prefix}/path_publisher/spread`;
-  ros.subscribe(`${spread}_poses`, (msg) => view.set({cloud: msg.poses.map(flat)}));
-  ros.subscribe(`${spread}_ellipses`, ({markers}) =>
-    view.set({spread: markers.filter((each) => each.action === 0)}));
+  ros.subscribe(`${spread}_poses`, (msg) =>
+    view.set({ cloud: msg.poses.map(flat) }),
+  );
+  ros.subscribe(`${spread}_ellipses`, ({ markers }) =>
+    view.set({ spread: markers.filter((each) => each.action === 0) }),
+  );
   ros.subscribe("/rosout_agg", onLog);
 }
 
@@ -69,67 +111,102 @@ function onPose(msg) {
   const [stamp, pose] = [seconds(msg.header.stamp), flat(msg.pose)];
   const last = poses.at(-1)?.stamp ?? stamp;
   if (stamp < last || stamp > last + 2) view.driven.clear(); // it is another car
-  poses = [...poses.slice(-60), {stamp, pose}];
+  poses = [...poses.slice(-60), { stamp, pose }];
   heard = performance.now();
-  window.mushr.pose = {x: pose[0], y: pose[1], theta: pose[2], stamp};
+  window.mushr.pose = { x: pose[0], y: pose[1], theta: pose[2], stamp };
   say("pose", poseText(pose) + (view.touches ? ", touches a wall" : ""));
-  view.set({pose}, false);
-  if (find("follow").checked && !view.replay) view.set({x: pose[0], y: pose[1]});
+  view.set({ pose }, false);
+  if (find("follow").checked && !view.replay)
+    view.set({ x: pose[0], y: pose[1] });
 }
-const onOdometry = ({twist}) => say("speed", `${twist.twist.linear.x.toFixed(2)} m/s`);
-function onJoints({name, position}) {
-  const wheels = ["left", "right"].map((side) =>
-    position[name.indexOf(`front_${side}_wheel_steer`)]);
+const onOdometry = ({ twist }) =>
+  say("speed", `${twist.twist.linear.x.toFixed(2)} m/s`);
+function onJoints({ name, position }) {
+  const wheels = ["left", "right"].map(
+    (side) => position[name.indexOf(`front_${side}_wheel_steer`)],
+  );
   const [left, right] = wheels.map(Math.tan);
   const angle = Math.atan((2 * left * right) / (left + right) || 0); // of a wheel in the middle
   say("steering", `${angle.toFixed(3)} rad`);
-  view.set({wheels}, false);
+  view.set({ wheels }, false);
 }
 /** The pose at a distance [m] and in a direction [rad] from a pose. */
-const beyond = ([x, y, theta], distance, angle) =>
-  [x + distance * Math.cos(theta + angle), y + distance * Math.sin(theta + angle), theta];
-function onScan({header, ranges, angle_min: begin, angle_increment: step}) {
-  const {pose} = poses.findLast((each) => each.stamp <= seconds(header.stamp) + 1e-6) ?? {};
+const beyond = ([x, y, theta], distance, angle) => [
+  x + distance * Math.cos(theta + angle),
+  y + distance * Math.sin(theta + angle),
+  theta,
+];
+function onScan({ header, ranges, angle_min: begin, angle_increment: step }) {
+  const { pose } =
+    poses.findLast((each) => each.stamp <= seconds(header.stamp) + 1e-6) ?? {};
   const laser = pose && beyond(pose, LASER, 0);
-  const scan = ranges.map((range, i) => laser && range && beyond(laser, range, begin + i * step));
-  view.set({scan: scan.filter(Boolean)}, false);
+  const scan = ranges.map(
+    (range, i) => laser && range && beyond(laser, range, begin + i * step),
+  );
+  view.set({ scan: scan.filter(Boolean) }, false);
 }
 /** Each message replaces one line, or removes all of them. */
-const onDriven = ({action, id, points}) => view.set({driven: action === 3 ? new Map() :
-  view.driven.set(id, points.map(({x, y}) => [x, y]))}, false);
+const onDriven = ({ action, id, points }) =>
+  view.set(
+    {
+      driven:
+        action === 3
+          ? new Map()
+          : view.driven.set(
+              id,
+              points.map(({ x, y }) => [x, y]),
+            ),
+    },
+    false,
+  );
 
-function onLog({level, name, msg}) {
+function onLog({ level, name, msg }) {
   const node = name.split("/").at(-1);
   if (node === "click_planner") say("click-state", msg);
   const isOfCar = name.startsWith(`/${server.state?.car_name}/`);
   if (!isOfCar && !["path_publisher", "web_view"].includes(node)) return;
   const kind = level >= 8 ? "error" : level >= 4 ? "warning" : "";
-  find("log").prepend(element("div", [node, kind, msg].filter(Boolean).join(": "), kind));
+  find("log").prepend(
+    element("div", [node, kind, msg].filter(Boolean).join(": "), kind),
+  );
   if (find("log").children.length > 300) find("log").lastChild.remove();
   if (node === "path_publisher" && kind === "error") addError(msg);
 }
 
 async function loadMap(number) {
-  const info = number && await request("map.json");
-  const answer = number && await fetch(`map.png?${number}`);
-  const picture = number && await createImageBitmap(await answer.blob());
-  view.set({map: number && {...info, picture}});
+  const info = number && (await request("map.json"));
+  const answer = number && (await fetch(`map.png?${number}`));
+  const picture = number && (await createImageBitmap(await answer.blob()));
+  view.set({ map: number && { ...info, picture } });
 }
 function fit() {
   find("follow").checked = false;
-  const all = [...view.plan, ...view.predicted, ...view.clicked, ...(view.pose ? [view.pose] : [])];
-  view.fit(all.length ? all : [[-5, -5], [5, 5]]);
+  const all = [
+    ...view.plan,
+    ...view.predicted,
+    ...view.clicked,
+    ...(view.pose ? [view.pose] : []),
+  ];
+  view.fit(
+    all.length
+      ? all
+      : [
+          [-5, -5],
+          [5, 5],
+        ],
+  );
 }
 /** Call a service of the clock or of click_planner, and show its answer. */
 async function call(service, output) {
-  const {success, message} = await ros.call(service);
+  const { success, message } = await ros.call(service);
   say(output, message || (success ? "done" : "refused"));
   if (success && output === "time-state") isHeld = !service.endsWith("resume");
   const [, name] = message.match(/^saved .*?([^/]+)\.txt;/) ?? [];
   if (name) listPlans(name);
 }
 addEventListener("keydown", (event) => {
-  const isSpace = event.key === " " && !event.target.closest("button, input, select");
+  const isSpace =
+    event.key === " " && !event.target.closest("button, input, select");
   if (event.key !== "Escape" && !isSpace) return;
   event.preventDefault();
   stopHand();
@@ -140,17 +217,32 @@ find("pose-form").onsubmit = (event) => {
   place(...[0, 1, 2].map((i) => find("pose-form")[i].valueAsNumber));
 };
 for (const each of ["pause", "resume", "step"]) {
-  find(each).onclick = () => call(`/${server.state?.car_name}/car_sim/${each}`, "time-state");
+  find(each).onclick = () =>
+    call(`/${server.state?.car_name}/car_sim/${each}`, "time-state");
 }
 for (const each of ["undo", "clear", "save"]) {
-  find(each).onclick = () => call(`${server.state?.prefix}/click_planner/${each}`, "click-state");
+  find(each).onclick = () =>
+    call(`${server.state?.prefix}/click_planner/${each}`, "click-state");
 }
 find("layers").onchange = () => view.set({});
 find("zoom-in").onclick = () => view.zoom(1.4);
 find("zoom-out").onclick = () => view.zoom(1 / 1.4);
 find("fit").onclick = fit;
-window.mushr = {view, ros, pose: null, get frames() { return view.frames; }};
-const onError = (msg) => onLog({level: 8, name: "/web_view", msg});
-addEventListener("unhandledrejection", (event) => onError(event.reason.message));
-ros.start({onStatus, onError,
-  onOpen: () => ros.subscribe("/web_view/state", (msg) => onState(JSON.parse(msg.data)))});
+window.mushr = {
+  view,
+  ros,
+  pose: null,
+  get frames() {
+    return view.frames;
+  },
+};
+const onError = (msg) => onLog({ level: 8, name: "/web_view", msg });
+addEventListener("unhandledrejection", (event) =>
+  onError(event.reason.message),
+);
+ros.start({
+  onStatus,
+  onError,
+  onOpen: () =>
+    ros.subscribe("/web_view/state", (msg) => onState(JSON.parse(msg.data))),
+});

@@ -1,22 +1,35 @@
 // What all parts of the page use.
 
-export const server = {state: null}; // the server's state; null without a connection
+export const server = { state: null }; // the server's state; null without a connection
 export const find = (id) => document.getElementById(id);
 export const element = (kind, textContent, className = "") =>
-  Object.assign(document.createElement(kind), {textContent, className});
+  Object.assign(document.createElement(kind), { textContent, className });
 /** Change a text only if it differs: screen readers read each change. */
-export const say = (id, text) => find(id).textContent === text || (find(id).textContent = text);
+export const say = (id, text) =>
+  find(id).textContent === text || (find(id).textContent = text);
 export const poseText = ([x, y, theta]) =>
   `${x.toFixed(3)} m, ${y.toFixed(3)} m, ${theta.toFixed(3)} rad`;
 /** A pose of geometry_msgs as [x, y, theta]. */
-export const flat = ({position: {x, y}, orientation: {z, w}}) =>
-  [x, y, Math.atan2(2 * w * z, 1 - 2 * z * z)];
-export const seconds = ({secs, nsecs}) => secs + nsecs / 1e9;
+export const flat = ({ position: { x, y }, orientation: { z, w } }) => [
+  x,
+  y,
+  Math.atan2(2 * w * z, 1 - 2 * z * z),
+];
+export const seconds = ({ secs, nsecs }) => secs + nsecs / 1e9;
 /** GET, or with data POST, unless the method is given; throws what is wrong. */
-export async function request(path, data = undefined, method = data ? "POST" : "GET") {
-  const headers = {"Content-Type": "application/json"};
-  const answer = await fetch(path, {method, headers, body: JSON.stringify(data)}).catch(() => null);
+export async function request(
+  path,
+  data = undefined,
+  method = data ? "POST" : "GET",
+) {
+  const headers = { "Content-Type": "application/json" };
+  const answer = await fetch(path, {
+    method,
+    headers,
+    body: JSON.stringify(data),
+  }).catch(() => null);
   const result = await answer?.json().catch(() => null);
-  if (!answer?.ok || !result) throw new Error(result?.error ?? "the server does not answer");
+  if (!answer?.ok || !result)
+    throw new Error(result?.error ?? "the server does not answer");
   return result;
 }

@@ -1,11 +1,11 @@
 // The plans: their names, the check and the rows of one, and its drive by path_publisher.
 
-import {element, find, poseText, request, say, seconds} from "./page.js";
-import {view} from "./view.js";
+import { element, find, poseText, request, say, seconds } from "./page.js";
+import { view } from "./view.js";
 
 const TOLERANCE = 1e-4; // of the stamps [s]
 const [names, table, stop] = [find("plan"), find("rows"), find("stop")];
-let plan = {rows: []};
+let plan = { rows: [] };
 let drive; // that of the server's state; undefined if it is not known
 let begin; // when the first row began [s]; null before it, NaN if it is not known
 let isStopped = false; // by this page
@@ -13,26 +13,38 @@ let errors = []; // of path_publisher
 
 /** Read the names, and show the plan with this name. */
 export async function listPlans(name = names.value || "figure_8") {
-  const {plans} = await request("plans");
-  const isOld = `${[...names.options].map((each) => each.value)}` === `${plans}`;
+  const { plans } = await request("plans");
+  const isOld =
+    `${[...names.options].map((each) => each.value)}` === `${plans}`;
   if (!isOld) names.replaceChildren(...plans.map((each) => new Option(each)));
   if (plans.includes(name)) names.value = name;
   if (names.value !== plan.name) say("check", "reading the plan");
   const found = await request(`plans/${encodeURIComponent(names.value)}`);
-  if (found.name === names.value) show(plan = found);
+  if (found.name === names.value) show((plan = found));
 }
 
-function show({rows, faults, length, duration, final_pose: end, path}) {
-  const cells = (row) => [row.line, row.speed, row.steering_angle, row.duration].map((each) =>
-    `<td>${Number(each.toFixed(4))}</td>`).join("");
+function show({ rows, faults, length, duration, final_pose: end, path }) {
+  const cells = (row) =>
+    [row.line, row.speed, row.steering_angle, row.duration]
+      .map((each) => `<td>${Number(each.toFixed(4))}</td>`)
+      .join("");
   table.innerHTML = rows.map((row) => `<tr>${cells(row)}</tr>`).join("");
-  const size = rows.length ? `${rows.length} rows, ${length.toFixed(2)} m, ` +
-    `${duration.toFixed(2)} s; ends at ${poseText(end)}` : "cannot be driven";
-  const texts = faults.map(({line, column, text}) =>
-    [line && `line ${line}`, column && `column ${column}`, text].filter(Boolean).join(": "));
-  const lines = texts.length ? texts.map((text) => [text, "warning"]) : [["no faults", "good"]];
-  find("check").replaceChildren(...[[size], ...lines].map((each) => element("p", ...each)));
-  view.set({plan: path});
+  const size = rows.length
+    ? `${rows.length} rows, ${length.toFixed(2)} m, ` +
+      `${duration.toFixed(2)} s; ends at ${poseText(end)}`
+    : "cannot be driven";
+  const texts = faults.map(({ line, column, text }) =>
+    [line && `line ${line}`, column && `column ${column}`, text]
+      .filter(Boolean)
+      .join(": "),
+  );
+  const lines = texts.length
+    ? texts.map((text) => [text, "warning"])
+    : [["no faults", "good"]];
+  find("check").replaceChildren(
+    ...[[size], ...lines].map((each) => element("p", ...each)),
+  );
+  view.set({ plan: path });
   updateDrive(drive);
 }
 
@@ -43,7 +55,12 @@ export function updateDrive(next) {
   const isNew = next?.running && !drive?.running;
   // The stamp of the first command is not known of a drive that began before this page.
   const isKnown = drive !== undefined;
-  if (isNew) [begin, errors, isStopped] = [isKnown ? null : NaN, [], !isKnown && isStopped];
+  if (isNew)
+    [begin, errors, isStopped] = [
+      isKnown ? null : NaN,
+      [],
+      !isKnown && isStopped,
+    ];
   if (isNew && plan.name !== next.plan) listPlans(next.plan);
   drive = next;
   stop.disabled = !mayRun();
@@ -52,7 +69,8 @@ export function updateDrive(next) {
   say("drive-state", [result(), ...errors].join("\n"));
 }
 function result() {
-  if (!drive) return drive === null ? "" : "not connected: the drive is not known";
+  if (!drive)
+    return drive === null ? "" : "not connected: the drive is not known";
   if (drive.running) return `driving ${drive.plan}`;
   if (drive.exit_status === 0) return `${drive.plan} ended successfully`;
   const how = isStopped ? "stopped" : "error";
@@ -64,7 +82,7 @@ export function addError(text) {
   if (drive) updateDrive(drive);
 }
 /** A command of the plan: its stamp shows which row is driven. */
-export function onCommand({header}) {
+export function onCommand({ header }) {
   if (!drive?.running || plan.name !== drive.plan) return;
   const stamp = seconds(header.stamp);
   begin ??= stamp;
@@ -73,14 +91,20 @@ export function onCommand({header}) {
   mark(plan.rows.findIndex((row) => stamp < (end += row.duration)));
 }
 function mark(number) {
-  const [row, old] = [table.rows[number], table.querySelector("[aria-current]")];
+  const [row, old] = [
+    table.rows[number],
+    table.querySelector("[aria-current]"),
+  ];
   if (row === old) return;
   old?.removeAttribute("aria-current");
   row?.setAttribute("aria-current", "true"); // then scroll the table, but not the page
-  if (row) find("table").scrollTop = row.offsetTop - find("table").clientHeight / 2;
+  if (row)
+    find("table").scrollTop = row.offsetTop - find("table").clientHeight / 2;
 }
 const ask = (data, method) =>
-  request("drive", data, method).catch((error) => say("drive-state", error.message));
+  request("drive", data, method).catch((error) =>
+    say("drive-state", error.message),
+  );
 export function stopPlan() {
   isStopped = true;
   // A request may arrive even without the connection, so a drive that is not known is stopped, too.
@@ -89,4 +113,8 @@ export function stopPlan() {
 stop.onclick = stopPlan;
 names.onchange = names.onfocus = () => listPlans();
 find("drive").onclick = () =>
-  ask({plan: names.value, spread: find("spread").checked, loop: find("loop").checked});
+  ask({
+    plan: names.value,
+    spread: find("spread").checked,
+    loop: find("loop").checked,
+  });

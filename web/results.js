@@ -1,47 +1,67 @@
 // Drives that the grading tool has recorded: played back beside the predicted path.
 
-import {find, poseText, request, say} from "./page.js";
-import {NOTHING, view} from "./view.js";
+import { find, poseText, request, say } from "./page.js";
+import { NOTHING, view } from "./view.js";
 
 const [slider, button] = [find("time"), find("play")];
 let result = {};
 
 export async function listResults() {
-  const {results} = await request("results");
-  const options = results.map(({name, passed}) =>
-    new Option(`${name}: ${passed ? "passed" : "failed"}`, name));
-  find("result").replaceChildren(new Option("none: show the live car", ""), ...options);
+  const { results } = await request("results");
+  const options = results.map(
+    ({ name, passed }) =>
+      new Option(`${name}: ${passed ? "passed" : "failed"}`, name),
+  );
+  find("result").replaceChildren(
+    new Option("none: show the live car", ""),
+    ...options,
+  );
   find("result").value = result.name ?? "";
 }
 
 async function open(name) {
   result = name ? await request(`results/${encodeURI(name)}`) : {};
   say("verdict", result.verdict ?? "");
-  view.set({replay: null});
+  view.set({ replay: null });
   button.checked = false;
   find("player").hidden = !name;
   if (!name) return;
-  Object.assign(slider, {max: Math.ceil(100 * result.times.at(-1)) / 100, value: 0});
+  Object.assign(slider, {
+    max: Math.ceil(100 * result.times.at(-1)) / 100,
+    value: 0,
+  });
   view.fit([...result.driven, ...result.predicted]);
   show();
 }
 /** Show the drive at the time of the slider. */
 function show() {
-  const {times, driven, predicted} = result;
+  const { times, driven, predicted } = result;
   const time = slider.valueAsNumber;
-  const count = Math.max(1, times.findLastIndex((each) => each <= time + 1e-9) + 1);
+  const count = Math.max(
+    1,
+    times.findLastIndex((each) => each <= time + 1e-9) + 1,
+  );
   const pose = driven[count - 1];
-  say("time-text", `${time.toFixed(2)} s of ${times.at(-1).toFixed(2)} s: ${poseText(pose)}`);
-  view.set({replay: {...NOTHING, driven: [driven.slice(0, count)], predicted, pose}}, !view.replay);
+  say(
+    "time-text",
+    `${time.toFixed(2)} s of ${times.at(-1).toFixed(2)} s: ${poseText(pose)}`,
+  );
+  view.set(
+    {
+      replay: { ...NOTHING, driven: [driven.slice(0, count)], predicted, pose },
+    },
+    !view.replay,
+  );
 }
 /** Play on from the slider's time, until the end or until the box is not checked. */
-const play = (last) => requestAnimationFrame((now) => {
-  if (!button.checked) return;
-  slider.value = slider.valueAsNumber + Math.max(0, now - last) / 1000;
-  show();
-  if (slider.value === slider.max) button.checked = false;
-  play(now);
-});
+const play = (last) =>
+  requestAnimationFrame((now) => {
+    if (!button.checked) return;
+    slider.value = slider.valueAsNumber + Math.max(0, now - last) / 1000;
+    show();
+    if (slider.value === slider.max) button.checked = false;
+    play(now);
+  });
 find("result").onchange = () => open(find("result").value);
 slider.oninput = show;
 button.onchange = () => {

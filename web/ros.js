@@ -9,31 +9,35 @@ let on; // the functions onOpen(), onError(text), onStatus(isConnected, delay of
 let socket;
 let asked; // when a sign of life was asked for [ms]; Infinity if none is due
 
-const send = (msg) => socket.readyState === WebSocket.OPEN && socket.send(JSON.stringify(msg));
-export const publish = (topic, msg) => send({op: "publish", topic, msg});
+const send = (msg) =>
+  socket.readyState === WebSocket.OPEN && socket.send(JSON.stringify(msg));
+export const publish = (topic, msg) => send({ op: "publish", topic, msg });
 /** With a period [ms], messages in between are left out. */
 export function subscribe(topic, callback, period = 0) {
   callbacks[topic] = callback;
-  const limits = period ? {throttle_rate: period, queue_length: 1} : {};
-  send({op: "subscribe", id: topic, topic, ...limits});
+  const limits = period ? { throttle_rate: period, queue_length: 1 } : {};
+  send({ op: "subscribe", id: topic, topic, ...limits });
 }
 /** Call a service of std_srvs/Trigger; the promise's {success, message} has its answer. */
 export function call(service) {
   const id = `${service} ${Math.random()}`;
-  send({op: "call_service", id, service, args: {}});
+  send({ op: "call_service", id, service, args: {} });
   return new Promise((answer) => calls.set(id, answer));
 }
 
-function receive({op, topic, msg, level, id, result, values}) {
+function receive({ op, topic, msg, level, id, result, values }) {
   if (op === "publish") callbacks[topic](msg);
   if (op === "status" && level === "error") on.onError(msg);
-  if (op === "service_response") calls.get(id)(result ? values : {message: String(values)});
+  if (op === "service_response")
+    calls.get(id)(result ? values : { message: String(values) });
   calls.delete(id);
 }
 
 function connect() {
   asked = performance.now();
-  socket = new WebSocket(new URL(".", location.href).href.replace(/^http/, "ws"));
+  socket = new WebSocket(
+    new URL(".", location.href).href.replace(/^http/, "ws"),
+  );
   socket.onmessage = (event) => receive(JSON.parse(event.data));
   socket.onclose = lose;
   socket.onopen = () => {
@@ -45,7 +49,7 @@ function lose() {
   socket.onopen = socket.onmessage = socket.onclose = null;
   socket.close();
   asked = Infinity;
-  calls.forEach((answer) => answer({message: "the connection was lost"}));
+  calls.forEach((answer) => answer({ message: "the connection was lost" }));
   calls.clear();
   on.onStatus(false, 0);
   setTimeout(connect, RETRY);

@@ -1,34 +1,63 @@
 // The canvas, drawn in an animation frame after a change. The picture `back` has what rarely
 // changes: map, grid, plans, spread.
 
-import {find, flat, say} from "./page.js";
+import { find, flat, say } from "./page.js";
 
 const BODY = [-0.06, -0.135, 0.44, 0.27]; // of the car, from its rear axle: x, y, length, width [m]
-const WHEELS = [[0, 0.115], [0, -0.115], [0.2965, 0.115], [0.2965, -0.115]]; // ahead, left [m]
-const ARROW = [[0, 0], [1.5, 0], [1.2, 0.2], [1.2, -0.2], [1.5, 0]]; // shows where the car heads
-const CIRCLE = Array.from({length: 37}, (_, i) => i * Math.PI / 18);
+const WHEELS = [
+  [0, 0.115],
+  [0, -0.115],
+  [0.2965, 0.115],
+  [0.2965, -0.115],
+]; // ahead, left [m]
+const ARROW = [
+  [0, 0],
+  [1.5, 0],
+  [1.2, 0.2],
+  [1.2, -0.2],
+  [1.5, 0],
+]; // shows where the car heads
+const CIRCLE = Array.from({ length: 37 }, (_, i) => (i * Math.PI) / 18);
 const CAR_PIXELS = 16; // the car is drawn at least this long
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 /** Paths are lists of [x, y] or [x, y, theta]; driven has several; spread has markers. */
-export const NOTHING = {predicted: [], driven: new Map(), scan: [], clicked: [], spread: [],
-  cloud: [], pose: null, wheels: [0, 0], isStale: false};
+export const NOTHING = {
+  predicted: [],
+  driven: new Map(),
+  scan: [],
+  clicked: [],
+  spread: [],
+  cloud: [],
+  pose: null,
+  wheels: [0, 0],
+  isStale: false,
+};
 const [canvas, back] = [find("view"), document.createElement("canvas")];
 const isShown = (name) => find(`show-${name}`)?.checked ?? true;
 const colour = (name) => getComputedStyle(canvas).getPropertyValue(`--${name}`);
 
 /** x, y: what is in the middle [m]; scale: pixels per metre. */
-export const view = {...NOTHING, canvas, plan: [], x: 0, y: 0, scale: 40, frames: 0,
+export const view = {
+  ...NOTHING,
+  canvas,
+  plan: [],
+  x: 0,
+  y: 0,
+  scale: 40,
+  frames: 0,
   /** Change what is drawn; with `all`, also what rarely changes. */
   set(values, all = true) {
-    const isOld = ([name, value]) => `${value}` === `${view[name]}` && !/object/.test(value);
-    const isSame = Object.keys(values).length && Object.entries(values).every(isOld);
+    const isOld = ([name, value]) =>
+      `${value}` === `${view[name]}` && !/object/.test(value);
+    const isSame =
+      Object.keys(values).length && Object.entries(values).every(isOld);
     Object.assign(view, values);
     if (isSame) return; // the car stands
     view.isBackOld ||= all;
     view.request ||= requestAnimationFrame(draw);
   },
   toMap(px, py) {
-    const {x, y, scale, width, height} = view;
+    const { x, y, scale, width, height } = view;
     return [x + (px - width / 2) / scale, y - (py - height / 2) / scale];
   },
   /** Zoom; what is at the pixel (px, py) of the canvas stays there. */
@@ -36,29 +65,46 @@ export const view = {...NOTHING, canvas, plan: [], x: 0, y: 0, scale: 40, frames
     const [x, y] = view.toMap(px, py);
     const scale = Math.min(Math.max(view.scale * factor, 0.5), 2000);
     const k = view.scale / scale;
-    view.set({x: x + (view.x - x) * k, y: y + (view.y - y) * k, scale});
+    view.set({ x: x + (view.x - x) * k, y: y + (view.y - y) * k, scale });
   },
   /** Show all of these points. */
   fit(points) {
-    const [[left, right], [low, high]] = [0, 1].map((axis) => points.reduce(([least, most], each) =>
-      [Math.min(least, each[axis]), Math.max(most, each[axis])], [Infinity, -Infinity]));
-    const scale = Math.min(view.width / (right - left + 1.5), view.height / (high - low + 1.5));
-    view.set({x: (left + right) / 2, y: (low + high) / 2, scale});
+    const [[left, right], [low, high]] = [0, 1].map((axis) =>
+      points.reduce(
+        ([least, most], each) => [
+          Math.min(least, each[axis]),
+          Math.max(most, each[axis]),
+        ],
+        [Infinity, -Infinity],
+      ),
+    );
+    const scale = Math.min(
+      view.width / (right - left + 1.5),
+      view.height / (high - low + 1.5),
+    );
+    view.set({ x: (left + right) / 2, y: (low + high) / 2, scale });
   },
 };
 /** Let a pen draw in metres from a pose; return the length of a pixel [m]. */
 function inMetres(pen, [x, y, theta] = [0, 0, 0]) {
   const k = view.scale * view.ratio;
-  pen.setTransform(k, 0, 0, -k, back.width / 2 - k * view.x, back.height / 2 + k * view.y);
+  pen.setTransform(
+    k,
+    0,
+    0,
+    -k,
+    back.width / 2 - k * view.x,
+    back.height / 2 + k * view.y,
+  );
   pen.translate(x, y);
   pen.rotate(theta);
   return 1 / view.scale;
 }
 function draw() {
-  Object.assign(view, {request: 0, frames: view.frames + 1});
+  Object.assign(view, { request: 0, frames: view.frames + 1 });
   if (!view.width || !view.height) return;
   const pen = canvas.getContext("2d");
-  const {driven, scan, pose, wheels, isStale} = view.replay ?? view;
+  const { driven, scan, pose, wheels, isStale } = view.replay ?? view;
   if (view.isBackOld) drawBack(back.getContext("2d"), view.replay ?? view);
   view.isBackOld = false;
   pen.resetTransform();
@@ -69,12 +115,12 @@ function draw() {
   if (view.arrow) drawCar(pen, view.arrow, [], true);
   if (view.arrow) drawLine(pen, ARROW, "car", 3, [], view.arrow);
 }
-function drawBack(pen, {predicted, plan = [], clicked, cloud, spread}) {
+function drawBack(pen, { predicted, plan = [], clicked, cloud, spread }) {
   pen.resetTransform();
   pen.filter = DARK.matches ? "invert(1)" : "none";
   pen.fillStyle = view.map ? "#cdcdcd" : "#fefefe"; // grey values of map_saver, as in the map
   pen.fillRect(0, 0, back.width, back.height);
-  const {picture, origin, resolution, height} = view.map ?? {};
+  const { picture, origin, resolution, height } = view.map ?? {};
   const pixel = inMetres(pen, origin) / view.ratio;
   pen.imageSmoothingEnabled = resolution < pixel; // otherwise thin walls vanish
   pen.scale(resolution, -resolution);
@@ -85,26 +131,44 @@ function drawBack(pen, {predicted, plan = [], clicked, cloud, spread}) {
   else drawLine(pen, plan, "predicted", 2, [9, 5]);
   drawLine(pen, clicked, "clicked", 6, [3, 5]);
   drawDots(pen, cloud, "spread", 2);
-  spread.forEach(({pose, scale: {x, y}}) => drawLine(pen, CIRCLE.map((angle) =>
-    [Math.cos(angle) * x / 2, Math.sin(angle) * y / 2]), "spread", 2, [], flat(pose)));
+  spread.forEach(({ pose, scale: { x, y } }) =>
+    drawLine(
+      pen,
+      CIRCLE.map((angle) => [
+        (Math.cos(angle) * x) / 2,
+        (Math.sin(angle) * y) / 2,
+      ]),
+      "spread",
+      2,
+      [],
+      flat(pose),
+    ),
+  );
   say("scale", `${Number(roundLength(60).toPrecision(1))} m`);
   find("scale").style.width = `${roundLength(60) * view.scale}px`;
 }
 /** The shortest of 1, 2, 5, 10, ... m that has at least so many pixels. */
 function roundLength(pixels) {
   const power = 10 ** Math.floor(Math.log10(pixels / view.scale));
-  return power * [1, 2, 5, 10].find((each) => each * power * view.scale >= pixels);
+  return (
+    power * [1, 2, 5, 10].find((each) => each * power * view.scale >= pixels)
+  );
 }
 function drawGrid(pen, step) {
-  const [[left, top], [right, low]] = [view.toMap(0, 0), view.toMap(view.width, view.height)];
+  const [[left, top], [right, low]] = [
+    view.toMap(0, 0),
+    view.toMap(view.width, view.height),
+  ];
   const add = (...points) => drawLine(pen, points, "grid", 1);
-  for (let x = left - (left % step); x < right; x += step) add([x, low], [x, top]);
-  for (let y = low - (low % step); y < top; y += step) add([left, y], [right, y]);
+  for (let x = left - (left % step); x < right; x += step)
+    add([x, low], [x, top]);
+  for (let y = low - (low % step); y < top; y += step)
+    add([left, y], [right, y]);
 }
 function drawLine(pen, points, name, width, dashes = [], from = undefined) {
   const pixel = inMetres(pen, from);
   pen.setLineDash(dashes.map((each) => each * pixel));
-  Object.assign(pen, {lineWidth: width * pixel, strokeStyle: colour(name)});
+  Object.assign(pen, { lineWidth: width * pixel, strokeStyle: colour(name) });
   pen.beginPath();
   points.forEach(([x, y]) => pen.lineTo(x, y));
   if (isShown(name)) pen.stroke();
@@ -113,13 +177,19 @@ function drawDots(pen, points, name, pixels) {
   const side = pixels * inMetres(pen);
   pen.fillStyle = colour(name);
   const shown = isShown(name) ? points : [];
-  shown.forEach(([x, y]) => pen.fillRect(x - side / 2, y - side / 2, side, side));
+  shown.forEach(([x, y]) =>
+    pen.fillRect(x - side / 2, y - side / 2, side, side),
+  );
 }
 /** Without a present pose, only the outline is drawn. */
 function drawCar(pen, pose, steering, isOutline) {
   const k = Math.max(1, (CAR_PIXELS * inMetres(pen, pose)) / BODY[2]);
   pen.scale(k, k);
-  Object.assign(pen, {lineWidth: 0.02, fillStyle: colour("car"), strokeStyle: colour("car")});
+  Object.assign(pen, {
+    lineWidth: 0.02,
+    fillStyle: colour("car"),
+    strokeStyle: colour("car"),
+  });
   if (isOutline) return pen.strokeRect(...BODY);
   pen.fillRect(...BODY);
   pen.fillStyle = colour("back");
@@ -134,10 +204,13 @@ function drawCar(pen, pose, steering, isOutline) {
   });
 }
 function resize() {
-  const {clientWidth: width, clientHeight: height} = canvas;
+  const { clientWidth: width, clientHeight: height } = canvas;
   const ratio = Math.min(devicePixelRatio, 2);
-  [canvas.width, canvas.height] = [back.width, back.height] = [width * ratio, height * ratio];
-  view.set({width, height, ratio});
+  [canvas.width, canvas.height] = [back.width, back.height] = [
+    width * ratio,
+    height * ratio,
+  ];
+  view.set({ width, height, ratio });
   draw(); // at once: the new size has cleared the canvas
 }
 resize();
