@@ -9,10 +9,14 @@ import xmlrpc.client
 
 import rosgraph
 import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
 
+from mushr_ros_intro.car.model import Command
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.ros.command_publisher import CommandPublisher
 from support.driven_car import DrivenCarTestCase, start_car
 from support.geometry import POSITION_TOLERANCE, planar
-from support.helpers import driver, kill, master, node, run, wait_for
+from support.helpers import PATIENCE, Recording, driver, kill, master, node, run, wait_for
 from support.messages import COMMAND_TIMEOUT, MUX, NAVIGATION, at
 
 COMPARISON = re.compile(r"the car drove (\S+) m .* difference (\S+) m")
@@ -34,7 +38,11 @@ class TestNodeFaults(DrivenCarTestCase):
         wait_for(lambda: len({planar(m.pose) for m in self.poses.messages}) > 5, "the car to drive")
 
     def test_respawn(self):
-        """After roslaunch has restarted the car, the drive goes on; without the mux, it ends."""
+        """After roslaunch has restarted the car, the drive goes on; without the mux, it ends.
+
+        Another node that receives the commands does not hide the end of the mux.
+        """
+        self.ending(Recording(NAVIGATION, AckermannDriveStamped))
         path = self.plan("1,-1,0.5\n1.0,0.2,60\n")
         with driver(path) as plan:
             for name in ("/car/car_sim", MUX):
@@ -49,8 +57,24 @@ class TestNodeFaults(DrivenCarTestCase):
                 wait_for(lambda n=name, k=killed: pid_of(n) not in (None, k), f"a new {name}")
             self.assertNotIn("Traceback", plan.output)
             self.assertEqual(plan.output.count("FATAL"), 1)
-            self.assertIn(f"no node subscribes to {NAVIGATION} any more", plan.output)
+            self.assertIn(f": {MUX} is no longer connected to {NAVIGATION}", plan.output)
         self.assert_recovered()
+
+    def test_the_mux_is_replaced_between_two_commands(self):
+        """It is noticed although a node is connected whenever a command is published."""
+        topic = "/replaced/input/navigation"
+        sender = CommandPublisher(topic, "replaced")
+        mux = rospy.Subscriber(topic, AckermannDriveStamped)
+        sender.wait_for_subscriber(PATIENCE)
+        sender.publish(Command(rospy.Time.now().to_nsec(), 1.0, 0.0))
+        mux.unregister()
+        mux = Recording(topic, AckermannDriveStamped).connected()
+        self.addCleanup(mux.end)
+        with self.assertRaisesRegex(UserError, f"{rospy.get_name()} is no longer connected"):
+            for _ in range(3):
+                sender.publish(Command(rospy.Time.now().to_nsec(), 1.0, 0.0))
+        sender.stop()
+        wait_for(lambda: mux.last and mux.last.drive.speed == 0.0, "the stop")
 
     def test_a_node_stands_still_at_the_end(self):
         """Late messages are applied at their stamps, and path_publisher waits for the result."""

@@ -3,8 +3,10 @@
 import math
 import threading
 import time
-from typing import Dict, Optional, Union
+from contextlib import suppress
+from typing import Any, Dict, Optional, Set, Tuple
 
+import rosgraph
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
@@ -44,18 +46,29 @@ class CommandPublisher:
         self._monitor = TakeoverMonitor(topic.rsplit("/", 1)[-1])
         self._is_known = False  # which input drives
         self._active_topic = active_topic
-        self._mux: Dict[str, Union[rospy.Publisher, rospy.Subscriber]] = {}
-        """The connections that must not be lost, by the fault if one is lost."""
+        self._mux: Dict[str, Tuple[Any, Set[int]]] = {}
+        """Publishers and subscribers with the ids of their connections to the mux.
+
+        The key is the fault if all of these connections are lost.
+        """
         if active_topic:
             self._active = rospy.Subscriber(active_topic, String, self._on_active)
 
     def wait_for_subscriber(self, seconds: float) -> None:
         """Wait until a node subscribes to the commands; see connections.wait_for_subscriber.
 
-        After that, `publish` fails if no node subscribes.
+        After that, `publish` fails if the connection to the mux is lost. The mux is the subscriber
+        that publishes the output beside this input; if there is none, all subscribers count.
         """
         connections.wait_for_subscriber(self._publisher, seconds)
-        self._mux[f"no node subscribes to {self.topic} any more"] = self._publisher
+        nodes = connections.connected_nodes(self._publisher)
+        muxes: Set[str] = set()
+        with suppress(rosgraph.MasterException, OSError):
+            output = f"{self.topic.partition('/input/')[0]}/output"
+            muxes = set(connections.registered_nodes(output, "publishers"))
+        nodes = {link: name for link, name in nodes.items() if name in muxes} or nodes
+        names = ", ".join(sorted(nodes.values()))
+        self._mux[f"{names} is no longer connected to {self.topic}"] = self._publisher, set(nodes)
 
     def wait_until_free(self, seconds: float, countdown: float) -> None:
         """Wait until the mux has published which input drives, and then for the countdown.
@@ -75,7 +88,8 @@ class CommandPublisher:
                 "(rostopic list)?"
             )
         if self._active_topic:
-            self._mux[f"no node publishes {self._active_topic} any more"] = self._active
+            fault = f"the node that published {self._active_topic} is no longer connected"
+            self._mux[fault] = self._active, set(connections.connected_nodes(self._active))
         end = time.monotonic() + countdown
         for left in range(math.ceil(countdown), 0, -1):
             rospy.loginfo("the car starts to drive in %d s; Ctrl-C cancels", left)
@@ -85,18 +99,18 @@ class CommandPublisher:
         """Publish a command.
 
         Raises:
-            UserError: the mux has disappeared.
+            UserError: the connection to the mux is lost, even if a new mux is connected.
             rospy.ROSInterruptException: `stop` has been called.
         """
         with self._lock:
             if self._is_stopped:
                 raise rospy.ROSInterruptException("the car has been stopped")
-            for fault, connection in self._mux.items():
-                if not connection.get_num_connections():
+            for fault, (end, links) in self._mux.items():
+                if links.isdisjoint(connections.connected_nodes(end)):
                     raise UserError(
                         f"{fault}, so the commands and the stop may not reach the car. It may "
-                        "drive on. Did the mux end, or was the network cut (rosnode list)? The "
-                        "drive ends"
+                        "drive on. Did the mux end or restart, or was the network cut (rosnode "
+                        "list)? The drive ends"
                     )
             self._publish(command)
 

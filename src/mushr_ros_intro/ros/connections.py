@@ -14,7 +14,7 @@ import xmlrpc.client
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import compress
-from typing import Any, List, Set
+from typing import Any, Dict, List, Set
 
 import rosgraph
 import rospy
@@ -44,6 +44,19 @@ def registered_nodes(topic: str, role: str) -> List[str]:
     publishers, subscribers, _ = rosgraph.Master("mushr_ros_intro").getSystemState()
     entries = publishers if role == "publishers" else subscribers
     return [name for entry, names in entries if entry == topic for name in names]
+
+
+def connected_nodes(end: Any) -> Dict[int, str]:
+    """Return the nodes that are connected to a publisher or subscriber, by their connections.
+
+    A new connection has a new number, also if it is to the same node. rospy notices that a node has
+    ended when it writes the second message after that.
+
+    Args:
+        end: a rospy.Publisher; the nodes have their names. Or a rospy.Subscriber; the nodes have
+            their addresses.
+    """
+    return {link.id: link.endpoint_id for link in end.impl.connections if not link.done}
 
 
 def is_published(topic: str) -> bool:

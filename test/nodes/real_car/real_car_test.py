@@ -238,7 +238,7 @@ class TestRealCar(RosTestCase):
             mux.send_signal(signal.SIGKILL)
             self.assertEqual(process.wait(), 1)
         self.assertEqual(process.output.count("FATAL"), 1)
-        self.assertIn("no node publishes /killed any more", process.output)
+        self.assertIn("the node that published /killed is no longer connected", process.output)
         self.assertIn("the drive ended in row 1 of 1; the last reported pose is", process.output)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
 
