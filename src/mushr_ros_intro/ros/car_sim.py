@@ -14,7 +14,7 @@ from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Command, Event, InitialPose, State, at_rest, halted
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.plan.model import MAX_COORDINATE
+from mushr_ros_intro.plan.model import MAX_COORDINATE, as_float32
 from mushr_ros_intro.ros import conversions, node, sim_clock
 from mushr_ros_intro.ros.connections import has_live_publisher, wait_until_connected
 from mushr_ros_intro.ros.state_publisher import StatePublisher
@@ -161,7 +161,7 @@ class CarSim:
             return False
         asked = (event.speed, event.steering_angle)
         possible = self._car.within_limits(*asked)
-        if possible != asked:
+        if asked != tuple(map(as_float32, possible)):  # a command has float32 values
             rospy.logwarn_throttle(
                 10.0,
                 "a command asks for {:g} m/s and {:g} rad; this car is limited to {:g} m/s and "

@@ -8,6 +8,7 @@ import time
 
 import rospy
 from nav_msgs.msg import Path
+from rosgraph_msgs.msg import Log
 
 from support.geometry import planar
 from support.helpers import Process, Recording, RosTestCase, run, wait_for
@@ -53,11 +54,20 @@ class TestProfiles(RosTestCase):
 
     def test_every_profile(self):
         ends = {}
+        log = Recording("/rosout", Log)
+        at_its_limits = self.plan("0, 0, 0\n0.9286, 0.3158, 0.2\n-0.9286, -0.4211, 0.2\n")
         paths = Recording("/car/predicted_path", Path)
         for profile in ("racecar_mit", "mushr_tx2", "mushr_nano_master", "mushr_nano"):
             with car(f"car:={profile}"):
+                if profile == "mushr_nano":
+                    log.connected().clear()
+                    self.drive(at_its_limits)
                 for plan in ("parallel_parking", "figure_8"):
                     ends[profile, plan] = self.drive(plan)
+        # The car warns of a plan that exceeds its limits, but not of one that reaches them.
+        limited = wait_for(lambda: [m.msg for m in log.messages if "limited to" in m.msg], "a warning")
+        self.assertIn("asks for 1 m/s and 0 rad", limited[0])
+
         # The profiles differ. The steering angles of figure_8 are within the limits of both nanos.
         same = ends.pop(("mushr_nano_master", "figure_8"))
         self.assertEqual(same, ends["mushr_nano", "figure_8"])
