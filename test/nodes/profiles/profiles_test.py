@@ -64,9 +64,12 @@ class TestProfiles(RosTestCase):
                     self.drive(at_its_limits)
                 for plan in ("parallel_parking", "figure_8"):
                     ends[profile, plan] = self.drive(plan)
+
         # The car warns of a plan that exceeds its limits, but not of one that reaches them.
-        limited = wait_for(lambda: [m.msg for m in log.messages if "limited to" in m.msg], "a warning")
-        self.assertIn("asks for 1 m/s and 0 rad", limited[0])
+        def warnings():
+            return [m.msg for m in log.messages if "limited to" in m.msg]
+
+        self.assertIn("asks for 1 m/s and 0 rad", wait_for(warnings, "a warning")[0])
 
         # The profiles differ. The steering angles of figure_8 are within the limits of both nanos.
         same = ends.pop(("mushr_nano_master", "figure_8"))
