@@ -62,7 +62,9 @@ def sleep_until(due: int, since: int) -> None:
             while since <= now() < due and not rospy.is_shutdown():
                 moved.wait(SHUTDOWN_POLL_PERIOD)
     else:
-        time.sleep(max(0, due - since) / NANOSECONDS)
+        end = time.monotonic() + (due - since) / NANOSECONDS
+        while (left := end - time.monotonic()) > 0.0 and not rospy.is_shutdown():
+            time.sleep(min(left, SHUTDOWN_POLL_PERIOD))
     if rospy.is_shutdown():
         raise rospy.ROSInterruptException("the node is shut down")
 
