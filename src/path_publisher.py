@@ -1,8 +1,6 @@
 #!/usr/bin/python3
 """Drive a plan: publish its start pose, and then a command ten times per second."""
 
-import sys
-
 import rospy
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
 from tf.transformations import quaternion_from_euler
@@ -53,13 +51,13 @@ class PathPublisher:
         )
         rospy.loginfo("%s", parameters)
 
-    def run(self) -> None:
-        """Drive the plan, once or in a loop; fail if it is interrupted, unless it is a loop."""
+    def run(self) -> int:
+        """Drive the plan; return the exit status, which is 1 if a single drive is interrupted."""
         try:
             self.drive()
         except rospy.ROSInterruptException:
-            if not self.loop:
-                sys.exit(1)
+            return 0 if self.loop else 1
+        return 0
 
     def drive(self) -> None:
         """Wait for the car, check the plan, drive it, and report the result."""

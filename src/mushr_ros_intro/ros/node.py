@@ -38,8 +38,8 @@ _read: List[Parameters] = []
 def main(name: str, node_class: Callable[[], Any], **options: Any) -> NoReturn:
     """Run a node, and end the process.
 
-    The exit status is 0 if `run` returned or was interrupted. It is 1 if the node failed, after the
-    reason was logged.
+    The exit status is the number that `run` returns, or 0 if it returns None or is interrupted. It
+    is 1 if the node failed, after the reason was logged.
 
     The node runs in its own thread. A signal handler runs in the main thread, which therefore must
     not hold a lock that the shutdown needs.
@@ -47,7 +47,7 @@ def main(name: str, node_class: Callable[[], Any], **options: Any) -> NoReturn:
     Args:
         name: the node's name, unless the command line sets another.
         node_class: returns an object with a method `run`. `run` returns when the node is done, and
-            raises rospy.ROSInterruptException if the node is shut down.
+            may raise rospy.ROSInterruptException if the node is shut down.
         options: for rospy.init_node.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -84,8 +84,7 @@ def _run(node_class: Callable[[], Any]) -> None:
         made = node_class()
         for message in [each for read in _read for each in read.unknown()]:
             rospy.logwarn("%s", message)
-        made.run()
-        status = 0
+        status = made.run() or 0
     except rospy.ROSInterruptException:
         status = 0
     except UserError as error:

@@ -66,6 +66,7 @@ PROGRAMS = {
 
 ENDS = {
     "returns": ("        pass", 0, ""),
+    "returns a status": ("        return 3", 3, ""),
     "raises a UserError": ("        raise UserError('plan.txt:1:1: wrong')", 1, "wrong"),
     "raises another error": ("        {}['key']", 1, "KeyError: 'key'"),
     "loses the master": ("        raise TimeoutError('no answer')", 1, "master does not answer"),
