@@ -28,8 +28,8 @@ from mushr_ros_intro.grading.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.grading.submissions import collect
 from mushr_ros_intro.parameters import package_folder
 from mushr_ros_intro.plan.parse import read_plans
-from mushr_ros_intro.ros.grader import Setting, find_executable, grade, job_for, read_setting
-from mushr_ros_intro.ros.replay import ReplayError, replay
+from mushr_ros_intro.ros.grader import grade, job_for, read_setting
+from mushr_ros_intro.ros.replay import ReplayError, Setting, replay
 
 PASSED, FAILED, USAGE, NOT_GRADED = range(4)
 """The exit status."""
@@ -87,12 +87,10 @@ def grade_node(arguments: argparse.Namespace) -> int:
     # Not at the top, because it loads matplotlib, which autograders do not have.
     from mushr_ros_intro.grading import files
 
-    package, name = arguments.node
-    command = [find_executable(package, name)]
     setting = setting_from(arguments, Sandbox())
     status = PASSED
     for plan_name, plan in read_plans(arguments.inputs, package_folder("plans")).items():
-        job = job_for(command, f"{package} {name}", plan, setting)
+        job = job_for(arguments.node, plan, setting)
         if arguments.bag:
             os.makedirs(arguments.out, exist_ok=True)
             job = job._replace(bag=os.path.abspath(f"{arguments.out}/{plan_name}.bag"))
@@ -114,9 +112,9 @@ def grade_class(arguments: argparse.Namespace) -> int:
     sandbox, missing = make_sandbox(arguments.user, [*hidden, folder])
     if missing:
         print(missing, file=sys.stderr)
-    bags = os.path.join(folder, "bags")
-    setting = setting_from(arguments, sandbox)._replace(bags=bags if arguments.bag else "")
-    if arguments.bag:
+    setting = setting_from(arguments, sandbox)
+    bags = os.path.join(folder, "bags") if arguments.bag else ""
+    if bags:
         os.makedirs(bags, exist_ok=True)
     with tempfile.TemporaryDirectory() as workspace:
         os.chmod(workspace, 0o711)
@@ -130,7 +128,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
             )
         began = time.monotonic()
         results = []
-        for each in grade(chosen, plans, setting, arguments.jobs):
+        for each in grade(chosen, plans, setting, arguments.jobs, bags):
             results.append(each)
             print_line(each, points, len(results), len(chosen))
     print_progress("")

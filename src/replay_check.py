@@ -21,7 +21,7 @@ from mushr_ros_intro.grading.sandbox import Sandbox
 from mushr_ros_intro.parameters import Parameters, find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.ros import node
-from mushr_ros_intro.ros.grader import find_executable, job_for, read_setting
+from mushr_ros_intro.ros.grader import job_for, read_setting
 from mushr_ros_intro.ros.replay import replay
 from mushr_ros_intro.ros.ros_time import wait_for
 
@@ -66,8 +66,7 @@ def judge() -> Report:
         },
         sandbox=Sandbox(),
     )
-    name = parameters.text("publisher")
-    report = replay(job_for([find_executable(*words[:2]), *words[2:]], name, plan, setting))
+    report = replay(job_for(words, plan, setting))
     folder = parameters.optional_text("report")
     if folder:
         from mushr_ros_intro.grading import files  # matplotlib is slow to import

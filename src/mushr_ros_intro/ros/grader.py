@@ -5,7 +5,7 @@ import os
 import subprocess
 import tempfile
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Optional, Sequence
 
 import roslib.packages
 import rospkg
@@ -19,35 +19,12 @@ from mushr_ros_intro.grading.submissions import Submission
 from mushr_ros_intro.parameters import Parameters, find_file
 from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.ros.candidate import SHOWN_LINES, environment_of
-from mushr_ros_intro.ros.replay import MAX_OVERHEAD, Job, in_own_process, replay
-from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.ros.replay import MAX_OVERHEAD, Job, Setting, in_own_process, replay
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
 
 BUILD_TIMEOUT = 120.0
 """For the build of one submission [s of wall-clock time]."""
-
-
-class Setting(NamedTuple):
-    """What all replays have in common."""
-
-    car: str
-    """The name of the car."""
-    parameters: Dict[str, Any]
-    """Of the simulated car."""
-    mux: Dict[str, Any]
-    """The configuration of the mux."""
-    grid: Optional[Grid]
-    """The map, or None."""
-    remap: Tuple[str, ...]
-    """Remappings and parameters for the nodes, as FROM:=TO."""
-    patience: float
-    """Longest time without a command [s of wall-clock time]."""
-    tolerances: Dict[str, float]
-    """Those that differ from the defaults, by the names in `Tolerances`."""
-    sandbox: Sandbox
-    bags: str = ""
-    """The folder for bags of the drives; "" for none."""
 
 
 def read_setting(
@@ -103,32 +80,27 @@ def find_executable(package: str, name: str) -> str:
     return str(found[0])
 
 
-def job_for(command: Sequence[str], name: str, plan: Plan, setting: Setting) -> Job:
+def job_for(words: Sequence[str], plan: Plan, setting: Setting) -> Job:
     """Return the replay of a plan with an installed node.
 
     Args:
-        command: the path of the executable, and arguments.
-        name: of the node, for the verdict.
+        words: the package, the name of the executable, and arguments.
         plan: the plan.
         setting: the setting.
+
+    Raises:
+        UserError: there is no such node.
     """
-    return Job(
-        title=f"{name} drives {plan.path} with the car {setting.car}:",
-        command=(*command, *setting.remap),
-        folder="",
-        packages=(),
-        sandbox=setting.sandbox,
-        plan=plan,
-        parameters=setting.parameters,
-        mux=setting.mux,
-        grid=setting.grid,
-        patience=setting.patience,
-        tolerances=setting.tolerances,
-    )
+    command = (find_executable(*words[:2]), *words[2:])
+    return Job(" ".join(words), command, plan, setting)
 
 
 def grade(
-    submissions: Sequence[Submission], plans: Dict[str, Plan], setting: Setting, jobs: int
+    submissions: Sequence[Submission],
+    plans: Dict[str, Plan],
+    setting: Setting,
+    jobs: int,
+    bags: str,
 ) -> Iterator[Result]:
     """Grade submissions; yield their results in the same order, as soon as they are known.
 
@@ -137,6 +109,7 @@ def grade(
         plans: the plans by name.
         setting: the setting.
         jobs: the number of replays at the same time.
+        bags: the folder for bags of the drives; "" for none.
     """
     with ThreadPoolExecutor(jobs) as pool:
         builds = [pool.submit(_build, each, setting.sandbox) for each in submissions]
@@ -144,7 +117,7 @@ def grade(
         for submission, build in zip(submissions, builds):
             runs = [] if submission.fault else list(plans.values())
             replays.append(
-                [pool.submit(_replay, submission, build, each, setting) for each in runs]
+                [pool.submit(_replay, submission, build, each, setting, bags) for each in runs]
             )
         try:
             for submission, build, futures in zip(submissions, builds, replays):
@@ -155,15 +128,20 @@ def grade(
 
 
 def _replay(
-    submission: Submission, build: "Future[str]", plan: Plan, setting: Setting
+    submission: Submission, build: "Future[str]", plan: Plan, setting: Setting, bags: str
 ) -> Optional[Report]:
     """Replay a plan with a submission; return None if it cannot be built."""
     if build.result():
         return None
-    job = job_for(submission.command, submission.name, plan, setting)
-    job = job._replace(folder=submission.folder, packages=submission.packages)
-    if setting.bags:
-        job = job._replace(bag=os.path.join(setting.bags, f"{submission.name}.{plan.name}.bag"))
+    job = Job(
+        submission.name,
+        submission.command,
+        plan,
+        setting,
+        submission.folder,
+        submission.packages,
+        os.path.join(bags, f"{submission.name}.{plan.name}.bag") if bags else "",
+    )
     return replay(job)
 
 

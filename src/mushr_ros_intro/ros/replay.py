@@ -58,30 +58,40 @@ class ReplayError(UserError):
     """A replay has no verdict."""
 
 
-class Job(NamedTuple):
-    """One replay."""
+class Setting(NamedTuple):
+    """What several replays have in common."""
 
-    title: str
-    """The first line of the verdict: the node, the plan and the car."""
-    command: Tuple[str, ...]
-    """The node: the path of its executable, and its arguments."""
-    folder: str
-    """The folder that the node may read besides the system; "" if there is none."""
-    packages: Tuple[str, ...]
-    """Paths in which rospack finds the packages of the node."""
-    sandbox: Sandbox
-    """How the node is isolated."""
-    plan: Plan
+    car: str
+    """The name of the car."""
     parameters: Dict[str, Any]
     """Of the simulated car."""
     mux: Dict[str, Any]
     """The configuration of the mux."""
     grid: Optional[Grid]
     """The map, or None."""
+    remap: Tuple[str, ...]
+    """Remappings and parameters for the nodes, as FROM:=TO."""
     patience: float
     """Longest time without a command [s of wall-clock time]."""
     tolerances: Dict[str, float]
     """Those that differ from the defaults, by the names in `Tolerances`."""
+    sandbox: Sandbox
+    """How the nodes are isolated."""
+
+
+class Job(NamedTuple):
+    """One replay: a node drives a plan."""
+
+    name: str
+    """Of the node, for the verdict."""
+    command: Tuple[str, ...]
+    """The path of the node's executable, and its arguments."""
+    plan: Plan
+    setting: Setting
+    folder: str = ""
+    """The folder that the node may read besides the system; "" if there is none."""
+    packages: Tuple[str, ...] = ()
+    """Paths in which rospack finds the packages of the node."""
     bag: str = ""
     """The path of the bag of the drive; "" for none."""
 
@@ -166,9 +176,10 @@ def run(job: Job) -> Report:
         UserError: the node cannot be started, or a parameter of the car is invalid.
         OSError: the bag cannot be written.
     """
-    car = car_from(Parameters(job.parameters))
-    job.sandbox.enter_network()
-    world = ReplayWorld(job.parameters, job.mux, job.grid)
+    setting, sandbox = job.setting, job.setting.sandbox
+    car = car_from(Parameters(setting.parameters))
+    sandbox.enter_network()
+    world = ReplayWorld(setting.parameters, setting.mux, setting.grid)
     with tempfile.TemporaryDirectory() as folder:
         candidate = Candidate(_sandboxed(job, folder))
         world.follow(candidate.activity)
@@ -176,7 +187,7 @@ def run(job: Job) -> Report:
             outcome = _watch(candidate, world, job)
         finally:
             candidate.end()
-            job.sandbox.end_processes()
+            sandbox.end_processes()
     world.wait_until_rest(car.command_timeout)
     states, stamps, poses, collisions = world.recording()
     recorded = Replay(
@@ -188,12 +199,13 @@ def run(job: Job) -> Report:
         stamps=stamps,
         poses=poses,
         collisions=collisions,
-        grid=job.grid,
+        grid=setting.grid,
         actions=world.actions,
         ignored=world.ignored,
     )
-    tolerances = default_tolerances(job.plan, car)._replace(**job.tolerances)
-    report = judge(recorded, tolerances)._replace(title=job.title)
+    tolerances = default_tolerances(job.plan, car)._replace(**setting.tolerances)
+    title = f"{job.name} drives {job.plan.path} with the car {setting.car}:"
+    report = judge(recorded, tolerances)._replace(title=title)
     if job.bag:
         bag.write(job.bag, report, states)
     return report
@@ -208,9 +220,9 @@ def _sandboxed(job: Job, folder: str) -> List[str]:
     home = os.path.join(folder, "home")
     os.mkdir(home)
     os.chmod(home, 0o777)
-    command = [*job.command, f"_plan_file:={plan}"]
+    command = [*job.command, *job.setting.remap, f"_plan_file:={plan}"]
     environment = environment_of(job.packages, is_installed=not job.folder)
-    return job.sandbox.wrap(command, environment, home, plan, job.folder)
+    return job.setting.sandbox.wrap(command, environment, home, plan, job.folder)
 
 
 def _watch(candidate: Candidate, world: ReplayWorld, job: Job) -> str:
@@ -221,7 +233,7 @@ def _watch(candidate: Candidate, world: ReplayWorld, job: Job) -> str:
     """
     expected = count_commands(job.plan)
     limit = job.plan.duration * 3 // 2 + 5 * NANOSECONDS
-    deadline = _deadline(job)
+    deadline, patience = _deadline(job), job.setting.patience
     began, sent = time.monotonic(), world.sent
     while not candidate.has_ended:
         if not world.is_alive:
@@ -241,10 +253,10 @@ def _watch(candidate: Candidate, world: ReplayWorld, job: Job) -> str:
                 world.hold_clock()
                 if world.silence > DONE_AFTER or silence > MAX_QUIET:
                     return ""  # a node that has driven the plan need not end
-        elif silence > job.patience and (
-            silence - min(candidate.delay, MAX_DELAY * job.patience) > job.patience
+        elif silence > patience and (
+            silence - min(candidate.delay, MAX_DELAY * patience) > patience
         ):
-            return _describe_silence(len(sent), expected, job.patience, world)
+            return _describe_silence(len(sent), expected, patience, world)
         time.sleep(POLL_PERIOD)
     fault = candidate.describe_failure()
     return fault or ("" if sent else f"the node ended without publishing a command on {CONTROL}")
