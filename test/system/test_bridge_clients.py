@@ -353,6 +353,38 @@ def test_twenty_clients_of_which_some_do_not_read(sim):
         client.close()
 
 
+def latched(sim, topic):
+    """Return the texts that a new client gets at once."""
+    client = sim.client(topic)
+    texts, count = [], -1
+    while len(texts) > count:
+        count = len(texts)
+        # The state comes after a message that waits already.
+        client.subscribe(web.STATE)
+        while (frame := client.frame(lambda frame: "msg" in frame, topic))["topic"] != web.STATE:
+            texts.append(frame["msg"]["data"])
+        client.send("unsubscribe", topic=web.STATE)
+    client.close()
+    return sorted(texts)
+
+
+def test_latched_messages_of_publishers_that_have_ended(sim):
+    """A later client gets the messages of live publishers only."""
+
+    def latch(text):
+        return Process("rostopic", "pub", "/latched", "std_msgs/String", text, **sim.environment)
+
+    first = sim.client("/latched")
+    with latch("lives"), latch("is interrupted") as interrupted, latch("is killed") as killed:
+        for _ in range(3):
+            first.message("/latched")
+        assert latched(sim, "/latched") == ["is interrupted", "is killed", "lives"]
+        interrupted.send_signal(signal.SIGINT)
+        killed.send_signal(signal.SIGKILL)
+        wait_for(lambda: latched(sim, "/latched") == ["lives"], "the end of two publishers")
+    first.close()
+
+
 def test_a_master_that_does_not_answer(sim):
     client, watcher = sim.client(web.STATE), sim.client(web.POSE)
     client.state(lambda state: not state["problem"], "without a problem")

@@ -8,7 +8,7 @@ import asyncio
 import io
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Set, Union
+from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Set, Tuple, Union
 
 import rosgraph
 import rospy
@@ -39,6 +39,9 @@ THREADS = 16
 """The number of calls that run at the same time."""
 
 
+_Header = Mapping[str, str]
+
+
 class Topic:
     """A topic that clients and this program subscribe to; they share one subscription in ROS."""
 
@@ -48,8 +51,8 @@ class Topic:
         """Whether only this program publishes it, and only to its clients."""
         self.outboxes: Set[Outbox] = set()
         self.listeners: List[Callable[[bytes], None]] = []
-        self.latched: Dict[str, Message] = {}
-        """The last message of each publisher that latches, for later clients."""
+        self._latched: Dict[str, Tuple[_Header, Message]] = {}
+        """The last message of each publisher that latches, by the publisher's name."""
         self.decoders: Dict[str, Callable[[bytes], str]] = {}
         """By message type: publishers of one topic may have different types."""
         self.subscriber: Optional[rospy.Subscriber] = None
@@ -59,9 +62,28 @@ class Topic:
         """Whether a client or this program needs the topic."""
         return self.is_local or bool(self.outboxes or self.listeners)
 
-    def put(self, message: Message) -> None:
-        """Send a message to all clients."""
+    def put(self, message: Message, header: _Header) -> None:
+        """Send a message to all clients, and if it is latched, keep it for later clients.
+
+        Args:
+            message: the message.
+            header: of the connection over which the message came.
+        """
+        if header.get("latching") == "1":
+            self._latched[header.get("callerid", "")] = header, message
         for outbox in self.outboxes:
+            outbox.put(message)
+
+    def put_latched(self, outbox: Outbox) -> None:
+        """Send a new client the latched messages, except those of publishers that have ended."""
+        if self.subscriber:
+            headers = [connection.header for connection in self.subscriber.impl.connections]
+            self._latched = {
+                name: (header, message)
+                for name, (header, message) in self._latched.items()
+                if any(header is each for each in headers)
+            }
+        for _, message in self._latched.values():
             outbox.put(message)
 
 
@@ -100,8 +122,7 @@ class Bridge:
     def offer(self, name: str, text: str) -> None:
         """Publish JSON text to the clients, on a topic that ROS does not have."""
         topic = self._topics.setdefault(name, Topic(name, is_local=True))
-        topic.latched[""] = Message(name, b"", lambda _: text, 0)
-        topic.put(topic.latched[""])
+        topic.put(Message(name, b"", lambda _: text, 0), {"latching": "1"})
 
     async def handle(self, outbox: Outbox, frame: Union[str, bytes]) -> None:
         """Carry out the request in a frame of a client; errors are sent to the client."""
@@ -174,8 +195,8 @@ class Bridge:
         topic.outboxes.add(outbox)
         is_new = name not in outbox.topics
         outbox.subscribe(request)
-        for message in topic.latched.values() if is_new else ():
-            outbox.put(message)
+        if is_new:
+            topic.put_latched(outbox)
         self._update(topic)
 
     def _unsubscribe(self, outbox: Outbox, request: Request) -> None:
@@ -212,15 +233,12 @@ class Bridge:
             raw = buffer.getvalue()
         self.call_soon(self._deliver, topic, raw, msg._connection_header, ros_time.now())
 
-    def _deliver(self, topic: Topic, raw: bytes, header: Mapping[str, str], now: int) -> None:
+    def _deliver(self, topic: Topic, raw: bytes, header: _Header, now: int) -> None:
         """Pass a message on to the clients and listeners."""
         kind = header["type"]
         if kind not in topic.decoders:
             topic.decoders[kind] = json_messages.decoder(kind)
-        message = Message(topic.name, raw, topic.decoders[kind], now)
-        if header.get("latching") == "1":
-            topic.latched[header["callerid"]] = message
-        topic.put(message)
+        topic.put(Message(topic.name, raw, topic.decoders[kind], now), header)
         for listener in topic.listeners:
             listener(raw)
 
