@@ -41,8 +41,7 @@ class Browser:
 
         self._profile = tempfile.TemporaryDirectory()
         port = free_port()
-        # The library that keeps the tests' servers on the loopback interface is not for browsers.
-        self._server = Process("chromedriver", f"--port={port}", LD_PRELOAD="")
+        self._server = Process("chromedriver", f"--port={port}")
         options = webdriver.ChromeOptions()
         options.binary_location = shutil.which("chromium")
         profile = f"--user-data-dir={self._profile.name}"

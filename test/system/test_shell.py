@@ -10,6 +10,9 @@ from support.scripts import add_programs, needs_workspace
 
 pytestmark = needs_workspace
 
+ANY_INTERFACE = 'import socket; s = socket.socket(); s.bind(("", 0)); print(s.getsockname()[0])'
+"""Prepares a server on every network interface, and prints its address."""
+
 
 @pytest.fixture
 def shell(tmp_path):
@@ -56,6 +59,8 @@ def shell(tmp_path):
         ("which catkin_make >/dev/null && which catkin_create_pkg >/dev/null && echo yes", "yes"),
         ("echo $ROS_HOSTNAME $ROS_MASTER_URI", "localhost http://localhost:11311"),
         ("echo ${ROS_IP-1} ${ROS_NAMESPACE-2} ${ROS_HOME-3} ${TMPDIR-4}", "1 2 3 4"),
+        # scripts/loopback.c is for programs with roscpp only.
+        (f"python3 -c '{ANY_INTERFACE}'", "0.0.0.0"),
         ("complete -p rosrun roslaunch roscd rostest >/dev/null && echo yes", "yes"),
         ("hello", "hello"),
         ("my_tool", "my tool"),
