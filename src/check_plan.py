@@ -93,9 +93,9 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
     cars = names_in(profiles)
     spread_help = "drive the plan N times, each time with random errors, and print the spread"
     add = parser.add_argument
-    add("plans", metavar="PLAN", nargs="+", help="a name in plans/, or a path")
+    add("plans", metavar="PLAN", nargs="+", help="path of a plan, or a name here or in plans/")
     add("--car", choices=cars, default="ideal", help="the car; default ideal")
-    add("--map", metavar="MAP", help="a name in maps/, or a yaml file; default none")
+    add("--map", metavar="MAP", help="path of a map, or a name here or in maps/; default none")
     add("--json", action="store_true", help="print JSON: a list, one item per plan")
     add("--plot", metavar="FILE.png", help="draw the path, speed and steering angle")
     add("--runs", metavar="N", help=spread_help)

@@ -27,6 +27,7 @@ from mushr_ros_intro.grading.result import Result
 from mushr_ros_intro.grading.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.grading.submissions import collect
 from mushr_ros_intro.parameters import package_folder
+from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.ros.grader import grade, job_for, read_setting
 from mushr_ros_intro.ros.replay import ReplayError, Setting, replay
@@ -105,6 +106,7 @@ def grade_node(arguments: argparse.Namespace) -> int:
 def grade_class(arguments: argparse.Namespace) -> int:
     """Grade submissions; print a line for each, and write the results."""
     plans = read_plans(arguments.plans, package_folder("plans"))
+    check_authors(plans.values(), arguments.inputs)
     points = read_points(arguments.points, list(plans))
     folder = open_output(arguments.out)
     paths = [*arguments.inputs, *(plan.path for plan in plans.values())]
@@ -136,6 +138,29 @@ def grade_class(arguments: argparse.Namespace) -> int:
     if len(results) == 1:
         write_special(arguments, results[0], points, time.monotonic() - began)
     return finish(arguments.out, results, points, list(plans))
+
+
+def check_authors(plans: Iterable[Plan], submissions: Iterable[str]) -> None:
+    """Refuse a plan in a submission, whose author may have written it.
+
+    The name figure_8 means figure_8.txt in the current directory, if there is one, and that
+    directory may be the checkout of a submission.
+
+    Args:
+        plans: the plans.
+        submissions: the paths of submissions, or of folders with submissions.
+
+    Raises:
+        UserError: a plan is in one of these folders, but not in the folder of this package's plans.
+    """
+    known = package_folder("plans")
+    folders = [os.path.join(os.path.realpath(each), "") for each in submissions]
+    for path in (os.path.realpath(plan.path) for plan in plans):
+        if os.path.dirname(path) != known and path.startswith(tuple(folders)):
+            raise UserError(
+                f"{path}: this plan is in a submission, whose author may have written it; expected "
+                f"the path of another plan, such as {known}/figure_8.txt"
+            )
 
 
 def merge(arguments: argparse.Namespace) -> int:

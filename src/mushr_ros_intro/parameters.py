@@ -149,19 +149,21 @@ def user_path(path: str) -> str:
 def find_file(name: str, folder: str, ending: str) -> str:
     """Return the path of the file that a user means by `name`.
 
-    A name without a folder is looked up in `folder` first, with or without the ending. Any other
-    name is a path, relative to the user's directory (see `user_path`) or to the current one.
+    A name without a folder, with or without the ending, is a file in the user's directory (see
+    `user_path`), else in `folder`. Any other name is a path, relative to the user's directory.
+    Both can also be relative to the current directory.
 
     Raises:
         UserError: there is no such file; the message names the closest one in `folder`, the
             folders searched, and all files in `folder`.
     """
     candidates = [user_path(name), os.path.abspath(name)]
+    is_there = os.path.exists
     if os.sep not in name:
-        in_folder = os.path.join(folder, name)
-        candidates = [in_folder + ending, in_folder, *candidates]
+        candidates[1:1] = [user_path(name + ending), *(f"{folder}/{name}{e}" for e in ("", ending))]
+        is_there = os.path.isfile
     for candidate in candidates:
-        if os.path.exists(candidate):
+        if is_there(candidate):
             return candidate
     known = sorted(entry[: -len(ending)] for entry in os.listdir(folder) if entry.endswith(ending))
     close = get_close_matches(os.path.basename(name).replace(ending, ""), known, 1)

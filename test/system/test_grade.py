@@ -211,6 +211,17 @@ def test_other_files_stay(tmp_path):
     assert os.listdir(tmp_path) == ["data"] and os.listdir(tmp_path / "data") == ["mine.json"]
 
 
+def test_a_plan_of_a_submission_is_not_used(tmp_path):
+    """A student cannot replace figure_8, whose name means a file in the current directory first."""
+    plan = tmp_path / "figure_8.txt"
+    plan.write_text("0,0,0\n1.0,0.0\n")
+    arguments = (tmp_path, "--plans", "figure_8", "--out", tmp_path / "out")
+    with node("grade.py", *map(str, arguments), PWD=str(tmp_path)) as process:
+        assert process.wait() == 2, process.output
+    assert f"{plan}: this plan is in a submission" in process.output
+    assert not (tmp_path / "out").exists()
+
+
 def test_empty_part(parts, tmp_path):
     """A part without a submission is no failure."""
     plan = ("--plans", parts / "plan.txt", "--out", tmp_path)

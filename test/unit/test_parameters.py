@@ -124,12 +124,14 @@ def folders(tmp_path):
 
 def test_files_are_found_by_name_and_by_path(folders, monkeypatch):
     plans, here = folders
-    (plans / "eight").mkdir()  # a folder does not hide a file
+    for folder in (plans, here):
+        (folder / "eight").mkdir()  # a folder does not hide a file
     monkeypatch.setenv("HOME", str(here))
     monkeypatch.setenv("PWD", str(here))
     for name, expected in {
-        "circle": plans / "circle.txt",
-        "circle.txt": plans / "circle.txt",
+        "circle": here / "circle.txt",
+        "circle.txt": here / "circle.txt",
+        "eight.txt": plans / "eight.txt",
         "eight": plans / "eight.txt",
         "./circle.txt": here / "circle.txt",
         "own.txt": here / "own.txt",
@@ -145,10 +147,10 @@ def test_files_are_found_by_name_and_by_path(folders, monkeypatch):
 @pytest.mark.parametrize(
     ("name", "expected"),
     [
-        ("eigth", "eigth: no such file; did you mean eight? (searched: PLANS, HERE, "),
-        ("x", "x: no such file (searched: PLANS, HERE, "),
+        ("eigth", "eigth: no such file; did you mean eight? (searched: HERE, PLANS, "),
+        ("x", "x: no such file (searched: HERE, PLANS, "),
         ("x", "); expected a path, or one of circle, eight"),
-        ("cirlce.txt", "; did you mean circle? (searched: PLANS, HERE"),
+        ("cirlce.txt", "; did you mean circle? (searched: HERE, PLANS"),
         ("here/own", "here/own: no such file (searched: HERE/here, "),
         ("/nowhere/own.txt", "/nowhere/own.txt: no such file (searched: /nowhere); expected"),
         ("circle\0", ": no such file; did you mean circle?"),

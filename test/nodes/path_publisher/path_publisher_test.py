@@ -129,13 +129,16 @@ class TestPathPublisher(RosTestCase):
         expected = closed_form((0.0, 0.0, 0.0), rows)
         self.assertLess(math.hypot(x - expected[0], y - expected[1]), slack)
 
-    def test_a_relative_path(self):
+    def test_the_name_of_a_file_in_the_users_directory(self):
+        """It comes before the plan of the package; the first line of the node shows its path."""
         rospy.set_param("/path_publisher/send_init_pose", False)  # as if from an earlier drive
         # The car is slow, so a late message does not change the printed digits.
-        self.plan("3,4,1\n0.02,0.1,1\n", "mine.txt")
-        launch = ("roslaunch", "mushr_ros_intro", "path_publisher.launch", "plan_file:=mine.txt")
+        path = self.plan("3,4,1\n0.02,0.1,1\n", "figure_8.txt")
+        launch = ("roslaunch", "mushr_ros_intro", "path_publisher.launch", "plan_file:=figure_8")
         with Process(*launch, PWD=self.folder) as publisher:
             self.assertEqual(publisher.wait(), 0)
+        first = next(line for line in publisher.output.splitlines() if "[INFO]" in line)
+        self.assertIn(f"plan {path}: 1 row, 1 s, 0.02 m", first)
         self.assertIn("the car drove 0.02 m", publisher.output)
         self.assert_rests_at(closed_form((3.0, 4.0, 1.0), [(0.02, 0.1, 1.0)]))
 
