@@ -268,6 +268,8 @@ REFUSED_CALLS = [
     ("/rosapi/set_param", {"name": "/x", "value": "1"}, "not offered"),
     ("/rosapi/delete_param", {"name": "/run_id"}, "not offered"),
     ("/rosapi/topics", {"x": 1}, "arguments"),
+    ("/rosapi/node_details", {}, "arguments"),
+    ("/rosapi/node_details", {"node": 1}, "arguments"),
 ]
 
 
@@ -286,6 +288,20 @@ def test_requests_that_are_refused(sim):
     assert stamps[1] > stamps[0] and watcher.message(web.POSE)["pose"] == before
     client.close()
     watcher.close()
+
+
+def test_what_foxglove_asks_for(sim):
+    client = sim.client()
+    _, found = client.call("/rosapi/topics_and_raw_types")
+    number = found["topics"].index(web.POSE)
+    assert found["types"][number] == "geometry_msgs/PoseStamped"
+    assert "MSG: geometry_msgs/Pose\n" in found["typedefs_full_text"][number]
+    assert "/car/car_sim" in client.call("/rosapi/nodes")[1]["nodes"]
+    _, details = client.call("/rosapi/node_details", node="/car/car_sim")
+    assert web.POSE in details["publishing"]
+    assert "/initialpose" in details["subscribing"]
+    assert "/car/car_sim/reset" in details["services"]
+    client.close()
 
 
 def test_a_long_frame(sim):
