@@ -42,7 +42,7 @@ def free_time(piece: Piece, seconds: float, car: Car, world: Optional[World]) ->
     speed = max(abs(piece.speed), abs(piece.speed + piece.acceleration * seconds))
 
     def at(distance: float) -> Pose:
-        return follow(piece, distance / speed, car)[0]
+        return follow(piece, distance / speed, car)
 
     distance = free_distance(*world, at, speed * seconds)
     return seconds if distance == speed * seconds else distance / speed

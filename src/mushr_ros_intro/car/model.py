@@ -124,8 +124,6 @@ class Piece(NamedTuple):
     """When the piece begins [s], counted from the command that set the car in motion."""
     pose: Pose
     """The car's pose at the begin, in the map frame."""
-    wheel_angles: Wheels
-    """How far each wheel has turned at the begin [rad]."""
     speed: float
     """Forward speed at the begin [m/s]."""
     acceleration: float
@@ -157,8 +155,6 @@ class State(NamedTuple):
     """Forward speed [m/s]."""
     steering_angle: float
     """Steering angle [rad], left positive."""
-    wheel_angles: Wheels
-    """How far each wheel has turned [rad]."""
     collision: Optional[Contact] = None
     """The contact with a wall, from the hit until the car drives away, or None."""
     command: Optional[Command] = None
@@ -182,7 +178,7 @@ class State(NamedTuple):
 
 def at_rest(stamp: int, pose: Pose) -> State:
     """Return the state of a car that has not moved yet; its odometry begins at zero."""
-    return State(stamp, pose, pose, 0.0, 0.0, Wheels(0.0, 0.0, 0.0, 0.0))
+    return State(stamp, pose, pose, 0.0, 0.0)
 
 
 def halted(state: State, stamp: int) -> State:
@@ -200,10 +196,9 @@ def front_wheel_angles(steering_angle: float, car: Car) -> Tuple[float, float]:
     return math.atan2(bend, 1.0 - side), math.atan2(bend, 1.0 + side)
 
 
-def wheel_ratios(steering_angle: float, car: Car) -> Wheels:
-    """Return each wheel's ground speed per unit of the rear axle's speed."""
-    bend = math.tan(steering_angle)
+def wheel_rates(state: State, car: Car) -> Wheels:
+    """Return the rate at which each wheel turns [rad/s], positive forward."""
+    bend = math.tan(state.steering_angle)
     side = 0.5 * car.track / car.wheelbase * bend
-    return Wheels(
-        math.hypot(1.0 - side, bend), math.hypot(1.0 + side, bend), 1.0 - side, 1.0 + side
-    )
+    ratios = math.hypot(1.0 - side, bend), math.hypot(1.0 + side, bend), 1.0 - side, 1.0 + side
+    return Wheels(*(state.speed * ratio / car.wheel_radius for ratio in ratios))

@@ -36,13 +36,11 @@ def advance(state: State, stamp: int, car: Car) -> State:
     seconds = (stamp - state.moved) / NANOSECONDS
     piece = next(piece for piece in reversed(state.motion) if piece.begin <= seconds)
     seconds -= piece.begin
-    pose, wheel_angles = follow(piece, seconds, car)
     return state._replace(
         stamp=stamp,
-        pose=pose,
+        pose=follow(piece, seconds, car),
         speed=piece.speed + piece.acceleration * seconds,
         steering_angle=piece.steering_angle + piece.steering_rate * seconds,
-        wheel_angles=wheel_angles,
         collision=piece.collision,
     )
 
@@ -101,8 +99,7 @@ def _motion(state: State, command: Command, car: Car, world: Optional[World]) ->
     braking = driving._replace(speed=0.0, acceleration=car.acceleration)
     timeout = car.command_timeout / NANOSECONDS
     hit_direction = 0.0  # in which the car has hit a wall since the command
-    pose, wheel_angles, contact = state.pose, state.wheel_angles, state.collision
-    here = Piece(0.0, pose, wheel_angles, state.speed, 0.0, state.steering_angle, 0.0, contact)
+    here = Piece(0.0, state.pose, state.speed, 0.0, state.steering_angle, 0.0, state.collision)
     pieces: List[Piece] = []
     while True:
         is_valid = here.begin < timeout
@@ -131,12 +128,12 @@ def _motion(state: State, command: Command, car: Car, world: Optional[World]) ->
             seconds, end, hit_direction = free, here.begin + free, direction
         if seconds > 0.0:
             pieces.append(piece)
-        pose, wheel_angles = follow(piece, seconds, car)
+        pose = follow(piece, seconds, car)
         contact = piece.collision
         if has_hit:
             contact = Contact(state.stamp + round(end * NANOSECONDS), pose)
         end_speed = speed.at(seconds) if direction and not has_hit else 0.0
-        here = Piece(end, pose, wheel_angles, end_speed, 0.0, angle.at(seconds), 0.0, contact)
+        here = Piece(end, pose, end_speed, 0.0, angle.at(seconds), 0.0, contact)
 
 
 def _target(state: State, command: Command, car: Car) -> Command:

@@ -1,10 +1,9 @@
 """Compute the path of a car whose speed and steering angle change at constant rates."""
 
 import math
-from typing import List, Tuple
 
 from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
-from mushr_ros_intro.car.model import Car, Piece, Wheels, wheel_ratios
+from mushr_ros_intro.car.model import Car, Piece
 
 _MAX_STEP = 0.125
 """The largest angle that the car or its front wheels turn in one step of the quadrature [rad].
@@ -29,26 +28,19 @@ _TO_NODES = (
 """Weights of the nodes in the integral up to each node."""
 
 
-def follow(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
-    """Return the pose, and how far each wheel has turned [rad], `seconds` after a piece's begin."""
+def follow(piece: Piece, seconds: float, car: Car) -> Pose:
+    """Return the pose `seconds` after a piece's begin."""
     if seconds == 0.0:
-        return piece.pose, piece.wheel_angles
+        return piece.pose
     if piece.steering_rate != 0.0 and (piece.speed != 0.0 or piece.acceleration != 0.0):
         return _integrate(piece, seconds, car)
     distance = piece.speed * seconds + 0.5 * piece.acceleration * seconds * seconds
     if distance == 0.0:
-        return piece.pose, piece.wheel_angles
-    pose = drive_arc(piece.pose, distance, curvature(piece.steering_angle, car.wheelbase))
-    rolled = [distance * ratio for ratio in wheel_ratios(piece.steering_angle, car)]
-    return pose, _turned(piece.wheel_angles, rolled, car)
+        return piece.pose
+    return drive_arc(piece.pose, distance, curvature(piece.steering_angle, car.wheelbase))
 
 
-def _turned(wheel_angles: Wheels, rolled: List[float], car: Car) -> Wheels:
-    """Return how far each wheel has turned [rad] after it has rolled some distance [m]."""
-    return Wheels(*(a + s / car.wheel_radius for a, s in zip(wheel_angles, rolled)))
-
-
-def _integrate(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
+def _integrate(piece: Piece, seconds: float, car: Car) -> Pose:
     """Return the same as `follow` for a steering angle that changes.
 
     The turn rate does not depend on the pose, so the pose is an integral over an integral. Each
@@ -62,17 +54,14 @@ def _integrate(piece: Piece, seconds: float, car: Car) -> Tuple[Pose, Wheels]:
     steps = max(1, min(_MAX_STEPS, math.ceil(change / _MAX_STEP)))
     step = seconds / steps
     x, y, theta = piece.pose
-    rolled = [0.0, 0.0, 0.0, 0.0]
     for number in range(steps):
         nodes = [(number + node) * step for node in _NODES]
         distances = [(piece.speed + piece.acceleration * node) * step for node in nodes]
         angles = [piece.steering_angle + piece.steering_rate * node for node in nodes]
         turns = [s * curvature(angle, car.wheelbase) for s, angle in zip(distances, angles)]
-        for to_node, weight, distance, angle in zip(_TO_NODES, _WEIGHTS, distances, angles):
+        for to_node, weight, distance in zip(_TO_NODES, _WEIGHTS, distances):
             heading = theta + sum(part * turn for part, turn in zip(to_node, turns))
             x += weight * distance * math.cos(heading)
             y += weight * distance * math.sin(heading)
-            for wheel, ratio in enumerate(wheel_ratios(angle, car)):
-                rolled[wheel] += weight * distance * ratio
         theta += sum(weight * turn for weight, turn in zip(_WEIGHTS, turns))
-    return Pose(x, y, theta), _turned(piece.wheel_angles, rolled, car)
+    return Pose(x, y, theta)

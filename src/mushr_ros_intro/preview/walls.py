@@ -47,7 +47,7 @@ def map_fault(plan: Plan, car: Car, grid: Grid) -> Tuple[Optional[Fault], Option
             free = free_time(piece, seconds, car, World(fenced)) if piece.direction else seconds
             if free == seconds:
                 continue
-            pose = follow(piece, free, car)[0]
+            pose = follow(piece, free, car)
             now = leg.state.stamp + round((piece.begin + free) * NANOSECONDS)
             x, y = (round(each, 1) + 0.0 for each in pose[:2])  # no negative zero
             where = f"at t = {now / NANOSECONDS:.1f} s, ({x}, {y})"

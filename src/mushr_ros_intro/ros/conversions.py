@@ -27,7 +27,7 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from mushr_ros_intro.car.bicycle import Pose
-from mushr_ros_intro.car.model import Car, Command, InitialPose, State, front_wheel_angles
+from mushr_ros_intro.car.model import Car, Command, InitialPose, State, Wheels, front_wheel_angles
 from mushr_ros_intro.plan.model import MAX_COORDINATE, MAX_SPEED
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid, as_travelled
@@ -233,13 +233,13 @@ def odometry_to_msg(state: State, car: Car, odom_frame: str, base_frame: str) ->
     return msg
 
 
-def joint_states_to_msg(state: State, car: Car) -> JointState:
-    """Return the angles of MuSHR's six joints: four wheels, and the steering of two."""
+def joint_states_to_msg(state: State, wheel_angles: Wheels, car: Car) -> JointState:
+    """Return the angles of MuSHR's six joints: four wheels [rad], and the steering of two."""
     left, right = front_wheel_angles(state.steering_angle, car)
-    names = [f"{each}_wheel_throttle" for each in state.wheel_angles._fields]
+    names = [f"{each}_wheel_throttle" for each in Wheels._fields]
     names += ["front_left_wheel_steer", "front_right_wheel_steer"]
     header = Header(stamp=time_from(state.stamp))
-    return JointState(header=header, name=names, position=[*state.wheel_angles, left, right])
+    return JointState(header=header, name=names, position=[*wheel_angles, left, right])
 
 
 def transforms_to_msg(state: State, odom_frame: str, base_frame: str) -> TFMessage:

@@ -13,9 +13,10 @@ from visualization_msgs.msg import Marker
 
 from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
-from mushr_ros_intro.car.model import Car, Contact, State
+from mushr_ros_intro.car.model import Car, Contact, State, Wheels, wheel_rates
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.commands import as_typed
+from mushr_ros_intro.sim.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import on_map
 
 _DRAWN_STEP = 0.1
@@ -47,6 +48,9 @@ class StatePublisher:
         """
         self.world: Optional[World] = None
         """The map; None if there is none."""
+        self._car = car
+        self._wheels_stamp = now
+        self._wheel_angles = Wheels(0.0, 0.0, 0.0, 0.0)
         self._announced: Optional[Contact] = None
         self._is_on_map = True
         prefix = rospy.get_namespace().strip("/")
@@ -54,7 +58,7 @@ class StatePublisher:
         topics = (
             ("car_pose", PoseStamped, conversions.car_pose_to_msg),
             ("odom", Odometry, lambda state: conversions.odometry_to_msg(state, car, *frames)),
-            ("joint_states", JointState, lambda state: conversions.joint_states_to_msg(state, car)),
+            ("joint_states", JointState, self._joint_states),
             # Not tf2_ros.TransformBroadcaster: it publishes the same, and needs 7 MB.
             ("/tf", TFMessage, lambda state: conversions.transforms_to_msg(state, *frames)),
         )
@@ -80,6 +84,15 @@ class StatePublisher:
                     publisher.publish(convert(state))
             self._last = state
             self._announce_contact(state)
+
+    def _joint_states(self, state: State) -> JointState:
+        """Return the joint states; the wheels turn at their present rate since the last message."""
+        seconds = (state.stamp - self._wheels_stamp) / NANOSECONDS
+        self._wheels_stamp = state.stamp
+        rates = wheel_rates(state, self._car)
+        angles = (a + rate * seconds for a, rate in zip(self._wheel_angles, rates))
+        self._wheel_angles = Wheels(*angles)
+        return conversions.joint_states_to_msg(state, self._wheel_angles, self._car)
 
     def _draw(self, state: State) -> None:
         """Draw the driven path as a sequence of lines, which is removed when the car is placed."""

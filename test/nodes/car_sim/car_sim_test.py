@@ -218,6 +218,16 @@ class TestCarSim(CarTestCase):
             # Ackermann: the cotangents of the front wheels' angles differ by track / wheelbase.
             left, right = angles["front_left_wheel_steer"], angles["front_right_wheel_steer"]
             self.assertAlmostEqual(1 / math.tan(right) - 1 / math.tan(left), 0.25 / 0.33, places=6)
+
+        # The mean of the back wheels rolls as far as the middle of the rear axle drives.
+        def rolled(msg):
+            angles = dict(zip(msg.name, msg.position))
+            return sum(angles[f"back_{side}_wheel_throttle"] for side in ("left", "right")) / 2
+
+        first, last = (joints[msg.header.stamp] for msg in (complete[0], complete[-1]))
+        seconds = (last.header.stamp - first.header.stamp).to_sec()
+        turned = rolled(last) - rolled(first)
+        self.assertAlmostEqual(turned * 0.0488, speed * seconds, places=6)
         listener.unregister()
 
     def test_connections_are_requested_again(self):

@@ -101,4 +101,4 @@ def test_any_parameters_make_a_car_or_an_error(values):
         return
     driving = apply(at_rest(0, ORIGIN), Command(0, 1.0, 0.3), car)
     state = advance(driving, 10**9, car)
-    assert all(map(math.isfinite, (*state.pose, *state.wheel_angles, *state.odom_pose)))
+    assert all(map(math.isfinite, (*state.pose, *state.odom_pose)))
