@@ -5,6 +5,6 @@ from mushr_ros_intro.ros import node, sim_clock
 from mushr_ros_intro.ros.car_sim import CarSim
 
 if __name__ == "__main__":
-    keeps_clock = sim_clock.has_to_keep_clock()
+    publishes_clock = sim_clock.has_to_publish_clock()
     # A node that publishes /clock must not use /clock as its own time.
-    node.main("car_sim", lambda: CarSim(keeps_clock), disable_rostime=keeps_clock)
+    node.main("car_sim", lambda: CarSim(publishes_clock), disable_rostime=publishes_clock)

@@ -109,7 +109,7 @@ class WebView:
         }
 
     async def _check_master(self) -> None:
-        """Find out whether the master answers, and whether the car keeps the clock."""
+        """Find out whether the master answers, and whether the car publishes the clock."""
         service = f"/{self._car_name}/car_sim/pause"
         try:
             self._holds_clock = await self._bridge.in_thread(rosapi.has_service, service)

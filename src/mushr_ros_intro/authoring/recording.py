@@ -71,10 +71,10 @@ class Recording:
         stamp = effective_stamp(command.stamp, now, self._tolerance)
         if stamp < self._since:
             return True
-        command = command._replace(stamp=stamp, is_dated=stamp == command.stamp)
-        if command.is_dated:  # see car/history.py
+        command = command._replace(stamp=stamp, has_stamp=stamp == command.stamp)
+        if command.has_stamp:  # see car/history.py
             self._commands = [
-                each for each in self._commands if each.is_dated or each.stamp < stamp
+                each for each in self._commands if each.has_stamp or each.stamp < stamp
             ]
         place = len(self._commands)
         while place and self._commands[place - 1].stamp > stamp:

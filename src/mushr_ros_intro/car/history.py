@@ -18,6 +18,9 @@ from mushr_ros_intro.car.model import Car, Command, Event, State
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.sim.stamps import STAMP_TOLERANCE
 
+LENGTH = STAMP_TOLERANCE
+"""How long an event is kept [ns]: no event with a valid stamp arrives later than this."""
+
 
 class History:
     """The recent events of a car, in order, and the state after each of them."""
@@ -34,22 +37,22 @@ class History:
         """Insert `event`, which arrives at `now` [ns], and recompute the states after it.
 
         If stamps are equal, an initial pose applies before commands, and otherwise the events
-        apply in the order of arrival. The history begins STAMP_TOLERANCE before the latest `now`.
+        apply in the order of arrival. The history begins LENGTH before the latest `now`.
         An event from before its beginning applies at its beginning.
         """
         event = event._replace(stamp=max(event.stamp, self._states[0].stamp))
         first = bisect.bisect_left(self._keys, (event.stamp, False))
         later = self._events[first:]
-        if event.is_dated:
-            later = [each for each in later if each.is_dated or type(each) is not type(event)]
+        if event.has_stamp:
+            later = [each for each in later if each.has_stamp or type(each) is not type(event)]
         later.append(event)
         later.sort(key=_key)  # equal keys keep their order
         self._events[first:] = later
         self._keys[first:] = map(_key, later)
         self._recompute(first)
-        self._forget(now - STAMP_TOLERANCE)
+        self._forget(now - LENGTH)
 
-    def build(self, world: World) -> None:
+    def set_walls(self, world: World) -> None:
         """Replace the walls by those of `world`, and recompute all states."""
         self._world = world
         self._recompute(0)

@@ -87,7 +87,7 @@ class Command(NamedTuple):
     """Rate of change of the speed [m/s^2], of any sign; 0 means as fast as the car can."""
     steering_angle_velocity: float = 0.0
     """Rate of change of the steering angle [rad/s], of any sign; 0 means as fast as possible."""
-    is_dated: bool = True
+    has_stamp: bool = True
     """Whether the sender has set `stamp`; otherwise it is the time of arrival."""
 
 
@@ -98,7 +98,7 @@ class InitialPose(NamedTuple):
     """When it applies [ns]."""
     pose: Pose
     """The pose in the map frame."""
-    is_dated: bool = True
+    has_stamp: bool = True
     """As for a command."""
 
 

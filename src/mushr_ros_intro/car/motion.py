@@ -83,7 +83,7 @@ def changes_nothing(event: Command, last: Command, timeout: int) -> bool:
     """
     if event.speed != 0.0 or event.acceleration != 0.0:
         return False
-    if event == last._replace(stamp=event.stamp, is_dated=event.is_dated):
+    if event == last._replace(stamp=event.stamp, has_stamp=event.has_stamp):
         return True
     is_plain = event.steering_angle == event.steering_angle_velocity == 0.0
     return is_plain and event.stamp >= last.stamp + timeout

@@ -206,7 +206,7 @@ def _rate(report: Report) -> Tuple[bool, str]:
         if fault := _rate_fault(run, groups[index], run is runs[-1]):
             return False, f"{run}: {fault}"
     message = f"{NANOSECONDS // COMMAND_PERIOD} commands per second in every row"
-    if not all(sent.stamped for sent in report.replay.sent):
+    if not all(sent.has_stamp for sent in report.replay.sent):
         message += "; their spacing was not judged, because they have no stamps"
     return True, message
 
@@ -220,7 +220,7 @@ def _rate_fault(run: Run, group: Sequence[Sent], is_last: bool) -> str:
     if len(group) - run.expected not in (0, extra):
         pace = f", {(len(group) - 1) / span:.3g} per second" if span else ""
         return f"{counted(len(group), 'command')} received{pace}; expected {run.expected}"
-    if not all(sent.stamped for sent in group):
+    if not all(sent.has_stamp for sent in group):
         return ""  # times of arrival are too rough
     if faults := step_faults(times, COMMAND_PERIOD, _JITTER):
         return faults[0]

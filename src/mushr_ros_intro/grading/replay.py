@@ -24,7 +24,7 @@ class Sent(NamedTuple):
 
     time: int
     """Its stamp, or the approximate time of arrival if the stamp is zero [ns]."""
-    stamped: bool
+    has_stamp: bool
     """Whether `time` is the stamp."""
     speed: float
     """[m/s]"""
@@ -146,7 +146,7 @@ def _first_pose(replay: Replay) -> int:
     poses = [Pose(*row) for row in replay.poses[: max(1, count)]]
     start = replay.plan.start
     placed = int(np.argmin([each.distance_to(start) + each.angle_to(start) for each in poses]))
-    if placed and replay.sent and not replay.sent[0].stamped:
+    if placed and replay.sent and not replay.sent[0].has_stamp:
         return placed  # the time of an unstamped command is too rough
     first = int(np.searchsorted(replay.stamps, replay.begin))
     return max(placed, min(first, len(replay.stamps) - 1))

@@ -1,8 +1,9 @@
 """Select one of several command inputs for the car."""
 
+import math
 import threading
 import time
-from typing import Dict
+from typing import Dict, NamedTuple
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -19,6 +20,15 @@ LATE_AFTER = COMMAND_PERIOD // 2
 
 In wall-clock time only. Then an input drives as long as its commands arrive, whatever its clock.
 """
+
+
+class WithoutStamp(NamedTuple):
+    """The newest command without a valid stamp; it counts from its arrival."""
+
+    expires: int = -1
+    """When it expires [ns]; -1 if there was no such command."""
+    min_wall: float = -math.inf
+    """It does not expire before this wall-clock time [s, monotonic]."""
 
 
 class AckermannCmdMux:
@@ -38,8 +48,7 @@ class AckermannCmdMux:
         self._is_live = threading.Event()
         self._mux = Mux()
         self._time = PresentTime()
-        # A command of unknown age: when it expires [ns], and its minimum [s of wall-clock time].
-        self._unstamped = (-1, 0.0)
+        self._without_stamp = WithoutStamp()
         self._frame = ""
         self._announced = ""
 
@@ -88,26 +97,27 @@ class AckermannCmdMux:
                 ros_time.sleep_until(deadline, seen)
 
     def _held(self) -> float:
-        """Return the time for which no input may expire [s of wall-clock time]; needs the lock.
+        """Return for how long no input may expire yet [s of wall-clock time]; needs the lock.
 
-        The age of a command without a valid stamp is unknown. In lock-step the clock of this node
-        may be seconds behind the sender's clock, and then advance suddenly. So in simulated time
-        such a command is valid for at least its timeout in wall-clock time.
+        A command without a valid stamp counts from its arrival. In lock-step, this node's clock may
+        be seconds late at that time and then advance at once, and the command would expire at once.
+        So such a command is valid for at least its timeout in wall-clock time, too.
         """
-        deadline, until = self._unstamped
-        return until - time.monotonic() if self._mux.deadline == deadline else 0.0
+        newest = self._without_stamp
+        return newest.min_wall - time.monotonic() if self._mux.deadline == newest.expires else 0.0
 
     def _expire(self, now: int) -> None:
         """Send a stop if the last live input has expired at `now` [ns]; needs the lock."""
         if self._held() > 0.0:
             return
-        is_stamped = ros_time.is_simulated() and self._mux.deadline != self._unstamped[0]
+        has_stamp = self._mux.deadline != self._without_stamp.expires
         self._mux, stop = self._mux.expire(now)
         if stop is not None:
             self._is_live.clear()
-            # Without a stamp, a command that arrives later, but was due earlier, replaces the stop.
-            command = Command(stop if is_stamped else 0, 0.0, 0.0)
-            self._send(conversions.command_to_msg(command, self._frame))
+            # A stop without a stamp applies on arrival. A command that arrives later, but has an
+            # earlier stamp, replaces it (see car/history.py).
+            stamp = stop if has_stamp and ros_time.is_simulated() else 0
+            self._send(conversions.command_to_msg(Command(stamp, 0.0, 0.0), self._frame))
             self._announce()
 
     def _read_clock(self) -> int:
@@ -124,10 +134,10 @@ class AckermannCmdMux:
         with self._lock:
             now = self._read_clock()
             stamp = ros_time.received_stamp(command.stamp)
-            is_dated = command.stamp == stamp
+            has_stamp = command.stamp == stamp
             begin, until = stamp, stamp + source.timeout
             if ros_time.is_simulated():
-                until += 0 if is_dated else source.timeout
+                until += 0 if has_stamp else source.timeout
             else:
                 begin = min(stamp, now)  # the sender's clock may be early
                 if now > stamp + LATE_AFTER:
@@ -135,8 +145,9 @@ class AckermannCmdMux:
             # Expire first. In simulated time, the output then depends on the stamps alone.
             self._expire(begin)
             self._mux, passes = self._mux.command(source, begin, until)
-            if not is_dated and self._mux.deadline == until:
-                self._unstamped = (until, time.monotonic() + source.timeout / NANOSECONDS)
+            if not has_stamp and self._mux.deadline == until:
+                min_wall = time.monotonic() + source.timeout / NANOSECONDS
+                self._without_stamp = WithoutStamp(until, min_wall)
             if passes:
                 self._frame = msg.header.frame_id
                 self._send(msg)

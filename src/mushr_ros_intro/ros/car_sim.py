@@ -36,8 +36,8 @@ class CarSim:
     ``mux/ackermann_cmd_mux/output``, and to /map. For what it publishes see `StatePublisher`.
     """
 
-    def __init__(self, keeps_clock: bool) -> None:
-        """Set up the node; if `keeps_clock`, it publishes /clock."""
+    def __init__(self, publishes_clock: bool) -> None:
+        """Set up the node; if `publishes_clock`, it publishes /clock."""
         parameters = node.parameters()
         self._car = car_from(parameters)
         pose_rate = parameters.number("pose_rate", 50.0, "Hz", 0.1, 1000.0)
@@ -51,19 +51,19 @@ class CarSim:
         # The lock of the state and the clock; notified of events and service calls.
         self._changed = threading.Condition()
         self.clock = (
-            sim_clock.KeptClock(pose_period, self._changed, factor)
-            if keeps_clock
+            sim_clock.OwnClock(pose_period, self._changed, factor)
+            if publishes_clock
             else sim_clock.FollowedClock(pose_period, self._changed)
         )
         profile = parameters.optional_text("profile") or "without a profile"
         values = (profile, self._car, pose_rate, self.clock.description)
         rospy.loginfo("car %s: %s; pose rate %g Hz; time: %s", *values)
         self._expects_map = parameters.flag("expects_map", False)
-        self._stamp_tolerance = SIMULATED_STAMP_TOLERANCE if keeps_clock else STAMP_TOLERANCE
+        self._stamp_tolerance = SIMULATED_STAMP_TOLERANCE if publishes_clock else STAMP_TOLERANCE
         self._now = self.clock.read()
         self._history = History(self._car, at_rest(self._now, self._start))
         self._world: Optional[World] = None
-        self._publisher = StatePublisher(self._car, self._now, loses_states=not keeps_clock)
+        self._publisher = StatePublisher(self._car, self._now, loses_states=not publishes_clock)
         node.offer_service("~reset", self._changed, self._reset)
         self._subscribe()
 
@@ -117,7 +117,7 @@ class CarSim:
         with self._changed:
             now = self._read_clock()
             self._world = self._publisher.world = world
-            self._history.build(world)
+            self._history.set_walls(world)
             state = self._history.state_at(now)
         if not is_free(*world, state.pose):
             rospy.logwarn(
@@ -134,9 +134,9 @@ class CarSim:
         with self._changed:
             now = self._read_clock()
             stamp = effective_stamp(event.stamp, now)
-            applied = event._replace(stamp=stamp, is_dated=stamp == event.stamp)
+            applied = event._replace(stamp=stamp, has_stamp=stamp == event.stamp)
             self._history.add(applied, now)
-            self.clock.hear(applied)
+            self.clock.on_event(applied)
         # MuSHR sends stops with one old stamp while no input drives.
         is_stop = isinstance(event, Command) and not event.speed
         if event.stamp and not is_stop and abs(event.stamp - now) > self._stamp_tolerance:

@@ -25,7 +25,7 @@ from mushr_ros_intro.ros.ackermann_cmd_mux import AckermannCmdMux
 from mushr_ros_intro.ros.candidate import Sample, receiving_activity
 from mushr_ros_intro.ros.car_sim import CarSim
 from mushr_ros_intro.ros.guarded_master import GuardedMaster
-from mushr_ros_intro.ros.sim_clock import KeptClock
+from mushr_ros_intro.ros.sim_clock import OwnClock
 from mushr_ros_intro.sim.mux import Input
 from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE
 from mushr_ros_intro.world.grid import Grid
@@ -270,13 +270,13 @@ def _join(uri: str, parameters: Dict[str, Any], mux: Dict[str, Any]) -> None:
 class _Car(CarSim):
     """The simulated car, which receives commands and the map from the world."""
 
-    clock: KeptClock
+    clock: OwnClock
 
     def __init__(self, recorder: ReplayWorld) -> None:
         self._recorder = recorder
         self._corrected: List[State] = []
         self._reported: Deque[int] = deque()  # instants whose states late commands may still change
-        super().__init__(keeps_clock=True)
+        super().__init__(publishes_clock=True)
 
     def _subscribe(self) -> None:
         """Subscribe to initial poses only."""
@@ -290,7 +290,7 @@ class _Car(CarSim):
     def skip(self, stamp: int) -> None:
         """Let the clock advance as after a command, although the command is ignored."""
         with self._changed:
-            self.clock.hear(Command(stamp, 1.0, 0.0))
+            self.clock.on_event(Command(stamp, 1.0, 0.0))
 
     def _evaluate(self, instants: Sequence[int]) -> List[State]:
         """Return the car's state at instants [ns]; needs the lock."""

@@ -22,11 +22,11 @@ Publish = Callable[[List[State]], None]
 HOLD_POLL_PERIOD = 0.05
 """Period of the checks while the clock is held [s of wall-clock time]."""
 
-MAX_DELAY = 0.1
-"""If the clock is later than this, it does not catch up [s of wall-clock time]."""
+MAX_CATCH_UP = 0.1
+"""A clock that is later than this does not catch up [s of wall-clock time]."""
 
 
-def has_to_keep_clock() -> bool:
+def has_to_publish_clock() -> bool:
     """Return whether time is simulated and no live node publishes /clock.
 
     This function can be called before rospy.init_node.
@@ -61,14 +61,14 @@ class FollowedClock:
         self._time.update(ros_time.now())
         return self._time.now
 
-    def hear(self, event: Event) -> None:
+    def on_event(self, event: Event) -> None:
         """Do nothing, because this clock does not wait for events."""
 
     def reset(self) -> None:
         """Forget all events."""
 
     def run(self, evaluate: Evaluate, publish: Publish) -> None:
-        """Publish the state at the pose rate until the node is shut down; see KeptClock.run."""
+        """Publish the state at the pose rate until the node is shut down; see OwnClock.run."""
         rate = rospy.Rate(NANOSECONDS / self._pose_period, reset=True)
         while not rospy.is_shutdown():
             with self._changed:
@@ -77,7 +77,7 @@ class FollowedClock:
             rate.sleep()
 
 
-class KeptClock:
+class OwnClock:
     """The simulated clock of this node; publishes /clock, and offers ~pause, ~resume and ~step.
 
     `sim/clock.py` computes the limit of the clock.
@@ -113,9 +113,9 @@ class KeptClock:
         """Return the time [ns]; needs the lock."""
         return self._now
 
-    def hear(self, event: Event) -> None:
+    def on_event(self, event: Event) -> None:
         """Add an event, which applies at its stamp; needs the lock."""
-        self._stream = self._stream.hear(
+        self._stream = self._stream.on_event(
             event,
             self._now,
             time.monotonic(),
@@ -171,7 +171,7 @@ class KeptClock:
         if wall < due:
             self._changed.wait(due - wall)
             return None
-        if wall > due + MAX_DELAY:
+        if wall > due + MAX_CATCH_UP:
             self._anchor = (wall, target)
         return target
 

@@ -76,7 +76,7 @@ class Stream(NamedTuple):
         """Return the stream with its wait counted from `wall` [s], unless it has expired."""
         return self if self.is_expired else self._replace(deadline=wall + self.wait)
 
-    def hear(
+    def on_event(
         self, event: Event, clock: int, wall: float, next_report: int, lock_step: bool
     ) -> "Stream":
         """Return the stream that includes `event`.

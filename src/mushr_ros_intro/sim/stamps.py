@@ -11,13 +11,10 @@ COMMAND_PERIOD = NANOSECONDS // 10
 """Period of the commands of a plan [ns]."""
 
 STAMP_TOLERANCE = 1 * NANOSECONDS
-"""Largest difference between a valid stamp and this machine's clock [ns].
-
-Also the length of the car's history.
-"""
+"""Largest difference between a valid stamp and this machine's clock [ns]."""
 
 SIMULATED_STAMP_TOLERANCE = 60 * NANOSECONDS
-"""The same, in simulated time, for a node that does not keep the clock [ns].
+"""The same, in simulated time, for a node that does not publish the clock [ns].
 
 In lock-step, a minute of simulated time takes about a second of wall-clock time, and the clock of a
 busy node may be this late.

@@ -264,19 +264,19 @@ class TestCarSim(CarTestCase):
         ghost.die()
         self.assertTrue(wait_until_connected(left, "subscribers"))
 
-    def test_whether_the_car_keeps_the_clock(self):
+    def test_whether_the_car_publishes_the_clock(self):
         """It does if time is simulated and no live node publishes /clock."""
-        has_to_keep_it = sim_clock.has_to_keep_clock
-        self.assertFalse(has_to_keep_it())
+        has_to_publish_it = sim_clock.has_to_publish_clock
+        self.assertFalse(has_to_publish_it())
         self.addCleanup(rospy.delete_param, "/use_sim_time")
         rospy.set_param("/use_sim_time", True)
-        self.assertTrue(has_to_keep_it())
+        self.assertTrue(has_to_publish_it())
         ghost = self.ending(Ghost(publishes=["/clock"]))
-        self.assertFalse(has_to_keep_it())
+        self.assertFalse(has_to_publish_it())
         ghost.die()
-        self.assertTrue(has_to_keep_it())
+        self.assertTrue(has_to_publish_it())
         rospy.set_param("/use_sim_time", False)
-        self.assertFalse(has_to_keep_it())
+        self.assertFalse(has_to_publish_it())
 
     def test_bad_parameters(self):
         message = "parameter ~track is 'wide'; expected"

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Check the simulated clock that the car keeps, at any real-time factor."""
+"""Check the simulated clock that the car publishes, at any real-time factor."""
 
 import re
 import signal

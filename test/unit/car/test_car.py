@@ -127,13 +127,13 @@ def test_with_equal_stamps_an_initial_pose_comes_first_and_the_last_command_wins
 
 def test_a_stamped_command_replaces_earlier_commands_without_a_stamp():
     """Only those that arrived earlier, but would apply later."""
-    zero = Command(BEGIN + 30 * MS, 0.0, 0.0, is_dated=False)
+    zero = Command(BEGIN + 30 * MS, 0.0, 0.0, has_stamp=False)
     drive = Command(BEGIN + 20 * MS, 2.0, 0.0)
     for events, distance in (
         ((zero, drive), 0.4),
         ((drive, zero), 0.02),
         ((zero._replace(stamp=BEGIN + 10 * MS), drive), 0.4),
-        ((zero._replace(is_dated=True), drive), 0.02),
+        ((zero._replace(has_stamp=True), drive), 0.02),
     ):
         made = History(CAR, at_rest(BEGIN, Pose(0.0, 0.0, 0.0)))
         for event in events:
@@ -148,12 +148,12 @@ def test_a_stamped_command_replaces_earlier_commands_without_a_stamp():
 def test_a_stamped_initial_pose_replaces_earlier_ones_without_a_stamp():
     """A command without a stamp stays."""
     there, here = Pose(1.0, 0.0, 0.0), Pose(2.0, 0.0, 0.0)
-    undated = InitialPose(BEGIN + 30 * MS, there, is_dated=False)
-    drive = Command(BEGIN + 30 * MS, 2.0, 0.0, is_dated=False)
+    unstamped = InitialPose(BEGIN + 30 * MS, there, has_stamp=False)
+    drive = Command(BEGIN + 30 * MS, 2.0, 0.0, has_stamp=False)
     for events, x in (
-        ((undated, drive, InitialPose(BEGIN + 20 * MS, here)), 2.4),
-        ((drive, InitialPose(BEGIN + 20 * MS, here), undated), 1.4),
-        ((undated._replace(is_dated=True), drive, InitialPose(BEGIN + 20 * MS, here)), 1.4),
+        ((unstamped, drive, InitialPose(BEGIN + 20 * MS, here)), 2.4),
+        ((drive, InitialPose(BEGIN + 20 * MS, here), unstamped), 1.4),
+        ((unstamped._replace(has_stamp=True), drive, InitialPose(BEGIN + 20 * MS, here)), 1.4),
     ):
         made = History(CAR, START)
         for event in events:

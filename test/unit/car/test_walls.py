@@ -115,7 +115,7 @@ def test_the_car_can_drive_off_the_map_and_in_a_wall():
 def test_a_late_map_applies_to_the_whole_history(events):
     made = history(Pose(48.5, 3.0, 0.0), *events, world=None)
     assert at(made, 1000).pose.x > WALL
-    made.build(SANDBOX)
+    made.set_walls(SANDBOX)
     assert at(made, 1000) == at(history(Pose(48.5, 3.0, 0.0), *events), 1000)
 
 

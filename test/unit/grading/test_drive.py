@@ -58,7 +58,7 @@ def test_after_a_recording_that_ends_early_the_car_stands():
 
 @pytest.mark.parametrize("elsewhere", [(9.0, 9.0, 0.5), (1.0, 2.0, 0.0), (1.0, 2.0, 0.5 - 3.0)])
 @pytest.mark.parametrize(
-    ("placed", "is_stamped", "late", "begin"),
+    ("placed", "has_stamp", "late", "begin"),
     [
         (0.02, True, 0.0, 0.02),
         (0.02, False, 0.0, 0.02),
@@ -67,11 +67,11 @@ def test_after_a_recording_that_ends_early_the_car_stands():
         (-0.04, False, 0.05, -0.09),
     ],
 )
-def test_a_drive_begins_when_the_car_is_placed(elsewhere, placed, is_stamped, late, begin):
+def test_a_drive_begins_when_the_car_is_placed(elsewhere, placed, has_stamp, late, begin):
     """But not before a stamped command. The time of an unstamped one may be late."""
     right = replay()
     time = BEGIN + round(late * SECOND)
-    first = right.sent[0]._replace(time=time, stamped=is_stamped)
+    first = right.sent[0]._replace(time=time, has_stamp=has_stamp)
     delay = 1 if placed > 0.0 else 0
     poses = right.poses[np.maximum(np.arange(len(right.poses)) - delay, 0)]
     poses[right.stamps < BEGIN + round(placed * SECOND)] = elsewhere
@@ -80,12 +80,12 @@ def test_a_drive_begins_when_the_car_is_placed(elsewhere, placed, is_stamped, la
     assert path.times[0] == pytest.approx(begin)
 
 
-@pytest.mark.parametrize("is_stamped", [True, False])
-def test_a_car_that_drives_off_before_it_reports_its_start(is_stamped):
+@pytest.mark.parametrize("has_stamp", [True, False])
+def test_a_car_that_drives_off_before_it_reports_its_start(has_stamp):
     right = replay()
     poses = right.poses.copy()
     poses[right.stamps <= BEGIN] = (0.0, 0.0, 0.0)
-    first = right.sent[0]._replace(stamped=is_stamped)
+    first = right.sent[0]._replace(has_stamp=has_stamp)
     path = drive(right._replace(poses=poses, sent=(first, *right.sent[1:])))
     assert path.times[0] == pytest.approx(0.02)
     assert path.driven[0] == pytest.approx(START, abs=0.05)

@@ -109,7 +109,7 @@ def scaled(speed, angle):
 TIME = COMMANDS[5].time
 HURRIED = [each._replace(time=BEGIN + k * TENTH * 8 // 10) for k, each in enumerate(COMMANDS[:10])]
 SWAPPED = [each._replace(speed=each.steering_angle, steering_angle=each.speed) for each in COMMANDS]
-UNSTAMPED = [each._replace(stamped=False) for each in COMMANDS]
+UNSTAMPED = [each._replace(has_stamp=False) for each in COMMANDS]
 
 
 REORDERED = commands([ROWS[1], ROWS[2], ROWS[0], STOP])
@@ -124,7 +124,7 @@ ROW = "commands: row 1 (1 s): received "
         (COMMANDS[:1] + COMMANDS[10:], RATE + "1 command received; expected 10"),
         (HURRIED + COMMANDS[10:], RATE + "the stamps of its 10 commands span 0.72 s; expected 1 s"),
         (changed(5, time=TIME + TENTH * 6 // 10), RATE + "0.16 s between the stamps of messages 5"),
-        (changed(5, time=TIME + TENTH * 6 // 10, stamped=False), ""),
+        (changed(5, time=TIME + TENTH * 6 // 10, has_stamp=False), ""),
         (changed(5, time=TIME + TENTH * 4 // 10), ""),
         (changed(5, time=TIME - TENTH * 3 // 2), RATE + "message 6 is stamped 0.05 s before"),
         (REORDERED, ROW + "1 m/s, -0.1 rad; expected 2 m/s, 0.1 rad. The rows are in the wrong o"),

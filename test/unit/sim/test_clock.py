@@ -23,7 +23,7 @@ def listen(*events, lock_step=True, stream=None):
     """Return the stream of (event, clock [ns], wall [s])."""
     stream = stream or Stream()
     for event, clock, wall in events:
-        stream = stream.hear(event, clock, wall, REPORT, lock_step)
+        stream = stream.on_event(event, clock, wall, REPORT, lock_step)
     return stream
 
 
