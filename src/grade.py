@@ -26,10 +26,11 @@ from mushr_ros_intro.grading.points import Points, read_points
 from mushr_ros_intro.grading.result import Result
 from mushr_ros_intro.grading.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.grading.submissions import collect
+from mushr_ros_intro.grading.workspace import temporary_folder
 from mushr_ros_intro.parameters import package_folder
 from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.plan.parse import read_plans
-from mushr_ros_intro.ros.grader import grade, job_for, read_setting
+from mushr_ros_intro.ros.grader import grade, job_for, probe, read_setting
 from mushr_ros_intro.ros.replay import ReplayError, Setting, replay
 
 PASSED, FAILED, USAGE, NOT_GRADED = range(4)
@@ -66,6 +67,7 @@ def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
         patience=arguments.patience,
         tolerances={name: value for name, value in values if value is not None},
         sandbox=sandbox,
+        ros=sandbox.copy_workspaces(),
     )
 
 
@@ -111,15 +113,15 @@ def grade_class(arguments: argparse.Namespace) -> int:
     folder = open_output(arguments.out)
     paths = [*arguments.inputs, *(plan.path for plan in plans.values())]
     hidden = [each if os.path.isdir(each) else os.path.dirname(each) for each in paths]
-    sandbox, missing = make_sandbox(arguments.user, [*hidden, folder])
-    if missing:
-        print(missing, file=sys.stderr)
-    setting = setting_from(arguments, sandbox)
     bags = os.path.join(folder, "bags") if arguments.bag else ""
     if bags:
         os.makedirs(bags, exist_ok=True)
-    with tempfile.TemporaryDirectory() as workspace:
+    with tempfile.TemporaryDirectory(dir=temporary_folder()) as workspace:
         os.chmod(workspace, 0o711)
+        sandbox, missing = make_sandbox(arguments.user, [*hidden, folder], workspace)
+        if missing:
+            print(missing, file=sys.stderr)
+        setting = setting_from(arguments, sandbox)
         submissions = collect(arguments.inputs, workspace, arguments.file)
         number, count = arguments.shard
         chosen = submissions[number - 1 :: count]
@@ -128,6 +130,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
                 f"{counted(len(chosen), 'submission')} found; a result for Gradescope, "
                 "Classroom 50 or GitHub needs one submission"
             )
+        probe(next(iter(plans.values())), setting)
         began = time.monotonic()
         results = []
         for each in grade(chosen, plans, setting, arguments.jobs, bags):

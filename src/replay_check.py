@@ -18,6 +18,7 @@ from std_msgs.msg import String
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.grading.judge import Check, Report, Tolerances
 from mushr_ros_intro.grading.sandbox import Sandbox
+from mushr_ros_intro.grading.workspace import inherited
 from mushr_ros_intro.parameters import Parameters, find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.ros import node
@@ -65,6 +66,7 @@ def judge() -> Report:
             if f"{name}_tolerance" in given
         },
         sandbox=Sandbox(),
+        ros=inherited(),
     )
     report = replay(job_for(words, plan, setting))
     folder = parameters.optional_text("report")

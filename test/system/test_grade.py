@@ -14,9 +14,10 @@ from xml.etree import ElementTree
 
 import pytest
 import rosbag
+from roslib.packages import find_node
 
 from support import classroom as submissions
-from support.helpers import Process, node
+from support.helpers import Process
 from support.paths import PACKAGE
 
 PLAN = "0,0,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n"
@@ -28,11 +29,39 @@ ISOLATED = pytest.mark.skipif(
     reason="this system refuses namespaces, so that grade.py cannot isolate nodes",
 )
 
+WITHOUT_NAMESPACES = ()
+if os.geteuid() == 0:
+    WITHOUT_NAMESPACES = ("setpriv", "--bounding-set=-sys_admin", "--inh-caps=-sys_admin")
 
-def grade(*arguments):
+
+def grade(*arguments, prefix=(), **environment):
     """Run grade.py; return its exit status and its output."""
-    with node("grade.py", *map(str, arguments)) as process:
+    command = (*prefix, find_node("mushr_ros_intro", "grade.py")[0], *arguments)
+    with Process(*map(str, command), **environment) as process:
         return process.wait(300), process.output
+
+
+def assert_status(expected, *arguments, **options):
+    """Run grade.py, and check its exit status; return its output."""
+    status, output = grade(*arguments, **options)
+    assert status == expected, output + verdicts(arguments)
+    return output
+
+
+def verdicts(arguments):
+    """Return the results in the folder after --out."""
+    folder = dict(zip(arguments, arguments[1:])).get("--out", "")
+    texts = []
+    for path in sorted(glob.glob(f"{folder}/data/*.json")):
+        with open(path) as file:
+            texts.append(verdicts_of(json.load(file)))
+    return "\n".join(texts)
+
+
+def verdicts_of(result):
+    """Return a result as text: why there is no verdict, or the verdict on each plan."""
+    reasons = (result["name"], result["fault"], result["error"])
+    return "\n".join((*reasons, *(plan["verdict"] for plan in result["plans"])))
 
 
 @pytest.fixture(scope="module")
@@ -76,10 +105,13 @@ def grade_class(folder, server):
 
 
 def result_of(graded, name):
-    return json.loads((graded[2] / "data" / f"{name}.json").read_text())
+    path = graded[2] / "data" / f"{name}.json"
+    assert path.exists(), graded[1]
+    return json.loads(path.read_text())
 
 
 def failed_checks(result):
+    assert len(result["plans"]) == 1, verdicts_of(result)
     (plan,) = result["plans"]
     return {check["name"]: check["message"] for check in plan["checks"] if not check["passed"]}
 
@@ -87,14 +119,15 @@ def failed_checks(result):
 @ISOLATED
 @pytest.mark.parametrize("name", RIGHT)
 def test_right(graded, name):
-    assert failed_checks(result_of(graded, name)) == {}
+    result = result_of(graded, name)
+    assert failed_checks(result) == {}, verdicts_of(result)
 
 
 @ISOLATED
 @pytest.mark.parametrize("name", WRONG)
 def test_wrong(graded, name):
     result = result_of(graded, name)
-    assert submissions.WRONG[name][1] in failed_checks(result)
+    assert submissions.WRONG[name][1] in failed_checks(result), verdicts_of(result)
     if name == "frame":
         note = "note: the car ignored a message on /initialpose: pose is in the frame 'odom'"
         assert note in result["plans"][0]["verdict"]
@@ -104,7 +137,7 @@ def test_wrong(graded, name):
 @pytest.mark.parametrize("name", submissions.BROKEN)
 def test_broken(graded, name):
     result = result_of(graded, name)
-    assert submissions.BROKEN[name][1] in result["fault"]
+    assert submissions.BROKEN[name][1] in result["fault"], verdicts_of(result)
     assert not result["plans"]
 
 
@@ -114,7 +147,7 @@ def test_cheat(graded, name):
     """The cheat fails, and either its message names the action, or it had no effect."""
     result = result_of(graded, f"cheat_{name}")
     (plan,) = result["plans"]
-    assert failed_checks(result)
+    assert failed_checks(result), plan["verdict"]
     assert submissions.CHEATS[name][1] in plan["verdict"]
     if name != "says_so":
         assert "ended without publishing" not in plan["verdict"]
@@ -134,7 +167,7 @@ def test_nothing_is_left(graded):
 @ISOLATED
 def test_files(graded):
     status, output, out = graded
-    assert status == 1
+    assert status == 1, output
     with open(out / "grades.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     count = len(RIGHT) + len(WRONG) + len(submissions.BROKEN) + len(submissions.CHEATS)
@@ -148,13 +181,20 @@ def test_files(graded):
 
 
 GENERATES = """
+find_package(catkin REQUIRED COMPONENTS ackermann_msgs)
+if(NOT EXISTS ${ackermann_msgs_INSTALL_PREFIX}/share AND NOT ackermann_msgs_SOURCE_PREFIX)
+  message(FATAL_ERROR "ackermann_msgs is not there")
+endif()
 file(WRITE ${CATKIN_DEVEL_PREFIX}/lib/python3/dist-packages/generated.py "ANSWER = 42\\n")
 """
 
 
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory):
-    """Grade a zip and two packages that have to be built, in two parts; return their folder."""
+    """Grade a zip and two packages that have to be built, in two parts; return their folder.
+
+    The users of the nodes of the first part, which are not isolated, cannot reach the folder.
+    """
     folder = tmp_path_factory.mktemp("parts")
     package = submissions.write(folder, "zipped", submissions.RIGHT)
     shutil.make_archive(str(folder / "class" / "zipped"), "zip", package)
@@ -164,17 +204,18 @@ def parts(tmp_path_factory):
     submissions.write(folder / "class", "cannot_build", submissions.RIGHT, cmake=fails)
     (folder / "plan.txt").write_text(PLAN)
     (folder / "points.yaml").write_text("default: {path: 3, rest: 1}\n")
+    (folder / "private").mkdir(0o700)
     plan = ("--plans", folder / "plan.txt", "--points", folder / "points.yaml")
-    first = ("--shard", "1/2", "--out", folder / "1", "--bag")
-    assert grade(folder / "class", *plan, *first)[0] == 0
-    assert grade(folder / "class", *plan, "--shard", "2/2", "--out", folder / "2")[0] == 1
+    command = (folder / "class", *plan, "--shard")
+    first = (*command, "1/2", "--out", folder / "1", "--bag")
+    assert_status(0, *first, prefix=WITHOUT_NAMESPACES, TMPDIR=str(folder / "private"))
+    assert_status(1, *command, "2/2", "--out", folder / "2")
     return folder
 
 
 def test_merge(parts):
     command = ("--merge", parts / "1", parts / "2", "--points", parts / "points.yaml")
-    status, output = grade(*command, "--out", parts / "all")
-    assert status == 1
+    output = assert_status(1, *command, "--out", parts / "all")
     assert "2 of 3 submissions passed" in output
     with open(parts / "all" / "grades.csv", newline="") as file:
         rows = {row["Name"]: row for row in csv.DictReader(file)}
@@ -198,16 +239,16 @@ def test_bag(parts):
 def test_noise():
     """A correct node passes with any seed: the noise is predicted, too."""
     node = ("--node", "mushr_ros_intro", "path_publisher.py", "--car", "mushr_nano")
-    status, output = grade("straight_line", *node, "--seed", 1)
-    assert (status, "all checks passed" in output) == (0, True), output
+    output = assert_status(0, "straight_line", *node, "--seed", 1)
+    assert "all checks passed" in output
 
 
 def test_other_files_stay(tmp_path):
     """grade.py does not write to a folder with other files."""
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "mine.json").write_text("{}")
-    status, output = grade(PACKAGE, "--plans", "figure_8", "--out", tmp_path)
-    assert status == 2 and "expected a new or empty folder" in output
+    output = assert_status(2, PACKAGE, "--plans", "figure_8", "--out", tmp_path)
+    assert "expected a new or empty folder" in output
     assert os.listdir(tmp_path) == ["data"] and os.listdir(tmp_path / "data") == ["mine.json"]
 
 
@@ -216,23 +257,38 @@ def test_a_plan_of_a_submission_is_not_used(tmp_path):
     plan = tmp_path / "figure_8.txt"
     plan.write_text("0,0,0\n1.0,0.0\n")
     arguments = (tmp_path, "--plans", "figure_8", "--out", tmp_path / "out")
-    with node("grade.py", *map(str, arguments), PWD=str(tmp_path)) as process:
-        assert process.wait() == 2, process.output
-    assert f"{plan}: this plan is in a submission" in process.output
+    output = assert_status(2, *arguments, PWD=str(tmp_path))
+    assert f"{plan}: this plan is in a submission" in output
     assert not (tmp_path / "out").exists()
 
 
 def test_empty_part(parts, tmp_path):
     """A part without a submission is no failure."""
     plan = ("--plans", parts / "plan.txt", "--out", tmp_path)
-    assert grade(parts / "class" / "zipped.zip", *plan, "--shard", "2/2")[0] == 0
+    assert_status(0, parts / "class" / "zipped.zip", *plan, "--shard", "2/2")
 
 
 def test_gradescope(parts, tmp_path):
     path = tmp_path / "results.json"
-    command = (parts / "class" / "zipped.zip", "--plans", parts / "plan.txt", "--out", tmp_path)
-    assert grade(*command, "--gradescope", path)[0] == 0
+    command = (parts / "class" / "builds", "--plans", parts / "plan.txt", "--out", tmp_path)
+    assert_status(0, *command, "--gradescope", path)
     assert sum(test["score"] for test in json.loads(path.read_text())["tests"]) == 9
+
+
+@ISOLATED
+def test_no_node_can_run(parts, tmp_path):
+    """If a fault of the machine would make each submission fail, grade.py judges none."""
+    folders = ("/tmp", "/var/tmp")
+    mount = " && ".join(f"mount -t tmpfs -o noexec tmpfs {folder}" for folder in folders)
+    command = ("unshare", "--mount", "sh", "-c", f'{mount} && exec "$@"', "sh", *WITHOUT_NAMESPACES)
+    with tempfile.TemporaryDirectory(dir="/var/lib") as name:
+        package = submissions.write(name, "right", submissions.RIGHT)
+        plan = shutil.copy(parts / "plan.txt", name)
+        arguments = (package, "--plans", plan, "--out", f"{name}/out")
+        output = assert_status(3, *arguments, prefix=command, TMPDIR="/tmp")
+        assert not os.listdir(f"{name}/out")
+    assert "nodes cannot run here, so nothing is graded: " in output
+    assert "Permission denied" in output and "Set TMPDIR to a folder" in output
 
 
 @ISOLATED
@@ -275,6 +331,5 @@ NODE = ("--node", "mushr_ros_intro", "listing.py")
     ],
 )
 def test_usage(arguments, status, message):
-    found, output = grade(*arguments)
-    assert (found, "Traceback" in output) == (status, False)
-    assert message in output
+    output = assert_status(status, *arguments)
+    assert message in output and "Traceback" not in output

@@ -96,15 +96,15 @@ def test_verdict(replays, name):
     cases = failures_in(result)
     assert all(float(case.get("time")) >= 0.0 for case in result.iter("testcase"))  # for rosunit
     failures = {case: text for case, text in cases.items() if text is not None}
-    assert set(cases) == ({"replay"} if "replay" in failing else EVERY_CHECK)
+    assert set(cases) == ({"replay"} if "replay" in failing else EVERY_CHECK), output
     # On a busy machine a fault can fail more checks.
-    assert set(failures) >= failing and bool(failures) == bool(failing), failures
+    assert set(failures) >= failing and bool(failures) == bool(failing), output
     assert (process.wait() == 0) == (not failing), output
     assert verdict in output
     assert "Traceback" not in output or name == "crash"
     if "node" in failing:
         first_pass = output.find("ok  ")
-        assert first_pass < 0 or output.index(verdict) < first_pass, "failures come first"
+        assert first_pass < 0 or output.index(verdict) < first_pass, f"failures first: {output}"
         assert verdict.split("node: ", 1)[1].split(";")[0] in failures["node"]
 
 
@@ -112,7 +112,7 @@ def test_a_publisher_that_roslaunch_ignores():
     """With two := the argument does not arrive; no other node may pass in its place."""
     arguments = ("plan_file:=slalom", "publisher:=mushr_ros_intro listing.py _loop:=true")
     with Process("rostest", "mushr_ros_intro", "replay.test", *arguments) as process:
-        assert process.wait() != 0
+        assert process.wait() != 0, process.output
     assert "requires the 'publisher' arg to be set" in process.output
 
 

@@ -13,6 +13,7 @@ import subprocess
 from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.grading import workspace
 
 FIRST_USER = 60_000
 USERS = 5_000
@@ -26,9 +27,6 @@ LIMITS = {
     "--cpu": 120,  # time of a process [s]
     "--core": 0,  # size of a core dump [bytes]
 }
-
-SYSTEM = ("/usr/", "/opt/")
-"""Where the distribution and ROS install packages, which each node may see."""
 
 _CLONE_NEWNET = 0x40000000
 _SIOCSIFFLAGS = 0x8914
@@ -74,6 +72,9 @@ exec "$@"
 # Ends the node if this process dies.
 _DIE_TOGETHER = ("setpriv", "--pdeathsig", "KILL")
 
+_WORKSPACES = "/tmp/ros"
+"""Where a node with namespaces sees the copies of the user's workspaces."""
+
 _NAMESPACES = ("unshare", "--mount", "--pid", "--ipc", "--fork", "--kill-child", "--mount-proc")
 
 
@@ -88,6 +89,8 @@ class Sandbox(NamedTuple):
     """Whether a node gets namespaces of its own."""
     hidden: Tuple[str, ...] = ()
     """Folders that a node cannot see."""
+    folder: str = ""
+    """The folder for all that nodes may see; "" for the usual temporary folder."""
 
     def enter_network(self) -> None:
         """Move this process, which must have one thread, into a network of its own.
@@ -117,13 +120,13 @@ class Sandbox(NamedTuple):
 
         Args:
             command: the program, with its arguments.
-            environment: of the program; paths in PYTHONPATH and ROS_PACKAGE_PATH may be moved.
+            environment: of the program.
             home: a folder for the program, which is not used if there are namespaces.
             plan: the path of the plan; "" if there is none.
             folder: the folder of the submission; "" if it is not in a folder of its own.
             writable: whether the program may write to `folder`.
         """
-        moved = self._moves(environment, plan, folder) if self.has_namespaces else {}
+        moved = self._moves(plan, folder) if self.has_namespaces else {}
         home = "/tmp/home" if self.has_namespaces else home
 
         def move(text: str) -> str:
@@ -145,28 +148,38 @@ class Sandbox(NamedTuple):
             *("--no-new-privs", "--bounding-set=-all", "--inh-caps=-all"),
             *("choom", "-n", "1000", "--", "prlimit", *limits, "--", *inner),
         ]
+        without_preload = ["env", "-u", "LD_PRELOAD"]  # nodes may not reach this library
         if not self.has_namespaces:
-            return inner
+            return [*without_preload, *inner]
         modes = {path: "rw" if writable and path == folder else "ro" for path in moved}
         triples = [each for path in moved for each in (path, moved[path], modes[path])]
         arguments = [str(len(moved)), *triples, str(len(self.hidden)), *self.hidden]
-        # The library of LD_PRELOAD may be in a folder that is hidden.
-        tools = ["env", "-u", "LD_PRELOAD", *_DIE_TOGETHER, *_NAMESPACES]
+        tools = [*without_preload, *_DIE_TOGETHER, *_NAMESPACES]
         return [*tools, "--", "sh", "-c", _MOUNT, "sh", *arguments, *inner]
 
-    @staticmethod
-    def _moves(environment: Dict[str, str], plan: str, folder: str) -> Dict[str, str]:
+    @property
+    def _workspaces(self) -> str:
+        return os.path.join(self.folder, ".ros")
+
+    def copy_workspaces(self) -> Dict[str, str]:
+        """Copy the user's workspaces for the nodes; return the environment variables for ROS.
+
+        Raises:
+            OSError: a file cannot be copied.
+        """
+        if not self.is_root:
+            return workspace.inherited()
+        os.mkdir(self._workspaces)
+        place = _WORKSPACES if self.has_namespaces else self._workspaces
+        return workspace.copy_workspaces(self._workspaces, place, self.hidden)
+
+    def _moves(self, plan: str, folder: str) -> Dict[str, str]:
         """Return the paths that a node needs, and where it sees them; arguments as for `wrap`."""
-        moved = {}
+        moved = {self._workspaces: _WORKSPACES}
         if plan:
             moved[plan] = f"/tmp/plans/{os.path.basename(plan)}"
         if folder:
             moved[folder] = f"/tmp/submissions/{os.path.basename(folder)}"
-        known = (*SYSTEM, *([folder] if folder else []))
-        for name in ("PYTHONPATH", "ROS_PACKAGE_PATH"):
-            for path in environment.get(name, "").split(os.pathsep):
-                if os.path.isdir(path) and not path.startswith(known):
-                    moved[path] = f"/tmp/ros/{len(moved)}"
         return moved
 
     @property
@@ -182,12 +195,13 @@ class Sandbox(NamedTuple):
             subprocess.run([*setpriv, "kill", "-9", "-1"], stderr=subprocess.DEVNULL, check=False)
 
 
-def make_sandbox(user: str, hidden: Sequence[str]) -> Tuple[Sandbox, str]:
+def make_sandbox(user: str, hidden: Sequence[str], folder: str) -> Tuple[Sandbox, str]:
     """Return the best sandbox that the system allows, and what is missing; "" if nothing.
 
     Args:
         user: the name of the user of all nodes; "" for a different one for each replay.
         hidden: folders that nodes must not see.
+        folder: an empty folder that all users can reach, for all that nodes may see.
 
     Raises:
         UserError: there is no such user, or it is root.
@@ -201,19 +215,19 @@ def make_sandbox(user: str, hidden: Sequence[str]) -> Tuple[Sandbox, str]:
         if number == 0:
             raise UserError("--user is root; expected a user without privileges")
     if os.geteuid() != 0:
-        return Sandbox(), (
+        return Sandbox(folder=folder), (
             "not isolated: the nodes run as the user of this program, so a node can read hidden "
             "plans and change results. To isolate them, run this program as root (sudo)"
         )
-    folders = {os.path.realpath(each) for each in hidden} - {"/"}
-    sandbox = Sandbox(True, number, True, tuple(sorted(folders)))
+    folders = {os.path.realpath(each) for each in [*hidden, folder]} - {"/"}
+    sandbox = Sandbox(True, number, True, tuple(sorted(folders)), folder)
     probe = "mount -t tmpfs tmpfs /mnt && mount -o remount,bind,ro /"
     command = [*_NAMESPACES, "--net", "--", "sh", "-c", probe]
     done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
     if done.returncode == 0:
         return sandbox, ""
     reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-    return sandbox._replace(has_namespaces=False, hidden=()), (
+    return sandbox._replace(has_namespaces=False), (
         f"partly isolated: the system refuses namespaces ({reason}). Each node runs as another "
         "user, but can use the network. Keep hidden plans unreadable for other users"
     )

@@ -6,12 +6,9 @@ import signal
 import subprocess
 import threading
 from functools import partial
-from typing import Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence
-
-import rospkg
+from typing import Iterable, Iterator, List, NamedTuple, Optional
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.grading.sandbox import SYSTEM
 from mushr_ros_intro.sim.stamps import NANOSECONDS
 
 SHOWN_LINES = 15
@@ -19,71 +16,6 @@ SHOWN_LINES = 15
 
 KEPT_OUTPUT = 20_000
 """Size of the kept end of a node's output [bytes]."""
-
-
-_INHERITED = (
-    "CMAKE_PREFIX_PATH",
-    "LD_LIBRARY_PATH",
-    "ROS_DISTRO",
-    "ROS_ETC_DIR",
-    "ROS_MASTER_URI",
-    "ROS_PACKAGE_PATH",
-    "ROS_PYTHON_VERSION",
-    "ROS_ROOT",
-    "ROS_VERSION",
-)
-"""The environment variables for ROS that a node gets."""
-
-
-def environment_of(packages: Sequence[str], is_installed: bool = False) -> Dict[str, str]:
-    """Return the environment of a node, which contains nothing of the user's own.
-
-    Args:
-        packages: paths in which rospack finds the packages of the node.
-        is_installed: whether the node is in the present workspace.
-    """
-    ros = {name: os.environ[name] for name in _INHERITED if name in os.environ}
-    paths = [os.environ.get("PYTHONPATH", "")]
-    if not is_installed:
-        known = [*packages, *ros.get("ROS_PACKAGE_PATH", "").split(os.pathsep)]
-        folders = list(_real_folders([path for path in known if not path.startswith(SYSTEM)]))
-        paths = [*_module_paths(folders), *paths]
-        system = [path for path in known if path.startswith(SYSTEM)]
-        ros["ROS_PACKAGE_PATH"] = os.pathsep.join([*folders, *system])
-    return {
-        **ros,
-        "PATH": os.environ["PATH"],
-        "PYTHONPATH": os.pathsep.join(filter(None, paths)),
-        "ROS_HOSTNAME": "localhost",
-        "LANG": "C.UTF-8",
-        "PYTHONUNBUFFERED": "1",
-        "OPENBLAS_NUM_THREADS": "1",  # the unused threads would cost 0.1 s at the start
-    }
-
-
-def _real_folders(paths: List[str]) -> Iterator[str]:
-    """Yield the folders of the packages in paths, without links, and without this package."""
-    packages = rospkg.RosPack(list(filter(None, paths)))
-    for name in packages.list():
-        if name != "mushr_ros_intro":
-            file = os.path.join(packages.get_path(name), "package.xml")
-            yield os.path.dirname(os.path.realpath(file))
-
-
-def _module_paths(folders: List[str]) -> Iterator[str]:
-    """Yield the folders of the Python modules of packages.
-
-    The folder devel of a workspace only has references to these folders, and a package that has
-    not been built is not there.
-    """
-    for folder in folders:
-        built = os.path.join(folder, ".build/devel/lib/python3/dist-packages")
-        modules = os.path.join(folder, "src")
-        if os.path.isdir(built):
-            yield built
-        if os.path.isfile(os.path.join(folder, "setup.py")) and os.path.isdir(modules):
-            yield modules
-
 
 IDLE_SHARE = 0.1
 """A node that runs for a smaller share of the time is idle: it may poll the time."""

@@ -5,7 +5,7 @@ import os
 import subprocess
 import tempfile
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, Dict, Iterator, List, Optional, Sequence
+from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import roslib.packages
 import rospkg
@@ -16,15 +16,32 @@ from mushr_ros_intro.grading.judge import Report
 from mushr_ros_intro.grading.result import Result, plan_result
 from mushr_ros_intro.grading.sandbox import Sandbox
 from mushr_ros_intro.grading.submissions import Submission
+from mushr_ros_intro.grading.workspace import environment_of
 from mushr_ros_intro.parameters import Parameters, find_file
 from mushr_ros_intro.plan.model import Plan
-from mushr_ros_intro.ros.candidate import SHOWN_LINES, environment_of
-from mushr_ros_intro.ros.replay import MAX_OVERHEAD, Job, Setting, in_own_process, replay
+from mushr_ros_intro.ros.candidate import SHOWN_LINES
+from mushr_ros_intro.ros.replay import (
+    MAX_OVERHEAD,
+    Job,
+    ReplayError,
+    Setting,
+    in_own_process,
+    replay,
+    sandboxed,
+)
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
 
-BUILD_TIMEOUT = 120.0
-"""For the build of one submission [s of wall-clock time]."""
+TIMEOUT = 120.0
+"""For the build of one submission, and for the probe [s of wall-clock time]."""
+
+_PROBE = """#!/usr/bin/python3
+import os, sys
+import ackermann_msgs.msg, geometry_msgs.msg, rospy
+for path in (__file__, sys.argv[-1].split(":=")[1]):
+    open(path).close()
+open(os.path.join(os.environ["HOME"], "probe"), "w").close()
+"""
 
 
 def read_setting(
@@ -112,7 +129,7 @@ def grade(
         bags: the folder for bags of the drives; "" for none.
     """
     with ThreadPoolExecutor(jobs) as pool:
-        builds = [pool.submit(_build, each, setting.sandbox) for each in submissions]
+        builds = [pool.submit(_build, each, setting) for each in submissions]
         replays: List[List[Future[Optional[Report]]]] = []
         for submission, build in zip(submissions, builds):
             runs = [] if submission.fault else list(plans.values())
@@ -162,17 +179,72 @@ def _result(
     return Result(submission.name, submission.students, fault, error, plans, submission.notes)
 
 
-def _build(submission: Submission, sandbox: Sandbox) -> str:
+def probe(plan: Plan, setting: Setting) -> None:
+    """Check that a node of a submission can run in the sandbox, and read and write its files.
+
+    Raises:
+        ReplayError: it cannot, so a failure of a submission would not be its own fault.
+    """
+    folder = os.path.join(setting.sandbox.folder, ".probe")
+    path = os.path.join(folder, "path_publisher.py")
+    os.mkdir(folder)
+    os.chmod(folder, 0o755)
+    with open(path, "w", encoding="ascii") as file:
+        file.write(_PROBE)
+    os.chmod(path, 0o755)
+    job = Job("probe", (path,), plan, setting, folder)
+    fault = in_own_process(_probe_here, job, seconds=TIMEOUT + MAX_OVERHEAD)
+    if fault:
+        user = f"user {setting.sandbox.user}" if setting.sandbox.user else "users without a name"
+        raise ReplayError(
+            f"nodes cannot run here, so nothing is graded: {fault}\n"
+            f"Nodes run as {user} in {setting.sandbox.folder}, and use a copy of the workspaces. "
+            "Set TMPDIR to a folder that all users can enter, and in which programs can run. Make "
+            "the files in the workspaces readable for all users: chmod -R a+rX FOLDER"
+        )
+
+
+def _probe_here(job: Job) -> str:
+    """Run the probe in this process; return the last line of its output if it fails, or ""."""
+    sandbox = job.setting.sandbox
+    with tempfile.TemporaryDirectory(dir=sandbox.folder) as folder:
+        status, lines = _run(sandbox, sandboxed(job, folder))
+    return "" if status == 0 else (["it printed nothing", *lines][-1])
+
+
+def _run(sandbox: Sandbox, command: Sequence[str]) -> Tuple[Optional[int], List[str]]:
+    """Run a command that the sandbox has wrapped.
+
+    Returns:
+        Its exit status, or None if it did not end in time, and the lines of its output.
+    """
+    sandbox.enter_network()
+    try:
+        done = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            timeout=TIMEOUT,
+            check=False,
+        )
+        return done.returncode, done.stdout.decode(errors="replace").splitlines()
+    except subprocess.TimeoutExpired:
+        return None, [f"it did not end within {TIMEOUT:g} s"]
+    finally:
+        sandbox.end_processes()
+
+
+def _build(submission: Submission, setting: Setting) -> str:
     """Build the package of a submission if necessary; return why it fails, "" if it does not."""
     if submission.fault or not submission.needs_build:
         return ""
-    seconds = BUILD_TIMEOUT + MAX_OVERHEAD
-    return in_own_process(_build_here, submission, sandbox, seconds=seconds)
+    seconds = TIMEOUT + MAX_OVERHEAD
+    return in_own_process(_build_here, submission, setting, seconds=seconds)
 
 
-def _build_here(submission: Submission, sandbox: Sandbox) -> str:
+def _build_here(submission: Submission, setting: Setting) -> str:
     """Build the package of a submission in this process; return as for `_build`."""
-    sandbox.enter_network()
     package = submission.packages[0]
     build = os.path.join(package, ".build")
     os.mkdir(build)
@@ -182,31 +254,21 @@ def _build_here(submission: Submission, sandbox: Sandbox) -> str:
         "-DPYTHON_EXECUTABLE=/usr/bin/python3 -DCATKIN_ENABLE_TESTING=OFF "
         '&& make -C "$1/.build"'
     )
-    with tempfile.TemporaryDirectory() as home:
+    with tempfile.TemporaryDirectory(dir=setting.sandbox.folder) as home:
         os.chmod(home, 0o777)
-        command = sandbox.wrap(
+        command = setting.sandbox.wrap(
             ["sh", "-c", script, "sh", package],
-            environment_of(submission.packages),
+            environment_of(setting.ros, submission.packages),
             home,
             folder=submission.folder,
             writable=True,
         )
-        try:
-            done = subprocess.run(
-                command,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                timeout=BUILD_TIMEOUT,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            return f"the build of the package did not end within {BUILD_TIMEOUT:g} s"
-        finally:
-            sandbox.end_processes()
-            os.chmod(build, 0o755)
-    if done.returncode == 0:
+        status, lines = _run(setting.sandbox, command)
+    os.chmod(build, 0o755)
+    if status == 0:
         return ""
-    lines = done.stdout.decode(errors="replace").splitlines()
+    if status is None:
+        return f"the build of the package did not end within {TIMEOUT:g} s"
     first = next((number for number, line in enumerate(lines) if "rror" in line), len(lines))
     error = " ".join(line.strip() for line in lines[first : first + 2])  # CMake's have two lines
     return "\n".join([f"the package does not build: {error}", *lines[-SHOWN_LINES:]])

@@ -17,11 +17,12 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.grading.judge import Report, default_tolerances, judge
 from mushr_ros_intro.grading.replay import Replay
 from mushr_ros_intro.grading.sandbox import Sandbox
+from mushr_ros_intro.grading.workspace import environment_of
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.ros import bag
-from mushr_ros_intro.ros.candidate import MAX_OUTPUT, Candidate, environment_of
+from mushr_ros_intro.ros.candidate import MAX_OUTPUT, Candidate
 from mushr_ros_intro.ros.replay_world import CAR, CONTROL, ReplayWorld
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.sim.stamps import NANOSECONDS
@@ -77,6 +78,8 @@ class Setting(NamedTuple):
     """Those that differ from the defaults, by the names in `Tolerances`."""
     sandbox: Sandbox
     """How the nodes are isolated."""
+    ros: Dict[str, str]
+    """The environment variables for ROS of the nodes."""
 
 
 class Job(NamedTuple):
@@ -180,8 +183,8 @@ def run(job: Job) -> Report:
     car = car_from(Parameters(setting.parameters))
     sandbox.enter_network()
     world = ReplayWorld(setting.parameters, setting.mux, setting.grid)
-    with tempfile.TemporaryDirectory() as folder:
-        candidate = Candidate(_sandboxed(job, folder))
+    with tempfile.TemporaryDirectory(dir=sandbox.folder or None) as folder:
+        candidate = Candidate(sandboxed(job, folder))
         world.follow(candidate.activity)
         try:
             outcome = _watch(candidate, world, job)
@@ -211,7 +214,7 @@ def run(job: Job) -> Report:
     return report
 
 
-def _sandboxed(job: Job, folder: str) -> List[str]:
+def sandboxed(job: Job, folder: str) -> List[str]:
     """Return the command that runs the node; create its plan and its home in an empty folder."""
     os.chmod(folder, 0o755)
     plan = os.path.join(folder, os.path.basename(job.plan.path))
@@ -221,7 +224,7 @@ def _sandboxed(job: Job, folder: str) -> List[str]:
     os.mkdir(home)
     os.chmod(home, 0o777)
     command = [*job.command, *job.setting.remap, f"_plan_file:={plan}"]
-    environment = environment_of(job.packages, is_installed=not job.folder)
+    environment = environment_of(job.setting.ros, job.packages)
     return job.setting.sandbox.wrap(command, environment, home, plan, job.folder)
 
 

@@ -12,7 +12,6 @@ from mushr_ros_intro.ros.candidate import (
     Candidate,
     activity_of,
     delay_of,
-    environment_of,
 )
 from support.helpers import wait_for
 
@@ -89,16 +88,6 @@ def test_activity():
     wait_for(is_idle, "an idle node")
     candidate.end()
     assert candidate.activity() is None
-
-
-def test_environment(monkeypatch):
-    """Nothing of the user's own, but what ROS needs, also on Noetic."""
-    monkeypatch.setenv("LD_LIBRARY_PATH", "/opt/ros/noetic/lib")
-    monkeypatch.setenv("ROS_LOG_DIR", "/home/me")
-    monkeypatch.setenv("SECRET", "1")
-    environment = environment_of((), is_installed=True)
-    assert environment["LD_LIBRARY_PATH"] == "/opt/ros/noetic/lib"
-    assert not {"ROS_LOG_DIR", "SECRET", "HOME"} & set(environment)
 
 
 def test_a_thread_that_has_worked_is_not_idle():
