@@ -1,8 +1,9 @@
 #!/usr/bin/python3
 """Simulate the car: a kinematic bicycle that follows commands and reports its pose."""
 
-from mushr_ros_intro.ros import node, sim_clock
-from mushr_ros_intro.ros.car_sim import CarSim
+from mushr_ros_intro.ros import node
+from mushr_ros_intro.simulator import sim_clock
+from mushr_ros_intro.simulator.car_sim import CarSim
 
 if __name__ == "__main__":
     publishes_clock = sim_clock.has_to_publish_clock()

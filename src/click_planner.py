@@ -14,7 +14,7 @@ from mushr_ros_intro.authoring.plan_file import PlanFile, summary
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.plan.model import MAX_SPEED, MAX_STEERING_ANGLE, Plan
+from mushr_ros_intro.plan.plan import MAX_SPEED, MAX_STEERING_ANGLE, Plan
 from mushr_ros_intro.preview.prediction import trajectory
 from mushr_ros_intro.ros import conversions, node, ros_time
 

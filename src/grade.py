@@ -18,20 +18,20 @@ import tempfile
 import time
 from typing import Iterable, List
 
+from mushr_ros_intro.classroom import result, tables
+from mushr_ros_intro.classroom.arguments import parse_arguments
+from mushr_ros_intro.classroom.grader import grade, job_for, probe, read_setting
+from mushr_ros_intro.classroom.points import Points, read_points
+from mushr_ros_intro.classroom.result import Result
+from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError, counted
-from mushr_ros_intro.grading import output, result
-from mushr_ros_intro.grading.arguments import parse_arguments
-from mushr_ros_intro.grading.judge import Check, Tolerances
-from mushr_ros_intro.grading.points import Points, read_points
-from mushr_ros_intro.grading.result import Result
-from mushr_ros_intro.grading.sandbox import Sandbox, make_sandbox
-from mushr_ros_intro.grading.submissions import collect
 from mushr_ros_intro.grading.workspace import temporary_folder
 from mushr_ros_intro.parameters import package_folder
-from mushr_ros_intro.plan.model import Plan
 from mushr_ros_intro.plan.parse import read_plans
-from mushr_ros_intro.ros.grader import grade, job_for, probe, read_setting
-from mushr_ros_intro.ros.replay import ReplayError, Setting, replay
+from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.replay.job import ReplayError, Setting, replay
+from mushr_ros_intro.replay.judge import Check, Tolerances
+from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
 
 PASSED, FAILED, USAGE, NOT_GRADED = range(4)
 """The exit status."""
@@ -88,7 +88,7 @@ def open_output(folder: str) -> str:
 def grade_node(arguments: argparse.Namespace) -> int:
     """Grade one installed node; print each verdict."""
     # Not at the top, because it loads matplotlib, which autograders do not have.
-    from mushr_ros_intro.grading import files
+    from mushr_ros_intro.replay import files
 
     setting = setting_from(arguments, Sandbox())
     status = PASSED
@@ -188,7 +188,7 @@ def merge(arguments: argparse.Namespace) -> int:
 
 def finish(folder: str, results: List[Result], points: Points, plans: List[str]) -> int:
     """Write the tables and pages; print a summary; return the exit status."""
-    output.write(folder, results, points, plans)
+    tables.write(folder, results, points, plans)
     passed = sum(each.passed for each in results)
     print(f"{passed} of {counted(len(results), 'submission')} passed; see {folder}/index.html")
     if any(each.error for each in results):
@@ -201,9 +201,9 @@ def write_special(
 ) -> None:
     """Write the result of a single submission in the formats of grading services."""
     formats = {
-        arguments.gradescope: lambda: output.gradescope(each, points, seconds),
-        arguments.classroom50: lambda: output.classroom50(each, points, os.environ, time.time()),
-        arguments.github: lambda: output.github(each, points),
+        arguments.gradescope: lambda: tables.gradescope(each, points, seconds),
+        arguments.classroom50: lambda: tables.classroom50(each, points, os.environ, time.time()),
+        arguments.github: lambda: tables.github(each, points),
     }
     for path, convert in formats.items():
         if path is not None:

@@ -6,8 +6,8 @@ import rospy
 from mushr_ros_intro.authoring.keyboard import open_keyboard
 from mushr_ros_intro.authoring.teleop import Schedule
 from mushr_ros_intro.car.model import Command
+from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.ros import node, ros_time
-from mushr_ros_intro.ros.command_publisher import CommandPublisher
 from mushr_ros_intro.ros.commands import as_typed
 
 

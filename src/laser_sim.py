@@ -9,9 +9,9 @@ from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan
 
-from mushr_ros_intro.car.bicycle import Pose, compose
+from mushr_ros_intro.geometry import Pose, compose
 from mushr_ros_intro.ros import conversions, node
-from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
+from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.world.laser import Beams, Laser, add_noise
 
 

@@ -6,13 +6,13 @@ from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
 from tf.transformations import quaternion_from_euler
 
 from mushr_ros_intro.car.model import Command
-from mushr_ros_intro.plan.model import Row
+from mushr_ros_intro.drive.car_pose import CarPose
+from mushr_ros_intro.drive.command_publisher import CommandPublisher
+from mushr_ros_intro.drive.drive_monitor import DriveMonitor
+from mushr_ros_intro.drive.preview_publisher import Preview
+from mushr_ros_intro.drive.timetable import Timetable
+from mushr_ros_intro.plan.plan import Row
 from mushr_ros_intro.ros import connections, conversions, node, ros_time
-from mushr_ros_intro.ros.car_pose import CarPose
-from mushr_ros_intro.ros.command_publisher import CommandPublisher
-from mushr_ros_intro.ros.drive_monitor import DriveMonitor
-from mushr_ros_intro.ros.preview import Preview
-from mushr_ros_intro.ros.timetable import Timetable
 
 
 class PathPublisher:

@@ -10,10 +10,10 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from mushr_ros_intro.authoring.plan_file import PlanFile
-from mushr_ros_intro.authoring.recording import Recording
+from mushr_ros_intro.authoring.recorder import Recording
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.ros import conversions, node, ros_time
-from mushr_ros_intro.sim.stamps import PresentTime
+from mushr_ros_intro.stamps import PresentTime
 
 
 class PlanRecorder:

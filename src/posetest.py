@@ -23,11 +23,11 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
-from mushr_ros_intro.car.bicycle import Pose
-from mushr_ros_intro.grading.checks import compare
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.replay.checks import compare
+from mushr_ros_intro.replay.node_test_case import NodeTestCase, main
 from mushr_ros_intro.ros.conversions import MessageError, pose_from_msg
-from mushr_ros_intro.ros.node_test_case import NodeTestCase, main
 
 _TYPES = [kind._type for kind in (PoseStamped, PoseWithCovarianceStamped, Odometry)]
 

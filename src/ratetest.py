@@ -16,11 +16,11 @@ from typing import Any, List
 
 import rospy
 
-from mushr_ros_intro.grading.checks import plan_faults, rate_faults
 from mushr_ros_intro.parameters import Parameters, user_path
 from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.ros.node_test_case import NodeTestCase, main
-from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
+from mushr_ros_intro.replay.checks import plan_faults, rate_faults
+from mushr_ros_intro.replay.node_test_case import NodeTestCase, main
+from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 
 _MAX_FAULTS = 5
 """How many faults a failure shows."""

@@ -15,15 +15,15 @@ from xml.etree import ElementTree
 import rospy
 from std_msgs.msg import String
 
+from mushr_ros_intro.classroom.grader import job_for, read_setting
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.grading.judge import Check, Report, Tolerances
-from mushr_ros_intro.grading.sandbox import Sandbox
 from mushr_ros_intro.grading.workspace import inherited
 from mushr_ros_intro.parameters import Parameters, find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.replay.job import replay
+from mushr_ros_intro.replay.judge import Check, Report, Tolerances
+from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.ros import node
-from mushr_ros_intro.ros.grader import job_for, read_setting
-from mushr_ros_intro.ros.replay import replay
 from mushr_ros_intro.ros.ros_time import wait_for
 
 SHOW_TIMEOUT = 5.0
@@ -71,7 +71,7 @@ def judge() -> Report:
     report = replay(job_for(words, plan, setting))
     folder = parameters.optional_text("report")
     if folder:
-        from mushr_ros_intro.grading import files  # matplotlib is slow to import
+        from mushr_ros_intro.replay import files  # matplotlib is slow to import
 
         files.write(user_path(folder), report, arguments)
     return report

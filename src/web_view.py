@@ -13,16 +13,16 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 
+from mushr_ros_intro.browser import plans, rosapi
+from mushr_ros_intro.browser.bridge import Bridge
+from mushr_ros_intro.browser.drives import drives
+from mushr_ros_intro.browser.map import WebMap
+from mushr_ros_intro.browser.plan_drive import DriveError, PlanDrive
+from mushr_ros_intro.browser.server import Action, Clients, ConflictError, Rules, serve
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import CallError
 from mushr_ros_intro.parameters import package_folder
-from mushr_ros_intro.ros import node, ros_time, rosapi
-from mushr_ros_intro.ros.bridge import Bridge
-from mushr_ros_intro.ros.plan_drive import DriveError, PlanDrive
-from mushr_ros_intro.ros.web_map import WebMap
-from mushr_ros_intro.web import plans
-from mushr_ros_intro.web.results import drives
-from mushr_ros_intro.web.server import Action, Clients, ConflictError, Rules, serve
+from mushr_ros_intro.ros import node, ros_time
 
 STATE_TOPIC = "/web_view/state"
 """What the page shows beside ROS's topics. Only clients of this node can subscribe to it."""

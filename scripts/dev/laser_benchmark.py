@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 
-from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.laser import Beams, Laser
 

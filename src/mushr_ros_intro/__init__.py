@@ -1,4 +1,4 @@
-"""The library of the nodes; only the folder ros/ imports ROS."""
+"""The library of the nodes: the ground floor, and one folder per product."""
 
 import threading
 

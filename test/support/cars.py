@@ -2,10 +2,10 @@
 
 import os
 
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Command, InitialPose
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.parse import parse_plan, read_plan
 from support.paths import PACKAGE, PLANS

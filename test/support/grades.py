@@ -2,8 +2,8 @@
 
 import math
 
-from mushr_ros_intro.grading.judge import CHECK_NAMES, Check
-from mushr_ros_intro.grading.result import PlanResult, Result, Student
+from mushr_ros_intro.classroom.result import PlanResult, Result, Student
+from mushr_ros_intro.replay.judge import CHECK_NAMES, Check
 
 ANN = Student("Ann", "17", "ann@x.edu")
 

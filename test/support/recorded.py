@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.grading.judge import default_tolerances, judge
-from mushr_ros_intro.grading.replay import Replay, Sent
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.preview.prediction import states_at
+from mushr_ros_intro.replay.judge import default_tolerances, judge
+from mushr_ros_intro.replay.recording import Replay, Sent
 from mushr_ros_intro.world.grid import Grid
 from support import cars
 from support.geometry import float32

@@ -4,7 +4,7 @@ import os
 import stat
 import zipfile
 
-from mushr_ros_intro.grading.submissions import collect
+from mushr_ros_intro.classroom.submissions import collect
 
 NODE = b"#!/usr/bin/python3\nprint('hello')\n"
 XML = b"<package><name>intro</name></package>"

@@ -12,8 +12,8 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 
 from mushr_ros_intro.car.model import Command
+from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.ros.command_publisher import CommandPublisher
 from support.driven_car import DrivenCarTestCase, start_car
 from support.geometry import POSITION_TOLERANCE, planar
 from support.helpers import PATIENCE, Recording, driver, kill, master, node, run, wait_for

@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from mushr_ros_intro.grading import result
+from mushr_ros_intro.classroom import result
 from support import browser, web
 from support.cars import plan_named
 from support.geometry import closed_form

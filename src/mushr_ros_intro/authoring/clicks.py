@@ -7,12 +7,12 @@ drives along it forward, or in reverse if the point is behind, so it turns by at
 import math
 from typing import Tuple
 
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.plan.model import Plan, Row, as_float32
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.plan.plan import Plan, Row, as_float32
 from mushr_ros_intro.preview.prediction import rest
-from mushr_ros_intro.sim.stamps import from_seconds
+from mushr_ros_intro.stamps import from_seconds
 
 _EPSILON = 1e-9
 """A point closer to the car is at the car [m]; closer to its axle line, it is beside it [rad]."""

@@ -10,7 +10,7 @@ from typing import Any, Union
 
 from mushr_ros_intro.authoring.teleop import Keys
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.sim.stamps import NANOSECONDS
+from mushr_ros_intro.stamps import NANOSECONDS
 
 HELP = "W, S: drive; A, D: steer; any other key: stop"
 

@@ -7,10 +7,10 @@ from typing import Optional, Sequence
 
 from mushr_ros_intro.errors import UserError, counted
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.plan.model import Plan, PlanError, Row, shortest_decimal
 from mushr_ros_intro.plan.parse import parse_plan
+from mushr_ros_intro.plan.plan import Plan, PlanError, Row, shortest_decimal
 from mushr_ros_intro.preview.prediction import length
-from mushr_ros_intro.sim.stamps import NANOSECONDS
+from mushr_ros_intro.stamps import NANOSECONDS
 
 
 class PlanFile:

@@ -7,7 +7,7 @@ nanoseconds.
 
 from typing import Dict, NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 
 DIRECTIONS: Dict[str, Tuple[int, int]] = {"w": (1, 0), "s": (-1, 0), "a": (0, 1), "d": (0, -1)}
 """The effect of each key: forward, left."""

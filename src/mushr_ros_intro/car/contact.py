@@ -2,9 +2,9 @@
 
 from typing import NamedTuple, Optional
 
-from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
 from mushr_ros_intro.car.model import Car, Piece
 from mushr_ros_intro.car.quadrature import follow
+from mushr_ros_intro.geometry import Pose, curvature, drive_arc
 from mushr_ros_intro.world.footprint import Footprint, free_distance, is_free
 from mushr_ros_intro.world.grid import Grid
 

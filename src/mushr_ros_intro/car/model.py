@@ -6,8 +6,8 @@ All instants are integer nanoseconds.
 import math
 from typing import NamedTuple, Optional, Tuple, Union
 
-from mushr_ros_intro.car.bicycle import Pose, compose, curvature, inverse
-from mushr_ros_intro.sim.stamps import NANOSECONDS
+from mushr_ros_intro.geometry import Pose, compose, curvature, inverse
+from mushr_ros_intro.stamps import NANOSECONDS
 
 
 class Car(NamedTuple):

@@ -8,7 +8,6 @@ import hashlib
 import math
 from typing import List, NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.car.bicycle import compose, inverse
 from mushr_ros_intro.car.contact import World, free_time, is_blocked
 from mushr_ros_intro.car.model import (
     Car,
@@ -21,7 +20,8 @@ from mushr_ros_intro.car.model import (
     halted,
 )
 from mushr_ros_intro.car.quadrature import follow
-from mushr_ros_intro.sim.stamps import NANOSECONDS
+from mushr_ros_intro.geometry import compose, inverse
+from mushr_ros_intro.stamps import NANOSECONDS
 
 
 def advance(state: State, stamp: int, car: Car) -> State:

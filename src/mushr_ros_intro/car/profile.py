@@ -6,7 +6,7 @@ from typing import Any, Dict, List
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
+from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.yaml_file import read_mapping
 
 

@@ -2,8 +2,8 @@
 
 import math
 
-from mushr_ros_intro.car.bicycle import Pose, curvature, drive_arc
 from mushr_ros_intro.car.model import Car, Piece
+from mushr_ros_intro.geometry import Pose, curvature, drive_arc
 
 _MAX_STEP = 0.125
 """The largest angle that the car or its front wheels turn in one step of the quadrature [rad].

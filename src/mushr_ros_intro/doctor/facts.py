@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.errors import CallFault
-from mushr_ros_intro.sim.mux import IDLE
+from mushr_ros_intro.simulator.mux import IDLE
 
 
 class Finding(NamedTuple):

@@ -11,7 +11,7 @@ from mushr_ros_intro.doctor.facts import (
     Topic,
 )
 from mushr_ros_intro.errors import DEFAULT_MASTER, CallFault
-from mushr_ros_intro.sim.stamps import NANOSECONDS, STAMP_TOLERANCE
+from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
 
 _JOYSTICK = (
     "MuSHR's joystick node sends stops until a button is held: RB for commands of other nodes, LB "

@@ -14,7 +14,7 @@ from typing import Callable, Dict, Iterator, List, Sequence
 
 import rospkg
 
-from mushr_ros_intro.grading.submission_files import is_junk
+from mushr_ros_intro.classroom.submission_files import is_junk
 
 SYSTEM = ("/usr/", "/opt/ros/")
 """Where the distribution and ROS install packages, which all users may read."""

@@ -12,10 +12,10 @@ import re
 from itertools import accumulate
 from typing import Dict, List, Sequence, Tuple
 
-from mushr_ros_intro.car.bicycle import ORIGIN, Pose
 from mushr_ros_intro.errors import UserError, counted
+from mushr_ros_intro.geometry import ORIGIN, Pose
 from mushr_ros_intro.parameters import find_file
-from mushr_ros_intro.plan.model import (
+from mushr_ros_intro.plan.plan import (
     MAX_COORDINATE,
     MAX_DURATION,
     MAX_SPEED,
@@ -26,7 +26,7 @@ from mushr_ros_intro.plan.model import (
     Row,
     as_float32,
 )
-from mushr_ros_intro.sim.stamps import NANOSECONDS, from_seconds
+from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 
 MAX_FILE_SIZE = 100_000_000
 """Larger plan files are refused [bytes]; a plan of a million rows has twelve million."""

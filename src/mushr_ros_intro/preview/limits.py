@@ -4,10 +4,10 @@ import itertools
 import math
 from typing import Iterator, List, NamedTuple, Sequence, Tuple
 
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.plan.model import MAX_SPEED, Fault, Plan, as_float32
-from mushr_ros_intro.sim.stamps import NANOSECONDS
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.plan.plan import MAX_SPEED, Fault, Plan, as_float32
+from mushr_ros_intro.stamps import NANOSECONDS
 
 _ROUNDING = 1e-6
 """A ramp may exceed its row by this fraction: commands are float32, and not exact."""

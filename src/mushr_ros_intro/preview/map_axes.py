@@ -6,7 +6,7 @@ from typing import Any, Optional
 import numpy as np
 from matplotlib.transforms import Affine2D
 
-from mushr_ros_intro.plan.model import Plan
+from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.world.grid import Grid
 
 _MARGIN = 0.5  # [m] around everything, and a tenth of its size

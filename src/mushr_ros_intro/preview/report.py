@@ -7,10 +7,10 @@ middle of the rear axle on the ground, in the map frame. A drive that hits a wal
 import math
 from typing import Iterable, List, NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.car.bicycle import Pose, curvature
 from mushr_ros_intro.car.model import Car, Contact, State
 from mushr_ros_intro.car.motion import advance
-from mushr_ros_intro.plan.model import Fault, Plan
+from mushr_ros_intro.geometry import Pose, curvature
+from mushr_ros_intro.plan.plan import Fault, Plan
 from mushr_ros_intro.preview.limits import Step, limit_faults, ramp_faults
 from mushr_ros_intro.preview.prediction import Leg, drive, sampled
 from mushr_ros_intro.preview.walls import drive_to, map_fault

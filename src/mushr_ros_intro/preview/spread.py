@@ -10,9 +10,9 @@ import numpy as np
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.plan.model import Plan, Row
+from mushr_ros_intro.plan.plan import Plan, Row
 from mushr_ros_intro.preview.prediction import count_commands
-from mushr_ros_intro.sim.stamps import COMMAND_PERIOD, NANOSECONDS
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 
 MAX_CAR_COMMANDS = 2_000_000_000
 """Limit of the commands of a plan times the runs; so many take about five minutes."""

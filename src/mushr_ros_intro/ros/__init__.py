@@ -1,1 +1,1 @@
-"""The only folder of the library that imports rospy or messages."""
+"""What every node needs: initialisation, time, connections, and messages from and to values."""

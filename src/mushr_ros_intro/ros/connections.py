@@ -22,7 +22,7 @@ import rospy
 from mushr_ros_intro.errors import CallError, CallFault, UserError
 from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
-from mushr_ros_intro.sim.stamps import CONNECTION_TIMEOUT, REANNOUNCE_PERIOD
+from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, REANNOUNCE_PERIOD
 
 _PING_AFTER = 0.5
 """After this time, nodes that do not respond are ignored [s]."""

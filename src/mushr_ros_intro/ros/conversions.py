@@ -26,10 +26,10 @@ from std_msgs.msg import ColorRGBA, Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.model import Car, Command, InitialPose, State, Wheels, front_wheel_angles
-from mushr_ros_intro.plan.model import MAX_COORDINATE, MAX_SPEED
-from mushr_ros_intro.sim.stamps import NANOSECONDS
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.plan.plan import MAX_COORDINATE, MAX_SPEED
+from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid, as_travelled
 from mushr_ros_intro.world.laser import Beams
 

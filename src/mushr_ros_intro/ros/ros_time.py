@@ -6,7 +6,7 @@ from typing import Callable, TypeVar
 import rospy
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.sim.stamps import (
+from mushr_ros_intro.stamps import (
     NANOSECONDS,
     SIMULATED_STAMP_TOLERANCE,
     STAMP_TOLERANCE,

@@ -19,7 +19,7 @@ import rospy
 import rospy.impl.paramserver
 from rospy.impl.tcpros_pubsub import QueuedConnection
 
-from mushr_ros_intro.sim.stamps import CALL_TIMEOUT, NANOSECONDS
+from mushr_ros_intro.stamps import CALL_TIMEOUT, NANOSECONDS
 
 
 def apply_before_init_node() -> None:

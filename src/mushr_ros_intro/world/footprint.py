@@ -9,7 +9,7 @@ from typing import Callable, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.car.bicycle import Pose
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.world.grid import Grid
 
 TOUCH = 1e-9

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from mushr_ros_intro.car.bicycle import ORIGIN, Pose, compose, inverse
+from mushr_ros_intro.geometry import ORIGIN, Pose, compose, inverse
 
 UNKNOWN = -1
 """The value of an unknown cell."""

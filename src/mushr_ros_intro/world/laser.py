@@ -12,8 +12,8 @@ from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.world.grid import Grid
 
 

@@ -11,8 +11,8 @@ import os
 import numpy as np
 from PIL import Image
 
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.world.grid import (
     MAX_RESOLUTION,

@@ -16,8 +16,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 from visualization_msgs.msg import Marker
 
-from mushr_ros_intro.ros import sim_clock
 from mushr_ros_intro.ros.connections import wait_until_connected
+from mushr_ros_intro.simulator import sim_clock
 from support.geometry import POSITION_TOLERANCE, closed_form, planar, yaw_of
 from support.ghost import Ghost
 from support.helpers import CarTestCase, Recording, node, publisher, run, wait_for

@@ -14,7 +14,7 @@ from rosgraph_msgs.msg import Clock, Log
 from std_srvs.srv import Trigger
 
 from mushr_ros_intro.plan.parse import parse_plan
-from mushr_ros_intro.sim.stamps import from_seconds
+from mushr_ros_intro.stamps import from_seconds
 from support.geometry import closed_form, float32, planar
 from support.helpers import (
     Recording,

@@ -21,8 +21,8 @@ from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger, TriggerResponse
 
+from mushr_ros_intro.doctor.observation import Observer
 from mushr_ros_intro.doctor.rules import diagnose
-from mushr_ros_intro.ros.observation import Observer
 from support.ghost import Ghost
 from support.helpers import (
     Process,

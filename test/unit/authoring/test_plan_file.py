@@ -8,11 +8,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.authoring.plan_file import PlanFile, plan_text
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.plan.model import Plan, Row, as_float32
 from mushr_ros_intro.plan.parse import parse_plan, read_plan
+from mushr_ros_intro.plan.plan import Plan, Row, as_float32
 
 SECOND = 1_000_000_000
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from mushr_ros_intro.authoring import teleop
 from mushr_ros_intro.authoring.teleop import BOUNCE, STOP, Keys, Schedule
-from mushr_ros_intro.sim.stamps import COMMAND_PERIOD
+from mushr_ros_intro.stamps import COMMAND_PERIOD
 
 MS = 1_000_000
 """[ns]"""

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.car.bicycle import ORIGIN
 from mushr_ros_intro.car.model import Car, Command, at_rest
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.car.profile import car_from, read_profile
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import ORIGIN
 from mushr_ros_intro.parameters import Parameters
 from support.cars import CARS, PROFILES
 

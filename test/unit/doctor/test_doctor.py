@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from mushr_ros_intro.ros.network import network_findings
+from mushr_ros_intro.doctor.network import network_findings
 from support.paths import PACKAGE
 
 SOURCE = os.path.join(PACKAGE, "src")

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.plan import parse
-from mushr_ros_intro.plan.model import PlanError, as_float32, shortest_decimal
 from mushr_ros_intro.plan.parse import parse_plan, read_plan
+from mushr_ros_intro.plan.plan import PlanError, as_float32, shortest_decimal
 from support.paths import FIXTURES, PLANS
 
 BROKEN_PLANS = os.path.join(FIXTURES, "broken_plans")

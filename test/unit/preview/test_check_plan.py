@@ -13,11 +13,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Ellipse
 from matplotlib.transforms import Bbox
 
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.plan.model import PlanError, as_float32
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.plan.plan import PlanError, as_float32
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview.limits import slowed
 from mushr_ros_intro.preview.plot import draw

@@ -14,10 +14,10 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid
 from rospy.numpy_msg import numpy_msg
 from visualization_msgs.msg import Marker
 
-from mushr_ros_intro.car.bicycle import Pose, compose
 from mushr_ros_intro.car.model import Car, Command, InitialPose, Wheels, at_rest
 from mushr_ros_intro.car.motion import advance, apply
-from mushr_ros_intro.plan.model import as_float32
+from mushr_ros_intro.geometry import Pose, compose
+from mushr_ros_intro.plan.plan import as_float32
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.conversions import MessageError
 from mushr_ros_intro.world.grid import Grid

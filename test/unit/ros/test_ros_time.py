@@ -7,11 +7,11 @@ import pytest
 import rospy
 from rospy.rostime import switch_to_wallclock
 
-from mushr_ros_intro.plan.model import Plan, Row
+from mushr_ros_intro.drive.timetable import Timetable
+from mushr_ros_intro.plan.plan import Plan, Row
 from mushr_ros_intro.ros import ros_time
 from mushr_ros_intro.ros.ros_time import sleep_until
-from mushr_ros_intro.ros.timetable import Timetable
-from mushr_ros_intro.sim.stamps import COMMAND_PERIOD
+from mushr_ros_intro.stamps import COMMAND_PERIOD
 from support.helpers import PATIENCE, wait_for
 
 SECOND = 1_000_000_000

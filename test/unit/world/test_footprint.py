@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 
-from mushr_ros_intro.car.bicycle import Pose, compose, drive_arc
+from mushr_ros_intro.geometry import Pose, compose, drive_arc
 from mushr_ros_intro.world.footprint import TOUCH, Footprint, free_distance, is_free, on_map
 from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.map_file import read_map

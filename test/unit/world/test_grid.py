@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.car.bicycle import Pose, compose
+from mushr_ros_intro.geometry import Pose, compose
 from mushr_ros_intro.world.grid import Grid, as_travelled
 
 

@@ -6,8 +6,8 @@ import os
 import numpy as np
 import pytest
 
-from mushr_ros_intro.car.bicycle import Pose, compose
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import Pose, compose
 from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.laser import Beams, Laser, add_noise
 from mushr_ros_intro.world.map_file import read_map

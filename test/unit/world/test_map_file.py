@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mushr_ros_intro.car.bicycle import Pose
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.world.grid import as_travelled
 from mushr_ros_intro.world.map_file import read_map
 from support.paths import PACKAGE

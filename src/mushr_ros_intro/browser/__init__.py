@@ -1,0 +1,1 @@
+"""The browser view: rosbridge's protocol, and the pages and files of the server."""

@@ -1,0 +1,64 @@
+"""Plans for the page, which knows them by name only."""
+
+import os
+from typing import Any, Dict, List, Sequence
+
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.plan.plan import Fault, PlanError, shortest_decimal
+from mushr_ros_intro.preview.report import check
+from mushr_ros_intro.stamps import NANOSECONDS
+
+ENDING = ".txt"
+
+MAX_FILE_SIZE = 1_000_000
+"""Larger files are not listed [bytes]; checking them takes minutes."""
+
+MAX_POINTS = 2000
+"""Points of a path."""
+
+
+def paths(folders: Sequence[str]) -> Dict[str, str]:
+    """Return the paths of all plans by their names; files in later folders come first."""
+    found = {}
+    for folder in folders:
+        for entry in os.scandir(folder):
+            is_plan = entry.name.endswith(ENDING) and entry.is_file()
+            if is_plan and entry.stat().st_size <= MAX_FILE_SIZE:
+                found[entry.name[: -len(ENDING)]] = entry.path
+    return dict(sorted(found.items()))
+
+
+def summary(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:
+    """Check a plan with a car, and on a map (a `Grid`) if there is one; see docs/web.md."""
+    result: Dict[str, Any] = {"name": name, "start": None, "rows": [], "faults": [], "path": []}
+    result.update(length=None, duration=None, final_pose=None)
+    try:
+        plan = read_plan(path)
+    except PlanError as error:
+        return {**result, "faults": _faults(error.faults)}
+    report = check(plan, car_name, car, "the map" if grid else "", grid)
+    step = -(-len(report.states) // MAX_POINTS)
+    states = [*report.states[:-1:step], report.states[-1]]
+    return {
+        "name": name,
+        "start": plan.start,
+        "rows": [
+            {
+                "line": row.line,
+                "speed": shortest_decimal(row.speed),
+                "steering_angle": shortest_decimal(row.steering_angle),
+                "duration": row.duration / NANOSECONDS,
+            }
+            for row in plan.rows
+        ],
+        "faults": _faults(report.faults),
+        "length": report.length,
+        "duration": plan.duration / NANOSECONDS,
+        "final_pose": report.final_pose,
+        "path": [(state.pose.x, state.pose.y) for state in states],
+    }
+
+
+def _faults(faults: Sequence[Fault]) -> List[Dict[str, Any]]:
+    return [{"line": each.line, "column": each.column, "text": each.text} for each in faults]

@@ -1,0 +1,102 @@
+"""Answer those services of rosapi that list topics and nodes, and return the time."""
+
+import inspect
+from typing import Any, Callable, Dict, Iterable, List, Tuple
+
+import rosgraph
+import roslib.message
+import rospy
+
+from mushr_ros_intro.browser.messages import to_values
+from mushr_ros_intro.ros.connections import ask
+from mushr_ros_intro.ros.conversions import MessageError
+from mushr_ros_intro.stamps import CALL_TIMEOUT
+
+PREFIX = "/rosapi/"
+
+Values = Dict[str, Any]
+
+
+def call(service: str, args: Values) -> Values:
+    """Return the values of the answer of a service; `service` begins with PREFIX.
+
+    Raises:
+        MessageError: there is no such service, or its arguments are wrong.
+        CallError: the master or a node does not answer.
+    """
+    answer = _SERVICES.get(service[len(PREFIX) :])
+    if answer is None:
+        known = ", ".join(_SERVICES)
+        raise MessageError(f"service {service} is not offered; of {PREFIX}, there are {known}")
+    expected = [*inspect.signature(answer).parameters]
+    if sorted(args) != expected or not all(isinstance(each, str) for each in args.values()):
+        raise MessageError(f"arguments of {service} are {args}; expected text for {expected}")
+    return answer(**args)
+
+
+def _master(method: str, *arguments: Any) -> Any:
+    """Call a method of the master."""
+    return ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), method, *arguments)
+
+
+def topic_types() -> Dict[str, str]:
+    """Return the type of each topic that the master knows.
+
+    Raises:
+        CallError: the master does not answer.
+    """
+    return dict(_master("getTopicTypes"))
+
+
+def has_service(service: str) -> bool:
+    """Return whether the master knows a service.
+
+    Raises:
+        CallError: the master does not answer.
+    """
+    return any(service == name for name, _ in _master("getSystemState")[2])
+
+
+def _of_node(entries: Iterable[Tuple[str, List[str]]], node: str) -> List[str]:
+    return sorted(name for name, nodes in entries if node in nodes)
+
+
+def _topics() -> Values:
+    types = topic_types()
+    return {"topics": [*types], "types": [*types.values()]}
+
+
+def _topics_and_raw_types() -> Values:
+    types = topic_types()
+    texts = []
+    for each in types.values():
+        kind = roslib.message.get_message_class(each) if each != "*" else None
+        texts.append(kind._full_text if kind else "")
+    return {"topics": [*types], "types": [*types.values()], "typedefs_full_text": texts}
+
+
+def _nodes() -> Values:
+    entries = [entry for entries in _master("getSystemState") for entry in entries]
+    return {"nodes": sorted({node for _, nodes in entries for node in nodes})}
+
+
+def _node_details(node: str) -> Values:
+    publishers, subscribers, services = _master("getSystemState")
+    return {
+        "subscribing": _of_node(subscribers, node),
+        "publishing": _of_node(publishers, node),
+        "services": _of_node(services, node),
+    }
+
+
+def _get_time() -> Values:
+    return {"time": to_values(rospy.get_rostime())}
+
+
+_SERVICES: Dict[str, Callable[..., Values]] = {
+    "topics": _topics,
+    "topics_and_raw_types": _topics_and_raw_types,
+    "nodes": _nodes,
+    "node_details": _node_details,
+    "get_time": _get_time,
+}

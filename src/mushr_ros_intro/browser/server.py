@@ -1,0 +1,240 @@
+"""The HTTP server: the page, its data, and the connections of rosbridge's clients."""
+
+import asyncio
+import json
+import time
+from typing import Any, Awaitable, Callable, Collection, Dict, NamedTuple, Union
+
+from tornado.httpserver import HTTPServer
+from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
+
+from mushr_ros_intro.browser.access import refusal
+from mushr_ros_intro.browser.outbox import Outbox
+from mushr_ros_intro.browser.protocol import status
+from mushr_ros_intro.errors import UserError
+
+MAX_CLIENTS = 50
+"""Clients that are connected at the same time; more are refused."""
+
+MAX_FRAME = 100_000
+"""The longest frame of a client [bytes]; after a longer one, the connection is closed."""
+
+MAX_RATE = 200.0
+"""Frames per second of a client; more are refused. Twice as many may come at once."""
+
+PING_PERIOD = 10.0
+"""A client that does not answer for three periods is disconnected [s]."""
+
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; "
+    "form-action 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-cache",
+}
+
+
+class ConflictError(ValueError):
+    """A request that is valid, but cannot be carried out now. The text gives the reason."""
+
+
+class Clients(NamedTuple):
+    """What to do with the frames of clients."""
+
+    handle: Callable[[Outbox, Union[str, bytes]], Awaitable[None]]
+    """Carries out the request in a frame."""
+    disconnect: Callable[[Outbox], None]
+    """Is called when a client is gone."""
+
+
+class Rules(NamedTuple):
+    """Which programs and pages may use the server; see `access.refusal`."""
+
+    hosts: Collection[str]
+    origins: Collection[str]
+    token: str
+
+
+Answer = Union[Dict[str, Any], bytes]
+"""JSON, or a PNG image."""
+
+Action = Callable[..., Awaitable[Answer]]
+"""Answers a request. Its arguments are the groups of the path, and for POST the JSON of the body.
+
+It raises LookupError if there is no such resource, and `ConflictError`.
+"""
+
+
+def serve(
+    folder: str,
+    address: str,
+    port: int,
+    rules: Rules,
+    clients: Clients,
+    actions: Dict[str, Dict[str, Action]],
+) -> HTTPServer:
+    """Start the server in the event loop of this thread.
+
+    Args:
+        folder: contains the files of the page.
+        address: of the network interface.
+        port: of the server.
+        rules: who may use it.
+        clients: what to do with rosbridge's clients, which connect to /.
+        actions: for each path, a regular expression, the action of each method (GET, POST, DELETE).
+
+    Raises:
+        UserError: the port cannot be used.
+    """
+    routes = [(path, _ActionHandler, {"actions": methods}) for path, methods in actions.items()]
+    application = Application(
+        [
+            ("/", _Root, {"clients": clients, "folder": folder}),
+            *routes,
+            (r"/([\w-]+\.(?:js|css|svg))", _File, {"path": folder}),
+        ],
+        default_handler_class=_ActionHandler,
+        default_handler_args={"actions": {}},
+        rules=rules,
+        websocket_max_message_size=MAX_FRAME,
+        websocket_ping_interval=PING_PERIOD,
+        log_function=lambda handler: None,
+    )
+    server = HTTPServer(
+        application, max_body_size=MAX_FRAME, max_header_size=16_384, idle_connection_timeout=60.0
+    )
+    try:
+        server.listen(port, address)
+    except (OSError, OverflowError) as error:
+        raise UserError(
+            f"port {port} of {address} cannot be used ({error}); expected a free port, such as "
+            f"web_port:={port + 1} of sim.launch, or port:={port + 1} of web.launch"
+        ) from None
+    return server
+
+
+class _Handler(RequestHandler):
+    """A handler that checks who sends the request."""
+
+    def set_default_headers(self) -> None:
+        for name, value in _HEADERS.items():
+            self.set_header(name, value)
+
+    def prepare(self) -> None:
+        headers, rules = self.request.headers, self.settings["rules"]
+        reason = refusal(
+            headers.get("Host"),
+            headers.get("Origin"),
+            self.get_query_argument("token", None),
+            rules.hosts,
+            rules.origins,
+            rules.token,
+        )
+        if reason:
+            raise HTTPError(403, reason=None, log_message=reason)
+
+    def write_error(self, status_code: int, **arguments: Any) -> None:
+        _, error, _ = arguments.get("exc_info", (None, None, None))
+        text = error.log_message if isinstance(error, HTTPError) else None
+        self.finish(json.dumps({"error": text or self._reason}))
+
+
+class _File(_Handler, StaticFileHandler):
+    """A file of the page."""
+
+
+class _ActionHandler(_Handler):
+    """Data for the page, and its actions."""
+
+    def initialize(self, actions: Dict[str, Action]) -> None:
+        self._actions = actions
+
+    async def get(self, *groups: str) -> None:
+        await self._act("GET", *groups)
+
+    async def delete(self, *groups: str) -> None:
+        await self._act("DELETE", *groups)
+
+    async def post(self, *groups: str) -> None:
+        # A page of another server can send a form, but not JSON.
+        if self.request.headers.get("Content-Type", "").split(";")[0] != "application/json":
+            raise HTTPError(415, "expected Content-Type: application/json")
+        try:
+            body = json.loads(self.request.body)
+        except (ValueError, RecursionError) as error:
+            raise HTTPError(400, "the body is not JSON: %s", error) from None
+        await self._act("POST", *groups, body)
+
+    async def _act(self, method: str, *arguments: Any) -> None:
+        if not self._actions:
+            raise HTTPError(404, f"there is no {self.request.path}".replace("%", "%%"))
+        if method not in self._actions:
+            raise HTTPError(405)
+        try:
+            answer = await self._actions[method](*arguments)
+        except LookupError as error:
+            raise HTTPError(404, str(error.args[0]).replace("%", "%%")) from None
+        except ConflictError as error:
+            raise HTTPError(409, str(error).replace("%", "%%")) from None
+        if isinstance(answer, bytes):
+            self.set_header("Content-Type", "image/png")
+        self.finish(answer)
+
+
+class _Root(_Handler, WebSocketHandler):
+    """The page, or with a request to upgrade the connection, a client of rosbridge."""
+
+    count = 0
+    """The number of connected clients."""
+
+    def initialize(self, clients: Clients, folder: str) -> None:
+        self._clients = clients
+        self._folder = folder
+
+    async def get(self) -> None:
+        if self.request.headers.get("Upgrade", "").lower() == "websocket":
+            if _Root.count >= MAX_CLIENTS:
+                raise HTTPError(503, f"{MAX_CLIENTS} clients are connected; expected fewer")
+            await super().get()
+        else:
+            with open(f"{self._folder}/index.html", encoding="utf-8") as file:
+                self.finish(file.read())
+
+    def check_origin(self, origin: str) -> bool:
+        return True  # see `prepare`
+
+    def open(self, *args: str, **kwargs: str) -> None:
+        _Root.count += 1
+        self.set_nodelay(True)
+        self._outbox = Outbox()
+        self._allowed, self._refilled = 2.0 * MAX_RATE, time.monotonic()
+        self._sender = asyncio.ensure_future(self._send(self._outbox))
+
+    async def on_message(self, frame: Union[str, bytes]) -> None:
+        now = time.monotonic()
+        refill = (now - self._refilled) * MAX_RATE
+        self._allowed = min(self._allowed + refill, 2.0 * MAX_RATE) - 1.0
+        self._refilled = now
+        if self._allowed < 0.0:
+            self._allowed = max(self._allowed, -1.0)
+            text = f"a frame is ignored: more than {MAX_RATE:g} frames per second"
+            self._outbox.reply(status(text, None))
+        else:
+            await self._clients.handle(self._outbox, frame)
+
+    async def _send(self, outbox: Outbox) -> None:
+        """Send frames while the client reads them."""
+        while True:
+            try:
+                frame = await outbox.next()
+                await self.write_message(frame, binary=isinstance(frame, bytes))
+            except WebSocketClosedError:
+                break
+            except ValueError as error:  # a message cannot be decoded
+                outbox.reply(status(str(error), None))
+
+    def on_close(self) -> None:
+        _Root.count -= 1
+        self._sender.cancel()
+        self._clients.disconnect(self._outbox)

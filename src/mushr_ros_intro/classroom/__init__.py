@@ -1,0 +1,1 @@
+"""Grade many submissions, and write the results."""

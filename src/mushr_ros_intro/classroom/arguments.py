@@ -1,0 +1,87 @@
+"""The command line of grade.py."""
+
+import argparse
+import os
+import re
+from contextlib import suppress
+from typing import Sequence
+
+from mushr_ros_intro.replay.judge import Tolerances
+
+_OF_A_CLASS = ("points", "jobs", "shard", "user", "gradescope", "classroom50", "github")
+"""Options that `--node` does not use."""
+
+
+def shard(text: str) -> Sequence[int]:
+    """Return I and N of "I/N"; raise ArgumentTypeError for any other text."""
+    if re.fullmatch("[0-9]+/[0-9]+", text):
+        number, count = map(int, text.split("/"))
+        if 1 <= number <= count:
+            return number, count
+    raise argparse.ArgumentTypeError(f"{text!r}; expected I/N, such as 1/4 or 4/4")
+
+
+def tolerance(text: str) -> float:
+    """Return a number that is not negative; raise ArgumentTypeError for any other text."""
+    with suppress(ValueError):
+        if float(text) >= 0.0:
+            return float(text)
+    raise argparse.ArgumentTypeError(f"{text!r}; expected a number of at least 0")
+
+
+def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespace:
+    """Return the command line; exit with status 2 if it is wrong."""
+    form = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("grade.py", description=description, formatter_class=form)
+    add = parser.add_argument
+    add("inputs", nargs="*", metavar="PLAN or SUBMISSION")
+    add("--node", nargs=2, metavar=("PACKAGE", "FILE"), help="the node, as for rosrun")
+    add("--file", default="path_publisher.py", help="the node in each submission")
+    add("--plans", nargs="+", metavar="PLAN", help="names in plans/, or paths")
+    add("--out", metavar="FOLDER", help="write the results to this folder")
+    add("--bag", action="store_true", help="also write each drive as a bag")
+    add("--points", metavar="FILE", help="points per check and plan; default one point each")
+    add("--remap", nargs="+", default=[], metavar="FROM:=TO", help="for the nodes, as for rosrun")
+    add("--car", default="ideal", help="as in sim.launch; default ideal")
+    add("--map", default="sandbox", help="as in sim.launch; default sandbox")
+    add("--seed", type=int, help="drive with the noise of the car, and with this seed")
+    add("--patience", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
+    for name, unit in zip(Tolerances._fields, ("m", "rad", "m")):
+        add(f"--{name}-tolerance", type=tolerance, metavar=unit, help="see docs/grading.md")
+    add("--jobs", type=int, default=2 * (os.cpu_count() or 1), help="simultaneous replays")
+    add("--shard", type=shard, default=(1, 1), metavar="I/N", help="grade part I of N only")
+    add("--user", default="", help="run the nodes as this user; default a new one for each replay")
+    add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")
+    for name in ("gradescope", "classroom50", "github"):
+        add(
+            f"--{name}",
+            metavar="FILE",
+            help="also write the result of one submission in its format",
+        )
+    arguments = parser.parse_args(words)
+    values = vars(arguments)
+    given = [name for name in _OF_A_CLASS if values[name] != parser.get_default(name)]
+    if fault := _fault(arguments, given):
+        parser.error(fault)
+    return arguments
+
+
+def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
+    """Return what is wrong with the combination of arguments; "" if nothing.
+
+    `of_a_class` contains the options that need submissions.
+    """
+    is_class = not arguments.node and not arguments.merge
+    if arguments.node and of_a_class:
+        return f"--{of_a_class[0]} needs submissions; --node grades one installed node"
+    if arguments.node and (arguments.plans or not arguments.inputs):
+        return "expected PLAN... --node PACKAGE FILE"
+    if is_class and not (arguments.inputs and arguments.plans and arguments.out):
+        return "expected PLAN... --node PACKAGE FILE, or SUBMISSION... --plans PLAN... --out FOLDER"
+    if (arguments.merge or arguments.bag) and not arguments.out:
+        return "expected --out FOLDER"
+    if not all(re.fullmatch("[^:=]+:=[^:=]+", each) for each in arguments.remap):
+        return "expected --remap FROM:=TO, such as control:=/cmd"
+    if arguments.jobs < 1 or not arguments.patience > 0.0:
+        return "expected --jobs of at least 1 and --patience above 0"
+    return ""

@@ -1,0 +1,274 @@
+"""Grade submissions: build them if necessary, and replay each plan with each of them."""
+
+import glob
+import os
+import subprocess
+import tempfile
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
+
+import roslib.packages
+import rospkg
+
+from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.classroom.result import Result, plan_result
+from mushr_ros_intro.classroom.submissions import Submission
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.grading.workspace import environment_of
+from mushr_ros_intro.parameters import Parameters, find_file
+from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.replay.job import (
+    MAX_OVERHEAD,
+    Job,
+    ReplayError,
+    Setting,
+    in_own_process,
+    replay,
+    sandboxed,
+)
+from mushr_ros_intro.replay.judge import Report
+from mushr_ros_intro.replay.node_process import SHOWN_LINES
+from mushr_ros_intro.replay.sandbox import Sandbox
+from mushr_ros_intro.world.map_file import read_map
+from mushr_ros_intro.yaml_file import read_mapping
+
+TIMEOUT = 120.0
+"""For the build of one submission, and for the probe [s of wall-clock time]."""
+
+_PROBE = """#!/usr/bin/python3
+import os, sys
+import ackermann_msgs.msg, geometry_msgs.msg, rospy
+for path in (__file__, sys.argv[-1].split(":=")[1]):
+    open(path).close()
+open(os.path.join(os.environ["HOME"], "probe"), "w").close()
+"""
+
+
+def read_setting(
+    package: str, car: str, map_name: str, seed: Optional[int], **others: Any
+) -> Setting:
+    """Return the setting with a car and a map of this package.
+
+    Args:
+        package: the folder of this package.
+        car: the name of a profile.
+        map_name: the name or the path of a map, or "none".
+        seed: drive with the noise of the profile and with this seed; None: without noise.
+        others: the other fields.
+
+    Raises:
+        UserError: there is no such car or map.
+    """
+    config = os.path.join(package, "config")
+    cars = names_in(os.path.join(config, "cars"))
+    if car not in cars:
+        raise UserError(f"car is '{car}'; expected one of {', '.join(cars)}")
+    parameters = {
+        **read_profile(os.path.join(config, "car_sim.yaml")),
+        **read_profile(os.path.join(config, "cars", f"{car}.yaml")),
+        **({} if seed is None else {"noise": True, "seed": seed}),
+    }
+    car_from(Parameters(parameters, f"car {car}: "))  # raises an error here, not in each replay
+    mux = read_mapping(os.path.join(config, "ackermann_cmd_mux.yaml"), "inputs")
+    grid = None
+    if map_name != "none":
+        grid = read_map(find_file(map_name, os.path.join(package, "maps"), ".yaml"))
+    return Setting(car, parameters, mux, grid, **others)
+
+
+def find_executable(package: str, name: str) -> str:
+    """Return the path of a node.
+
+    Raises:
+        UserError: there is no such package, or no such executable in it.
+    """
+    try:
+        found = roslib.packages.find_node(package, name)
+    except rospkg.ResourceNotFound:
+        raise UserError(
+            f"there is no package '{package}' (rospack find {package}). "
+            "Is its workspace sourced (source devel/setup.bash)?"
+        ) from None
+    if not found:
+        folder = rospkg.RosPack().get_path(package)
+        files = glob.glob(f"{glob.escape(folder)}/**/{glob.escape(name)}", recursive=True)
+        hint = f". It is not executable; type: chmod +x {files[0]}" if files else ""
+        raise UserError(f"there is no node '{name}' in the package '{package}'{hint}")
+    return str(found[0])
+
+
+def job_for(words: Sequence[str], plan: Plan, setting: Setting) -> Job:
+    """Return the replay of a plan with an installed node.
+
+    Args:
+        words: the package, the name of the executable, and arguments.
+        plan: the plan.
+        setting: the setting.
+
+    Raises:
+        UserError: there is no such node.
+    """
+    command = (find_executable(*words[:2]), *words[2:])
+    return Job(" ".join(words), command, plan, setting)
+
+
+def grade(
+    submissions: Sequence[Submission],
+    plans: Dict[str, Plan],
+    setting: Setting,
+    jobs: int,
+    bags: str,
+) -> Iterator[Result]:
+    """Grade submissions; yield their results in the same order, as soon as they are known.
+
+    Args:
+        submissions: the submissions.
+        plans: the plans by name.
+        setting: the setting.
+        jobs: the number of replays at the same time.
+        bags: the folder for bags of the drives; "" for none.
+    """
+    with ThreadPoolExecutor(jobs) as pool:
+        builds = [pool.submit(_build, each, setting) for each in submissions]
+        replays: List[List[Future[Optional[Report]]]] = []
+        for submission, build in zip(submissions, builds):
+            runs = [] if submission.fault else list(plans.values())
+            replays.append(
+                [pool.submit(_replay, submission, build, each, setting, bags) for each in runs]
+            )
+        try:
+            for submission, build, futures in zip(submissions, builds, replays):
+                yield _result(submission, build, dict(zip(plans, futures)))
+        finally:
+            for future in [each for futures in replays for each in futures]:
+                future.cancel()
+
+
+def _replay(
+    submission: Submission, build: "Future[str]", plan: Plan, setting: Setting, bags: str
+) -> Optional[Report]:
+    """Replay a plan with a submission; return None if it cannot be built."""
+    if build.result():
+        return None
+    job = Job(
+        submission.name,
+        submission.command,
+        plan,
+        setting,
+        submission.folder,
+        submission.packages,
+        os.path.join(bags, f"{submission.name}.{plan.name}.bag") if bags else "",
+    )
+    return replay(job)
+
+
+def _result(
+    submission: Submission, build: "Future[str]", futures: Dict[str, "Future[Optional[Report]]"]
+) -> Result:
+    """Return the result of a submission, after waiting for its replays."""
+    error, reports = "", []
+    for name, future in futures.items():
+        try:
+            report = future.result()
+            if report is not None:
+                reports.append(plan_result(name, report))
+        except (UserError, OSError) as failure:
+            error = error or f"{name}: {failure}"
+    fault = submission.fault or ("" if error else build.result())
+    plans = () if fault or error else tuple(reports)
+    return Result(submission.name, submission.students, fault, error, plans, submission.notes)
+
+
+def probe(plan: Plan, setting: Setting) -> None:
+    """Check that a node of a submission can run in the sandbox, and read and write its files.
+
+    Raises:
+        ReplayError: it cannot, so a failure of a submission would not be its own fault.
+    """
+    folder = os.path.join(setting.sandbox.folder, ".probe")
+    path = os.path.join(folder, "path_publisher.py")
+    os.mkdir(folder)
+    os.chmod(folder, 0o755)
+    with open(path, "w", encoding="ascii") as file:
+        file.write(_PROBE)
+    os.chmod(path, 0o755)
+    job = Job("probe", (path,), plan, setting, folder)
+    fault = in_own_process(_probe_here, job, seconds=TIMEOUT + MAX_OVERHEAD)
+    if fault:
+        user = f"user {setting.sandbox.user}" if setting.sandbox.user else "users without a name"
+        raise ReplayError(
+            f"nodes cannot run here, so nothing is graded: {fault}\n"
+            f"Nodes run as {user} in {setting.sandbox.folder}, and use a copy of the workspaces. "
+            "Set TMPDIR to a folder that all users can enter, and in which programs can run. Make "
+            "the files in the workspaces readable for all users: chmod -R a+rX FOLDER"
+        )
+
+
+def _probe_here(job: Job) -> str:
+    """Run the probe in this process; return the last line of its output if it fails, or ""."""
+    sandbox = job.setting.sandbox
+    with tempfile.TemporaryDirectory(dir=sandbox.folder) as folder:
+        status, lines = _run(sandbox, sandboxed(job, folder))
+    return "" if status == 0 else (["it printed nothing", *lines][-1])
+
+
+def _run(sandbox: Sandbox, command: Sequence[str]) -> Tuple[Optional[int], List[str]]:
+    """Run a command that the sandbox has wrapped.
+
+    Returns:
+        Its exit status, or None if it did not end in time, and the lines of its output.
+    """
+    sandbox.enter_network()
+    try:
+        done = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            timeout=TIMEOUT,
+            check=False,
+        )
+        return done.returncode, done.stdout.decode(errors="replace").splitlines()
+    except subprocess.TimeoutExpired:
+        return None, [f"it did not end within {TIMEOUT:g} s"]
+    finally:
+        sandbox.end_processes()
+
+
+def _build(submission: Submission, setting: Setting) -> str:
+    """Build the package of a submission if necessary; return why it fails, "" if it does not."""
+    if submission.fault or not submission.needs_build:
+        return ""
+    seconds = TIMEOUT + MAX_OVERHEAD
+    return in_own_process(_build_here, submission, setting, seconds=seconds)
+
+
+def _build_here(submission: Submission, setting: Setting) -> str:
+    """Build the package of a submission in this process; return as for `_build`."""
+    package = submission.packages[0]
+    build = os.path.join(package, ".build")
+    os.mkdir(build)
+    os.chmod(build, 0o777)
+    script = (
+        'cmake -S "$1" -B "$1/.build" -DCATKIN_DEVEL_PREFIX="$1/.build/devel" '
+        "-DPYTHON_EXECUTABLE=/usr/bin/python3 -DCATKIN_ENABLE_TESTING=OFF "
+        '&& make -C "$1/.build"'
+    )
+    with tempfile.TemporaryDirectory(dir=setting.sandbox.folder) as home:
+        os.chmod(home, 0o777)
+        command = setting.sandbox.wrap(
+            ["sh", "-c", script, "sh", package],
+            environment_of(setting.ros, submission.packages),
+            home,
+            folder=submission.folder,
+            writable=True,
+        )
+        status, lines = _run(setting.sandbox, command)
+    os.chmod(build, 0o755)
+    if status == 0:
+        return ""
+    if status is None:
+        return f"the build of the package did not end within {TIMEOUT:g} s"
+    first = next((number for number, line in enumerate(lines) if "rror" in line), len(lines))
+    error = " ".join(line.strip() for line in lines[first : first + 2])  # CMake's have two lines
+    return "\n".join([f"the package does not build: {error}", *lines[-SHOWN_LINES:]])

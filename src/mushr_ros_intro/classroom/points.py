@@ -1,0 +1,150 @@
+"""Turn results of grading into points.
+
+Without a file, each check of each plan gives one point. A file points.yaml changes this:
+
+    default: {commands: 2, path: 3, final_pose: 2}     # applies to every plan
+    plans:
+      figure_8: {commands: 4, all_or_nothing: true}    # changes the default for one plan
+      secret: {final_pose: 10, hidden: true}
+
+The keys of `default` and of each plan are:
+
+    node, topics, start_pose, ...   the points of this check, if it passes; otherwise it gives 0.
+                                    If `default` names a check, the checks that it does not name
+                                    give 0; if it names none, each check gives 1.
+    all_or_nothing                  true: the plan gives its points only if all checks passed that
+                                    give points. Otherwise the plan gives the sum.
+    hidden                          true: students do not see the plan before grades are published.
+
+A plan gives 0 points if its check `topics` failed, whatever its other checks give. Then the node
+did something else than driving the car, so its drive proves nothing. A submission that cannot be
+run scores 0.
+"""
+
+import math
+from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from mushr_ros_intro.classroom.result import PlanResult, Result
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.replay.judge import CHECK_NAMES
+from mushr_ros_intro.yaml_file import read_mapping
+
+_MAX_POINTS = 1e6  # of one check
+_DECIMALS = 6  # of a sum, so that 0.1 + 0.2 is 0.3
+_FORM = "keys such as 'default: {path: 3}' and 'plans: {figure_8: {path: 4}}'"
+_OPTIONS = ("all_or_nothing", "hidden")
+
+
+class PlanPoints(NamedTuple):
+    """What one plan gives."""
+
+    checks: Mapping[str, float] = dict.fromkeys(CHECK_NAMES, 1.0)
+    """The points of each check; a check that is missing gives 0."""
+    all_or_nothing: bool = False
+    hidden: bool = False
+
+
+class Points(NamedTuple):
+    """What the graded plans give; `plans` are those that differ from the default."""
+
+    plan_names: Tuple[str, ...] = ()
+    default: PlanPoints = PlanPoints()
+    plans: Mapping[str, PlanPoints] = {}
+
+    def points(self, plan: str, check: str) -> float:
+        """Return the points that a check of a plan gives if it passes."""
+        return self._of(plan).checks.get(check, 0.0)
+
+    def is_hidden(self, plan: str) -> bool:
+        """Return whether students may not see a plan before grades are published."""
+        return self._of(plan).hidden
+
+    def max_score(self, plans: Optional[Iterable[str]] = None) -> float:
+        """Return the points of all checks of plans; None means all graded plans."""
+        names = self.plan_names if plans is None else plans
+        return _sum(self.points(name, check) for name in names for check in CHECK_NAMES)
+
+    def earned(self, plan: PlanResult) -> List[float]:
+        """Return the points that each check of a drive gives, in the order of its checks."""
+        lost, points = bool(self.loss(plan)), self.points
+        return [(each.passed and not lost) * points(plan.plan, each.name) for each in plan.checks]
+
+    def loss(self, plan: PlanResult) -> str:
+        """Return why a drive gives no points whatever its checks give, or nothing."""
+        failed = {check.name: check for check in plan.checks if not check.passed}
+        if "topics" in failed and failed["topics"].is_judged:
+            return "This plan gives 0 points, because the check topics failed."
+        missed = sorted(name for name in failed if self.points(plan.plan, name))
+        if missed and self._of(plan.plan).all_or_nothing:
+            return f"This plan gives 0 points, because a check failed: {', '.join(missed)}."
+        return ""
+
+    def plan_score(self, plan: PlanResult) -> float:
+        """Return the points that a drive gives."""
+        return _sum(self.earned(plan))
+
+    def score(self, result: Result) -> float:
+        """Return the points of a submission; 0 also if there is no verdict (see Result.error)."""
+        return _sum(self.plan_score(plan) for plan in result.plans)
+
+    def _of(self, plan: str) -> PlanPoints:
+        """Return what a plan gives."""
+        return self.plans.get(plan, self.default)
+
+
+def read_points(path: Optional[str], plan_names: Iterable[str]) -> Points:
+    """Return the points in a file for the graded plans, or the default points without a path.
+
+    Raises:
+        UserError: the file cannot be read, or an entry is not valid.
+    """
+    names = tuple(plan_names)
+    if path is None:
+        return Points(names)
+    values = _mapping(read_mapping(path, _FORM), f"{path}: ", ("default", "plans"))
+    default = _plan_points(values.get("default"), f"{path}: default: ", None)
+    entries = _mapping(values.get("plans"), f"{path}: plans: ", names)
+    plans = {
+        name: _plan_points(entry, f"{path}: plans: {name}: ", default)
+        for name, entry in entries.items()
+    }
+    points = Points(names, default, plans)
+    if not points.max_score():
+        raise UserError(f"{path}: all checks give 0 points; expected points for at least one check")
+    return points
+
+
+def _plan_points(entry: Any, place: str, default: Optional[PlanPoints]) -> PlanPoints:
+    """Return what the entry of a plan says, or the entry `default` if there is no default yet.
+
+    Raises:
+        UserError: the entry is not valid.
+    """
+    raw = _mapping(entry, place, (*CHECK_NAMES, *_OPTIONS))
+    read = Parameters(raw, place)
+    named = [name for name in CHECK_NAMES if name in raw]
+    checks = {name: read.number(name, math.nan, "points", 0.0, _MAX_POINTS) for name in named}
+    if default is None:
+        default = PlanPoints({}) if checks else PlanPoints()
+    options = (read.flag(key, getattr(default, key)) for key in _OPTIONS)
+    return PlanPoints({**default.checks, **checks}, *options)
+
+
+def _mapping(value: Any, place: str, keys: Sequence[str]) -> Dict[str, Any]:
+    """Return a mapping with its keys as text; an empty value is an empty mapping.
+
+    Raises:
+        UserError: the value is something else, or has other keys than `keys`.
+    """
+    if not isinstance({} if value is None else value, dict):
+        raise UserError(f"{place}the value is {value!r}; expected keys of {', '.join(keys)}")
+    mapping = {str(key): each for key, each in (value or {}).items()}
+    if unknown := [key for key in mapping if key not in keys]:
+        raise UserError(f"{place}unknown key {unknown[0]}; expected one of {', '.join(keys)}")
+    return mapping
+
+
+def _sum(numbers: Iterable[float]) -> float:
+    """Return the sum of points."""
+    return round(math.fsum(numbers), _DECIMALS)

@@ -1,0 +1,240 @@
+"""Check whether the node of a submission can be run. No file of the submission is run."""
+
+import difflib
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from typing import Dict, List, NamedTuple, Sequence, Tuple
+from xml.etree import ElementTree
+
+from mushr_ros_intro.classroom.submission_files import Files, SubmissionError, show
+
+MAX_TEXT = 1_000_000
+"""Larger nodes and package.xml files are refused [bytes]: to parse them takes much memory."""
+
+_FIRST_LINE = "Make its first line: #!/usr/bin/python3"
+
+_COMPILE_TIME = 20.0
+"""Limit on the compilation of a node [s]."""
+
+# In its own process: some sources crash the compiler of Python 3.9, and need much memory.
+_COMPILE = """
+import json, sys
+try:
+    compile(sys.stdin.buffer.read(), "", "exec")
+except SyntaxError as error:
+    print(json.dumps([error.lineno or 1, error.msg, (error.text or "").strip()[:80]]))
+except (LookupError, ValueError) as error:
+    print(json.dumps([1, str(error), ""]))
+"""
+
+_PURE_PYTHON = set(
+    "add_rostest catkin_add_nosetests catkin_install_python catkin_metapackage catkin_package"
+    " catkin_python_setup"
+    " cmake_minimum_required cmake_policy else elseif endif find_package if include_directories"
+    " install message option project roslaunch_add_file_check set".split()
+)
+"""The commands of a CMakeLists.txt that build nothing."""
+
+
+class Checked(NamedTuple):
+    """What is needed to run the node of a submission; see `Submission`."""
+
+    command: Tuple[str, ...]
+    packages: Tuple[str, ...]
+    needs_build: bool
+
+
+def check(files: Files, node: str) -> Checked:
+    """Find the node and the packages of a submission; make the node executable.
+
+    Args:
+        files: the files of the submission; notes are added to its notes.
+        node: the name of the executable file.
+
+    Raises:
+        SubmissionError: the node cannot be run.
+        OSError: a file cannot be read.
+    """
+    places = files.places()
+    packages = _packages(places)
+    place = _choose(files, places, packages, node)
+    _check_packages(files.folder, packages)
+    path = os.path.join(files.folder, place)
+    has_package = any(_is_in(place, each) for each in packages)
+    if not has_package:
+        files.notes.append("there is no package.xml; the node is run without a package")
+    if not os.stat(path).st_mode & 0o100:
+        os.chmod(path, 0o755)  # uploads often lose the permission, so this is no fault
+        if has_package:
+            text = f"{place!r} is not executable. rosrun needs: chmod +x {shlex.quote(place)}"
+            files.notes.append(text)
+    _check_program(path, place)
+    folders = tuple(os.path.normpath(os.path.join(files.folder, each)) for each in packages)
+    return Checked((path,), folders, any(map(_needs_build, folders)))
+
+
+def _is_in(place: str, folder: str) -> bool:
+    """Return whether a relative path is in a folder; "" is the top."""
+    return not folder or place.startswith(folder + "/")
+
+
+def _packages(places: Sequence[str]) -> List[str]:
+    """Return the folders of the packages; ROS does not search for packages in packages."""
+    found: List[str] = []
+    for folder in sorted(
+        os.path.dirname(p) for p in places if os.path.basename(p) == "package.xml"
+    ):
+        if not any(_is_in(folder, each) for each in found):
+            found.append(folder)
+    return found
+
+
+def _choose(files: Files, places: Sequence[str], packages: Sequence[str], node: str) -> str:
+    """Return the place of the node.
+
+    Raises:
+        SubmissionError: there is none, or there are several equal ones.
+    """
+    named = [each for each in places if os.path.basename(each) == node]
+    named = [p for p in named if not os.path.islink(os.path.join(files.folder, p))] or named
+    if not named:
+        raise SubmissionError(_missing(places, packages, node))
+    usual = {os.path.join(each, folder) for each in packages for folder in ("src", "scripts")}
+    chosen = [each for each in named if os.path.dirname(each) in usual] if named[1:] else named
+    if len(chosen) != 1:
+        text = f"There are several files {node}: {show(chosen or named)}"
+        raise SubmissionError(f"{text}. Keep one of them, in src/ or scripts/ of the package.")
+    if named[1:]:
+        others = [each for each in named if each not in chosen]
+        files.notes.append(f"{chosen[0]!r} is run, not {show(others)}")
+    return chosen[0]
+
+
+def _missing(places: Sequence[str], packages: Sequence[str], node: str) -> str:
+    """Return the fault of a submission without a node."""
+    by_name = {os.path.basename(each).lower(): each for each in places}
+    similar = difflib.get_close_matches(node.lower(), by_name, 1, 0.8)
+    if similar:
+        return f"There is no {node}, but {by_name[similar[0]]!r}. Rename this file to {node}."
+    programs = [each for each in places if each.endswith(".py")]
+    if programs:
+        return f"There is no {node}; found {show(programs)}. Name your node {node}."
+    found = f"found {show(places)}" if places else "there are no files"
+    what = f"no {node} in the package" if packages else f"no package and no {node}"
+    return f"There is {what}; {found}. Hand in a package with src/{node}."
+
+
+def _check_packages(folder: str, packages: Sequence[str]) -> None:
+    """Check the package.xml files.
+
+    Raises:
+        SubmissionError: one is not valid, or two packages have the same name.
+    """
+    places: Dict[str, str] = {}
+    for package in packages:
+        place = os.path.join(package, "package.xml")
+        with open(os.path.join(folder, place), "rb") as file:
+            data = file.read(MAX_TEXT + 1)
+        # Entities of a DOCTYPE can fill the memory. Without zeros UTF-16 reads as ASCII.
+        if len(data) > MAX_TEXT or b"<!DOCTYPE" in data.replace(b"\0", b""):
+            text = f"{place!r} has more than 1 MB, or a DOCTYPE; expected a plain package.xml."
+            raise SubmissionError(text)
+        try:
+            root = ElementTree.fromstring(data)
+        except (ElementTree.ParseError, LookupError, ValueError) as error:
+            raise SubmissionError(f"{place!r} is not valid XML: {error}. Correct it.") from None
+        name = (root.findtext("name") or "").strip() if root.tag == "package" else ""
+        if not name:
+            text = f"{place!r} has no name; expected <package> with <name>my_ros_intro</name>."
+            raise SubmissionError(text)
+        if name in places:
+            text = f"{places[name]!r} and {place!r} have the same name {name!r}. Remove one."
+            raise SubmissionError(text)
+        places[name] = place
+
+
+def _check_program(path: str, place: str) -> None:
+    """Check the first line of the node, and the syntax if it is in Python.
+
+    Raises:
+        SubmissionError: the node cannot be run.
+    """
+    with open(path, "rb") as file:
+        data = file.read(MAX_TEXT + 1)
+    if len(data) > MAX_TEXT:
+        raise SubmissionError(f"{place!r} has more than 1 MB; expected a program in Python.")
+    line = data.split(b"\n", 1)[0]
+    if line.startswith((b"\xef\xbb\xbf", b"\xfe\xff", b"\xff\xfe")):
+        text = f"{place!r} starts with a byte order mark. Save it as UTF-8 without BOM."
+        raise SubmissionError(text)
+    if not line.startswith(b"#!"):
+        raise SubmissionError(f"{place!r} has no line '#!...' at its start. {_FIRST_LINE}")
+    if line.endswith(b"\r"):
+        text = f"{place!r} has Windows line ends (CRLF), so its first line does not work."
+        raise SubmissionError(f"{text} Type: dos2unix {shlex.quote(place)}")
+    name, program = _interpreter(line[2:].decode(errors="replace"))
+    if not program:
+        text = f"The first line of {place!r} names {name!r}, which is not on this machine."
+        raise SubmissionError(f"{text} {_FIRST_LINE}")
+    names = {os.path.basename(each) for each in (program, os.path.realpath(program))}
+    if any(re.fullmatch(r"python3(\.\d+)?", each) for each in names):
+        _check_syntax(data, place)
+
+
+def _interpreter(line: str) -> Tuple[str, str]:
+    """Return the interpreter in a first line, and its path; "" if it does not exist."""
+    # As in the kernel: after the first word all is one argument, also with spaces in it.
+    name, argument = [*re.split(r"[ \t]+", line.strip(" \t"), maxsplit=1), ""][:2]
+    exists = os.path.isabs(name) and os.path.isfile(name) and os.access(name, os.X_OK)
+    if exists and os.path.basename(name) == "env":
+        split = re.match(r"(?:-S|--split-string=?)(.*)", argument)
+        words = [w for w in split[1].split() if w[0] != "-" and "=" not in w] if split else []
+        argument = [*words, ""][0] if split else argument
+        return argument, shutil.which(argument) or ""
+    return name, name if exists else ""
+
+
+def _check_syntax(data: bytes, place: str) -> None:
+    """Check that a program is Python that this machine's Python 3 can compile.
+
+    Raises:
+        SubmissionError: it is not.
+    """
+    expected = "expected a program in Python."
+    if not any(re.match(rb"\s*#.*coding[:=]", each) for each in data.split(b"\n", 2)[:2]):
+        try:
+            data.decode()
+        except UnicodeDecodeError as error:
+            line = data.count(b"\n", 0, error.start) + 1
+            text = f"{place!r} is not UTF-8 in line {line}. Save it as UTF-8."
+            raise SubmissionError(text) from None
+    # Not the interpreter of the first line: that could be a program of the submission.
+    command = [sys.executable, "-I", "-S", "-W", "ignore", "-c", _COMPILE]
+    try:
+        done = subprocess.run(command, input=data, capture_output=True, timeout=_COMPILE_TIME)
+    except subprocess.TimeoutExpired:
+        raise SubmissionError(f"{place!r} takes too long to compile; {expected}") from None
+    if done.stdout:
+        number, message, line = json.loads(done.stdout)
+        shown = f": {line!r}" if line else ""
+        text = f"{place!r} has a syntax error in line {number}: {message}{shown}."
+        raise SubmissionError(f"{text} Correct this line, or the one before it.")
+    if done.returncode:
+        raise SubmissionError(f"{place!r} is too complex to compile; {expected}")
+
+
+def _needs_build(package: str) -> bool:
+    """Return whether the CMakeLists.txt of a package, if any, builds anything."""
+    path = os.path.join(package, "CMakeLists.txt")
+    if not os.path.isfile(path):
+        return False
+    with open(path, encoding="utf-8", errors="replace") as file:
+        text = file.read(MAX_TEXT)
+    text = re.sub(r"#\[\[.*?\]\]", "", text, flags=re.DOTALL)
+    commands = re.findall(r"^[ \t]*(\w+)[ \t]*\(", text, re.MULTILINE)
+    return any(each.lower() not in _PURE_PYTHON for each in commands)

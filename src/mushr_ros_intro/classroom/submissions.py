@@ -1,0 +1,276 @@
+"""Find the submissions of a class, copy them to a workspace, and check them.
+
+Nothing is written outside of the workspace, and no file of a submission is run or imported.
+"""
+
+import errno
+import os
+import re
+import shutil
+import unicodedata
+import zipfile
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
+
+import yaml
+
+from mushr_ros_intro.classroom.result import Student
+from mushr_ros_intro.classroom.submission_check import check
+from mushr_ros_intro.classroom.submission_files import Files, SubmissionError, is_junk
+from mushr_ros_intro.errors import UserError
+
+MAX_CLASS = 100_000, 10_000_000_000
+"""Limits for a zip with the submissions of a whole class: files, bytes."""
+
+_METADATA = "submission_metadata.yml"
+_EXPECTED = "expected a package folder, a .zip, a .py, or a folder of these"
+_ARCHIVES = (".7z", ".bz2", ".gz", ".rar", ".tar", ".tgz", ".xz")
+_CANVAS = re.compile(r"(?P<who>.+?)(?:_LATE)?_(?P<id>\d+)_\d+_(?P<file>[^.].*)")
+
+
+class Submission(NamedTuple):
+    """One submission, ready to run or with the reason why it is not."""
+
+    name: str
+    """Unique; only letters, digits, and . _ -"""
+    students: Tuple[Student, ...]
+    """The authors; empty if they are not known."""
+    fault: str
+    """Why it cannot be run, and the remedy; empty if it can be run."""
+    notes: Tuple[str, ...]
+    """What differs from the files that were handed in, such as "made executable"."""
+    folder: str
+    """The folder with its files."""
+    command: Tuple[str, ...]
+    """The path of the node; empty if there is a fault."""
+    packages: Tuple[str, ...]
+    """The folders with a package.xml, for ROS_PACKAGE_PATH; empty if there is a fault."""
+    needs_build: bool
+    """Whether a CMakeLists.txt has commands that the node may need, such as for messages."""
+
+
+class _Source(NamedTuple):
+    """What was handed in as one submission."""
+
+    name: str
+    files: Tuple[Tuple[str, str], ...]
+    """The path of each folder or file, and the name that it was handed in with."""
+    students: Tuple[Student, ...] = ()
+    fault: str = ""
+
+
+def collect(
+    paths: Sequence[str], workspace: str, node: str = "path_publisher.py"
+) -> List[Submission]:
+    """Copy or unpack each submission to WORKSPACE/NAME, and check it.
+
+    Args:
+        paths: packages, zips, nodes, folders of these, exports of Gradescope and of Canvas.
+        workspace: an empty folder, outside of the paths. All users can read what is copied into
+            it; the permissions of the folder itself stay the same.
+        node: the name of the executable file of a submission.
+
+    Raises:
+        UserError: a path does not exist, cannot be read or contains no submission, or the
+            workspace cannot be written.
+    """
+    workspace = os.path.realpath(workspace)
+    unpacked = os.path.join(workspace, ".unpacked")
+    found: List[Submission] = []
+    taken: Set[str] = set()
+    for path in paths:
+        if os.path.commonpath([workspace, os.path.realpath(path)]) == os.path.realpath(path):
+            raise UserError(f"the workspace {workspace} is in {path}; expected it outside")
+        try:
+            sources = _sources(path, node, Files(unpacked, MAX_CLASS))
+            if not sources:
+                raise UserError(f"{path} contains no submission; {_EXPECTED}")
+            for source in sources:
+                name = _unique(source.name, taken)
+                files = Files(os.path.join(workspace, name))
+                found.append(_submission(source, name, files, node))
+        except OSError as error:
+            raise UserError(f"{error.filename or workspace}: {error.strerror}") from None
+        finally:
+            shutil.rmtree(unpacked, ignore_errors=True)
+    return found
+
+
+def _unique(name: str, taken: Set[str]) -> str:
+    """Return a file name that is not taken yet, and take it."""
+    text = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    base = re.sub(r"[^A-Za-z0-9._-]+", "_", text).strip("._-")[:100] or "submission"
+    name, number = base, 1
+    while name.lower() in taken:
+        number += 1
+        name = f"{base}-{number}"
+    taken.add(name.lower())
+    return name
+
+
+def _sources(path: str, node: str, unpacked: Files) -> List[_Source]:
+    """Return the submissions in what the user typed.
+
+    Args:
+        path: what the user typed.
+        node: the name of the executable file of a submission.
+        unpacked: for the files of a zip with several submissions.
+
+    Raises:
+        UserError, OSError: the path contains something else, or cannot be read.
+    """
+    typed, name = path, os.path.basename(os.path.abspath(path))
+    base, ending = os.path.splitext(name)
+    if not os.path.isdir(path):
+        os.stat(path)
+        if not os.path.isfile(path) or ending.lower() not in (".zip", ".py"):
+            raise UserError(f"{path} is not a submission; {_EXPECTED}")
+        folder = _class_folder(path) if ending.lower() == ".zip" else None
+        if folder is None:
+            return [_Source(base, ((path, name),))]
+        try:
+            unpacked.add_zip(path, "", strict=False)
+        except SubmissionError as fault:
+            raise UserError(f"{typed}: {fault}") from None
+        path = os.path.join(unpacked.folder, folder)
+    entries = sorted(each for each in os.listdir(path) if not is_junk(each))
+    if _METADATA in entries:
+        return _gradescope(path, entries, typed)
+    if any(each in entries for each in ("package.xml", node, "src", "scripts")):
+        return [_Source(name, ((path, name),))]
+    return _class(path, entries)
+
+
+def _class_folder(path: str) -> Optional[str]:
+    """Return the folder with the submissions in a zip; None if the zip is one submission."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+    except Exception:  # zipfile raises errors of many classes for damaged files
+        return None
+    names = [each for each in names if not any(map(is_junk, each.split("/")))]
+    for name in names:
+        if os.path.basename(name) == _METADATA and name.count("/") <= 1:
+            return os.path.dirname(name)
+    return "" if names and all("/" not in each and _CANVAS.match(each) for each in names) else None
+
+
+def _class(folder: str, entries: Sequence[str]) -> List[_Source]:
+    """Return the submissions in a folder; all files of a student in Canvas are one."""
+    found: Dict[str, _Source] = {}
+    for entry in entries:
+        path, (base, ending) = os.path.join(folder, entry), os.path.splitext(entry)
+        canvas = _CANVAS.fullmatch(entry)
+        if os.path.islink(path):
+            fault = f"{entry!r} is a symbolic link; expected the folder or the file itself."
+            found[entry] = _Source(entry, (), fault=fault)
+        elif not os.path.isdir(path) and not os.path.isfile(path):
+            continue  # such as a FIFO
+        elif canvas:
+            name = f"{canvas['who']}_{canvas['id']}"
+            students = (Student(canvas["who"], canvas["id"], ""),)
+            files = found[name].files if name in found else ()
+            original = re.sub(r"-\d+(\.\w+)$", r"\1", canvas["file"])  # Canvas counts attempts
+            found[name] = _Source(name, (*files, (path, original)), students)
+        elif os.path.isdir(path):
+            found[entry] = _Source(entry, ((path, entry),))
+        elif ending.lower() in (".zip", ".py"):
+            found[entry] = _Source(base, ((path, entry),))
+        elif ending.lower() in _ARCHIVES:
+            fault = f"{entry!r} is not a zip. Hand in a .zip file of the package."
+            found[entry] = _Source(base, (), fault=fault)
+    return list(found.values())
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads the tags of Ruby, such as !ruby/object:ActiveSupport::TimeWithZone, as null."""
+
+
+_Loader.add_multi_constructor("!", lambda loader, suffix, node: None)
+
+
+def _gradescope(folder: str, entries: Sequence[str], typed: str) -> List[_Source]:
+    """Return the submissions in an export of Gradescope.
+
+    Args:
+        folder: the folder with the metadata.
+        entries: what it contains.
+        typed: the name of the export for messages.
+
+    Raises:
+        UserError: its metadata cannot be read.
+    """
+    try:
+        with open(os.path.join(folder, _METADATA), "rb") as file:
+            values: Any = yaml.load(file.read(), _Loader)
+        students = {
+            str(name): tuple(
+                Student(*(str(each.get(key) or "") for key in (":name", ":sid", ":email")))
+                for each in (value or {}).get(":submitters") or ()
+            )
+            for name, value in (values or {}).items()
+        }
+    except Exception as problem:  # PyYAML raises errors of many classes
+        reason = " ".join(str(problem).split())
+        text = f"{typed}: {_METADATA}: {reason}; expected the metadata of Gradescope"
+        raise UserError(text) from None
+    paths = {each: os.path.join(folder, each) for each in entries}
+    folders = {each for each, path in paths.items() if os.path.isdir(path)}
+    found = []
+    for name in sorted({*students, *folders}):
+        known = students.get(name, ())
+        if name in folders and not os.path.islink(paths[name]):
+            found.append(_Source(name, ((paths[name], name),), known))
+        else:
+            fault = f"The export has no folder {name!r}. Download the submissions again."
+            found.append(_Source(name, (), known, fault))
+    return found
+
+
+def _submission(source: _Source, name: str, files: Files, node: str) -> Submission:
+    """Copy and check one submission.
+
+    Raises:
+        OSError: the workspace cannot be written.
+    """
+    os.makedirs(files.folder)
+    try:
+        if source.fault:
+            raise SubmissionError(source.fault)
+        _copy(source, files, node)
+        checked = check(files, node)
+        return Submission(name, source.students, "", tuple(files.notes), files.folder, *checked)
+    except SubmissionError as problem:
+        fault = str(problem)
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
+            raise
+        fault = f"{error.filename!r} cannot be copied ({error.strerror})."
+    return Submission(name, source.students, fault, tuple(files.notes), files.folder, (), (), False)
+
+
+def _copy(source: _Source, files: Files, node: str) -> None:
+    """Copy or unpack the files of a submission.
+
+    Raises:
+        SubmissionError, OSError: a file is damaged, not safe, or too large, or cannot be copied.
+    """
+    try:
+        for path, name in source.files:
+            base, ending = os.path.splitext(name)
+            place = base if ending.lower() == ".zip" else name
+            if len(source.files) == 1:  # the file names of the class folder are of no importance
+                if os.path.isdir(path) or ending.lower() == ".zip":
+                    place = ""
+                elif ending.lower() == ".py":
+                    place = node
+                    if name != node:
+                        files.notes.append(f"{name!r} is run as {node}")
+            files.add(path, place)
+        found = files.places()
+        if node not in map(os.path.basename, found):
+            for place in found:
+                if place.lower().endswith(".zip"):
+                    files.add_zip(os.path.join(files.folder, place), os.path.splitext(place)[0])
+    except (SubmissionError, OSError):
+        shutil.rmtree(files.folder, ignore_errors=True)
+        raise

@@ -1,0 +1,330 @@
+"""Observe a running system and return facts about it, for the doctor. Every wait has a timeout."""
+
+import re
+import time
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Any, Dict, Iterable, List, Optional, Sequence, Set, Tuple
+
+import rosgraph.network
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import Pose as PoseMsg
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from rosgraph_msgs.msg import Clock as ClockMsg
+from std_msgs.msg import String
+
+from mushr_ros_intro.doctor.facts import Clock, Facts, Master, Publisher, Topic
+from mushr_ros_intro.doctor.network import is_local, resolve, run_in_parallel, run_with_timeout
+from mushr_ros_intro.doctor.processes import abandoned_nodes
+from mushr_ros_intro.errors import DEFAULT_MASTER, CallError, CallFault, UserError
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.connections import ask
+from mushr_ros_intro.ros.ros_time import wait_for
+from mushr_ros_intro.simulator.mux import IDLE, parse_config
+
+_CLOCK_TIMEOUT = 5.5
+"""How long to wait until /clock advances [s]; in lock-step it waits 5 s for commands."""
+
+_MUX_INPUTS = ("safety", "teleop", "navigation", "default")
+"""The inputs of MuSHR's mux, for a mux without parameters."""
+
+_START_TIMEOUT = 5.0
+"""For becoming a node and for subscribing [s]."""
+
+_END_TIMEOUT = 2.0
+"""For unsubscribing and for signing off [s]."""
+
+
+@dataclass(frozen=True)
+class _Graph:
+    """The registrations at the master."""
+
+    publishers: Dict[str, List[str]]
+    subscribers: Dict[str, List[str]]
+    services: List[str]
+    dead: Dict[str, CallFault]
+    pids: Set[int]
+    """The process ids of the nodes that can be reached."""
+
+    def live(self, nodes: Dict[str, List[str]], topic: str) -> List[str]:
+        """Return the publishers or subscribers of a topic that can be reached."""
+        return [each for each in nodes.get(topic, []) if each not in self.dead]
+
+
+class Listener:
+    """Subscribes to topics of any type, and keeps what each publisher sends.
+
+    rospy calls the master without a timeout, so its calls run in daemon threads here.
+
+    It makes this process an anonymous node, unless it is a node already. It also receives what the
+    regular subscribers reject because of its type or MD5 sum.
+
+    Raises:
+        CallError: the master does not respond; stop() raises it, too.
+    """
+
+    def __init__(self, topics: Sequence[str]) -> None:
+        self.headers: Dict[Tuple[str, str], Dict[str, str]] = {}
+        """The connection header of each topic and node, with the keys type and md5sum."""
+        self._messages: List[Tuple[str, rospy.AnyMsg]] = []
+        self._subscribers: List[rospy.Subscriber] = []
+        run_with_timeout(lambda: self._start(topics), _START_TIMEOUT)
+
+    def _start(self, topics: Sequence[str]) -> None:
+        if not rospy.core.is_initialized():
+            options = ("anonymous", "disable_signals", "disable_rosout", "disable_rostime")
+            rospy.init_node("doctor", **dict.fromkeys(options, True))
+
+        def keep(msg: rospy.AnyMsg, topic: str) -> None:
+            self._messages.append((topic, msg))
+
+        self._subscribers = [rospy.Subscriber(each, rospy.AnyMsg, keep, each) for each in topics]
+
+    def connected(self) -> Set[Tuple[str, str]]:
+        """Return the topic and the node of each publisher that has ever been connected."""
+        for subscriber in self._subscribers:
+            # The header is there before the first message, and for silent publishers too.
+            for connection in subscriber.impl.connections:
+                header = connection.header or {}
+                self.headers[subscriber.resolved_name, header.get("callerid", "")] = header
+        return set(self.headers)
+
+    def messages(self, topic: str, kind: Any) -> List[Tuple[str, Any]]:
+        """Return the node and the message, for each message of a type that came on a topic."""
+        return [
+            (msg._connection_header["callerid"], kind().deserialize(msg._buff))
+            for each, msg in self._messages
+            if each == topic and msg._connection_header["md5sum"] == kind._md5sum
+        ]
+
+    def stop(self) -> None:
+        """Unsubscribe."""
+        self.connected()  # keep the latest headers
+        run_with_timeout(lambda: [each.unregister() for each in self._subscribers], _END_TIMEOUT)
+
+
+class Observer:
+    """Observes the system around one car.
+
+    Args:
+        car: the name of the car.
+        uri: the address of the master.
+        listening_time: how long to listen to topics [s].
+        call_timeout: for each call to the master or to a node [s].
+        default_master: the address at which to look for another master.
+    """
+
+    def __init__(
+        self,
+        car: str,
+        uri: str,
+        listening_time: float = 1.5,
+        call_timeout: float = 2.0,
+        default_master: str = DEFAULT_MASTER,
+    ) -> None:
+        self._car, self._uri, self._default_master = car, uri, default_master
+        self._listening_time, self._call_timeout = listening_time, call_timeout
+        mux = f"/{car}/mux/ackermann_cmd_mux"
+        self._mux, self._output, self._active = mux, f"{mux}/output", f"{mux}/active"
+        self._pose, self._collision = f"/{car}/car_pose", f"/{car}/car_sim/collision"
+        self._initial_pose = "/initialpose" if car == "car" else f"/{car}/initialpose"
+
+    def observe(self) -> Facts:
+        """Return the facts. It takes some seconds, whatever is stopped or unreachable."""
+        master = self._find_master()
+        facts = Facts(self._car, master)
+        if master.fault:
+            return facts
+        try:
+            return self._observe_system(facts)
+        except CallError as error:  # the master has ended or stopped meanwhile
+            return replace(facts, master=master._replace(fault=error.fault))
+
+    def _find_master(self) -> Master:
+        """Return whether a master responds, and whether there is another one."""
+        try:
+            host, port = rosgraph.network.parse_http_host_and_port(self._uri)
+        except ValueError:
+            return Master(self._uri, CallFault.MALFORMED)
+        addresses = resolve(host)
+        master = Master(self._uri, is_local=is_local(addresses))
+        default = rosgraph.network.parse_http_host_and_port(self._default_master)
+        if not master.is_local or port != default[1]:
+            with suppress(CallError):
+                self._ask(self._default_master, "getPid")
+                master = master._replace(other=self._default_master)
+        if not addresses:
+            return master._replace(fault=CallFault.UNKNOWN_HOST)
+        try:
+            self._ask(self._uri, "getPid")
+        except CallError as error:
+            return master._replace(fault=error.fault)
+        return master
+
+    def _ask(self, uri: str, method: str, *arguments: Any) -> Any:
+        return ask(uri, self._call_timeout, "/doctor", method, *arguments)
+
+    def _parameter(self, name: str) -> Any:
+        """Return a parameter's value, None if it is not set."""
+        with suppress(CallError):
+            return self._ask(self._uri, "getParam", name)
+        return None
+
+    def _observe_system(self, facts: Facts) -> Facts:
+        """Return the facts about a system whose master responds."""
+        graph = self._read_graph()
+        inputs = self._read_inputs()
+        uses_clock = bool(self._parameter("/use_sim_time"))
+        commands = [*inputs.values(), self._output, self._initial_pose]
+        strays, other_cars = self._read_other_topics(graph, commands)
+        begin = time.time_ns()
+        heard = self._listen(graph, commands, uses_clock)
+        window: Optional[Tuple[int, int]] = (begin, time.time_ns())
+        clock = None
+        if uses_clock:
+            instants = _instants(heard)
+            window = (min(instants), max(instants)) if instants else None
+            resume = (each for each in graph.services if each.endswith("/car_sim/resume"))
+            publishers = tuple(graph.publishers.get("/clock", []))
+            clock = Clock(publishers, len(set(instants)) > 1, next(resume, ""))
+        topics = {name: _topic(graph, heard, topic) for name, topic in inputs.items()}
+        output = _topic(graph, heard, self._output)
+        muxes = {node for topic in topics.values() for node in topic.subscribers}
+        bypassing = tuple(each for each in output.publishers if each.node not in muxes)
+        actives = [msg.data for _, msg in heard.messages(self._active, String)]
+        poses = {str(msg.pose) for _, msg in heard.messages(self._pose, PoseStamped)}
+        contacts = [msg.poses for _, msg in heard.messages(self._collision, PoseArray)]
+        touches = bool(contacts and contacts[-1])
+        abandoned: List[str] = []
+        if facts.master.is_local:
+            pid = self._ask(self._uri, "getPid")
+            abandoned = abandoned_nodes(self._uri, pid, graph.pids)
+        return replace(
+            facts,
+            inputs={"output": output._replace(publishers=bypassing), **topics},
+            output=output,
+            initial_pose=_topic(graph, heard, self._initial_pose, PoseWithCovarianceStamped),
+            dead=graph.dead,
+            abandoned=tuple(abandoned),
+            strays=strays,
+            other_cars=other_cars,
+            active=_input(actives[-1], inputs) if actives else IDLE,
+            clock=clock,
+            window=window,
+            pose_publishers=tuple(graph.live(graph.publishers, self._pose)),
+            contact=_shown(contacts[-1][0]) if touches else "",
+            moves=len(poses) > 1 if poses else None,
+        )
+
+    def _read_graph(self) -> _Graph:
+        """Return what is registered at the master, and which nodes cannot be reached."""
+        publishers, subscribers, services = self._ask(self._uri, "getSystemState")
+        entries = [*publishers, *subscribers, *services]
+        nodes = sorted({node for _, names in entries for node in names})
+
+        def ping(node: str) -> Any:
+            try:
+                uri = self._ask(self._uri, "lookupNode", node)
+            except CallError:
+                return None  # it has just signed off
+            return self._ask(uri, "getPid")
+
+        jobs = [lambda node=node: ping(node) for node in nodes]
+        results = run_in_parallel(jobs, 1.5 * self._call_timeout)
+        pids = dict(zip(nodes, results))
+        dead = {node: pid.fault for node, pid in pids.items() if isinstance(pid, CallError)}
+        reached = {pid for pid in results if isinstance(pid, int)}
+        names = [name for name, _ in services]
+        return _Graph(dict(publishers), dict(subscribers), names, dead, reached)
+
+    def _read_inputs(self) -> Dict[str, str]:
+        """Return the topics of the mux's inputs by name, by falling priority."""
+        inputs = {each: f"input/{each}" for each in _MUX_INPUTS}
+        with suppress(UserError):
+            config = parse_config(self._parameter(self._mux))
+            inputs = {each.name.lower(): each.topic for each in config.inputs}
+        return {
+            name: topic if topic.startswith("/") else f"{self._mux}/{topic.lstrip('~')}"
+            for name, topic in inputs.items()
+        }
+
+    def _read_other_topics(
+        self, graph: _Graph, known: Sequence[str]
+    ) -> Tuple[Dict[str, Tuple[str, ...]], Tuple[str, ...]]:
+        """Return the publishers of commands that no node receives, and the names of other cars."""
+        strays, cars = {}, []
+        for topic, kind in sorted(self._ask(self._uri, "getTopicTypes")):
+            if kind != AckermannDriveStamped._type or topic in known:
+                continue
+            match = re.fullmatch(r"/(.+)/mux/ackermann_cmd_mux/output", topic)
+            publishers = graph.live(graph.publishers, topic)
+            if graph.subscribers.get(topic):
+                cars += [match[1]] if match else []
+            elif publishers and not match:
+                strays[topic] = tuple(publishers)
+        return strays, tuple(cars)
+
+    def _listen(self, graph: _Graph, commands: Sequence[str], uses_clock: bool) -> Listener:
+        """Return what the live publishers send.
+
+        A publisher may wait for its first subscriber before it sends. The doctor must not satisfy
+        it, so it subscribes to a topic of commands only if another live node does. It does satisfy
+        a publisher that this other node rejects because of its type.
+        """
+        topics = [each for each in commands if graph.live(graph.subscribers, each)]
+        topics += [self._active, self._pose, self._collision] + ["/clock"] * uses_clock
+        expected = {
+            (topic, node) for topic in topics for node in graph.live(graph.publishers, topic)
+        }
+        listener = Listener(topics)
+        wait_for(lambda: expected <= listener.connected(), self._call_timeout)
+        time.sleep(self._listening_time)
+        if uses_clock and graph.live(graph.publishers, "/clock"):
+            wait_for(lambda: len(set(_instants(listener))) > 1, _CLOCK_TIMEOUT)
+        listener.stop()
+        return listener
+
+
+def _topic(graph: _Graph, heard: Listener, name: str, kind: Any = AckermannDriveStamped) -> Topic:
+    """Return what is known about a topic on which messages of the type `kind` are expected."""
+    received = heard.messages(name, kind) if kind is AckermannDriveStamped else []
+    publishers = []
+    for node in graph.publishers.get(name, []):
+        header = heard.headers.get((name, node), {})
+        commands = [msg for sender, msg in received if sender == node]
+        publishers.append(
+            Publisher(
+                node,
+                header.get("type", ""),
+                header.get("md5sum", ""),
+                tuple(each.header.stamp.to_nsec() for each in commands),
+                tuple(each.drive.speed for each in commands),
+            )
+        )
+    subscribers = tuple(graph.subscribers.get(name, []))
+    return Topic(name, kind._type, kind._md5sum, tuple(publishers), subscribers)
+
+
+def _input(active: str, inputs: Iterable[str]) -> str:
+    """Return the input that a mux announces; MuSHR's mux announces teleop as "Teleoperation"."""
+    return next((name for name in inputs if active.lower().startswith(name)), active)
+
+
+def _instants(heard: Listener) -> List[int]:
+    """Return the instants [ns] that were received on /clock."""
+    return [msg.clock.to_nsec() for _, msg in heard.messages("/clock", ClockMsg)]
+
+
+def _shown(msg: PoseMsg) -> str:
+    """Return a pose as text, or why it is not a pose."""
+    try:
+        return str(conversions.pose_from_msg(msg))
+    except conversions.MessageError as error:
+        return str(error)
+
+
+def sign_off() -> None:
+    """Remove this node's registrations from the master, if the master responds."""
+    with suppress(CallError):
+        run_with_timeout(lambda: rospy.signal_shutdown("done"), _END_TIMEOUT)

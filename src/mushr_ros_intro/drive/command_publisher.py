@@ -1,0 +1,162 @@
+"""Publish commands to a car, and stop it at the end."""
+
+import math
+import threading
+import time
+from contextlib import suppress
+from typing import Any, Dict, Optional, Set, Tuple
+
+import rosgraph
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from std_msgs.msg import String
+
+from mushr_ros_intro.car.model import Command
+from mushr_ros_intro.drive.takeover import NOBODY, TakeoverMonitor
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.ros import connections, conversions, node, ros_time, rospy_fixes
+
+
+class CommandPublisher:
+    """The publisher of one input of a car's mux (ackermann_msgs/AckermannDriveStamped).
+
+    When the node is shut down, the car is stopped: the last message is a stop.
+    """
+
+    def __init__(self, topic: str, car_name: str, active_topic: Optional[str] = None) -> None:
+        """Advertise the topic.
+
+        Args:
+            topic: the topic of the commands.
+            car_name: the name of the car; its base frame is the frame of the commands.
+            active_topic: the topic on which the mux publishes the input that drives
+                (std_msgs/String). If it is given, the node ends when another input drives the car.
+        """
+        self._frame = f"{car_name}/base_footprint".lstrip("/")
+        self._lock = threading.Lock()
+        self._last: Optional[Command] = None
+        self._written: Dict[int, int] = {}
+        self._is_stopped = False
+        # On a busy machine, several commands can be due at once; none may be lost.
+        self._publisher = rospy.Publisher(
+            topic, AckermannDriveStamped, queue_size=100, tcp_nodelay=True
+        )
+        self.topic = self._publisher.resolved_name
+        rospy.on_shutdown(self.stop)
+        self._monitor = TakeoverMonitor(topic.rsplit("/", 1)[-1])
+        self._is_known = False  # which input drives
+        self._active_topic = active_topic
+        self._mux: Dict[str, Tuple[Any, Set[int]]] = {}
+        """Publishers and subscribers with the ids of their connections to the mux.
+
+        The key is the fault if all of these connections are lost.
+        """
+        if active_topic:
+            self._active = rospy.Subscriber(active_topic, String, self._on_active)
+
+    def wait_for_subscriber(self, seconds: float) -> None:
+        """Wait until a node subscribes to the commands; see connections.wait_for_subscriber.
+
+        After that, `publish` fails if the connection to the mux is lost. The mux is the subscriber
+        that publishes the output beside this input; if there is none, all subscribers count.
+        """
+        connections.wait_for_subscriber(self._publisher, seconds)
+        nodes = connections.connected_nodes(self._publisher)
+        muxes: Set[str] = set()
+        with suppress(rosgraph.MasterException, OSError):
+            output = f"{self.topic.partition('/input/')[0]}/output"
+            muxes = set(connections.registered_nodes(output, "publishers"))
+        nodes = {link: name for link, name in nodes.items() if name in muxes} or nodes
+        names = ", ".join(sorted(nodes.values()))
+        self._mux[f"{names} is no longer connected to {self.topic}"] = self._publisher, set(nodes)
+
+    def wait_until_free(self, seconds: float, countdown: float) -> None:
+        """Wait until the mux has published which input drives, and then for the countdown.
+
+        Args:
+            seconds: timeout for the mux [s of wall-clock time].
+            countdown: time to wait then; logged every second [s of wall-clock time].
+
+        Raises:
+            UserError: the mux does not publish which input drives.
+            rospy.ROSInterruptException: the node is shut down.
+        """
+        if self._active_topic and not ros_time.wait_for(lambda: self._is_known, seconds):
+            raise UserError(
+                f"no message was published on {self._active_topic} within {seconds:g} s, so "
+                "a takeover could not be detected. Is the mux running, and is this its topic "
+                "(rostopic list)?"
+            )
+        if self._active_topic:
+            fault = f"the node that published {self._active_topic} is no longer connected"
+            self._mux[fault] = self._active, set(connections.connected_nodes(self._active))
+        end = time.monotonic() + countdown
+        for left in range(math.ceil(countdown), 0, -1):
+            rospy.loginfo("the car starts to drive in %d s; Ctrl-C cancels", left)
+            ros_time.wait_for(lambda: False, end - left + 1 - time.monotonic())  # noqa: B023
+
+    def publish(self, command: Command) -> None:
+        """Publish a command.
+
+        Raises:
+            UserError: the connection to the mux is lost, even if a new mux is connected.
+            rospy.ROSInterruptException: `stop` has been called.
+        """
+        with self._lock:
+            if self._is_stopped:
+                raise rospy.ROSInterruptException("the car has been stopped")
+            for fault, (end, links) in self._mux.items():
+                if links.isdisjoint(connections.connected_nodes(end)):
+                    raise UserError(
+                        f"{fault}, so the commands and the stop may not reach the car. It may "
+                        "drive on. Did the mux end or restart, or was the network cut (rosnode "
+                        "list)? The drive ends"
+                    )
+            self._publish(command)
+
+    def end(self, stamp: int) -> None:
+        """Publish the stop at the end of a plan, at `stamp` [ns]; another plan may follow."""
+        self.publish(Command(stamp, 0.0, 0.0))
+        with self._lock:
+            self._monitor = self._monitor.rest()
+
+    def stop(self) -> None:
+        """Stop the car if a command has been sent; flush the stop, and refuse later commands."""
+        with self._lock:
+            if self._last and not self._is_stopped:
+                if self._last.speed or self._last.steering_angle:
+                    self._publish(Command(max(ros_time.now(), self._last.stamp), 0.0, 0.0))
+                rospy_fixes.flush(self._publisher, self._written)
+            self._is_stopped = True
+
+    def _publish(self, command: Command) -> None:
+        """Publish a command; needs the lock."""
+        self._last = command
+        self._written = rospy_fixes.count_written(self._publisher)
+        self._publisher.publish(conversions.command_to_msg(command, self._frame))
+
+    def _on_active(self, msg: String) -> None:
+        """Stop the car and end the node if another input drives the car."""
+        with self._lock:
+            self._is_known = True
+            if self._is_stopped:
+                return
+            self._monitor = self._monitor.hear(msg.data, self._last is not None)
+        if self._monitor.lost_to:
+            # First the error: after the stop, the node's thread ends without one.
+            node.give_up(UserError(self._takeover()))
+            self.stop()
+
+    def _takeover(self) -> str:
+        """Return the message for a takeover."""
+        active = self._monitor.lost_to
+        why = "another input drives the car"
+        if active.lower() in NOBODY:
+            why = "the commands did not reach the car in time"
+        text = f"{self._active_topic} is '{active}': {why}. The drive ends"
+        if not self._last:
+            text = (
+                f"{text}. No command has been sent. MuSHR's joystick node sends stops unless its "
+                "button for autonomous driving (RB) is pressed all the time"
+            )
+        return text

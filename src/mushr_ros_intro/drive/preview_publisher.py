@@ -1,0 +1,191 @@
+"""Check a plan, predict its drive, and publish the predicted path."""
+
+import math
+import os
+from typing import NamedTuple, Optional, Sequence
+
+import rosgraph
+import rospy
+from geometry_msgs.msg import PoseArray
+from nav_msgs.msg import OccupancyGrid, Path
+from rospy.numpy_msg import numpy_msg
+from visualization_msgs.msg import MarkerArray
+
+from mushr_ros_intro.car.contact import World
+from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.errors import UserError, counted
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.parameters import Parameters, find_file, package_folder
+from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.plan.plan import Fault, fault_lines
+from mushr_ros_intro.preview import prediction
+from mushr_ros_intro.preview.limits import slowed
+from mushr_ros_intro.preview.report import check
+from mushr_ros_intro.preview.spread import spread
+from mushr_ros_intro.ros import conversions, ros_time
+from mushr_ros_intro.ros.connections import is_published
+from mushr_ros_intro.ros.node import simulated_car_parameters
+from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, NANOSECONDS
+from mushr_ros_intro.world.grid import Grid
+
+SPREAD_RUNS = 1000
+SPREAD_SEED = 1
+MAX_SPREAD_COMMANDS = 20_000
+"""For a plan with more commands, the spread is not published, because it takes too long."""
+
+
+class Prediction(NamedTuple):
+    """The predicted end of a drive."""
+
+    pose: Pose
+    """The final pose, in the map frame if the car is placed at the start pose."""
+    rest: int
+    """When the car comes to rest, counted from the first command [ns]."""
+    is_placed: bool
+    """Whether the car is placed at the start pose."""
+    is_closed_form: bool
+    """Whether the pose is the closed form of the plan: the car is ideal and hits no wall."""
+    is_exact: bool
+    """Whether the parameters of the car are known, and it has no noise."""
+
+
+class Preview:
+    """The check and the prediction of a plan before the drive.
+
+    Publishes ``/CAR_NAME/predicted_path`` (nav_msgs/Path) and, with ``~spread``, ``~spread_poses``
+    (geometry_msgs/PoseArray) and ``~spread_ellipses`` (visualization_msgs/MarkerArray). All
+    topics are latched.
+    """
+
+    def __init__(self, parameters: Parameters, car_name: str, is_placed: bool) -> None:
+        """Read the plan.
+
+        Args:
+            parameters: the parameters plan_file, car, max_speed, strict and spread of the node.
+            car_name: the name of the car.
+            is_placed: whether the car is placed at the start pose.
+
+        Raises:
+            UserError: a parameter or the plan is invalid.
+        """
+        self._car_name = car_name
+        self._is_placed = is_placed
+        self._is_strict = parameters.flag("strict", False)
+        self._shows_spread = parameters.flag("spread", False)
+        max_speed = parameters.number("max_speed", math.inf, "m/s", 0.001, math.inf)
+        profiles = package_folder("config/cars")
+        self._profile: Optional[Parameters] = None
+        self._profile_name = parameters.optional_text("car") or "car"
+        if parameters.optional_text("car"):
+            name = parameters.choice("car", names_in(profiles))
+            path = os.path.join(profiles, f"{name}.yaml")
+            self._profile = Parameters(read_profile(path), "~car: ")
+        expected = "the name or the path of a plan, such as _plan_file:=figure_8"
+        name = parameters.text("plan_file", expected=expected)
+        path = find_file(name, package_folder("plans"), ".txt")
+        self.plan, changes = slowed(read_plan(path), max_speed)
+        """The plan with its speeds limited to ~max_speed."""
+        _warn(changes)
+        self._path = Path()
+        self._pub_path = rospy.Publisher(
+            f"/{car_name}/predicted_path", Path, queue_size=1, latch=True
+        )
+        if self._shows_spread:
+            self._pub_spread = rospy.Publisher("~spread_poses", PoseArray, queue_size=1, latch=True)
+            self._pub_ellipses = rospy.Publisher(
+                "~spread_ellipses", MarkerArray, queue_size=1, latch=True
+            )
+        rospy.loginfo(
+            "plan %s: %s, %g s, %.2f m",
+            path,
+            counted(len(self.plan.rows), "row"),
+            self.plan.duration / NANOSECONDS,
+            prediction.length(self.plan),
+        )
+
+    def show(self) -> Prediction:
+        """Check the plan, log its faults, publish the predicted path, and return the prediction.
+
+        Raises:
+            UserError: the plan has faults and ~strict is set, or a parameter of the car is invalid.
+        """
+        profile = self._profile or simulated_car_parameters(self._car_name, must_run=True)
+        car = car_from(profile)
+        grid = _read_map() if self._is_placed else None
+        report = check(self.plan, self._profile_name, car, "", grid)
+        if report.faults and self._is_strict:
+            faults = "\n".join(fault_lines(report.faults))
+            raise UserError(f"~strict is set and the plan has faults; it is not driven\n{faults}")
+        _warn(report.faults)
+        world = World(grid) if grid and report.hit else None
+        rest, pose = prediction.rest(self.plan, car, world)
+        states = prediction.trajectory(self.plan, car, world)
+        self._path = conversions.path_to_msg(states, ros_time.now())
+        self.publish_path()
+        if self._shows_spread:
+            self._publish_spread(profile)
+        has_noise = bool(car.speed_noise or car.steering_noise)
+        return Prediction(
+            pose,
+            rest,
+            is_placed=self._is_placed,
+            is_closed_form=car.is_ideal and world is None,
+            is_exact=bool(profile) and not has_noise,
+        )
+
+    def publish_path(self) -> None:
+        """Publish the predicted path; the car removes it from rviz when it is placed."""
+        self._pub_path.publish(self._path)
+
+    def _publish_spread(self, profile: Parameters) -> None:
+        """Publish the spread of drives with random errors: final poses, ellipses on the path."""
+        car = car_from(profile.with_values(noise=True))
+        commands = prediction.count_commands(self.plan)
+        if not (car.speed_noise or car.steering_noise):
+            rospy.loginfo("the spread is not published: this car has no noise")
+            return
+        if commands > MAX_SPREAD_COMMANDS:
+            rospy.logwarn(
+                "the spread is not published: the plan has %d commands; expected at most %d",
+                commands,
+                MAX_SPREAD_COMMANDS,
+            )
+            return
+        result = spread(self.plan, car, SPREAD_RUNS, SPREAD_SEED)
+        ellipses = [
+            (Pose(x, y, direction), major, minor)
+            for (x, y, _), (major, minor, direction) in zip(result.mean.tolist(), result.ellipses)
+        ]
+        poses = (Pose(*pose) for pose in result.cloud.tolist())
+        self._pub_spread.publish(conversions.poses_to_msg(poses, ros_time.now()))
+        self._pub_ellipses.publish(conversions.ellipses_to_msg(ellipses, ros_time.now()))
+        rospy.loginfo(
+            "spread of %d drives with random errors: the final positions are %.2f m (root mean "
+            "square) from the predicted one; their 95 %% ellipse is %.2f m long and %.2f m wide",
+            SPREAD_RUNS,
+            result.rms_errors[-1],
+            2.0 * ellipses[-1][1],
+            2.0 * ellipses[-1][2],
+        )
+
+
+def _read_map() -> Optional[Grid]:
+    """Return the map on /map, or None if no node publishes one."""
+    topic = rospy.resolve_name("/map")
+    if not is_published(topic):
+        rospy.loginfo("no node publishes a map on %s, so walls are not checked", topic)
+        return None
+    try:
+        msg = rospy.wait_for_message(topic, numpy_msg(OccupancyGrid), CONNECTION_TIMEOUT)
+        return conversions.grid_from_msg(msg)
+    except rospy.ROSInterruptException:
+        raise
+    except (rospy.ROSException, rosgraph.MasterException, conversions.MessageError) as error:
+        rospy.logwarn("the plan is not checked against the map on %s: %s", topic, error)
+    return None
+
+
+def _warn(faults: Sequence[Fault]) -> None:
+    """Log a bounded number of faults as warnings."""
+    for line in fault_lines(faults):
+        rospy.logwarn("%s", line)

@@ -1,1 +1,0 @@
-"""Judge recorded messages and replays."""

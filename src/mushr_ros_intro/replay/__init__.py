@@ -1,0 +1,1 @@
+"""Let one node drive a plan in a world of its own, and judge the drive."""

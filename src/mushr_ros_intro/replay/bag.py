@@ -1,0 +1,55 @@
+"""Write the drive of a replay as a bag, for rviz and Foxglove."""
+
+from typing import Sequence
+
+import rosbag
+
+from mushr_ros_intro.car.model import Command, State, at_rest
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.replay.judge import Report
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.stamps import from_seconds
+
+LINE_POSES = 50
+"""The driven path consists of lines of so many poses."""
+
+FRAMES = ("car/odom", "car/base_footprint")
+
+
+def write(path: str, report: Report, states: Sequence[State]) -> None:
+    """Write a bag, compressed with lz4: the map, both paths, poses, frames and commands.
+
+    Args:
+        path: of the bag.
+        report: on the replay.
+        states: the states of the car that were reported.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    begin = states[0].stamp
+    with rosbag.Bag(path, "w", compression="lz4") as bag:
+
+        def add(topic: str, msg: object, stamp: int) -> None:
+            bag.write(topic, msg, conversions.time_from(stamp))
+
+        if report.replay.grid is not None:
+            grid = report.replay.grid
+            add("/map", conversions.grid_to_msg(grid, begin, conversions.MAP_FRAME), begin)
+        times, poses = report.drive.times.tolist(), report.drive.predicted.tolist()
+        predicted = [at_rest(from_seconds(t), Pose(*pose)) for t, pose in zip(times, poses)]
+        add("/car/predicted_path", conversions.path_to_msg(predicted, begin), begin)
+        for state in states:
+            add("/car/car_pose", conversions.car_pose_to_msg(state), state.stamp)
+            add("/tf", conversions.transforms_to_msg(state, *FRAMES), state.stamp)
+            odometry = conversions.odometry_to_msg(state, report.replay.car, *FRAMES)
+            add("/car/odom", odometry, state.stamp)
+        for number, begins in enumerate(range(0, len(states), LINE_POSES)):
+            line = states[begins : begins + LINE_POSES + 1]
+            poses_of_line = [state.pose for state in line]
+            msg = conversions.line_to_msg(poses_of_line, number, line[-1].stamp)
+            add("/car/driven_path", msg, line[-1].stamp)
+        for sent in report.replay.sent:
+            command = Command(sent.time, sent.speed, sent.steering_angle)
+            msg = conversions.command_to_msg(command, FRAMES[1])
+            add("/car/mux/ackermann_cmd_mux/input/navigation", msg, max(begin, sent.time))

@@ -1,0 +1,295 @@
+"""Judge a replay: compare the commands of a node and the path of the car with the plan.
+
+Stamps are integer nanoseconds of simulated time; poses are in the map frame.
+"""
+
+import math
+from itertools import groupby
+from typing import List, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.errors import counted
+from mushr_ros_intro.geometry import Pose, curvature
+from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.replay.checks import compare, step_faults
+from mushr_ros_intro.replay.recording import (
+    START_TOLERANCE,
+    Drive,
+    Replay,
+    Run,
+    Sent,
+    drive,
+    runs_of,
+)
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
+
+_NOT_JUDGED = "not judged"
+
+_SAME = 1e-4
+"""Relative difference between commands that count as equal; a node may compute in float32."""
+
+_JITTER = COMMAND_PERIOD // 2
+"""Allowed deviation of the time between two commands [ns]."""
+
+_SPAN_TOLERANCE = 2 * COMMAND_PERIOD
+"""Allowed deviation of the time from a row's first to its last command from its duration [ns]."""
+
+
+class Tolerances(NamedTuple):
+    """How far a replay may deviate from the plan."""
+
+    position: float
+    """Of the start pose and the final pose [m]."""
+    angle: float
+    """Of the start pose and the final pose [rad]."""
+    path: float
+    """Largest distance between the driven and the predicted path [m]."""
+
+
+class Check(NamedTuple):
+    """One verdict."""
+
+    name: str
+    passed: bool
+    message: str
+    """What was found, and what was expected."""
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether the check does not only fail because an earlier one failed."""
+        return _NOT_JUDGED not in self.message
+
+
+class Report(NamedTuple):
+    """A replay and the verdict on it."""
+
+    replay: Replay
+    drive: Drive
+    tolerances: Tolerances
+    checks: Sequence[Check] = ()
+    title: str = ""
+    """The first line of the verdict: the node, the plan and the car."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether all checks passed."""
+        return all(check.passed for check in self.checks)
+
+    @property
+    def verdict(self) -> str:
+        """One line for each check, failures first, and then notes and the node's last output."""
+        ordered = sorted(self.checks, key=lambda each: 2 * each.passed or not each.is_judged)
+        lines = [self.title] if self.title else []
+        lines += [
+            " ".join(["ok  " if check.passed else "FAIL", f"{check.name}:", *_ends(check.message)])
+            for check in ordered
+        ]
+        count = sum(not check.passed for check in self.checks)
+        lines.append(f"{counted(count, 'check')} failed" if count else "all checks passed")
+        if self.replay.sent and self.replay.sent[-1].speed != 0.0:
+            seconds = self.replay.car.command_timeout / NANOSECONDS
+            lines.append(
+                "note: the node sends no stop at the end, so the car rolls on until its last "
+                f"command expires, up to {seconds:g} s"
+            )
+        if self.replay.ignored:
+            lines.append(f"note: the car ignored {self.replay.ignored}")
+        if output := self.replay.outcome.splitlines()[1:]:
+            lines += ["the last output of the node:", *output]
+        return "\n".join(lines)
+
+
+def _ends(message: str) -> List[str]:
+    """Return the first and the last line of a message, which for a crash name the exception."""
+    lines = message.splitlines()
+    return lines[:1] + lines[1:][-1:]
+
+
+def default_tolerances(plan: Plan, car: Car) -> Tolerances:
+    """Return how far the plan drives and turns the car within its command timeout.
+
+    This is what a missing stop at the end of the plan costs. A rounded start pose is added.
+    """
+    seconds = car.command_timeout / NANOSECONDS
+    distance = START_TOLERANCE + seconds * max(abs(row.speed) for row in plan.rows)
+    rates = [abs(row.speed * curvature(row.steering_angle, car.wheelbase)) for row in plan.rows]
+    return Tolerances(distance, START_TOLERANCE + seconds * max(rates), distance)
+
+
+def _topics(report: Report) -> Tuple[bool, str]:
+    """Judge whether the node only drove the car."""
+    if actions := report.replay.actions:
+        return False, f"the node {', '.join(actions)}; expected only a start pose and commands"
+    return True, "the node used its topics only"
+
+
+def _start_pose(report: Report) -> Tuple[bool, str]:
+    """Judge whether the drive began at the plan's start pose."""
+    wanted = report.replay.plan.start
+    sent = report.replay.start
+    if not sent:
+        return False, f"the node sent no start pose; expected {wanted}"
+    if not sent.is_close_to(wanted, START_TOLERANCE):  # also if it is NaN
+        return False, f"the node sent the start pose {sent}; expected {wanted}"
+    passed, difference = compare(Pose(*report.drive.driven[0]), wanted, *report.tolerances[:2])
+    return passed, f"the car started at {difference}"
+
+
+def _commands(report: Report) -> Tuple[bool, str]:
+    """Judge whether the commands are those of the plan, in its order."""
+    runs = runs_of(report.replay.plan)
+    wanted = [run[:2] for run in runs]
+    got = [group[0][2:] for group in _groups(report.replay)]
+    if got == wanted:
+        return True, f"{len(report.replay.sent)} commands, in the plan's order"
+    same = min(len(got), len(wanted))
+    index = next((i for i in range(same) if got[i] != wanted[i]), same)
+    if index == len(got):
+        return False, f"no command after row {runs[index - 1].last}; expected {runs[index]}"
+    if index == len(wanted):
+        shown = _shown(got[index])
+        return False, f"after the last row the node sent {shown}; expected only a stop"
+    difference = f"received {_shown(got[index])}; expected {_shown(wanted[index])}"
+    return False, f"{runs[index]}: {difference}{_mistake(got, wanted)}"
+
+
+def _mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...]]) -> str:
+    """Return a sentence about a common mistake that explains all commands, if there is one."""
+    if len(got) == len(wanted):
+        if [command[::-1] for command in got] == list(wanted):
+            return ". Speed and steering angle are swapped in all commands"
+        (speeds, angles), (right_speeds, right_angles) = zip(*got), zip(*wanted)
+        speed, angle = _factor(speeds, right_speeds), _factor(angles, right_angles)
+        if speed is not None and angle is not None:
+            mistakes = []
+            if abs(speed - 1.0) > _SAME:
+                mistakes.append(f"All speeds are {speed:.4g} times those of the plan")
+            if abs(angle + 1.0) < _SAME:
+                mistakes.append("All steering angles have the wrong sign; positive turns left")
+            elif abs(angle / math.degrees(1.0) - 1.0) < _SAME:
+                mistakes.append("All steering angles are in degrees; expected radians")
+            elif abs(angle - 1.0) > _SAME:
+                mistakes.append(f"All steering angles are {angle:.4g} times those of the plan")
+            return "".join(f". {mistake}" for mistake in mistakes)
+    return ". The rows are in the wrong order" if sorted(got) == sorted(wanted) else ""
+
+
+def _factor(got: Sequence[float], wanted: Sequence[float]) -> Optional[float]:
+    """Return the factor between all numbers of two sequences, or None if there is none."""
+    square = float(np.dot(wanted, wanted))
+    factor = float(np.dot(got, wanted)) / square if square else 1.0
+    is_same = np.allclose(got, factor * np.array(wanted), rtol=_SAME, atol=0.0)
+    return factor if is_same else None
+
+
+def _shown(command: Tuple[float, ...]) -> str:
+    """Return a command as text."""
+    return f"{command[0]:g} m/s, {command[1]:g} rad"
+
+
+def _groups(replay: Replay) -> List[List[Sent]]:
+    """Return the commands in groups of equal neighbours, without the stop at the end."""
+    groups = [list(group) for _, group in groupby(replay.sent, lambda sent: sent[2:])]
+    if groups[-1][0].speed == 0.0 and len(groups) == len(runs_of(replay.plan)) + 1:
+        groups.pop()
+    return groups
+
+
+def _rate(report: Report) -> Tuple[bool, str]:
+    """Judge whether each row has its number of commands, evenly spaced by their stamps."""
+    runs, groups = runs_of(report.replay.plan), _groups(report.replay)
+    for index, run in enumerate(runs):
+        if index >= len(groups) or groups[index][0][2:] != run[:2]:
+            return False, f"{run}: {_NOT_JUDGED}, because its command was not received in turn"
+        if fault := _rate_fault(run, groups[index], run is runs[-1]):
+            return False, f"{run}: {fault}"
+    message = f"{NANOSECONDS // COMMAND_PERIOD} commands per second in every row"
+    if not all(sent.has_stamp for sent in report.replay.sent):
+        message += "; their spacing was not judged, because they have no stamps"
+    return True, message
+
+
+def _rate_fault(run: Run, group: Sequence[Sent], is_last: bool) -> str:
+    """Return what is wrong with the number or the stamps of a run's commands, if anything."""
+    times = [sent.time for sent in group]
+    seconds, span = run.duration / NANOSECONDS, (times[-1] - times[0]) / NANOSECONDS
+    # If the last row of the plan is a stop, the final stop belongs to the same group.
+    extra = int(is_last and run.speed == 0.0)
+    if len(group) - run.expected not in (0, extra):
+        pace = f", {(len(group) - 1) / span:.3g} per second" if span else ""
+        return f"{counted(len(group), 'command')} received{pace}; expected {run.expected}"
+    if not all(sent.has_stamp for sent in group):
+        return ""  # times of arrival are too rough
+    if faults := step_faults(times, COMMAND_PERIOD, _JITTER):
+        return faults[0]
+    if abs(span - seconds) > _SPAN_TOLERANCE / NANOSECONDS:
+        expected = f"{seconds:g} s, tolerance {_SPAN_TOLERANCE / NANOSECONDS:g} s"
+        return f"the stamps of its {len(group)} commands span {span:.3g} s; expected {expected}"
+    return ""
+
+
+def _path(report: Report) -> Tuple[bool, str]:
+    """Judge the distance between the driven and the predicted path."""
+    distance, tolerance = report.drive.frechet_distance, report.tolerances.path
+    message = f"the driven path deviates by up to {distance:.3g} m from the predicted path"
+    return distance <= tolerance, f"{message}; tolerance {tolerance:.3g} m"
+
+
+def _final_pose(report: Report) -> Tuple[bool, str]:
+    """Judge whether the car ended at the predicted pose."""
+    end, wanted = Pose(*report.drive.driven[-1]), Pose(*report.drive.predicted[-1])
+    passed, difference = compare(end, wanted, *report.tolerances[:2])
+    return passed, f"the car ended at {difference}"
+
+
+def _rest(report: Report) -> Tuple[bool, str]:
+    """Judge whether the car stands at the end."""
+    replay = report.replay
+    tail = replay.poses[replay.stamps >= replay.stamps[-1] - replay.car.command_timeout]
+    if (tail == tail[-1]).all():
+        return True, "the car stands at the end"
+    return False, "the car still moves at the end; expected it to stand"
+
+
+def _map(report: Report) -> Tuple[bool, str]:
+    """Judge whether the car hit no wall and stayed on the map."""
+    if report.replay.collisions:
+        return False, f"the car hit a wall at {report.replay.collisions[0]}; expected no collision"
+    grid = report.replay.grid
+    if grid is None:
+        return True, "there is no map"
+    width, height = grid.width * grid.resolution, grid.height * grid.resolution
+    size = f"{width:g} m x {height:g} m"
+    for pose in (Pose(*row) for row in report.replay.poses):
+        x, y, _ = grid.to_grid(pose)
+        if not (0.0 <= x <= width and 0.0 <= y <= height):
+            return False, f"the car left the map at {pose}; the map is {size}"
+    return True, f"the car hit no wall and stayed on the map of {size}"
+
+
+_CHECKS = {
+    "topics": _topics,
+    "start_pose": _start_pose,
+    "commands": _commands,
+    "rate": _rate,
+    "path": _path,
+    "final_pose": _final_pose,
+    "rest": _rest,
+    "map": _map,
+}
+
+CHECK_NAMES = ("node", *_CHECKS)
+"""The names of all checks, in the order of the most telling ones."""
+
+
+def judge(replay: Replay, tolerances: Tolerances) -> Report:
+    """Return the verdict on a replay; its checks are in the order of the most telling ones."""
+    report = Report(replay, drive(replay), tolerances)
+    checks = [Check("node", not replay.outcome, replay.outcome or "the node ran without an error")]
+    for name, check in _CHECKS.items():
+        is_judged = replay.sent or (name == "topics" and replay.actions)
+        verdict = (False, f"{_NOT_JUDGED}: the node sent no command")
+        checks.append(Check(name, *(check(report) if is_judged else verdict)))
+    return report._replace(checks=checks)

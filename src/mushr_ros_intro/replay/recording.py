@@ -1,0 +1,177 @@
+"""The recording of a replay, and the driven and the predicted path that follow from it.
+
+Stamps are integer nanoseconds of simulated time; poses are in the map frame.
+"""
+
+from itertools import groupby
+from typing import List, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.preview.prediction import rest, states_at
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
+from mushr_ros_intro.world.grid import Grid
+
+START_TOLERANCE = 1e-3
+"""Between the start poses of the node and of the plan [m, rad]: a node may round to text."""
+
+
+class Sent(NamedTuple):
+    """One command as the node sent it."""
+
+    time: int
+    """Its stamp, or the approximate time of arrival if the stamp is zero [ns]."""
+    has_stamp: bool
+    """Whether `time` is the stamp."""
+    speed: float
+    """[m/s]"""
+    steering_angle: float
+    """[rad]"""
+
+
+class Replay(NamedTuple):
+    """Everything that was recorded in a replay."""
+
+    plan: Plan
+    car: Car
+    outcome: str
+    """How the node failed to run or to exit; empty if it did not fail."""
+    start: Optional[Pose]
+    """The last initial pose before the first command; NaN if its numbers are unusable."""
+    sent: Tuple[Sent, ...]
+    """The commands in order of arrival."""
+    stamps: np.ndarray
+    """When the car reported its pose [ns]; N, rising, at least one."""
+    poses: np.ndarray
+    """The reported poses: x [m], y [m], theta [rad]; N x 3."""
+    collisions: Tuple[Pose, ...]
+    """The poses at which the car hit a wall."""
+    grid: Optional[Grid]
+    """The map, or None if there is none."""
+    actions: Tuple[str, ...] = ()
+    """What the node did besides driving the car, such as "publishes on /clock"."""
+    ignored: str = ""
+    """The first message that the car ignored, and the reason; empty if there was none."""
+
+    @property
+    def begin(self) -> int:
+        """The time of the first command, or of the last pose if there is no command [ns]."""
+        return self.sent[0].time if self.sent else int(self.stamps[-1])
+
+
+class Run(NamedTuple):
+    """Consecutive rows of a plan with the same command."""
+
+    speed: float
+    """[m/s]"""
+    steering_angle: float
+    """[rad]"""
+    first: int
+    """The number of its first row, from 1."""
+    last: int
+    """The number of its last row."""
+    duration: int
+    """[ns]"""
+    expected: int
+    """The number of commands that the node should send."""
+
+    def __str__(self) -> str:
+        rows = f"row {self.first}"
+        if self.last > self.first:
+            rows = f"rows {self.first} to {self.last}"
+        return f"{rows} ({self.duration / NANOSECONDS:g} s)"
+
+
+class Drive(NamedTuple):
+    """The driven and the predicted path, sampled at the same N times."""
+
+    times: np.ndarray
+    """Since the begin of the replay [s]; N."""
+    driven: np.ndarray
+    """x [m], y [m], theta [rad]; N x 3."""
+    predicted: np.ndarray
+    """x [m], y [m], theta [rad]; N x 3."""
+    frechet_distance: float
+    """The discrete Frechet distance of the two paths [m]."""
+
+
+def runs_of(plan: Plan) -> List[Run]:
+    """Return the rows of a plan, with consecutive rows of the same command merged."""
+    runs: List[Run] = []
+    for (speed, angle), group in groupby(enumerate(plan.rows, 1), lambda entry: entry[1][:2]):
+        numbers, rows = zip(*group)
+        durations = [row.duration for row in rows]
+        expected = sum(-(-duration // COMMAND_PERIOD) for duration in durations)
+        runs.append(Run(speed, angle, numbers[0], numbers[-1], sum(durations), expected))
+    return runs
+
+
+def drive(replay: Replay) -> Drive:
+    """Return the driven path from the start pose on, and the predicted path.
+
+    The prediction is for a node that sends the commands of the plan. It has the same noise, which
+    depends on the car's seed and on the number of a command. If the recording ends before the plan,
+    the car counts as standing from there on. Both paths end with the last move of either.
+    """
+    begin = _first_pose(replay)
+    driven = replay.poses[begin:]
+    instants = (replay.stamps[begin:] - replay.begin).tolist()
+    end, _ = rest(replay.plan, replay.car)
+    step = max(NANOSECONDS // 50, (end - instants[-1]) // 10_000)
+    instants += range(instants[-1] + step, end + step, step)
+    standing = np.repeat(driven[-1:], len(instants) - len(driven), axis=0)
+    driven = np.concatenate([driven, standing])
+    states = states_at(replay.plan, replay.car, instants)
+    predicted = np.array([state.pose for state in states], float)
+    moves, _ = np.nonzero(np.diff(np.hstack([driven, predicted]), axis=0))
+    last = int(moves[-1]) + 2 if len(moves) else 1
+    times, driven, predicted = (
+        np.array(instants[:last]) / NANOSECONDS,
+        driven[:last],
+        predicted[:last],
+    )
+    return Drive(times, driven, predicted, frechet_distance(driven[:, :2], predicted[:, :2]))
+
+
+def _first_pose(replay: Replay) -> int:
+    """Return the index of the first pose of the drive.
+
+    This is the one nearest to the plan's start pose, up to two command periods after the first
+    command, because the car may be placed late. It is not before the first command.
+    """
+    count = int(np.searchsorted(replay.stamps, replay.begin + 2 * COMMAND_PERIOD))
+    poses = [Pose(*row) for row in replay.poses[: max(1, count)]]
+    start = replay.plan.start
+    placed = int(np.argmin([each.distance_to(start) + each.angle_to(start) for each in poses]))
+    if placed and replay.sent and not replay.sent[0].has_stamp:
+        return placed  # the time of an unstamped command is too rough
+    first = int(np.searchsorted(replay.stamps, replay.begin))
+    return max(placed, min(first, len(replay.stamps) - 1))
+
+
+def frechet_distance(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the discrete Frechet distance of two curves [m].
+
+    It is the length of the shortest leash that lets two walkers, one on each curve, go from point
+    to point to the end without going back (Eiter and Mannila, "Computing Discrete Frechet
+    Distance", CD-TR 94/64). Each anti-diagonal of the recursion's table is computed at once.
+
+    Args:
+        one: points [m], N x 2, N at least 1.
+        other: points [m], M x 2, M at least 1.
+    """
+    n, m = len(one), len(other)
+    outside = np.full((n, 2), np.inf)
+    backward = np.concatenate([outside, other[::-1], outside])
+    # Index i + 1 holds the shortest leash to (i, k - i), for anti-diagonal k and the two before.
+    last = np.full(n + 1, np.inf)
+    before = np.append(-np.inf, last[1:])  # any leash lets the walkers begin at (0, 0)
+    for k in range(n + m - 1):
+        ends = backward[n + m - 1 - k :][:n]
+        leash = np.hypot(*(one - ends).T)
+        shortest = np.minimum(np.minimum(last[1:], last[:-1]), before[:-1])
+        before, last = last, np.append(np.inf, np.maximum(leash, shortest))
+    return float(last[-1])

@@ -1,1 +1,0 @@
-"""Time and command selection in the simulation."""

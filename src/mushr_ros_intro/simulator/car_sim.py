@@ -1,0 +1,188 @@
+"""Simulate the car: a kinematic bicycle that follows commands and reports its pose."""
+
+import threading
+from typing import Callable, List, Optional, Sequence
+
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid
+from rospy.numpy_msg import numpy_msg
+
+from mushr_ros_intro.car.contact import World
+from mushr_ros_intro.car.history import History
+from mushr_ros_intro.car.model import Command, Event, InitialPose, State, at_rest, halted
+from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.plan.plan import MAX_COORDINATE, as_float32
+from mushr_ros_intro.ros import conversions, node
+from mushr_ros_intro.ros.connections import has_live_publisher, wait_until_connected
+from mushr_ros_intro.simulator import sim_clock
+from mushr_ros_intro.simulator.state_publisher import StatePublisher
+from mushr_ros_intro.stamps import (
+    NANOSECONDS,
+    SIMULATED_STAMP_TOLERANCE,
+    STAMP_TOLERANCE,
+    effective_stamp,
+    from_seconds,
+)
+from mushr_ros_intro.world.footprint import is_free
+from mushr_ros_intro.world.grid import Grid
+
+
+class CarSim:
+    """The simulated car as a node.
+
+    Subscribes, relative to the car's namespace, to ``initialpose`` and
+    ``mux/ackermann_cmd_mux/output``, and to /map. For what it publishes see `StatePublisher`.
+    """
+
+    def __init__(self, publishes_clock: bool) -> None:
+        """Set up the node; if `publishes_clock`, it publishes /clock."""
+        parameters = node.parameters()
+        self._car = car_from(parameters)
+        pose_rate = parameters.number("pose_rate", 50.0, "Hz", 0.1, 1000.0)
+        pose_period = from_seconds(1.0 / pose_rate)
+        factor = parameters.number("real_time_factor", 1.0, "", 0.0, 1e6)
+        self._start = Pose(
+            parameters.number("x", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE),
+            parameters.number("y", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE),
+            parameters.number("theta", 0.0, "rad", -1e3, 1e3),
+        )
+        # The lock of the state and the clock; notified of events and service calls.
+        self._changed = threading.Condition()
+        self.clock = (
+            sim_clock.OwnClock(pose_period, self._changed, factor)
+            if publishes_clock
+            else sim_clock.FollowedClock(pose_period, self._changed)
+        )
+        profile = parameters.optional_text("profile") or "without a profile"
+        values = (profile, self._car, pose_rate, self.clock.description)
+        rospy.loginfo("car %s: %s; pose rate %g Hz; time: %s", *values)
+        self._expects_map = parameters.flag("expects_map", False)
+        self._stamp_tolerance = SIMULATED_STAMP_TOLERANCE if publishes_clock else STAMP_TOLERANCE
+        self._now = self.clock.read()
+        self._history = History(self._car, at_rest(self._now, self._start))
+        self._world: Optional[World] = None
+        self._publisher = StatePublisher(self._car, self._now, loses_states=not publishes_clock)
+        node.offer_service("~reset", self._changed, self._reset)
+        self._subscribe()
+
+    def _subscribe(self) -> None:
+        """Create the subscribers."""
+        self._map_sub = rospy.Subscriber(
+            "/map", numpy_msg(OccupancyGrid), self._on_map, queue_size=1, buff_size=1 << 20
+        )
+        # No queue size: every message counts.
+        rospy.Subscriber(
+            "initialpose",
+            PoseWithCovarianceStamped,
+            self.on_message,
+            conversions.initial_pose_from_msg,
+            tcp_nodelay=True,
+        )
+        self._command_sub = rospy.Subscriber(
+            "mux/ackermann_cmd_mux/output",
+            AckermannDriveStamped,
+            self.on_message,
+            conversions.command_from_msg,
+            tcp_nodelay=True,
+        )
+
+    def run(self) -> None:
+        """Report the car's state until the node is shut down."""
+        # A node that receives the car's pose can rely on the car receiving commands.
+        wait_until_connected(self._command_sub, "publishers")
+        self._publisher.announce(self._is_ready)
+        self.clock.run(self._evaluate, self._publisher.publish)
+
+    def _is_ready(self) -> bool:
+        """Return whether the mux is connected, and whether a map, if expected, is in use."""
+        needs_map = self._expects_map or self._map_sub.get_num_connections()
+        return (self._world is not None or not needs_map) and has_live_publisher(self._command_sub)
+
+    def _evaluate(self, instants: Sequence[int]) -> List[State]:
+        """Return the car's state at instants [ns]; needs the lock."""
+        self._read_clock()
+        return [self._history.state_at(instant) for instant in instants]
+
+    @conversions.ignore_bad_messages
+    def _on_map(self, msg: OccupancyGrid) -> None:
+        """Use a new map."""
+        self.use_map(conversions.grid_from_msg(msg))
+
+    def use_map(self, grid: Grid) -> None:
+        """Use a map from now on."""
+        world = World(grid)
+        is_free(*world, self._start)  # fills the map's caches before the lock is taken
+        with self._changed:
+            now = self._read_clock()
+            self._world = self._publisher.world = world
+            self._history.set_walls(world)
+            state = self._history.state_at(now)
+        if not is_free(*world, state.pose):
+            rospy.logwarn(
+                f"the car is inside a wall at {state.pose}; drive it out, or place it elsewhere"
+            )
+
+    @conversions.ignore_bad_messages
+    def on_message(self, msg: rospy.Message, read: Callable[[rospy.Message], Event]) -> None:
+        """Add a command or an initial pose to the history; it applies at its stamp."""
+        topic = msg._connection_header["topic"]
+        event = read(msg)
+        if not self._accepts(event, topic):
+            return
+        with self._changed:
+            now = self._read_clock()
+            stamp = effective_stamp(event.stamp, now)
+            applied = event._replace(stamp=stamp, has_stamp=stamp == event.stamp)
+            self._history.add(applied, now)
+            self.clock.on_event(applied)
+        # MuSHR sends stops with one old stamp while no input drives.
+        is_stop = isinstance(event, Command) and not event.speed
+        if event.stamp and not is_stop and abs(event.stamp - now) > self._stamp_tolerance:
+            rospy.logwarn_throttle(
+                1.0,
+                f"the stamp of a message on {topic} differs by "
+                f"{(event.stamp - now) / NANOSECONDS:+.1f} s from the car's clock; expected at "
+                f"most {STAMP_TOLERANCE / NANOSECONDS:g} s. The message is applied on arrival; "
+                "synchronise the clocks of the machines",
+            )
+
+    def _accepts(self, event: Event, topic: str) -> bool:
+        """Return whether the car accepts an event; log a rejected event or a limited command."""
+        if isinstance(event, InitialPose):
+            if self._world is None or is_free(*self._world, event.pose):
+                return True
+            rospy.logwarn_throttle(
+                1.0,
+                f"rejected the initial pose {event.pose} on {topic}: the car would be inside a "
+                "wall. The car does not move; expected a pose with enough space for its body",
+            )
+            return False
+        asked = (event.speed, event.steering_angle)
+        possible = self._car.within_limits(*asked)
+        if asked != tuple(map(as_float32, possible)):  # a command has float32 values
+            rospy.logwarn_throttle(
+                10.0,
+                "a command asks for {:g} m/s and {:g} rad; this car is limited to {:g} m/s and "
+                "{:g} rad".format(*asked, *possible),
+            )
+        return True
+
+    def _read_clock(self) -> int:
+        """Return the present [ns]; needs the lock. If the clock was set back, the car stops."""
+        now = self.clock.read()
+        if now < self._now:
+            rospy.logwarn("the clock was set back; the car stops and forgets its commands")
+            state = self._history.state_at(self._now)
+            self._history = History(self._car, halted(state, now), self._world)
+        self._now = now
+        return now
+
+    def _reset(self) -> str:
+        """Place the car at its start pose, at rest, with its odometry at zero; needs the lock."""
+        now = self._read_clock()
+        self._history = History(self._car, at_rest(now, self._start), self._world)
+        self.clock.reset()
+        return f"at the start pose since {now / NANOSECONDS:.9f} s"

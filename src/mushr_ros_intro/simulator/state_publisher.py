@@ -1,0 +1,152 @@
+"""Publish the state of the simulated car."""
+
+import threading
+import time
+from typing import Callable, List, Optional
+
+import rospy
+from geometry_msgs.msg import PoseArray, PoseStamped
+from nav_msgs.msg import Odometry, Path
+from sensor_msgs.msg import JointState
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker
+
+from mushr_ros_intro.car.contact import World
+from mushr_ros_intro.car.model import Car, Contact, State, Wheels, wheel_rates
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.commands import as_typed
+from mushr_ros_intro.stamps import NANOSECONDS
+from mushr_ros_intro.world.footprint import on_map
+
+_DRAWN_STEP = 0.1
+"""Distance between the drawn poses of the driven path [m]."""
+
+_LINE_POSES = 100
+_KEPT_LINES = 20
+"""The drawing consists of lines of so many poses; the oldest line is replaced."""
+
+READY_POLL_PERIOD = 0.1
+"""Period at which it is checked whether the car is ready [s of wall-clock time]."""
+
+
+class StatePublisher:
+    """The publishers of a car's state, relative to its namespace.
+
+    ``car_pose``, ``odom``, ``joint_states``, /tf, and ``~collision``, latched: the pose of the car
+    if it touches a wall, otherwise no pose. For rviz: ``driven_path``. When the car is placed, the
+    driven path begins anew, and an empty path on ``predicted_path`` removes the predicted path.
+    """
+
+    def __init__(self, car: Car, now: int, loses_states: bool) -> None:
+        """Advertise the topics.
+
+        Args:
+            car: the car.
+            now: the present [ns].
+            loses_states: whether a slow subscriber loses old states rather than getting them late.
+        """
+        self.world: Optional[World] = None
+        """The map; None if there is none."""
+        self._car = car
+        self._wheels_stamp = now
+        self._wheel_angles = Wheels(0.0, 0.0, 0.0, 0.0)
+        self._announced: Optional[Contact] = None
+        self._is_on_map = True
+        prefix = rospy.get_namespace().strip("/")
+        frames = f"{prefix}/odom".lstrip("/"), f"{prefix}/base_footprint".lstrip("/")
+        topics = (
+            ("car_pose", PoseStamped, conversions.car_pose_to_msg),
+            ("odom", Odometry, lambda state: conversions.odometry_to_msg(state, car, *frames)),
+            ("joint_states", JointState, self._joint_states),
+            # Not tf2_ros.TransformBroadcaster: it publishes the same, and needs 7 MB.
+            ("/tf", TFMessage, lambda state: conversions.transforms_to_msg(state, *frames)),
+        )
+        queue_size = 1 if loses_states else 10_000
+        self._publishers = [
+            (rospy.Publisher(topic, kind, queue_size=queue_size, tcp_nodelay=True), convert)
+            for topic, kind, convert in topics
+        ]
+        self._collision_pub = rospy.Publisher("~collision", PoseArray, queue_size=10, latch=True)
+        self._collision_pub.publish(conversions.poses_to_msg([], now))
+        self._driven_pub = rospy.Publisher("driven_path", Marker, queue_size=1000)
+        self._predicted_pub = rospy.Publisher("predicted_path", Path, queue_size=1)
+        self._last: Optional[State] = None  # the last one that was published
+        self._line: List[Pose] = []
+        self._lines = 0
+
+    def publish(self, states: List[State]) -> None:
+        """Publish states on every topic that has a subscriber."""
+        for state in states:
+            self._draw(state)
+            for publisher, convert in self._publishers:
+                if publisher.get_num_connections():
+                    publisher.publish(convert(state))
+            self._last = state
+            self._announce_contact(state)
+
+    def _joint_states(self, state: State) -> JointState:
+        """Return the joint states; the wheels turn at their present rate since the last message."""
+        seconds = (state.stamp - self._wheels_stamp) / NANOSECONDS
+        self._wheels_stamp = state.stamp
+        rates = wheel_rates(state, self._car)
+        angles = (a + rate * seconds for a, rate in zip(self._wheel_angles, rates))
+        self._wheel_angles = Wheels(*angles)
+        return conversions.joint_states_to_msg(state, self._wheel_angles, self._car)
+
+    def _draw(self, state: State) -> None:
+        """Draw the driven path as a sequence of lines, which is removed when the car is placed."""
+        last = self._last
+        if (
+            last is None
+            or state.map_from_odom != last.map_from_odom
+            or state.drive_commands < last.drive_commands
+        ):
+            self._line, self._lines = [state.pose], 0
+            self._predicted_pub.publish(conversions.path_to_msg([], state.stamp))
+            self._driven_pub.publish(conversions.line_to_msg([], 0, state.stamp))
+        if state.pose.distance_to(self._line[-1]) < _DRAWN_STEP:
+            return
+        self._line.append(state.pose)
+        if self._driven_pub.get_num_connections():
+            number = self._lines % _KEPT_LINES
+            self._driven_pub.publish(conversions.line_to_msg(self._line, number, state.stamp))
+        if len(self._line) == _LINE_POSES:
+            self._line, self._lines = self._line[-1:], self._lines + 1
+
+    def announce(self, is_ready: Callable[[], bool]) -> None:
+        """Log the pose and what to type, as soon as poses are published and the car is ready."""
+
+        def wait_and_log() -> None:
+            while self._last is None or not is_ready():
+                if rospy.is_shutdown():
+                    return
+                time.sleep(READY_POLL_PERIOD)
+            name = rospy.get_namespace().strip("/")
+            command = "roslaunch mushr_ros_intro path_publisher.launch"
+            command += "" if name == "car" else f" car_name:={name}"
+            rospy.loginfo(
+                "ready: the car is at %s. To drive a plan, type in another terminal: %s",
+                self._last.pose,
+                as_typed(command),
+            )
+
+        threading.Thread(target=wait_and_log, daemon=True).start()
+
+    def _announce_contact(self, state: State) -> None:
+        """Publish a changed collision; log once if the car hit a wall or left the map."""
+        if state.collision != self._announced:
+            self._announced = contact = state.collision
+            poses, stamp = ([contact.pose], contact.stamp) if contact else ([], state.stamp)
+            self._collision_pub.publish(conversions.poses_to_msg(poses, stamp))
+            if contact:
+                rospy.logwarn(
+                    f"the car hit a wall and stopped at {contact.pose}; drive it away from the "
+                    "wall, or place it elsewhere"
+                )
+        if self.world is None:
+            return
+        is_on_map = on_map(*self.world, state.pose)
+        if self._is_on_map and not is_on_map:
+            rospy.logwarn(f"the car left the map at {state.pose}; there are no walls outside")
+        self._is_on_map = is_on_map

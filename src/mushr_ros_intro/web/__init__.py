@@ -1,1 +1,0 @@
-"""The browser view: rosbridge's protocol, and the pages and files of the server. No ROS."""

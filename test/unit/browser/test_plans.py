@@ -1,0 +1,115 @@
+"""Check what the page gets: plans, the map and results."""
+
+import io
+import json
+import math
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mushr_ros_intro.browser import plans
+from mushr_ros_intro.browser.drives import drives
+from mushr_ros_intro.browser.map_image import png
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.classroom import result
+from mushr_ros_intro.replay.judge import Check
+from mushr_ros_intro.world.grid import Grid
+
+
+def test_plans_are_found_by_name(tmp_path):
+    one, two = tmp_path / "one", tmp_path / "two"
+    for folder in (one, two):
+        folder.mkdir()
+        (folder / "both.txt").write_text("0, 0, 0\n")
+    (one / "a.txt").write_text("0, 0, 0\n")
+    (one / "b.yaml").write_text("0, 0, 0\n")
+    (two / "folder.txt").mkdir()
+    (two / "huge.txt").write_text("#" * (plans.MAX_FILE_SIZE + 1))
+    expected = {"a": str(one / "a.txt"), "both": str(two / "both.txt")}
+    assert plans.paths([str(one), str(two)]) == expected
+    assert [*plans.paths([str(one), str(two)])] == ["a", "both"]
+
+
+def summary(tmp_path, text, grid=None):
+    path = tmp_path / "plan.txt"
+    path.write_text(text)
+    answer = plans.summary("plan", str(path), "car", Car(), grid)
+    return json.loads(json.dumps(answer, allow_nan=False))
+
+
+def test_a_plan(tmp_path):
+    answer = summary(tmp_path, "1, 2, 0\n\n2.0, 0\n0.5, 0.1, 20\n")
+    assert (answer["name"], answer["start"]) == ("plan", [1.0, 2.0, 0.0])
+    assert answer["rows"] == [
+        {"line": 3, "speed": 2.0, "steering_angle": 0.0, "duration": 1.0},
+        {"line": 4, "speed": 0.5, "steering_angle": 0.1, "duration": 20.0},
+    ]
+    assert answer["faults"] == []
+    assert answer["length"] == pytest.approx(12.0)
+    assert answer["duration"] == 21.0
+    turned = 10.0 * math.tan(0.1) / 0.33
+    assert answer["final_pose"] == pytest.approx(
+        [3.0 + math.sin(turned) * 0.33 / math.tan(0.1), answer["final_pose"][1], turned], abs=1e-6
+    )
+    assert len(answer["path"]) <= plans.MAX_POINTS + 1
+    assert answer["path"][0] == [1.0, 2.0]
+    assert answer["path"][-1] == answer["final_pose"][:2]
+
+
+def test_a_plan_with_faults(tmp_path):
+    answer = summary(tmp_path, "1, 2, 0\n2.0, x\n")
+    assert [(each["line"], each["column"]) for each in answer["faults"]] == [(2, 6)]
+    assert answer["faults"][0]["text"].startswith("steering angle")
+    assert (answer["start"], answer["rows"], answer["path"]) == (None, [], [])
+    assert answer["length"] is answer["duration"] is answer["final_pose"] is None
+
+
+def test_a_plan_that_hits_a_wall(tmp_path):
+    cells = np.zeros((10, 100), np.int8)
+    cells[:, 60] = 100
+    answer = summary(tmp_path, "1, 0.5, 0\n1.0, 0, 9\n", Grid(cells, 0.1))
+    assert [each["line"] for each in answer["faults"]] == [2]
+    assert "wall" in answer["faults"][0]["text"]
+    assert answer["final_pose"] == pytest.approx([5.62, 0.5, 0.0])
+    assert answer["duration"] == 9.0
+
+
+def test_the_image_of_a_map():
+    cells = np.array([[0, -1], [100, 51], [50, 0]], np.int8)
+    image = Image.open(io.BytesIO(png(Grid(cells, 0.1))))
+    assert np.asarray(image).tolist() == [[254, 254], [0, 0], [254, 205]]
+
+
+def test_results_of_a_class(tmp_path):
+    poses = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.1))
+    drive = result.PlanResult("circle", (Check("node", True, ""),), "ok", (0.0, 0.1), poses, poses)
+    none = drive._replace(plan="slalom", times=(), driven=(), predicted=())
+    graded = result.Result("alice", (), "", "", (drive, none))
+    result.store(str(tmp_path / result.FOLDER), [graded])
+    found = drives(str(tmp_path))
+    assert [*found] == ["alice/circle"]
+    assert found["alice/circle"] == {
+        "passed": True,
+        "verdict": "ok",
+        "times": (0.0, 0.1),
+        "driven": poses,
+        "predicted": poses,
+    }
+
+
+def test_results_of_a_node(tmp_path):
+    assert drives(str(tmp_path)) == {}
+    folder = tmp_path / "circle"
+    folder.mkdir()
+    (folder / "report.json").write_text('{"passed": false, "verdict": ["one", "two"]}')
+    (folder / "trajectory.csv").write_text("time,x\n0.0,1,2,3,4,5,6,9\n0.1,1,2,3,4,5,6,9\n")
+    assert drives(str(tmp_path)) == {
+        "circle": {
+            "passed": False,
+            "verdict": "one\ntwo",
+            "times": [0.0, 0.1],
+            "driven": [[1.0, 2.0, 3.0]] * 2,
+            "predicted": [[4.0, 5.0, 6.0]] * 2,
+        }
+    }

@@ -1,0 +1,129 @@
+"""Check how requests are read, and how frames are written."""
+
+import json
+
+import pytest
+
+from mushr_ros_intro.browser.protocol import (
+    Message,
+    ProtocolError,
+    Request,
+    cbor,
+    read_request,
+    response,
+    status,
+)
+
+
+@pytest.mark.parametrize(
+    ("values", "request_"),
+    [
+        ({"op": "subscribe", "topic": "/a"}, Request("subscribe", topic="/a")),
+        (
+            {
+                "op": "subscribe",
+                "id": "x:1",
+                "topic": "/a",
+                "type": None,
+                "throttle_rate": 50,
+                "queue_length": 0,
+                "compression": "cbor-raw",
+                "fragment_size": 9,
+            },
+            Request(
+                "subscribe", "x:1", "/a", throttle_rate=50, queue_length=0, compression="cbor-raw"
+            ),
+        ),
+        (
+            {"op": "subscribe", "topic": "/a", "compression": "png"},
+            Request("subscribe", topic="/a"),
+        ),
+        (
+            {"op": "publish", "id": 7, "topic": "/a", "msg": {"data": 1}, "latch": False},
+            Request("publish", 7, "/a", msg={"data": 1}),
+        ),
+        (
+            {"op": "call_service", "service": "/s", "args": []},
+            Request("call_service", service="/s"),
+        ),
+        (
+            {"op": "call_service", "id": {}, "service": "/s", "args": {"a": "b"}},
+            Request("call_service", service="/s", args={"a": "b"}),
+        ),
+    ],
+)
+def test_requests(values, request_):
+    assert read_request(json.dumps(values)) == request_
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [
+        ("{", "the frame is not JSON: "),
+        (b"\xff\xfe", "the frame is not JSON: "),
+        ("[" * 100_000, "the frame is not JSON: "),
+        ('{"op": "publish", "msg": {"x": NaN}}', "the frame is not JSON: NaN is not a number of"),
+        ("7", "op is missing; expected one of advertise, "),
+        ('{"op": ["publish"]}', 'op is ["publish"]; expected one of '),
+        ('{"op": "fragment"}', 'op is "fragment"; expected one of '),
+        ('{"op": "subscribe"}', "subscribe: topic is missing; expected text"),
+        ('{"op": "subscribe", "topic": ""}', 'subscribe: topic is ""; expected text'),
+        ('{"op": "publish", "topic": "/a", "msg": [1]}', "publish: msg is [1]; expected an object"),
+        (
+            '{"op": "subscribe", "topic": "/a", "throttle_rate": -1}',
+            "subscribe: throttle_rate is -1; expected a number from 0",
+        ),
+        (
+            '{"op": "subscribe", "topic": "/a", "queue_length": true}',
+            "subscribe: queue_length is true; expected a number from 0",
+        ),
+        (
+            '{"op": "call_service", "service": "/s", "args": [1]}',
+            "call_service: args is [1]; expected an object",
+        ),
+        (json.dumps({"op": "a" * 1000}), f'op is "{"a" * 76}...; expected one of '),
+    ],
+)
+def test_faults(frame, message):
+    with pytest.raises(ProtocolError) as caught:
+        read_request(frame)
+    assert str(caught.value).startswith(message)
+
+
+def test_replies():
+    assert json.loads(status("no", None)) == {"op": "status", "level": "error", "msg": "no"}
+    assert json.loads(status("no", "x"))["id"] == "x"
+    answer = json.loads(response(Request("call_service", 7, service="/s"), "no", result=False))
+    expected = {"op": "service_response", "service": "/s", "values": "no", "result": False, "id": 7}
+    assert answer == expected
+
+
+def test_a_message_is_encoded_once():
+    calls = []
+    message = Message('/a"', b"raw", lambda raw: calls.append(raw) or '{"data": 1}', 3_000_000_005)
+    for _ in range(2):
+        frame = json.loads(message.frame("none"))
+        assert frame == {"op": "publish", "topic": '/a"', "msg": {"data": 1}}
+    assert calls == [b"raw"]
+    assert message.frame("cbor-raw") == cbor(
+        {"op": "publish", "topic": '/a"', "msg": {"secs": 3, "nsecs": 5, "bytes": b"raw"}}
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "encoded"),
+    [  # RFC 8949, appendix A, or its rules
+        (23, "17"),
+        (24, "1818"),
+        (1000, "1903e8"),
+        (1_000_000, "1a000f4240"),
+        (1_000_000_000_000, "1b000000e8d4a51000"),
+        (b"\1\2\3\4", "4401020304"),
+        ("\u6c34", "63e6b0b4"),
+        ({"a": "A", "b": {"c": 1}}, "a26161614161 62a1616301"),
+        (b"\0" * 256, "590100" + "00" * 256),
+        (b"\0" * 65_536, "5a00010000" + "00" * 65_536),
+    ],
+)
+def test_cbor(value, encoded):
+    assert cbor(value) == bytes.fromhex(encoded)

@@ -1,0 +1,97 @@
+"""Check the points of results, and the messages about a bad points.yaml."""
+
+import pytest
+
+from mushr_ros_intro.classroom.points import Points, read_points
+from mushr_ros_intro.errors import UserError
+from support.grades import graded, submission
+
+PLANS = ("circle", "secret")
+
+
+def read(folder, text):
+    path = folder / "points.yaml"
+    path.write_text(text)
+    return read_points(str(path), PLANS)
+
+
+def test_without_a_file_each_check_gives_one_point():
+    points = read_points(None, PLANS)
+    assert points.max_score() == 18 and points.max_score(["circle"]) == 9
+    assert points.points("circle", "topics") == 1 and not points.is_hidden("circle")
+    result = submission(graded("circle", ["path", "rate"]), graded("secret"))
+    assert points.score(result) == Points().score(result) == 16
+    assert points.score(submission(fault="no file")) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "circle", "secret"),
+    [
+        ("", 9, 9),
+        ("plans:", 9, 9),
+        ("default: {hidden: true}", 9, 9),
+        ("default: {commands: 2, path: 3}", 5, 5),
+        ("default: {path: 0.1, rest: 0.2}", 0.3, 0.3),  # not 0.30000000000000004
+        ("default: {path: 1e1}", 10, 10),
+        ("plans: {circle: {path: 4}}", 12, 9),
+        ("default: {commands: 2}\nplans: {circle: {path: 4, commands: 0}}", 4, 2),
+        ("default: {commands: 2}\nplans: {circle: {path: 4}, secret: {commands: 0}}", 6, 0),
+    ],
+)
+def test_points_of_plans(tmp_path, text, circle, secret):
+    points = read(tmp_path, text)
+    assert points.max_score(["circle"]) == circle and points.max_score(["secret"]) == secret
+    result = submission(*(graded(plan) for plan in PLANS))
+    assert points.score(result) == points.max_score() == circle + secret
+
+
+def test_hidden_plans(tmp_path):
+    by_default = read(tmp_path, "default: {hidden: true}\nplans: {circle: {hidden: false}}")
+    for points in (by_default, read(tmp_path, "plans: {secret: {hidden: true}}")):
+        assert points.is_hidden("secret") and not points.is_hidden("circle")
+
+
+@pytest.mark.parametrize(
+    ("text", "failed", "score", "loss"),
+    [
+        ("", [], 9, ""),
+        ("", ["path", "map"], 7, ""),
+        ("", ["topics"], 0, "check topics failed"),
+        ("default: {path: 3}", ["topics"], 0, "check topics failed"),
+        ("default: {all_or_nothing: true}", ["path", "map"], 0, "a check failed: map, path."),
+        ("default: {all_or_nothing: true}", [], 9, ""),
+        ("default: {all_or_nothing: true}\nplans: {circle: {map: 2}}", ["path"], 0, "a check"),
+        ("plans: {secret: {all_or_nothing: true}}", ["path"], 8, ""),
+        ("default: {path: 3, all_or_nothing: true}", ["map"], 3, ""),  # map gives no points
+    ],
+)
+def test_failed_checks(tmp_path, text, failed, score, loss):
+    points, plan = read(tmp_path, text), graded("circle", failed)
+    assert points.plan_score(plan) == sum(points.earned(plan)) == score
+    assert loss in points.loss(plan) and bool(points.loss(plan)) == bool(loss)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("3", "the file has no keys; expected keys such as 'default"),
+        ("defaults: {}", ": unknown key defaults; expected one of default, plans"),
+        ("default: 3", ": default: the value is 3; expected keys of node, topics"),
+        ("default: 0", ": default: the value is 0; expected"),
+        ("default: {paht: 3}", ": default: unknown key paht; expected one of node, topics, start_"),
+        ("plans: [circle]", ": plans: the value is ['circle']; expected keys of circle, secret"),
+        ("plans: {oval: {path: 3}}", ": plans: unknown key oval; expected one of circle, secret"),
+        ("plans: {circle: 3}", ": plans: circle: the value is 3; expected keys of node"),
+        ("plans: {circle: {path: -1}}", "plans: circle: path is -1; expected a number from 0 to 1"),
+        ("default: {path: .inf}", ": default: path is inf; expected a number from 0"),
+        ("default: {path: .nan}", ": default: path is nan; expected a number from 0"),
+        ("default: {path: true}", ": default: path is True; expected a number from 0"),
+        ("default: {path: many}", ": default: path is 'many'; expected a number from 0"),
+        ("default: {hidden: 1}", ": default: hidden is 1; expected true or false"),
+        ("default: {path: 0}", ": all checks give 0 points; expected points for at least one"),
+    ],
+)
+def test_bad_files(tmp_path, text, said):
+    with pytest.raises(UserError) as error:
+        read(tmp_path, text)
+    assert said in str(error.value) and "points.yaml" in str(error.value)

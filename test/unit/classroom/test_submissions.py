@@ -1,0 +1,173 @@
+"""Check that the submissions of a class are found, with their students and unique names."""
+
+import os
+import shutil
+
+import pytest
+
+from mushr_ros_intro.classroom.result import Student
+from mushr_ros_intro.errors import UserError
+from support.submissions import (
+    NODE,
+    PACKAGE,
+    PUBLISHER,
+    XML,
+    collected,
+    fill,
+    inside,
+    only,
+    zip_bytes,
+    zipped,
+)
+
+
+@pytest.mark.parametrize(
+    ("files", "path", "name", "place"),
+    [
+        (inside("intro"), "intro", "intro", PUBLISHER),
+        (inside("intro/src/intro"), "intro", "intro", f"src/intro/{PUBLISHER}"),
+        ({"path_publisher.py": NODE}, "path_publisher.py", "path_publisher", "path_publisher.py"),
+        ({"class/alice.py": NODE}, "class", "alice", "path_publisher.py"),
+        (
+            inside("class/alice/catkin_ws/src/intro"),
+            "class",
+            "alice",
+            f"catkin_ws/src/intro/{PUBLISHER}",
+        ),
+        ({"class/alice/a/path_publisher.py": NODE}, "class", "alice", "a/path_publisher.py"),
+        (
+            {"class/Zoe M\u00fcller (2)/path_publisher.py": NODE},
+            "class",
+            "Zoe_Muller_2",
+            "path_publisher.py",
+        ),
+        ({"class/a/.git/path_publisher.py": NODE, **inside("class/a")}, "class", "a", PUBLISHER),
+        ({"class/a/build/path_publisher.py": NODE, **inside("class/a")}, "class", "a", PUBLISHER),
+        ({**inside("class/a"), "class/notes.txt": b""}, "class", "a", PUBLISHER),
+        (
+            {
+                **inside("class/a"),
+                "class/a/old/path_publisher.py": NODE,
+                "class/a/old/package.xml": XML,
+            },
+            "class",
+            "a",
+            PUBLISHER,
+        ),
+    ],
+)
+def test_folders_and_files(tmp_path, files, path, name, place):
+    fill(tmp_path, files)
+    found = only(tmp_path, path)
+    assert (found.fault, found.name, found.students) == ("", name, ())
+    assert found.command == (str(tmp_path / "workspace" / name / place),)
+    assert os.access(found.command[0], os.X_OK)
+    package = place[: -len(PUBLISHER)] if place.endswith(PUBLISHER) else None
+    top = tmp_path / "workspace" / name
+    assert found.packages == (() if package is None else (str(top / package),))
+    assert not list(top.rglob(".git")) and not list(top.rglob("build"))
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        PACKAGE,
+        inside("intro"),
+        {**inside("./intro"), "__MACOSX/intro/src/._path_publisher.py": b"", ".DS_Store": b""},
+        {name.replace("/", "\\"): content for name, content in inside("intro").items()},
+    ],
+)
+def test_zips(tmp_path, files):
+    found = only(tmp_path, zipped(tmp_path / "my intro.ZIP", files))
+    assert (found.fault, found.name, found.notes) == ("", "my_intro", ())
+    assert found.command[0] == f"{found.packages[0]}/{PUBLISHER}"
+    os.mkdir(tmp_path / "class")
+    shutil.copy(tmp_path / "my intro.ZIP", tmp_path / "class" / "bob.zip")
+    fill(tmp_path / "class" / "Eve_1_file_", {"a.zip": zip_bytes(tmp_path, files)})
+    shutil.rmtree(tmp_path / "workspace" / "my_intro")
+    assert [(each.name, each.fault) for each in collected(tmp_path, "class")] == [
+        ("Eve_1_file", ""),
+        ("bob", ""),
+    ]
+
+
+METADATA = b"""---
+submission_1:
+  :submitters:
+  - :name: Ann Lee
+    :sid: 17
+    :email: ann@x.org
+  - :name: Bo
+    :sid:
+    :email:
+  :created_at: !ruby/object:ActiveSupport::TimeWithZone
+    utc: 2024-01-01 10:00:00.000000000 Z
+  :score: 0.0
+submission_2:
+  :submitters:
+  - :name: Cy
+    :sid: '3'
+    :email: c@x.org
+submission_3:
+  :submitters: []
+"""
+EXPORT = {**inside("submission_1"), **inside("submission_3"), "submission_metadata.yml": METADATA}
+
+
+@pytest.mark.parametrize("system", [3, 0])
+@pytest.mark.parametrize("form", ["folder", "zip", "zip with a folder"])
+def test_gradescope(tmp_path, form, system):
+    files = EXPORT if form != "zip with a folder" else inside("assignment_1_export", EXPORT)
+    if form == "folder":
+        fill(tmp_path / "export", files)
+    else:
+        zipped(tmp_path / "export.zip", files, system)
+    found = collected(tmp_path, "export" if form == "folder" else "export.zip")
+    assert [each.name for each in found] == ["submission_1", "submission_2", "submission_3"]
+    assert found[0].students == (Student("Ann Lee", "17", "ann@x.org"), Student("Bo", "", ""))
+    assert found[1].students == (Student("Cy", "3", "c@x.org"),) and found[2].students == ()
+    assert [each.fault[:30] for each in found] == ["", "The export has no folder 'subm", ""]
+    assert bool(found[0].notes) == (system == 0 and form != "folder")
+
+
+@pytest.mark.parametrize("form", ["folder", "zip"])
+def test_canvas(tmp_path, form):
+    files = {
+        "doejane_LATE_1234_9876_my_package.zip": zip_bytes(tmp_path),
+        "leeann_22_9877_path_publisher-1.py": NODE,
+        "leebo_23_9878_package.xml": XML,
+        "leebo_23_9879_path_publisher-3.py": NODE,
+        "poe_24_9880_report.pdf": b"",
+    }
+    fill(tmp_path / "class", files, 0o644)
+    zipped(tmp_path / "class.zip", files)
+    found = collected(tmp_path, "class" if form == "folder" else "class.zip")
+    assert [each.name for each in found] == ["doejane_1234", "leeann_22", "leebo_23", "poe_24"]
+    assert [each.students[0][:2] for each in found[:2]] == [("doejane", "1234"), ("leeann", "22")]
+    assert [bool(each.fault) for each in found] == [False, False, False, True]
+    assert len(found[2].packages) == 1 and "found 'report.pdf'" in found[3].fault
+
+
+def test_names_are_unique(tmp_path):
+    for name in ("a/x", "b/X", "c/x-2", "d/x.py", "e/\u4e2d"):
+        fill(tmp_path / name, PACKAGE)
+    names = [each.name for each in collected(tmp_path, *"abcde")]
+    assert names == ["x", "X-2", "x-2-2", "x.py", "submission"]
+
+
+@pytest.mark.parametrize(
+    ("files", "path", "said"),
+    [
+        ({}, "a", "a: No such file or directory"),
+        ({"a/README": b""}, "a", "a contains no submission; expected a package folder"),
+        ({"a.txt": b""}, "a.txt", "a.txt is not a submission; expected a package folder"),
+        (PACKAGE, ".", "workspace is in"),
+        ({"a/submission_metadata.yml": b"- 1"}, "a", "expected the metadata of Gradescope"),
+        ({**inside("a"), "workspace/a/b": b""}, "a", "workspace/a: File exists"),
+    ],
+)
+def test_paths_that_are_no_submissions(tmp_path, files, path, said):
+    fill(tmp_path, files)
+    with pytest.raises(UserError) as caught:
+        collected(tmp_path, path)
+    assert said in str(caught.value)

@@ -1,0 +1,235 @@
+"""Check the files for the course and the objects for grading services."""
+
+import csv
+import json
+import math
+import re
+from html.parser import HTMLParser
+from itertools import chain
+from xml.etree import ElementTree
+
+import pytest
+
+from mushr_ros_intro.classroom.points import PlanPoints, Points
+from mushr_ros_intro.classroom.result import Student
+from mushr_ros_intro.classroom.tables import classroom50, github, gradescope, write
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.replay.judge import CHECK_NAMES
+from support.grades import graded, submission
+
+PLANS = ("circle", "secret")
+POINTS = Points(
+    PLANS,
+    PlanPoints({"path": 3.0, "commands": 2.0}),
+    {"secret": PlanPoints({"path": 10.0}, True, True)},
+)
+EVIL = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>&amp;\x00\x1b[31m\ud800]]></pre>"
+FAULTY = submission(name="bob", students=(), fault="no file\nof this name")
+BROKEN = submission(name="eve", error="the simulator did not start")
+GOOD = submission(graded("circle"), graded("secret"))
+BAD = submission(graded("circle", ["path", "map"]), graded("secret", ["path"], "leaked"))
+LINE = tuple((0.0, float(y), 0.0) for y in range(9))
+TOLERANCE = 0.05  # of the coordinates in a drawing [px], which have 4 digits
+
+
+class Page(HTMLParser):
+    # The tags of a page, and its text without that of scripts and styles.
+    def __init__(self, path):
+        super().__init__()
+        self.tags, self.text, self.open = [], "", []
+        self.feed(path.read_text(encoding="utf-8"))
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("meta", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += "" if self.open[-1:] in (["script"], ["style"]) else data
+
+    def all(self, tag, name=None):
+        """Return the attributes of all tags, or one attribute of those that have it."""
+        found = [attributes for each, attributes in self.tags if each == tag]
+        return found if name is None else [each[name] for each in found if name in each]
+
+
+def written(folder, *results):
+    """Write the files of results; return the index and the pages by their file names."""
+    write(str(folder), results, POINTS, PLANS)
+    pages = {path.name: Page(path) for path in (folder / "submissions").iterdir()}
+    return Page(folder / "index.html"), pages
+
+
+def rows(path):
+    """Return the rows of a CSV file."""
+    with open(path, encoding="utf-8", newline="") as file:
+        return list(csv.reader(file))
+
+
+def test_the_index(tmp_path):
+    index, pages = written(tmp_path, GOOD, BAD._replace(name="a b/c%"), FAULTY, BROKEN)
+    assert "4 submissions: 1 passed, 1 failed, 1 could not be run, 1 not graded." in index.text
+    assert "secret (hidden)" in index.text and "pass 5 / 5" in index.text
+    assert "fail 2 / 5" in index.text and "fail 0 / 10" in index.text and "path, map" in index.text
+    assert index.text.count("\u2717 not run") == index.text.count("? not graded") == 2
+    keys = [each["data-key"] for each in index.all("td")]
+    assert keys[:5] == ["ann", "Ann", "5", "10", "15"] and keys[7:10] == ["2", "0", "2"]
+    assert keys[-3:] == ["-1", "-1", "-1"]
+    links = [link for link in index.all("a", "href") if "#" not in link]
+    assert links[1] == "submissions/a%20b%252Fc%2525.html" and len(links) == 4
+    assert sorted(pages) == ["a b%2Fc%25.html", "ann.html", "bob.html", "eve.html"]
+    assert len(index.all("svg")) == 4 and not index.all("link") and not index.all("script", "src")
+
+
+def test_a_page(tmp_path):
+    circle, secret = BAD.plans
+    apart = [0.0, 0.0, 0.0, 0.8, *4 * [0.0], 0.2]
+    circle = circle._replace(
+        predicted=[(x + d, y, 0.0) for (x, y, _), d in zip(circle.driven, apart)]
+    )
+    _, pages = written(tmp_path, submission(circle, secret), FAULTY, BROKEN)
+    text = pages["ann.html"].text
+    names = re.findall(r"^(\w+)\u2717 fail|^(\w+)\u2713 pass", text, re.MULTILINE)
+    order = ["path", "map"] + [name for name in CHECK_NAMES if name not in ("path", "map")]
+    assert ["".join(each) for each in names[:9]] == order
+    assert "path\u2717 fail0 / 3path: as expected" in text and "the verdict: as expected" in text
+    assert "secret (hidden): \u2717 fail, 0 of 10 points" in text
+    assert "This plan gives 0 points, because a check failed: path." in text
+    assert "the largest is 0.8 m at 3 s, the last is 0.2 m" in text
+    assert "could not be run" in pages["bob.html"].text and "no file\nof" in pages["bob.html"].text
+    assert "did not start" in pages["eve.html"].text and "15 points" not in pages["eve.html"].text
+
+
+def lines_of(page, name):
+    """Return the points of each line with a name."""
+    lines = [each["points"].split() for each in page.all("polyline") if each["class"] == name]
+    return [[tuple(map(float, point.split(","))) for point in line] for line in lines]
+
+
+def test_drawings_have_equal_scales(tmp_path):
+    index, pages = written(tmp_path, submission(graded(count=500)))
+    (small,), (large, _) = lines_of(index, "driven"), lines_of(pages["ann.html"], "driven")
+    (beside,) = lines_of(pages["ann.html"], "predicted")
+    assert len(small) == 60 and len(large) == 500
+    for line in (small, large):
+        (_, y), (end_x, end_y) = line[0], line[-1]
+        radii = [math.hypot(px - end_x, py - y) for px, py in line]
+        assert radii == pytest.approx(len(line) * [y - end_y], abs=4 * TOLERANCE)
+    assert beside[0][0] - large[0][0] == pytest.approx((large[0][0] - large[-1][0]) / 4, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        graded(radius=0.0, offset=0.0),
+        graded(count=1),
+        graded(radius=1e6),
+        graded(radius=1e-6, offset=0.0),
+        graded()._replace(driven=9 * ((math.nan, 0.0, 0.0),)),
+        graded()._replace(driven=LINE, predicted=LINE),
+        graded(count=0),
+    ],
+)
+def test_unusual_drives(tmp_path, plan):
+    index, pages = written(tmp_path, submission(plan))
+    for page in (index, pages["ann.html"]):
+        places = [*chain(*lines_of(page, "driven"), *lines_of(page, "predicted"))]
+        assert all(0.0 <= each <= 700.0 for place in places for each in place)
+        assert bool(places) == ("no drive" not in page.text)
+
+
+def test_text_of_a_submission_is_escaped(tmp_path):
+    harmless = written(tmp_path / "good", submission(graded("circle", ["path"])))
+    evil = submission(graded("circle", ["path"], EVIL), name=EVIL, students=[Student(*3 * [EVIL])])
+    found = written(tmp_path / "evil", evil)
+    for seen, wanted in zip((found[0], *found[1].values()), (harmless[0], *harmless[1].values())):
+        assert [tag for tag, _ in seen.tags] == [tag for tag, _ in wanted.tags]
+        assert [sorted(each) for _, each in seen.tags] == [sorted(each) for _, each in wanted.tags]
+        shown = EVIL.replace("\x1b[31m", "").replace("\x00", "\ufffd").replace("\ud800", "\ufffd")
+        assert shown in seen.text
+    written(tmp_path, submission(name="x", fault=EVIL), submission(name="y", error=EVIL))
+    root = ElementTree.parse(tmp_path / "evil" / "results.xml").getroot()
+    assert root.find(".//failure").text == f"path: {shown}"
+
+
+def test_tables(tmp_path):
+    pair = [Student("Bo\nB", "17", ""), Student("=1+1", "-ann7", "")]
+    written(tmp_path, BAD._replace(students=pair, name="@a"), FAULTY, BROKEN)
+    assert rows(tmp_path / "grades.csv") == [
+        ["Name", "Students", "IDs", *PLANS, "Score", "Max", "Passed", "Error/Fault"],
+        ["'@a", "Bo B; '=1+1", "17; '-ann7", "2", "0", "2", "15", "no", ""],
+        ["bob", "", "", "0", "0", "0", "15", "no", "no file of this name"],
+        ["eve", "Ann", "17", "", "", "", "15", "", "error: the simulator did not start"],
+    ]
+    assert rows(tmp_path / "canvas.csv") == [
+        ["Student", "ID", "SIS User ID", "SIS Login ID", "Section", "path_publisher"],
+        ["Bo B", "17", "", "", "", "2"],
+        ["'=1+1", "", "", "'-ann7", "", "2"],
+        ["Ann", "17", "", "", "", ""],
+    ]
+
+
+def test_junit(tmp_path):
+    written(tmp_path, BAD, FAULTY, BROKEN)
+    ann, bob, eve = ElementTree.parse(tmp_path / "results.xml").getroot()
+    counts = [
+        [each.get(key) for key in ("tests", "failures", "errors")] for each in (ann, bob, eve)
+    ]
+    assert counts == [["18", "3", "0"], ["1", "1", "0"], ["1", "0", "1"]]
+    case = ann.find("testcase[@name='path']")
+    assert case.get("classname") == "ann.circle" and case.get("time") == "0"
+    assert case.find("failure").get("message") == "path: as expected"
+    assert bob[0].find("failure").get("message") == "no file" and bob[0].get("name") == "submission"
+
+
+def test_gradescope():
+    report = gradescope(BAD, POINTS, 2.5)
+    tests = {test["name"]: test for test in report["tests"]}
+    assert "score" not in report and report["execution_time"] == 2.5 and len(tests) == 18
+    assert sum(test["score"] for test in tests.values()) == 2
+    assert sum(test["max_score"] for test in tests.values()) == 15
+    path = tests["circle: path"]
+    assert (path["status"], path["score"], path["max_score"]) == ("failed", 0, 3)
+    assert path["visibility"] == "visible" and tests["circle: rate"]["status"] == "passed"
+    secret = [test for name, test in tests.items() if name.startswith("secret")]
+    assert {test["visibility"] for test in secret} == {"after_published"}
+    said = json.dumps([each for each in (report["output"], *tests.values()) if each not in secret])
+    assert "secret" not in said and "leaked" not in said
+    assert "circle: 2 checks failed: path, map (2 of 5)" in report["output"]
+    cheat = gradescope(submission(graded("circle", ["topics"])), POINTS, 1.0)
+    assert sum(test["score"] for test in cheat["tests"]) == 0 and "score" not in cheat
+    assert all("check topics failed" in each["output"] for each in (cheat, *cheat["tests"]))
+
+
+def test_submissions_without_a_drive():
+    hidden = POINTS._replace(default=POINTS.default._replace(hidden=True))
+    (test,) = gradescope(FAULTY, hidden, 1.0)["tests"]
+    assert (test["score"], test["max_score"], test["status"]) == (0, 15, "failed")
+    assert test["output"] == FAULTY.fault and test["visibility"] == "visible"
+    error = gradescope(BROKEN, POINTS, 1.0)
+    assert not {"score", "tests"} & set(error) and "must grade it again" in error["output"]
+    for result, status in ((FAULTY, "fail"), (BROKEN, "error")):
+        report = github(result, POINTS)
+        assert report["status"] == report["tests"][0]["status"] == status
+    assert classroom50(FAULTY, POINTS, {}, 0.0)["max-score"] == 15
+
+
+def test_services_where_students_see_everything():
+    report = github(BAD, POINTS)
+    assert (report["version"], report["status"], report["max_score"]) == (1, "fail", 15)
+    assert sum(test["score"] for test in report["tests"]) == 2 and len(report["tests"]) == 10
+    assert [report["tests"][-1][key] for key in ("name", "status")] == ["hidden plan 1", "fail"]
+    fifty = classroom50(BAD, POINTS, {"ASSIGNMENT": "intro"}, 86400.5)
+    assert (fifty["schema"], fifty["datetime"]) == ("classroom50/result/v1", "1970-01-02T00:00:00Z")
+    values = [fifty[key] for key in ("assignment", "commit", "score", "max-score")]
+    assert values == ["intro", "", 2, 15] and len(fifty["tests"]) == 10
+    assert [*fifty["tests"][-1].values()] == ["hidden plan 1", False, 0, 10]
+    said = json.dumps([report, fifty])
+    assert "secret" not in said and "leaked" not in said
+    assert github(GOOD, POINTS)["status"] == "pass"
+    with pytest.raises(UserError, match=r"circle: path gives 0.5 points; expected whole"):
+        classroom50(GOOD, Points(PLANS, PlanPoints({"path": 0.5})), {}, 0.0)

@@ -1,0 +1,205 @@
+"""Check the verdicts on replays."""
+
+import math
+
+import pytest
+
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.replay.judge import default_tolerances
+from mushr_ros_intro.replay.recording import START_TOLERANCE
+from support import recorded
+from support.geometry import float32
+from support.recorded import BEGIN, COMMANDS, ROWS, STOP, TENTH, commands, judged, map_of, replay
+
+STANDING = [(1.0, 0.0, 1.0), (0.0, 0.0, 0.5)]
+STEERED = [(1.0, 0.0, 1.0), (0.0, 0.3, 0.5)]
+
+
+def test_all_is_right():
+    failed, verdict = judged(replay())
+    assert failed == {} and len(verdict.splitlines()) == 10
+    assert verdict.startswith("ok   node: the node ran") and verdict.endswith("checks passed")
+    failed, verdict = judged(replay(sent=commands()))
+    assert failed == {}
+    assert "all checks passed\nnote: the node sends no stop at the end, so the car" in verdict
+    assert judged(replay(grid=None))[0] == {}  # without a map
+
+
+@pytest.mark.parametrize("rows", [ROWS, [(-2.0, 0.1, 1.0)]])
+def test_the_tolerances_are_what_a_missing_stop_costs(rows):
+    """0.2 s of driving, and the allowed rounding of a start pose."""
+    tolerances = default_tolerances(recorded.plan_of((1, 2, 0.5), rows), Car())
+    assert tolerances.position == tolerances.path == pytest.approx(0.2 * 2.0 + START_TOLERANCE)
+    angle = 0.2 * 2.0 * math.tan(float32(0.1)) / 0.33
+    assert tolerances.angle == pytest.approx(angle + START_TOLERANCE)
+    standing = recorded.plan_of((0, 0, 0), [(0.0, 0.0, 1.0)])
+    assert default_tolerances(standing, Car()) == 3 * (START_TOLERANCE,)
+
+
+def test_a_rounded_start_pose():
+    """Also if no row turns the car."""
+    rounded = replay(recorded.plan_of((0, 0, 0.7854), [(1.0, 0.0, 1.0)]), commands([(1, 0, 1.0)]))
+    plan = recorded.plan_of((0, 0, 0.7853981634), [(1.0, 0.0, 1.0)])
+    assert judged(rounded._replace(plan=plan))[0] == {}
+
+
+def test_an_ignored_message_is_noted():
+    _, verdict = judged(replay(ignored="a message on /initialpose: wrong frame"))
+    assert verdict.endswith("passed\nnote: the car ignored a message on /initialpose: wrong frame")
+
+
+@pytest.mark.parametrize(
+    ("changes", "name", "message"),
+    [
+        ({"outcome": "it crashed"}, "node", "it crashed"),
+        ({"actions": ("publishes on /clock",)}, "topics", "the node publishes on /clock; expected"),
+        ({"start": None}, "start_pose", "the node sent no start pose; expected (1.0000 m, 2.0000"),
+        ({"start": Pose(1, 2.002, 0.5)}, "start_pose", "start pose (1.0000 m, 2.0020 m"),
+        ({"start": Pose(1, 2, 0.502)}, "start_pose", "2.0000 m, 0.5020 rad); expected"),
+        ({"start": Pose(math.nan, 2, 0.5)}, "start_pose", "start pose (nan m"),
+        ({"collisions": (Pose(3, 2, 0),)}, "map", "a wall at (3.0000 m, 2.0000 m"),
+        ({"grid": map_of(7, 20, Pose(-5, -5, 0))}, "map", "left the map at (2.0"),
+        ({"grid": map_of(20, 20, Pose(2, -5, 0))}, "map", "the map is 20 m x 20 m"),
+        ({"grid": map_of(20, 20, Pose(-5, 2.2, 0))}, "map", "left"),
+        ({"grid": map_of(9, 7, Pose(-5, 8, -math.pi / 2))}, "map", "left"),
+    ],
+)
+def test_one_fault(changes, name, message):
+    failed, verdict = judged(replay(**changes))
+    assert set(failed) == {name}
+    assert message in failed[name]
+    assert verdict.startswith(f"FAIL {name}: {failed[name]}\nok   ")
+    assert "1 check failed" in verdict
+
+
+def test_a_crash_is_the_first_line():
+    """Then come the checks that failed, then those that were not judged, then those that passed."""
+    outcome = "the node ended with exit status 1; its last output:\nTraceback\nIndexError: 3"
+    failed, verdict = judged(replay(outcome=outcome, sent=COMMANDS[:10]))
+    lines = verdict.splitlines()
+    assert (
+        lines[0] == "FAIL node: the node ended with exit status 1; its last output: IndexError: 3"
+    )
+    assert lines[1].startswith("FAIL commands: no command after row 1")
+    assert lines[len(failed) - 1].startswith("FAIL rate: rows 2 to 3 (0.75 s): not judged")
+    assert all(line.startswith("ok   ") for line in lines[len(failed) : 9])
+    assert lines[-3:] == ["the last output of the node:", "Traceback", "IndexError: 3"]
+
+
+def test_without_a_command_nothing_passes():
+    checks = {"topics", "start_pose", "commands", "rate", "path", "final_pose", "rest", "map"}
+    failed, _ = judged(replay(sent=()))
+    assert failed == dict.fromkeys(checks, "not judged: the node sent no command")
+
+
+def changed(index, **values):
+    """Return the commands with one of them changed."""
+    return [*COMMANDS[:index], COMMANDS[index]._replace(**values), *COMMANDS[index + 1 :]]
+
+
+def scaled(speed, angle):
+    """Return the commands with all speeds and all steering angles multiplied."""
+    return [
+        each._replace(speed=speed * each.speed, steering_angle=angle * each.steering_angle)
+        for each in COMMANDS
+    ]
+
+
+TIME = COMMANDS[5].time
+HURRIED = [each._replace(time=BEGIN + k * TENTH * 8 // 10) for k, each in enumerate(COMMANDS[:10])]
+SWAPPED = [each._replace(speed=each.steering_angle, steering_angle=each.speed) for each in COMMANDS]
+UNSTAMPED = [each._replace(has_stamp=False) for each in COMMANDS]
+
+
+REORDERED = commands([ROWS[1], ROWS[2], ROWS[0], STOP])
+RATE = "rate: row 1 (1 s): "
+ROW = "commands: row 1 (1 s): received "
+
+
+@pytest.mark.parametrize(
+    ("sent", "said"),
+    [
+        (COMMANDS[:4] + COMMANDS[5:], RATE + "9 commands received, 8.89 per second; expected 10"),
+        (COMMANDS[:1] + COMMANDS[10:], RATE + "1 command received; expected 10"),
+        (HURRIED + COMMANDS[10:], RATE + "the stamps of its 10 commands span 0.72 s; expected 1 s"),
+        (changed(5, time=TIME + TENTH * 6 // 10), RATE + "0.16 s between the stamps of messages 5"),
+        (changed(5, time=TIME + TENTH * 6 // 10, has_stamp=False), ""),
+        (changed(5, time=TIME + TENTH * 4 // 10), ""),
+        (changed(5, time=TIME - TENTH * 3 // 2), RATE + "message 6 is stamped 0.05 s before"),
+        (REORDERED, ROW + "1 m/s, -0.1 rad; expected 2 m/s, 0.1 rad. The rows are in the wrong o"),
+        (scaled(1, -1), ROW + "2 m/s, -0.1 rad; expected 2 m/s, 0.1 rad. All steering angles have"),
+        (SWAPPED, ROW + "0.1 m/s, 2 rad; expected 2 m/s, 0.1 rad. Speed and steering angle are sw"),
+        (scaled(1, math.degrees(1)), "expected 2 m/s, 0.1 rad. All steering angles are in degrees"),
+        (scaled(1, 0.25), "expected 2 m/s, 0.1 rad. All steering angles are 0.25 times those of"),
+        (scaled(0.5, 1), "expected 2 m/s, 0.1 rad. All speeds are 0.5 times those of the plan\n"),
+        (scaled(2, -1), "All speeds are 2 times those of the plan. All steering angles have the"),
+        ([COMMANDS[-1]._replace(time=BEGIN)], ROW + "0 m/s, 0 rad; expected 2 m/s, 0.1 rad"),
+        (COMMANDS[:10], "commands: no command after row 1; expected rows 2 to 3 (0.75 s)"),
+        (changed(-1, speed=3.0), "commands: after the last row the node sent 3 m/s, 0 rad; expec"),
+        (
+            changed(3, speed=math.inf),
+            "commands: rows 2 to 3 (0.75 s): received inf m/s, 0.1 rad; expec",
+        ),
+        (
+            changed(3, steering_angle=math.nan),
+            "commands: rows 2 to 3 (0.75 s): received 2 m/s, nan rad; expec",
+        ),
+    ],
+)
+def test_commands(sent, said):
+    failed, verdict = judged(replay(sent=sent))
+    assert said in verdict and bool(failed) == bool(said)
+
+
+def test_what_was_not_judged_is_said():
+    failed, _ = judged(replay(sent=COMMANDS[:10]))
+    reason = "its command was not received in turn"
+    assert failed["rate"] == f"rows 2 to 3 (0.75 s): not judged, because {reason}"
+    checks = recorded.reported(replay(sent=UNSTAMPED)).checks
+    (rate,) = (each for each in checks if each.name == "rate")
+    assert rate.passed and "their spacing was not judged" in rate.message
+
+
+@pytest.mark.parametrize(
+    ("rows", "sent", "names"),
+    [
+        (STANDING, STANDING, set()),
+        (STANDING, [*STANDING, STOP], set()),
+        (STEERED, [*STEERED, STOP], set()),
+        (STANDING, [*STANDING, STOP, STOP], {"rate"}),
+        (STANDING[:1], [(1.0, 0.0, 1.1), STOP], {"rate"}),
+        ([*STANDING, (1.0, 0.0, 0.5)], [*STANDING, STOP, (1.0, 0.0, 0.5), STOP], {"rate"}),
+    ],
+)
+def test_one_stop_is_allowed_after_the_plan(rows, sent, names):
+    """If the plan ends with a stop, it is either like the commands before or a group of its own."""
+    seen = replay(recorded.plan_of((0, 0, 0), rows), commands(sent))
+    assert set(judged(seen)[0]) == names
+
+
+@pytest.mark.parametrize(
+    ("part", "shift", "messages"),
+    [
+        (
+            slice(None),
+            (0.5, 0.0, 0.0),
+            {
+                "start_pose": "the car started at (1.5000 m, 2.0000 m, 0.5000 rad), 0.5 m and "
+                "0 rad from the expected (1.0000 m, 2.0000 m, 0.5000 rad); tolerances 0.401 m",
+                "path": "by up to 0.5 m from the predicted path; tolerance 0.401 m",
+                "final_pose": "tolerances 0.401 m and 0.123 rad",
+            },
+        ),
+        (slice(None), (0.3, 0.0, 0.0), {}),
+        (slice(None), (0.0, 0.0, 0.3), {"start_pose": "0 m and 0.3 rad", "final_pose": "0.3 rad"}),
+        (slice(60, None), (5.0, 0.0, 0.0), {"path": "5 m", "final_pose": "5 m and 0 rad"}),
+        (slice(-5, -4), (1e-6, 0.0, 0.0), {"rest": "still moves at the end; expected it to stand"}),
+    ],
+)
+def test_a_car_that_deviates(part, shift, messages):
+    poses = replay().poses.copy()
+    poses[part] += shift
+    failed, _ = judged(replay(poses=poses, sent=commands()))
+    assert set(failed) == set(messages)
+    assert all(messages[name] in failed[name] for name in failed), failed

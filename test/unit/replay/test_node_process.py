@@ -1,0 +1,124 @@
+"""Check how the process of a node is started, described and ended."""
+
+import os
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from mushr_ros_intro.replay.node_process import (
+    MAX_OUTPUT,
+    Candidate,
+    activity_of,
+    delay_of,
+)
+from support.helpers import wait_for
+
+LEAVES = """
+import os, signal, time
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+child = os.fork()
+os.setsid() if child == 0 else None
+print(os.getpid(), flush=True) if child == 0 else None
+time.sleep(300)
+"""
+
+
+def run(*command):
+    """Run a program to its end; return the description of its failure."""
+    candidate = Candidate(["env", "-i", *command])
+    wait_for(lambda: candidate.has_ended, "the end of the program")
+    candidate.end()
+    return candidate.describe_failure()
+
+
+@pytest.mark.parametrize(
+    ("line", "mode", "status"),
+    [("#!/nowhere/python", 0o755, 127), ("#!/usr/bin/python3", 0o644, 126)],
+)
+def test_programs_that_cannot_be_started(tmp_path, line, mode, status):
+    program = tmp_path / "node.py"
+    program.write_text(f"{line}\n")
+    program.chmod(mode)
+    failure = run(str(program))
+    assert f"status {status} (does its first line name an existing interpreter, and" in failure
+
+
+def test_ends():
+    assert run("true") == ""
+    assert run("false") == "the node ended with exit status 1; it printed nothing"
+    assert "killed by signal SIGKILL" in run("python3", "-c", "import os; os.kill(os.getpid(), 9)")
+
+
+def test_too_much_output():
+    candidate = Candidate(["head", "-c", str(MAX_OUTPUT + 1), "/dev/zero"])
+    wait_for(lambda: candidate.prints_too_much, "all output")
+    candidate.end()
+
+
+def test_child_processes_end_too(tmp_path):
+    """Also those that ignore SIGINT and have left the process group."""
+    out = tmp_path / "out"
+    candidate = Candidate(["sh", "-c", f"exec python3 -c '{LEAVES}' >{out}"])
+    wait_for(lambda: out.exists() and out.read_text().strip(), "the child process")
+    child = int(out.read_text())
+    candidate.end()
+
+    def is_gone():
+        try:
+            os.kill(child, 0)
+        except ProcessLookupError:
+            return True
+        with open(f"/proc/{child}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] == "Z"
+
+    wait_for(is_gone, "the end of the child process")
+
+
+def test_activity():
+    """It grows if the node runs, and stays if it sleeps."""
+    candidate = Candidate(["python3", "-c", "import time; time.sleep(60)"])
+    seen = []
+
+    def is_idle():
+        seen.append(candidate.activity())
+        return len(seen) > 1 and None not in seen[-2:] and seen[-1] == seen[-2]
+
+    wait_for(is_idle, "an idle node")
+    candidate.end()
+    assert candidate.activity() is None
+
+
+def test_a_thread_that_has_worked_is_not_idle():
+    """Even if it has worked for a moment only, between two samples."""
+    go, done = threading.Event(), threading.Event()
+
+    def work():
+        go.wait()
+        sum(range(100))
+        done.set()
+        threading.Event().wait(60.0)
+
+    worker = threading.Thread(target=work, daemon=True)
+    worker.start()
+    folders = [f"/proc/self/task/{worker.native_id}"]
+    before = wait_for(lambda: activity_of(folders), "the worker to wait")
+    assert activity_of(folders) == before
+    go.set()
+    assert done.wait(60.0)
+    assert wait_for(lambda: activity_of(folders), "the worker to wait again") > before
+    assert activity_of(["/proc/self/task/0"]) is None
+
+
+def test_the_time_of_waiting_for_a_processor():
+    """Of two programs that compute on one processor, each waits half of the time."""
+    code = "import os\nos.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\nwhile True: pass"
+    programs = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(2)]
+    try:
+        folders = [f"/proc/{each.pid}/task/{each.pid}" for each in programs]
+        wait_for(lambda: min(delay_of([folder]) for folder in folders) > 0.1, "a delay")
+    finally:
+        for each in programs:
+            each.kill()
+            each.wait()
