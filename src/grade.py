@@ -25,13 +25,13 @@ from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.result import Result
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError, counted
-from mushr_ros_intro.grading.workspace import temporary_folder
 from mushr_ros_intro.parameters import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.job import ReplayError, Setting, replay
 from mushr_ros_intro.replay.judge import Check, Tolerances
 from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
+from mushr_ros_intro.replay.workspace import temporary_folder
 
 PASSED, FAILED, USAGE, NOT_GRADED = range(4)
 """The exit status."""

@@ -17,12 +17,12 @@ from std_msgs.msg import String
 
 from mushr_ros_intro.classroom.grader import job_for, read_setting
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.grading.workspace import inherited
 from mushr_ros_intro.parameters import Parameters, find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.replay.job import replay
 from mushr_ros_intro.replay.judge import Check, Report, Tolerances
 from mushr_ros_intro.replay.sandbox import Sandbox
+from mushr_ros_intro.replay.workspace import inherited
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.ros_time import wait_for
 

@@ -14,7 +14,6 @@ from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.classroom.result import Result, plan_result
 from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.grading.workspace import environment_of
 from mushr_ros_intro.parameters import Parameters, find_file
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.job import (
@@ -29,6 +28,7 @@ from mushr_ros_intro.replay.job import (
 from mushr_ros_intro.replay.judge import Report
 from mushr_ros_intro.replay.node_process import SHOWN_LINES
 from mushr_ros_intro.replay.sandbox import Sandbox
+from mushr_ros_intro.replay.workspace import environment_of
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
 

@@ -14,7 +14,6 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeV
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.grading.workspace import environment_of
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import count_commands
@@ -23,6 +22,7 @@ from mushr_ros_intro.replay.judge import Report, default_tolerances, judge
 from mushr_ros_intro.replay.node_process import MAX_OUTPUT, Candidate
 from mushr_ros_intro.replay.recording import Replay
 from mushr_ros_intro.replay.sandbox import Sandbox
+from mushr_ros_intro.replay.workspace import environment_of
 from mushr_ros_intro.replay.world import CAR, CONTROL, ReplayWorld
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.stamps import NANOSECONDS

@@ -13,7 +13,7 @@ import subprocess
 from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.grading import workspace
+from mushr_ros_intro.replay import workspace
 
 FIRST_USER = 60_000
 USERS = 5_000
