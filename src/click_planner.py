@@ -79,7 +79,6 @@ class ClickPlanner:
 
     @conversions.ignore_bad_messages
     def _on_start(self, msg: PoseWithCovarianceStamped) -> None:
-        """Begin a new plan."""
         pose = conversions.initial_pose_from_msg(msg).pose
         with self._lock:
             # path_publisher sends the start pose of the plan that it drives: keep that plan.
@@ -93,7 +92,6 @@ class ClickPlanner:
 
     @conversions.ignore_bad_messages
     def _on_point(self, msg: PointStamped) -> None:
-        """Add the arc to a point."""
         point = conversions.point_from_msg(msg)
         with self._lock:
             if self._plan is None:

@@ -66,14 +66,12 @@ class PlanRecorder:
 
     @conversions.ignore_bad_messages
     def _on_pose(self, msg: PoseStamped) -> None:
-        """Add a reported pose."""
         pose = conversions.pose_from_msg(msg.pose)
         with self._event() as now:
             self._recording.add_pose(msg.header.stamp.to_nsec(), pose, now)
 
     @conversions.ignore_bad_messages
     def _on_initial_pose(self, msg: PoseWithCovarianceStamped) -> None:
-        """Begin a new recording at an initial pose."""
         initial_pose = conversions.initial_pose_from_msg(msg)
         with self._event() as now:
             if not self._file.is_saved(self._recording.place(initial_pose, now)):
@@ -81,7 +79,6 @@ class PlanRecorder:
 
     @conversions.ignore_bad_messages
     def _on_command(self, msg: AckermannDriveStamped) -> None:
-        """Add a command."""
         command = conversions.command_from_msg(msg)
         if command.acceleration or command.steering_angle_velocity:
             rospy.logwarn_throttle(

@@ -172,7 +172,6 @@ class WebView:
         return await self._try(self._drive.stop)
 
     async def _try(self, action: Callable[[], None]) -> Dict[str, Any]:
-        """Start or stop a drive."""
         try:
             await self._bridge.in_thread(action)
         except DriveError as error:

@@ -125,7 +125,6 @@ class Recording:
         return Plan("", self._poses[self._count_until(begin) - 1][1], rows) if rows else None
 
     def _can_begin(self, command: Command) -> bool:
-        """Return whether a drive can begin with a command."""
         return _drives(command) and self._count_until(command.stamp) > 0
 
     def _count_until(self, stamp: int) -> int:

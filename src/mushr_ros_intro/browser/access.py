@@ -43,7 +43,6 @@ def refusal(
 
 
 def _host_name(host: Optional[str]) -> str:
-    """Return the name in a header Host, without the port."""
     try:
         return urlsplit(f"//{host or ''}").hostname or ""
     except ValueError:

@@ -172,14 +172,12 @@ class Bridge:
             asyncio.ensure_future(self._answer(outbox, request))
 
     def _publisher(self, topic: str) -> rospy.Publisher:
-        """Return the publisher of a topic, or raise a ProtocolError."""
         if topic not in self._publishers:
             allowed = ", ".join(self._publishers)
             raise ProtocolError(f"clients may not publish on {topic!r}; expected one of {allowed}")
         return self._publishers[topic]
 
     async def _subscribe(self, outbox: Outbox, request: Request) -> None:
-        """Add a subscription of a client, and send it the latched messages."""
         name = request.topic
         if len(outbox.topics) >= MAX_TOPICS:
             raise ProtocolError(f"the client has {MAX_TOPICS} topics; expected at most so many")
@@ -215,7 +213,7 @@ class Bridge:
             self._registration.submit(self._register, topic).add_done_callback(_report)
 
     def _register(self, topic: Topic) -> None:
-        """Do the same in another thread: the master may take long to answer."""
+        """Carry out what `_update` decides. In a thread, because the master may answer late."""
         if topic.is_used and topic.subscriber is None:
             topic.subscriber = rospy.Subscriber(
                 topic.name, AnyMsg, self._on_message, topic, tcp_nodelay=True
@@ -225,7 +223,6 @@ class Bridge:
             topic.subscriber = None
 
     def _on_message(self, msg: rospy.Message, topic: Topic) -> None:
-        """Pass a message on to the event loop."""
         if isinstance(msg, AnyMsg):
             raw = msg._buff
         else:  # rospy itself subscribes to /clock, and has decoded the message
@@ -235,7 +232,6 @@ class Bridge:
         self.call_soon(self._deliver, topic, raw, msg._connection_header, ros_time.now())
 
     def _deliver(self, topic: Topic, raw: bytes, header: _Header, now: int) -> None:
-        """Pass a message on to the clients and listeners."""
         kind = header["type"]
         if kind not in topic.decoders:
             topic.decoders[kind] = messages.decoder(kind)
@@ -244,7 +240,6 @@ class Bridge:
             listener(raw)
 
     async def _answer(self, outbox: Outbox, request: Request) -> None:
-        """Call a service, and send its answer to the client."""
         self._calls[outbox] = self._calls.get(outbox, 0) + 1
         try:
             if self._calls[outbox] > MAX_CALLS:
@@ -263,7 +258,6 @@ class Bridge:
         outbox.reply(reply)
 
     def _call(self, service: str, args: Dict[str, Any]) -> Any:
-        """Return the values of the answer of a service."""
         service = f"/{service.lstrip('/')}"  # roslib 2 calls rosapi/topics
         if service.startswith(rosapi.PREFIX):
             return rosapi.call(service, args)

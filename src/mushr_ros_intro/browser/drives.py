@@ -18,7 +18,6 @@ def drives(folder: str) -> Dict[str, Dict[str, Any]]:
 
 
 def _of_class(folder: str) -> Iterator[Tuple[str, Dict[str, Any]]]:
-    """Yield the drives of a class."""
     if not os.path.isdir(folder):
         return
     for each in result.load(folder):

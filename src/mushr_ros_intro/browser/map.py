@@ -28,11 +28,9 @@ class WebMap:
         bridge.listen("/map", self._on_map)
 
     def _on_map(self, raw: bytes) -> None:
-        """Begin to read a map."""
         asyncio.ensure_future(self._use(raw))
 
     async def _use(self, raw: bytes) -> None:
-        """Read a map, as ROS transmits it."""
 
         def read() -> Grid:
             return conversions.grid_from_msg(OccupancyGrid().deserialize_numpy(raw, np))
@@ -64,7 +62,6 @@ class WebMap:
         return self._png[1]
 
     def _found(self) -> Grid:
-        """Return the map."""
         if self.grid is None:
             raise LookupError("there is no map")
         return self.grid

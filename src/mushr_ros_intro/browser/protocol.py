@@ -87,7 +87,6 @@ def read_request(text: Union[str, bytes]) -> Request:
 
 
 def _id_in(values: Dict[str, Any]) -> Id:
-    """Return the id of a request, which may be text or a number, or None."""
     value = values.get("id")
     return value if isinstance(value, (str, int, float)) else None
 
@@ -109,7 +108,6 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _shown(value: Any) -> str:
-    """Return a value as short text."""
     text = "missing" if value is None else json.dumps(value)
     return text if len(text) <= 80 else text[:77] + "..."
 

@@ -35,7 +35,6 @@ def call(service: str, args: Values) -> Values:
 
 
 def _master(method: str, *arguments: Any) -> Any:
-    """Call a method of the master."""
     return ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), method, *arguments)
 
 

@@ -43,7 +43,6 @@ def program_findings(
 
 
 def _syntax_finding(path: str) -> Optional[Finding]:
-    """Return the syntax error of a Python file, if any."""
     with suppress(OSError, ValueError), open(path, "rb") as file:
         try:
             compile(file.read() if path.endswith(".py") else b"", path, "exec", dont_inherit=True)
@@ -87,7 +86,6 @@ def _program_finding(path: str) -> Optional[Finding]:
 
 @lru_cache
 def _imports_rospy(program: str) -> bool:
-    """Return whether a Python interpreter can import rospy."""
     if os.path.realpath(program) == os.path.realpath(sys.executable):
         return True  # this process has imported it
     try:

@@ -139,7 +139,6 @@ def _no_master(master: Master, fault: CallFault) -> Finding:
 
 
 def _dead_node(node: str, fault: CallFault) -> Finding:
-    """Return the finding about a registered node that cannot be reached."""
     if fault is CallFault.NO_RESPONSE:
         return Finding(
             f"{node} does not respond: it is stopped, or its machine cannot be reached", _CONTINUE
@@ -174,7 +173,6 @@ def _time(clock: Clock, dead: Set[str]) -> List[Finding]:
 
 
 def _not_running(facts: Facts) -> Finding:
-    """Return that the car or its mux does not run."""
     missing, topic = "the car", facts.output.name
     if facts.output.subscribers:
         missing, topic = "the mux of the car", _control_topic(facts)
@@ -193,7 +191,6 @@ def _not_running(facts: Facts) -> Finding:
 
 
 def _strays(facts: Facts) -> List[Finding]:
-    """Find commands on topics without a subscriber."""
     return [
         Finding(
             f"the commands of {_list(nodes)} have no effect: no node subscribes to {topic}",
@@ -257,7 +254,6 @@ def _commands(facts: Facts) -> List[Finding]:
 
 
 def _no_commands(facts: Facts, package: str) -> Finding:
-    """Return that no node sends commands."""
     silent = {
         name: [each for each in topic.publishers if not each.stamps]
         for name, topic in facts.inputs.items()
@@ -287,7 +283,6 @@ def _no_commands(facts: Facts, package: str) -> Finding:
 
 
 def _stamps(sender: Publisher, facts: Facts) -> List[Finding]:
-    """Find stamps from another clock."""
     if not facts.window or 0 in sender.stamps:
         return []
     begin, end = facts.window
