@@ -121,7 +121,7 @@ def test_real_time(car, tmp_path):
     rows = [(2.0, 0.09, 1.0), (3.0, -0.15, 0.25), (-1.0, 0.3, 0.3)]
     plan = tmp_path / "plan.txt"
     plan.write_text("# comment\n\n1, 2, 2.5\n2.0, 0.09\n3.0, -0.15, 0.25  # short\n-1,0.3,0.3\n\n")
-    launch = ("roslaunch", "my_ros_intro", "my_path_publisher.launch", f"plan_file:={plan}")
+    launch = ("roslaunch", "my_ros_intro", "my_path_publisher.launch.xml", f"plan_file:={plan}")
     with Process(*launch) as publisher:
         assert publisher.wait() == 0, publisher.output
     car.wait_for_stop()

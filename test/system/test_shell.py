@@ -1,5 +1,7 @@
 """Check that the documented commands work in scripts/shell, with any settings of the user."""
 
+import glob
+import os
 import subprocess
 
 import pytest
@@ -69,6 +71,16 @@ def shell(tmp_path):
 )
 def test_what_a_user_types(shell, typed, printed):
     assert shell(typed=f"{typed}\n") == [printed]
+
+
+def test_completion(shell):
+    """Tab completes the nodes, and nothing of the examples."""
+    typed = "COMP_WORDS=(rosrun mushr_ros_intro '') COMP_CWORD=2\n_roscomplete_exe\n"
+    (line,) = shell(typed=typed + 'echo "${COMPREPLY[@]}"\n')
+    found = line.split()
+    nodes = {os.path.basename(path) for path in glob.glob(f"{CHECKOUT}/src/*.py")}
+    assert nodes <= set(found) and len(set(found)) == len(found)
+    assert "drive_plan.py" not in found
 
 
 def test_one_command(shell):

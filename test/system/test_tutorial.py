@@ -8,7 +8,6 @@ import glob
 import math
 import os
 import re
-import shutil
 import signal
 import subprocess
 
@@ -16,7 +15,7 @@ import pytest
 import rosgraph
 
 from support.helpers import PATIENCE, Process, free_port, wait_for
-from support.paths import CHECKOUT, FIXTURES
+from support.paths import CHECKOUT, FIXTURES, copy_package
 from support.scripts import add_programs, needs_workspace
 
 pytestmark = needs_workspace
@@ -54,7 +53,7 @@ def tutorial():
     texts = [text for text in map(read, found) if text.startswith("Intro to ROS")]
     if not texts:
         example = f"{CHECKOUT}/examples/my_ros_intro"
-        launch = read(f"{example}/launch/my_path_publisher.launch")
+        launch = read(f"{example}/launch/my_path_publisher.launch.xml")
         launch = launch.replace("my_ros_intro", "mushr_ros_intro")
         names = ("plans/straight_line.txt", "plans/figure_8.txt")
         plans = {name: read(f"{example}/{name}") for name in names}
@@ -159,19 +158,19 @@ def test_the_tutorial(home):
 def test_a_course(home):
     """Packages of a course that includes mushr_sim; its node has relative topics and no stamps."""
     for name in ("course", "introduction"):
-        shutil.copytree(f"{FIXTURES}/course/{name}", f"{home}/catkin_ws/src/{name}")
+        copy_package(f"{FIXTURES}/course/{name}", f"{home}/catkin_ws/src/{name}")
     plan = home / "plan.txt"
     plan.write_text("1,2,0.5\n2.0,0\n1.0,0\n")
     terminal = Terminal(home, free_port())
     output, status = terminal.type("cd ~/catkin_ws", "catkin_make")
     assert status == 0, output
-    output, status = terminal.type("rostest introduction exercise.test")
+    output, status = terminal.type("rostest introduction exercise.test.xml")
     assert status == 0 and "RESULT: SUCCESS" in output, output
-    with terminal.start("roslaunch course simulation.launch") as simulation:
+    with terminal.start("roslaunch course simulation.launch.xml") as simulation:
         wait_for(lambda: "ready: the car is at (3.0000 m" in simulation.output, "the car")
         ignored = "racecar_version:=racecar-uw-nano use_tf_prefix:=false fake_localization:=true"
         assert f"these arguments have no effect here: {ignored}" in simulation.output
-        output, status = terminal.type(f"roslaunch introduction exercise.launch plan_file:={plan}")
+        output, status = terminal.type(f"roslaunch introduction exercise.launch.xml plan_file:={plan}")
         assert status == 0, output
         moved = float(re.search("the car moved (.*) m", output)[1])
         assert moved > 0.0

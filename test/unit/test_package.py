@@ -40,16 +40,31 @@ def test_every_node_says_where_there_is_no_master():
         assert "rospy.init_node(" not in read(f"src/{name}"), f"{name}: startup.init_node says so"
 
 
-def test_ros_finds_every_program_and_launch_file_once():
-    """ROS searches a package with all its subfolders, and refuses a name that it finds twice."""
+def found_by_ros(folder="."):
+    """Return the names of all programs and launch files that ROS finds in a folder of the package.
+
+    ROS searches a package with all its subfolders.
+    """
     names = []
-    for folder, folders, files in os.walk(PACKAGE):
+    for place, folders, files in os.walk(os.path.join(PACKAGE, folder)):
         folders[:] = [name for name in folders if name != "build" and not name.startswith(".")]
         for name in files:
-            is_program = os.stat(os.path.join(folder, name)).st_mode & stat.S_IXUSR
+            is_program = os.stat(os.path.join(place, name)).st_mode & stat.S_IXUSR
             if is_program or name.endswith((".launch", ".test")):
                 names.append(name)
-    assert sorted(set(names)) == sorted(names)
+    return sorted(names)
+
+
+def test_ros_finds_every_program_and_launch_file_once():
+    """ROS refuses a name that it finds twice."""
+    names = found_by_ros()
+    assert sorted(set(names)) == names
+
+
+def test_ros_finds_no_test_and_no_example():
+    """Tab completion after `rosrun mushr_ros_intro` must not lead to them."""
+    assert found_by_ros("examples") == []
+    assert found_by_ros("test/fixtures") == []
 
 
 def test_folders_that_do_not_import_ros():

@@ -234,7 +234,7 @@ class TestTestNodes(RosTestCase):
 
     def test_in_a_test_file(self):
         """The result files of rostest contain the failures of the test nodes."""
-        fixture = os.path.join(FIXTURES, "missing_topics.test")
+        fixture = os.path.join(FIXTURES, "missing_topics.test.xml")
         with Process("rostest", fixture, ROS_TEST_RESULTS_DIR=self.folder) as run:
             self.assertNotEqual(run.wait(PATIENCE), 0, run.output)
         for kind, expected in (
