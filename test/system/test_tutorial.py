@@ -170,7 +170,8 @@ def test_a_course(home):
         wait_for(lambda: "ready: the car is at (3.0000 m" in simulation.output, "the car")
         ignored = "racecar_version:=racecar-uw-nano use_tf_prefix:=false fake_localization:=true"
         assert f"these arguments have no effect here: {ignored}" in simulation.output
-        output, status = terminal.type(f"roslaunch introduction exercise.launch.xml plan_file:={plan}")
+        exercise = f"roslaunch introduction exercise.launch.xml plan_file:={plan}"
+        output, status = terminal.type(exercise)
         assert status == 0, output
         moved = float(re.search("the car moved (.*) m", output)[1])
         assert moved > 0.0

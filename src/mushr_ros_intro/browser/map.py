@@ -31,7 +31,6 @@ class WebMap:
         asyncio.ensure_future(self._use(raw))
 
     async def _use(self, raw: bytes) -> None:
-
         def read() -> Grid:
             return conversions.grid_from_msg(OccupancyGrid().deserialize_numpy(raw, np))
 
