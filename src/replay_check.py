@@ -1,11 +1,13 @@
 #!/usr/bin/python3
 """Let a node drive a plan on the simulated car, and judge it: the test node of replay.test.
 
-The results are written as a JUnit file with one test case for each check. The verdict is also
-published on ``~verdict`` (std_msgs/String, latched). rostest hides the output of test nodes, so
-another node, replay_check.py --show, prints it on the terminal.
+The parameters are private, and are documented in replay.test. The results are written as a JUnit
+file with one test case for each check. The verdict is also published on ~verdict
+(std_msgs/String, latched). rostest hides the output of test nodes, so another node,
+replay_check.py --show, prints it on the terminal.
 """
 
+import argparse
 import os
 import shlex
 import sys
@@ -123,19 +125,26 @@ def write_results(path: str, checks: Sequence[Check], text: str) -> None:
 
 def main() -> int:
     """Judge a node; return 0 if it passes all checks, else 1."""
+    form = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser("replay_check.py", description=__doc__, formatter_class=form)
+    parser.add_argument("--gtest_output", metavar="xml:FILE", help="write the results to this file")
+    parser.add_argument("--show", action="store_true", help="print the verdict of another node")
+    arguments = parser.parse_args(rospy.myargv()[1:])
+    if arguments.show:
+        return show()
     node.init_node("replay")
-    path = next(each for each in sys.argv if each.startswith("--gtest_output=xml:"))[19:]
     try:
         report = judge()
         checks, text = report.checks, report.verdict
     except (UserError, OSError) as error:
         checks = [Check("replay", False, str(error))]
         text = checks[0].message
-    print(text)
+    print(text, flush=True)
     publish(text)
-    write_results(path, checks, text)
+    if arguments.gtest_output:
+        write_results(arguments.gtest_output.partition(":")[2], checks, text)
     return int(not all(check.passed for check in checks))
 
 
 if __name__ == "__main__":
-    sys.exit(show() if "--show" in sys.argv else main())
+    sys.exit(main())

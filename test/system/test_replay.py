@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from support.helpers import Process, failures_in, rostest_results
+from support.helpers import Process, failures_in, master, node, rostest_results
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 PLAN = "1,2,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n0.5,0.0\n"
@@ -114,6 +114,22 @@ def test_a_publisher_that_roslaunch_ignores():
     with Process("rostest", "mushr_ros_intro", "replay.test", *arguments) as process:
         assert process.wait() != 0, process.output
     assert "requires the 'publisher' arg to be set" in process.output
+
+
+def test_help():
+    with node("replay_check.py", "--help") as process:
+        assert process.wait() == 0, process.output
+    assert process.output.startswith("usage: replay_check.py [-h]"), process.output
+
+
+def test_without_a_file_for_the_results():
+    with master("/test_replay") as (_, proxy):
+        arguments = ("_plan_file:=circle", "_publisher:=nowhere nothing.py", "_car:=ideal")
+        with node(
+            "replay_check.py", *arguments, "_map:=none", ROS_MASTER_URI=proxy.master_uri
+        ) as process:
+            assert process.wait() == 1, process.output
+    assert process.output.startswith("there is no package 'nowhere'"), process.output
 
 
 def test_last_output(replays):
