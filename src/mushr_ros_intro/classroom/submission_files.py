@@ -7,23 +7,17 @@ import zipfile
 from functools import partial
 from typing import IO, List, Sequence, Tuple
 
+from mushr_ros_intro.replay.workspace import is_junk
+
 MAX_FILES = 2_000
 """A submission with more files is refused."""
 
 MAX_SIZE = 50_000_000
 """A submission with more data is refused [bytes]."""
 
-_JUNK = {"__MACOSX", "__pycache__", "build", "devel", "desktop.ini", "Thumbs.db"}
-"""Not copied, like hidden files."""
-
 
 class SubmissionError(Exception):
     """A submission cannot be run. The message is complete: it includes the remedy."""
-
-
-def is_junk(name: str) -> bool:
-    """Return whether a file or folder with this name is not part of a submission."""
-    return name in _JUNK or name.startswith(".")
 
 
 def show(names: Sequence[str]) -> str:

@@ -15,8 +15,9 @@ import yaml
 
 from mushr_ros_intro.classroom.result import Student
 from mushr_ros_intro.classroom.submission_check import check
-from mushr_ros_intro.classroom.submission_files import Files, SubmissionError, is_junk
+from mushr_ros_intro.classroom.submission_files import Files, SubmissionError
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.replay.workspace import is_junk
 
 MAX_CLASS = 100_000, 10_000_000_000
 """Limits for a zip with the submissions of a whole class: files, bytes."""

@@ -100,8 +100,8 @@ class Job(NamedTuple):
 
 
 _processes = multiprocessing.get_context("forkserver")
-# A new process for each replay has the modules of grade.py already, and no state of another replay.
-_processes.set_forkserver_preload(["mushr_ros_intro.classroom.grader"])
+# A new process for each replay has the modules already, and no state of another replay.
+_processes.set_forkserver_preload(["mushr_ros_intro.replay.job"])
 
 
 def replay(job: Job) -> Report:

@@ -14,7 +14,8 @@ from typing import Callable, Dict, Iterator, List, Sequence
 
 import rospkg
 
-from mushr_ros_intro.classroom.submission_files import is_junk
+_JUNK = {"__MACOSX", "__pycache__", "build", "devel", "desktop.ini", "Thumbs.db"}
+"""Not copied, like hidden files."""
 
 SYSTEM = ("/usr/", "/opt/ros/")
 """Where the distribution and ROS install packages, which all users may read."""
@@ -31,6 +32,11 @@ _INHERITED = (
     "ROS_VERSION",
 )
 """The environment variables for ROS that a node gets."""
+
+
+def is_junk(name: str) -> bool:
+    """Return whether a file or folder with this name is left out of copies of packages."""
+    return name in _JUNK or name.startswith(".")
 
 
 def inherited() -> Dict[str, str]:
