@@ -14,29 +14,49 @@ Parameters, all private:
 """
 
 import math
-from typing import Any
+import unittest
+from typing import Any, Callable
 
+import roslib.message
 import rospy
+import rostest
 import tf2_ros
 from geometry_msgs.msg import Pose as PoseMsg
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Header
 
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.replay.checks import compare
-from mushr_ros_intro.replay.node_test_case import NodeTestCase, main
+from mushr_ros_intro.replay.judge import compare
+from mushr_ros_intro.replay.series import Series
+from mushr_ros_intro.ros import node, ros_time
 from mushr_ros_intro.ros.conversions import MessageError, pose_from_msg
+from mushr_ros_intro.stamps import from_seconds
 
 _TYPES = [kind._type for kind in (PoseStamped, PoseWithCovarianceStamped, Odometry)]
 
 
-class PoseTest(NodeTestCase):
+class PoseTest(unittest.TestCase):
     """The test node."""
 
-    def configure(self, parameters: Parameters) -> None:
-        """Read the parameters."""
+    def setUp(self) -> None:
+        """Read the parameters; a wrong one is a failure."""
+        self._series = Series()
+        self._error = ""  # set by a callback to make the test fail
+        try:
+            self._configure(node.parameters())
+        except UserError as error:
+            self.fail(str(error))
+
+    def _configure(self, parameters: Parameters) -> None:
+        """Read the parameters.
+
+        Raises:
+            UserError: a parameter is wrong.
+        """
+        self._patience = parameters.number("wait_time", 20.0, "s", 0.0, 1e6)
         self._wanted = Pose(
             parameters.number("x", math.nan, "m", -1e6, 1e6),
             parameters.number("y", math.nan, "m", -1e6, 1e6),
@@ -59,20 +79,32 @@ class PoseTest(NodeTestCase):
     def test_pose(self) -> None:
         """The pose is the expected one, at the end or once."""
         if self._topic:
-            self.listen(self._topic, self._take_message)
+            rospy.Subscriber(self._topic, rospy.AnyMsg, self._take_message, tcp_nodelay=True)
         else:
             self._listen_to_tf()
-        is_over = lambda: self._passes and not self._fault()  # noqa: E731
-        self.wait_for_series(self._source, self._duration, is_over)
+        self.wait_for(lambda: self._series.entries, self._source, self._patience)
+        duration = from_seconds(self._duration)
+        self.wait_for(
+            lambda: (self._passes and not self._fault())
+            or self._series.covers(duration, ros_time.now()),
+            f"{self._duration:g} s to pass on the clock",
+            self._patience + 10.0 * self._duration,
+        )
         fault = self._fault()
         if fault and self._passes:
             self.fail(f"the pose was not reached in {self._duration:g} s; closest: {fault}")
         if fault:
             self.fail(f"after {self._duration:g} s the pose is {fault}")
 
+    def wait_for(self, condition: Callable[[], Any], what: str, seconds: float) -> None:
+        """Fail if a condition is not true within `seconds` of wall-clock time, or on an error."""
+        is_met = ros_time.wait_for(lambda: self._error or condition(), seconds)
+        if self._error or not is_met:
+            self.fail(self._error or f"waited {seconds:g} s for {what}")
+
     def _fault(self) -> str:
         """Return what is wrong with the last pose, or with the nearest if `passes` is set."""
-        poses = [pose for _, pose in self.series.entries]
+        poses = [pose for _, pose in self._series.entries]
         faults = {}
         for pose in poses if self._passes else poses[-1:]:
             is_right, faults[pose] = compare(pose, self._wanted, self._position, self._angle)
@@ -82,11 +114,14 @@ class PoseTest(NodeTestCase):
 
     def _take_message(self, msg: Any) -> None:
         """Add the pose of a message of any supported type."""
+        if isinstance(msg, rospy.AnyMsg):  # rospy itself knows the type of /clock
+            message_class = roslib.message.get_message_class(msg._connection_header["type"])
+            msg = message_class().deserialize(msg._buff)
         if msg._type in _TYPES:
             self._take(msg.header, getattr(msg.pose, "pose", msg.pose))
         else:
             expected = ", ".join(_TYPES)
-            self.error = f"{self._topic} has the type {msg._type}; expected one of {expected}"
+            self._error = f"{self._topic} has the type {msg._type}; expected one of {expected}"
 
     def _listen_to_tf(self) -> None:
         """Collect the poses of the transform."""
@@ -107,10 +142,11 @@ class PoseTest(NodeTestCase):
         """Add a pose; without a stamp it counts as of now."""
         stamp = header.stamp.to_nsec() or rospy.get_rostime().to_nsec()
         try:
-            self.series.add(stamp, pose_from_msg(msg))
+            self._series.add(stamp, pose_from_msg(msg))
         except MessageError as error:
-            self.error = f"{self._source}: {error}"
+            self._error = f"{self._source}: {error}"
 
 
 if __name__ == "__main__":
-    main("posetest", PoseTest)
+    node.init_node("posetest")
+    rostest.rosrun("mushr_ros_intro", "posetest", PoseTest)

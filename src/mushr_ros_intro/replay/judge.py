@@ -13,7 +13,6 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import counted
 from mushr_ros_intro.geometry import Pose, curvature
 from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.replay.checks import compare, step_faults
 from mushr_ros_intro.replay.recording import (
     START_TOLERANCE,
     Drive,
@@ -105,6 +104,19 @@ def _ends(message: str) -> List[str]:
     """Return the first and the last line of a message, which for a crash name the exception."""
     lines = message.splitlines()
     return lines[:1] + lines[1:][-1:]
+
+
+def compare(pose: Pose, wanted: Pose, position: float, angle: float) -> Tuple[bool, str]:
+    """Return whether a pose is the wanted one, and a description of their difference.
+
+    The tolerances are `position` [m] and `angle` [rad].
+    """
+    distance, turn = pose.distance_to(wanted), pose.angle_to(wanted)
+    difference = (
+        f"{pose}, {distance:.3g} m and {turn:.3g} rad from the expected {wanted}; "
+        f"tolerances {position:.3g} m and {angle:.3g} rad"
+    )
+    return distance <= position and turn <= angle, difference
 
 
 def default_tolerances(plan: Plan, car: Car) -> Tolerances:
@@ -222,11 +234,28 @@ def _rate_fault(run: Run, group: Sequence[Sent], is_last: bool) -> str:
         return f"{counted(len(group), 'command')} received{pace}; expected {run.expected}"
     if not all(sent.has_stamp for sent in group):
         return ""  # times of arrival are too rough
-    if faults := step_faults(times, COMMAND_PERIOD, _JITTER):
-        return faults[0]
+    if fault := _step_fault(times):
+        return fault
     if abs(span - seconds) > _SPAN_TOLERANCE / NANOSECONDS:
         expected = f"{seconds:g} s, tolerance {_SPAN_TOLERANCE / NANOSECONDS:g} s"
         return f"the stamps of its {len(group)} commands span {span:.3g} s; expected {expected}"
+    return ""
+
+
+def _step_fault(times: Sequence[int]) -> str:
+    """Return the first gap or backward step in the stamps of a run [ns]; "" if there is none."""
+    for number, (earlier, later) in enumerate(zip(times, times[1:]), 2):
+        step = (later - earlier) / NANOSECONDS
+        if step < 0.0:
+            return (
+                f"message {number} is stamped {-step:.6g} s before message {number - 1}; "
+                "expected rising stamps"
+            )
+        if later - earlier > COMMAND_PERIOD + _JITTER:
+            return (
+                f"{step:.6g} s between the stamps of messages {number - 1} and {number}; "
+                f"expected {COMMAND_PERIOD / NANOSECONDS:g} s"
+            )
     return ""
 
 

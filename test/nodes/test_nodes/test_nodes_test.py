@@ -26,7 +26,6 @@ from support.paths import FIXTURES, PACKAGE
 sys.path.append(os.path.join(PACKAGE, "src"))
 from mushr_ros_intro.ros.connections import receivers, registered_nodes  # noqa: E402
 from posetest import PoseTest  # noqa: E402
-from ratetest import RateTest  # noqa: E402
 
 PATIENCE = 90.0
 """[s] The time limit for the start of all nodes on a busy machine."""
@@ -35,26 +34,18 @@ ROWS = [(1.0, 0.1, 1.0), (2.0, -0.1, 1.0), (1.5, 0.2, 1.5)]
 START = (1.0, 2.0, 0.5)
 END = closed_form(START, ROWS)
 HALF = closed_form(START, ROWS[:1])
-PLANS = {"plan.txt": [START, *ROWS], "other.txt": [START, *ROWS[:2], (1.5, 0.2, 5.0)]}
 
 POSE = {"topic": "/car/car_pose"}
 AT_END = {"x": END[0], "y": END[1], "theta": END[2], "position_tolerance": "1e-5"}
 AT_HALF = {"x": HALF[0], "y": HALF[1]}
 MOON = {"frame": "map", "child_frame": "moon", "wait_time": 1.0}
-WHEELS = "/car/joint_states"
 
 
 def pose(topic, **parameters):
     return PoseTest, {"topic": topic, "x": 0.0, "y": 0.0, **parameters}
 
 
-def rate(topic, **parameters):
-    return RateTest, {"topic": topic, **parameters}
-
-
 # A test, its parameters, and the expression that its failure matches; if empty, the test passes.
-# In one process, rospy allows only one type per topic. ratetest subscribes to any type, so no other
-# test may use its topics.
 CASES = [
     ((PoseTest, {**POSE, **AT_END}), ""),
     ((PoseTest, {"frame": "map", "child_frame": "car/base_footprint", **AT_END}), ""),
@@ -73,40 +64,15 @@ CASES = [
     ((PoseTest, {"x": 0, "y": 0}), "parameter ~frame is not set; expected a frame, or"),
     (pose("/broken", position_tolerance=99), r"a pose on /broken: pose \(nan, .* is not finite"),
     (pose("/clock"), "/clock has the type rosgraph"),
-    (rate(NAVIGATION, plan_file="plan.txt"), ""),
-    (rate(NAVIGATION, plan_file="other.txt"), r"row 3 \(5 s\): 16 messages received; expected 50"),
-    (rate(WHEELS, hz=50), ""),
-    (
-        rate(WHEELS, hz=100),
-        f"{WHEELS}: 0.02 s between the stamps of messages 1 and 2; expected 0.01 s\n"
-        r"(.*\n){4}and \d+ more",
-    ),
-    (rate("/back", hz=20), r"message \d+ is stamped 0.01 s before message \d"),
-    (rate("/unstamped"), "/unstamped has no stamp"),
-    (rate("/clock"), "/clock has the type rosgraph_msgs/Clock; expected"),
 ]
 
 
-def messages_at(begin, number):
-    """Return the puppet's messages by topic, twenty for each second after `begin`."""
-    stamp = at(begin, 0.05 * number)
-    messages = {name: PoseStamped() for name in ("back", "unstamped", "broken")}
-    messages["back"].header.stamp = at(stamp, -0.06 if number % 20 == 0 else 0.0)
-    messages["broken"].header.stamp = stamp
-    messages["broken"].pose.orientation.w = 1.0
-    messages["broken"].pose.position.x = math.nan if number == 40 else 0.0
-    return messages
-
-
 class Puppet(threading.Thread):
-    """Publishes topics with faults until it is ended."""
+    """Publishes a pose on /broken every 0.05 s until it is ended; one of them is not finite."""
 
     def __init__(self):
         super().__init__()
-        self._publishers = {
-            name: rospy.Publisher(f"/{name}", PoseStamped, queue_size=1000)
-            for name in messages_at(rospy.Time(0), 2)
-        }
+        self._publisher = rospy.Publisher("/broken", PoseStamped, queue_size=1000)
         self._ended = threading.Event()
         self.start()
 
@@ -116,8 +82,11 @@ class Puppet(threading.Thread):
             number += 1
             due = at(begin, 0.05 * number)
             wait_for(lambda due=due: rospy.Time.now() >= due, "the clock to run", PATIENCE)
-            for name, msg in messages_at(begin, number).items():
-                self._publishers[name].publish(msg)
+            message = PoseStamped()
+            message.header.stamp = due
+            message.pose.orientation.w = 1.0
+            message.pose.position.x = math.nan if number == 40 else 0.0
+            self._publisher.publish(message)
 
     def end(self):
         self._ended.set()
@@ -188,10 +157,6 @@ class TestTestNodes(RosTestCase):
         """Start cases in parallel."""
         found = []
         for (kind, parameters), expected in cases:
-            if "plan_file" in parameters:
-                name = parameters["plan_file"]
-                plan = "\n".join(", ".join(map(str, row)) for row in PLANS[name])
-                parameters = {**parameters, "plan_file": self.plan(plan, name)}
             found.append(Case(kind, parameters, expected))
         return found
 
@@ -200,7 +165,7 @@ class TestTestNodes(RosTestCase):
         faults = [fault for case in cases for fault in case.faults()]
         self.assertEqual(faults, [], "\n".join(faults))
 
-    def test_poses_and_rates(self):
+    def test_poses(self):
         """All cases observe the same few seconds, which begin when the clock resumes."""
         rospy.wait_for_service("/car/car_sim/pause", PATIENCE)
         wait_for(rospy.get_time, "the clock", PATIENCE)
@@ -214,7 +179,8 @@ class TestTestNodes(RosTestCase):
         placements = Recording("/initialpose", PoseWithCovarianceStamped)
         cases = self.start(CASES)
         arguments = (f"_subscriber_timeout:={PATIENCE}", "__name:=case_driver")
-        process = self.ending(driver(f"{self.folder}/plan.txt", *arguments))
+        plan = self.plan("\n".join(", ".join(map(str, row)) for row in [START, *ROWS]))
+        process = self.ending(driver(plan, *arguments))
 
         def is_there():
             return "/case_driver" in registered_nodes(NAVIGATION, "publishers")
@@ -237,13 +203,9 @@ class TestTestNodes(RosTestCase):
         fixture = os.path.join(FIXTURES, "missing_topics.test.xml")
         with Process("rostest", fixture, ROS_TEST_RESULTS_DIR=self.folder) as run:
             self.assertNotEqual(run.wait(PATIENCE), 0, run.output)
-        for kind, expected in (
-            ("pose", "waited 0.5 s for a pose on /nowhere"),
-            ("rate", "waited 0.5 s for a message on /nowhere"),
-        ):
-            path = os.path.join(self.folder, "mushr_ros_intro", f"rosunit-{kind}_nowhere.xml")
-            (failure,) = ElementTree.parse(path).iter("failure")
-            self.assertIn(expected, failure.text)
+        path = os.path.join(self.folder, "mushr_ros_intro", "rosunit-pose_nowhere.xml")
+        (failure,) = ElementTree.parse(path).iter("failure")
+        self.assertIn("waited 0.5 s for a pose on /nowhere", failure.text)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import pytest
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.replay.judge import default_tolerances
+from mushr_ros_intro.replay.judge import compare, default_tolerances
 from mushr_ros_intro.replay.recording import START_TOLERANCE
 from support import recorded
 from support.geometry import float32
@@ -203,3 +203,19 @@ def test_a_car_that_deviates(part, shift, messages):
     failed, _ = judged(replay(poses=poses, sent=commands()))
     assert set(failed) == set(messages)
     assert all(messages[name] in failed[name] for name in failed), failed
+
+
+@pytest.mark.parametrize(
+    ("pose", "angle", "is_right", "said"),
+    [
+        ((1.0, 2.1, -math.pi), 0.1, True, "2.1000 m, -3.1416 rad), 0.1 m and 0 rad from"),
+        ((1.0, 2.1, 0.0), math.pi, True, "; tolerances 0.2 m and 3.14 rad"),
+        ((1.0, 2.0, 0.0), 0.1, False, "0 m and 3.14 rad from the expected (1.0000 m, 2.0000 m"),
+        ((1.3, 2.0, math.pi), 0.1, False, "0.3 m and 0 rad from the expected (1.0000 m, 2.0000 m"),
+        ((1.3, 2.0, math.pi), 0.1, False, "; tolerances 0.2 m and 0.1 rad"),
+        ((1.3, 2.0, math.pi), math.pi, False, "; tolerances 0.2 m"),
+    ],
+)
+def test_pose(pose, angle, is_right, said):
+    passed, difference = compare(Pose(*pose), Pose(1.0, 2.0, math.pi), 0.2, angle)
+    assert passed == is_right and said in difference
