@@ -5,9 +5,12 @@ import contextlib
 import os
 import re
 import signal
+import threading
+import time
 import xmlrpc.client
 
 import rosgraph
+import rosgraph.xmlrpc
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 
@@ -27,6 +30,29 @@ def pid_of(name):
     with contextlib.suppress(OSError, rosgraph.MasterError):
         api = xmlrpc.client.ServerProxy(rosgraph.Master("/faults").lookupNode(name))
         return api.getPid("/faults")[2]
+
+
+class SlowMaster:
+    """Another address of the master, where each answer takes `delay` [s]."""
+
+    def __init__(self):
+        self.delay = 0.0
+        self.late_answers = 0
+        self._server = rosgraph.xmlrpc.ThreadingXMLRPCServer(("127.0.0.1", 0), log_requests=False)
+        self._server.register_instance(self)
+        self.uri = f"http://localhost:{self._server.server_address[1]}/"
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def _dispatch(self, method, arguments):
+        delay = self.delay
+        time.sleep(delay)
+        answer = getattr(xmlrpc.client.ServerProxy(rosgraph.get_master_uri()), method)(*arguments)
+        self.late_answers += delay > 0.0
+        return answer
+
+    def end(self):
+        self._server.shutdown()
+        self._server.server_close()
 
 
 class TestNodeFaults(DrivenCarTestCase):
@@ -116,16 +142,30 @@ class TestNodeFaults(DrivenCarTestCase):
 
     def test_the_master_dies(self):
         """The plan is driven to its end, and Ctrl-C works, in a home that cannot be written."""
-        with self.other_master() as (core, plan, _):
+        with self.other_master(1.5) as (core, plan, _):
             core.send_signal(signal.SIGKILL)
             self.assertEqual(plan.wait(), 0)
         driven, difference = map(float, COMPARISON.search(plan.output).groups())
         self.assertEqual(driven, 0.03)
         self.assertLess(difference, POSITION_TOLERANCE)
 
+    def test_the_master_answers_late(self):
+        """No command is late because of it."""
+        slow = self.ending(SlowMaster())
+        path = self.plan("1,-1,0.5\n0.5,0.2,6\n")
+        self.output.clear()
+        with driver(path, ROS_MASTER_URI=slow.uri) as plan:
+            wait_for(lambda: "row 1 of 1" in plan.output, "the plan to be driven")
+            slow.delay = 3.0
+            wait_for(lambda: slow.late_answers, "a late answer")
+            slow.delay = 0.0  # at its end, a node calls the master some ten times
+            self.assertEqual(plan.wait(), 0, plan.output)
+        _, difference = map(float, COMPARISON.search(plan.output).groups())
+        self.assertLess(difference, POSITION_TOLERANCE)
+
     def test_the_master_does_not_answer(self):
         """The drive ends, no node starts, and Ctrl-C works, as on a cut network."""
-        with self.other_master() as (core, plan, environment):
+        with self.other_master(60.0) as (core, plan, environment):
             core.send_signal(signal.SIGSTOP)
             with node("car_sim.py", "__name:=late", **environment) as late:
                 self.assertEqual(plan.wait(), 1)
@@ -136,15 +176,15 @@ class TestNodeFaults(DrivenCarTestCase):
         self.assertIn("car_sim: no master answers", late.output)
 
     @contextlib.contextmanager
-    def other_master(self):
-        """Drive a plan with another master; check that all nodes end on Ctrl-C."""
+    def other_master(self, seconds):
+        """Drive a plan of `seconds` with another master; check that all nodes end on Ctrl-C."""
         environment = {"ROS_LOG_DIR": "/proc/nowhere"}
         with master("/faults", **environment) as (core, proxy):
             environment["ROS_MASTER_URI"] = proxy.master_uri
             proxy.setParam(MUX, rospy.get_param(MUX))
             nodes = list(map(self.ending, start_car(**environment)))
             # The car is slow, so a late message does not change the printed digits.
-            path = self.plan("1,-1,0.5\n0.02,0.2,1.5\n")
+            path = self.plan(f"1,-1,0.5\n0.02,0.2,{seconds}\n")
             with driver(path, **environment) as plan:
                 wait_for(lambda: "row 1 of 1" in plan.output, "the plan to be driven")
                 yield core, plan, environment

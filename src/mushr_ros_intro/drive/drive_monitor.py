@@ -14,13 +14,13 @@ from mushr_ros_intro.drive.car_pose import POSE_TOLERANCE, CarPose, Report
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.drive.preview_publisher import Prediction
 from mushr_ros_intro.drive.timetable import Timetable
-from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.errors import CallError, CallFault, UserError
 from mushr_ros_intro.geometry import compose, inverse
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import length
 from mushr_ros_intro.ros import conversions, node, ros_time
-from mushr_ros_intro.ros.connections import registered_nodes
-from mushr_ros_intro.stamps import NANOSECONDS, SETTLING, STAMP_TOLERANCE
+from mushr_ros_intro.ros.connections import ask, registered_nodes
+from mushr_ros_intro.stamps import CALL_TIMEOUT, NANOSECONDS, SETTLING, STAMP_TOLERANCE
 
 TOLERANCE = 0.1
 """A final pose that differs by more from an exact prediction is an error [m, rad]."""
@@ -61,6 +61,7 @@ class DriveMonitor:
         rospy.Subscriber(f"/{car_name}/car_sim/collision", PoseArray, self._on_collision)
         rospy.on_shutdown(self._log_stop)
         threading.Thread(target=self._watch, daemon=True).start()
+        threading.Thread(target=self._call_master, daemon=True).start()
 
     def _watch(self) -> None:
         """Watch the drive, in a thread: simulated time stands still if the car has died."""
@@ -90,6 +91,25 @@ class DriveMonitor:
                 rospy.logwarn("%s: the car %s", position, event)
             if ros_time.is_simulated() and time.monotonic() > lost_since + REPORT_TIMEOUT:
                 node.give_up(UserError(f"{self._lost()}, and simulated time stands still"))
+                return
+
+    def _call_master(self) -> None:
+        """End the drive if the master does not answer, in a thread: a call takes up to 5 s.
+
+        If the network is cut, no command arrives, and TCP reports no error for minutes.
+        """
+        while not self._is_done:
+            time.sleep(CHECK_PERIOD)
+            if not self._timetable.start:
+                continue
+            try:
+                ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), "getPid")
+            except CallError as error:
+                if error.fault is CallFault.REFUSED:
+                    continue  # the master has ended; the nodes remain connected
+                if not self._is_done:
+                    text = f"{error}. The master is suspended, or the network to the master is cut"
+                    node.give_up(UserError(f"{text}. The drive ends"))
                 return
 
     def _find_others(self) -> None:

@@ -2,19 +2,15 @@
 
 import time
 from bisect import bisect_right
-from contextlib import suppress
 from itertools import accumulate
 from typing import Iterator
 
-import rosgraph
 import rospy
 
-from mushr_ros_intro.errors import CallError, UserError
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.plan import Plan, Row
 from mushr_ros_intro.ros import ros_time
-from mushr_ros_intro.ros.connections import ask
 from mushr_ros_intro.stamps import (
-    CALL_TIMEOUT,
     COMMAND_PERIOD,
     MAX_LEAD,
     NANOSECONDS,
@@ -111,22 +107,18 @@ class Timetable:
             if abs(early) > STAMP_TOLERANCE:
                 raise UserError(
                     f"a command has to be sent {early / NANOSECONDS:+.1f} s from now; expected at "
-                    "most 1 s. Either the clock was set, this machine was suspended, or the "
-                    "network to the master is cut. The drive ends"
+                    "most 1 s. Either the clock was set, or this machine or node was suspended. "
+                    "The drive ends"
                 )
             if early <= 0:
                 return
             ros_time.sleep_until(wake, now)  # returns early if the clock is set back
 
     def _log_progress(self, row: Row, due: int) -> None:
-        """Log the present row, and call the master."""
+        """Log the present row."""
         if time.monotonic() < self._next_log:
             return
         self._next_log = time.monotonic() + LOG_PERIOD
-        # If the network is cut, no command arrives, and TCP reports no error for minutes. But this
-        # call then takes longer than a command may be late, so the next one raises an error.
-        with suppress(CallError):
-            ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), "getPid")
         left = (self.end - due) / NANOSECONDS
         command = f"{row.speed:g} m/s, {row.steering_angle:g} rad"
         rospy.loginfo(f"{self.position(due)}: {command}; {left:.2f} s left")

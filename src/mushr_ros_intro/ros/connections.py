@@ -231,7 +231,9 @@ def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) ->
     except socket.gaierror:
         raise CallError(f"{uri}: unknown host", CallFault.UNKNOWN_HOST) from None
     except OSError as error:
-        raise CallError(f"{uri}: {error}") from None
+        is_refused = isinstance(error, ConnectionError)  # otherwise the host cannot be reached
+        fault = CallFault.REFUSED if is_refused else CallFault.NO_RESPONSE
+        raise CallError(f"{uri}: {error}", fault) from None
     except (
         xmlrpc.client.Error,
         xml.parsers.expat.ExpatError,
