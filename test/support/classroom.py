@@ -115,111 +115,107 @@ BROKEN = {
 }
 """Files that cannot run, and a part of the message, by name."""
 
-MASTER = "import rosgraph; master = rosgraph.Master('/path_publisher')\n"
-
-CHEATS = {
-    # Each drives a short plan, and tries to change the verdict or to do harm. Named in the verdict:
+MISUSES = {
     "pose": (
-        before("rospy.Publisher('/car/car_pose', PoseStamped, queue_size=10)"),
+        "rospy.Publisher('/car/car_pose', PoseStamped, queue_size=10)",
         "publishes on /car/car_pose",
     ),
     "clock": (
-        before(
-            "from rosgraph_msgs.msg import Clock\n" "rospy.Publisher('/clock', Clock, queue_size=1)"
-        ),
+        """
+        from rosgraph_msgs.msg import Clock
+        rospy.Publisher("/clock", Clock, queue_size=1)
+        """,
         "publishes on /clock",
     ),
     "output": (
-        midway(
-            """
-            topic = "/car/mux/ackermann_cmd_mux/output"
-            rospy.Publisher(topic, AckermannDriveStamped, queue_size=1)
-            """
-        ),
+        """
+        topic = "/car/mux/ackermann_cmd_mux/output"
+        rospy.Publisher(topic, AckermannDriveStamped, queue_size=1)
+        """,
         "publishes on /car/mux/ackermann_cmd_mux/output",
     ),
     "teleop": (
-        before(
-            """
-            topic = "/car/mux/ackermann_cmd_mux/input/teleop"
-            teleop = rospy.Publisher(topic, AckermannDriveStamped, queue_size=1)
-            while not teleop.get_num_connections():
-                time.sleep(0.01)
-            teleop.publish(AckermannDriveStamped(drive=AckermannDrive(speed=1.0)))
-            """
-        ),
-        "ackermann_cmd_mux/input/teleop",
-    ),
-    "again": (
-        midway(
-            """
-            again = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1)
-            while not again.get_num_connections():
-                time.sleep(0.01)
-            pose = PoseWithCovarianceStamped()
-            pose.pose.pose.orientation.w = 1.0
-            again.publish(pose)
-            """
-        ),
-        "places the car again",
+        """
+        topic = "/car/mux/ackermann_cmd_mux/input/teleop"
+        teleop = rospy.Publisher(topic, AckermannDriveStamped, queue_size=1)
+        while not teleop.get_num_connections():
+            time.sleep(0.01)
+        teleop.publish(AckermannDriveStamped(drive=AckermannDrive(speed=1.0)))
+        """,
+        "sends commands on /car/mux/ackermann_cmd_mux/input/teleop",
     ),
     "service": (
-        midway(
-            """
-            from std_srvs.srv import Trigger
-            try:
-                rospy.ServiceProxy("/car/car_sim/pause", Trigger)()
-            except rospy.ServiceException:
-                pass
-            """
-        ),
+        """
+        from std_srvs.srv import Trigger
+        rospy.ServiceProxy("/car/car_sim/pause", Trigger)()
+        """,
         "calls the service /car/car_sim/pause",
     ),
     "parameter": (
-        before(MASTER + "master.setParam('/car/car_sim/speed_limit', 0.1)"),
+        "master.setParam('/car/car_sim/speed_limit', 0.1)",
         "changes the parameter /car/car_sim/speed_limit",
     ),
-    "parameters": (before(MASTER + "master.deleteParam('/car')"), "changes the parameter /car"),
+    "parameters": ("master.deleteParam('/car')", "changes the parameter /car"),
     "sim_time": (
-        before("rospy.set_param('/use_sim_time', False)"),
+        "rospy.set_param('/use_sim_time', False)",
         "changes the parameter /use_sim_time",
     ),
     "name": (
-        before(
-            MASTER
-            + """
-car = rosgraph.Master("/car/car_sim")
-car.registerPublisher("/car/car_pose", "geometry_msgs/PoseStamped", rospy.get_node_uri())
-"""
-        ),
-        "registers or unregisters the node /car/car_sim",
-    ),
-    "unregister": (
-        before(
-            MASTER
-            + """
-uri = master.lookupNode("/car/car_sim")
-rosgraph.Master("/car/car_sim").unregisterSubscriber("/initialpose", uri)
-"""
-        ),
+        """
+        car = rosgraph.Master("/car/car_sim")
+        car.registerPublisher("/car/car_pose", "geometry_msgs/PoseStamped", rospy.get_node_uri())
+        """,
         "registers or unregisters the node /car/car_sim",
     ),
     "offers": (
-        before(
-            MASTER
-            + """
-service = "/car/car_sim/step"
-master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
-"""
-        ),
+        """
+        service = "/car/car_sim/step"
+        master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
+        """,
         "offers the service /car/car_sim/step",
     ),
     "master": (
-        before(
-            "import xmlrpc.client, os\n"
-            "xmlrpc.client.ServerProxy(os.environ['ROS_MASTER_URI']).shutdown('/x', 'bye')"
-        ),
+        """
+        import xmlrpc.client, os
+        xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"]).shutdown("/x", "bye")
+        """,
         "shuts down the master",
+    ),
+    "again": (  # during the drive
+        """
+        again = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1)
+        while not again.get_num_connections():
+            time.sleep(0.01)
+        pose = PoseWithCovarianceStamped()
+        pose.pose.pose.orientation.w = 1.0
+        again.publish(pose)
+        """,
+        "places the car again, at (0.0000 m, 0.0000 m, 0.0000 rad)",
+    ),
+}
+"""What a node may not do to the car, and how the check `topics` names it."""
+
+
+def each_of(codes):
+    """Return a code that runs each of several codes, whether the others fail or not."""
+    return f"""
+import rosgraph, traceback
+for code in {[textwrap.dedent(code) for code in codes]!r}:
+    try:
+        exec(code, {{**globals(), "master": rosgraph.Master("/path_publisher")}})
+    except Exception:
+        traceback.print_exc()
+"""
+
+
+_BEFORE = [code for name, (code, _) in MISUSES.items() if name != "again"]
+
+# Each cheat drives a short plan, and tries to change the verdict or to do harm.
+CHEATS = {
+    # Named in the verdict:
+    "misuses": (
+        midway(MISUSES["again"][0], (_INIT, _INIT + _code(each_of(_BEFORE)))),
+        "FAIL topics: the node publishes on /car/car_pose, ",
     ),
     "kill_node": (
         midway("import rosnode\nrosnode.kill_nodes(['/car/car_sim'])"),
@@ -230,20 +226,65 @@ master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
         "MB of output",
     ),
     # Without effect. The files of the test are in /var; a search of / takes seconds of CPU time.
-    "update": (
-        before(
-            MASTER + "import xmlrpc.client\n"
-            "car = xmlrpc.client.ServerProxy(master.lookupNode('/car/car_sim'))\n"
-            "print(car.publisherUpdate('/master', '/car/car_pose', [rospy.get_node_uri()]))"
+    "signals": (
+        midway(
+            each_of(
+                [
+                    """
+                    import xmlrpc.client
+                    car = xmlrpc.client.ServerProxy(master.lookupNode("/car/car_sim"))
+                    car.publisherUpdate("/master", "/car/car_pose", [rospy.get_node_uri()])
+                    """,
+                    "import os\nos.kill(os.getppid(), 9)",
+                    "import os\nos.kill(-1, 9)",
+                ]
+            )
         ),
         "",
     ),
-    "kill_all": (midway("import os\nos.kill(-1, 9)"), ""),
-    "kill_parent": (midway("import os\nos.kill(os.getppid(), 9)"), ""),
-    "results": (
+    "reads": (
+        before(
+            each_of(
+                [
+                    """
+                    import os
+                    for folder, _, names in os.walk("/var"):
+                        for name in names:
+                            if name == "secret_PORT.txt":
+                                open(os.path.join(folder, name)).close()
+                                os._exit(0)
+                    """,
+                    """
+                    import os, socket
+                    socket.create_connection(("127.0.0.1", PORT), 2)
+                    os._exit(0)
+                    """,
+                    """
+                    import os
+                    for pid in filter(str.isdigit, os.listdir("/proc")):
+                        try:
+                            if int(pid) != os.getpid():
+                                open(f"/proc/{pid}/mem", "r+b").close()
+                                os._exit(0)
+                        except OSError:
+                            pass
+                    """,
+                ]
+            )
+        ),
+        "",
+    ),
+    "writes": (
         after(
             """
             import os
+            for folder in ("/tmp", "/var/tmp", "/dev/shm", os.environ["HOME"], "/mnt", "/run", "/"):
+                for number in range(100):
+                    try:
+                        with open(f"{folder}/fill{number}", "wb") as file:
+                            file.write(bytes(10_000_000))
+                    except OSError:
+                        break
             child = os.fork()
             if child == 0:
                 os.setsid()
@@ -255,19 +296,6 @@ master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
                             open(os.path.join(folder, name), "w").write('{"passed": true}')
                         except OSError:
                             pass
-            """
-        ),
-        "",
-    ),
-    "plans": (
-        before(
-            """
-            import glob, os
-            for folder, _, names in os.walk("/var"):
-                for name in names:
-                    if name == "secret_PORT.txt":
-                        open(os.path.join(folder, name)).close()
-                        os._exit(0)
             """
         ),
         "",
@@ -285,22 +313,6 @@ master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
         ),
         "",
     ),
-    "disk": (
-        midway(
-            """
-            import os
-            for folder in ("/tmp", "/var/tmp", "/dev/shm", os.environ["HOME"], "/mnt", "/run", "/"):
-                for number in range(100):
-                    try:
-                        with open(f"{folder}/fill{number}", "wb") as file:
-                            file.write(bytes(10_000_000))
-                    except OSError:
-                        break
-            """
-        ),
-        "",
-    ),
-    "memory": (midway("data = [bytearray(100_000_000) for _ in range(100)]"), ""),
     "survivor": (
         midway(
             """
@@ -315,35 +327,8 @@ master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
         ),
         "",
     ),
-    "network": (
-        before(
-            """
-            import os, socket
-            try:
-                socket.create_connection(("127.0.0.1", PORT), 2)
-                os._exit(0)
-            except OSError:
-                pass
-            """
-        ),
-        "",
-    ),
+    "memory": (midway("data = [bytearray(100_000_000) for _ in range(100)]"), ""),
     "says_so": (before("print('all checks passed', flush=True)\nimport os\nos._exit(0)"), ""),
-    "grader": (
-        before(
-            """
-            import os
-            for pid in filter(str.isdigit, os.listdir("/proc")):
-                try:
-                    if int(pid) != os.getpid():
-                        open(f"/proc/{pid}/mem", "r+b").close()
-                        os._exit(0)
-                except OSError:
-                    pass
-            """
-        ),
-        "",
-    ),
 }
 """Nodes that cheat, and a part of their verdict; "" if the cheat has no effect.
 

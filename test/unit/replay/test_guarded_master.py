@@ -1,0 +1,115 @@
+"""Check which calls of the master a node under test may make."""
+
+import pytest
+
+from mushr_ros_intro.replay.guarded_master import REFUSED, GuardedMaster
+
+CAR = "/car/car_sim"
+API = "http://localhost:1"
+POSE_TOPIC = "/car/car_pose"
+STEP = "/car/car_sim/step"
+REGISTERS = f"registers or unregisters the node {CAR}"
+POSES = "geometry_msgs/PoseStamped"
+SERVICE = "rosrpc://localhost:1"
+
+ACTIONS = [
+    # A call, how it is recorded, and whether it is refused.
+    (
+        ("registerPublisher", "/student", "/car/car_pose", POSES, API),
+        "publishes on /car/car_pose",
+        0,
+    ),
+    (
+        ("registerPublisher", "/car/student", "car_pose", POSES, API),
+        "publishes on /car/car_pose",
+        0,
+    ),
+    (
+        ("registerPublisher", CAR, "/other", POSES, API),
+        REGISTERS,
+        1,
+    ),
+    (("registerPublisher", "car/car_sim", "/other", POSES, API), REGISTERS, 1),
+    (
+        ("unregisterSubscriber", CAR, "/commands", API),
+        REGISTERS,
+        1,
+    ),
+    (("unregisterService", CAR, STEP, SERVICE), REGISTERS, 1),
+    (("lookupService", "/student", STEP), f"calls the service {STEP}", 1),
+    (("lookupService", CAR, "~step"), f"calls the service {STEP}", 1),
+    (
+        ("registerService", "/student", STEP, SERVICE, API),
+        f"offers the service {STEP}",
+        1,
+    ),
+    (("setParam", "/student", "/car/car_sim/a", 1), "changes the parameter /car/car_sim/a", 1),
+    (("setParam", "/student", "/car/car_sim", {}), "changes the parameter /car/car_sim", 1),
+    (("setParam", "/car/student", "car_sim/a", 1), "changes the parameter /car/car_sim/a", 1),
+    (("setParam", "/student", "/car", {}), "changes the parameter /car", 1),
+    (("setParam", "/student", "/", {}), "changes the parameter /", 1),
+    (("deleteParam", "/student", "/car/"), "changes the parameter /car", 1),
+    (("deleteParam", "/student", "/use_sim_time"), "changes the parameter /use_sim_time", 1),
+    (("shutdown", "/student", "bye"), "shuts down the master", 1),
+]
+
+ALLOWED = [
+    ("registerPublisher", "/student", "/commands", POSES, API),
+    ("registerPublisher", "/student", "/car/car_pose2", POSES, API),
+    ("registerSubscriber", "/student", "/car/car_pose", POSES, API),
+    ("unregisterPublisher", "/student", "/car/car_pose", API),
+    ("lookupNode", "/student", CAR),
+    ("getParam", "/student", "/car/car_sim/a"),
+    ("setParam", "/student", "/car/car_simulator", 1),
+    ("setParam", "/student", "/ca", 1),
+    ("setParam", "/student", "/student/a", 1),
+    ("deleteParam", "/student", "/other"),
+    ("registerService", "/student", "/student/step", SERVICE, API),
+    ("lookupService", "/student", "/student/step"),
+    ("getSystemState", "/student"),
+]
+
+
+@pytest.fixture
+def master():
+    """Return a master with a car, which is guarded."""
+    made = GuardedMaster()
+    made._dispatch("setParam", (CAR, "/car/car_sim/a", 5))
+    for topic in ("/car/car_pose", "/commands"):
+        made._dispatch("registerPublisher", (CAR, topic, POSES, API))
+    made._dispatch("registerService", (CAR, STEP, SERVICE, API))
+    assert made.actions == []
+    made.guard(CAR, ["/use_sim_time", CAR], ["/commands"])
+    return made
+
+
+@pytest.mark.parametrize(("call", "action", "is_refused"), ACTIONS)
+def test_actions(master, call, action, is_refused):
+    method, *arguments = call
+    before = master.getSystemState("/"), master.getParam("/", "/")
+    answer = master._dispatch(method, tuple(arguments))
+    assert len(master.actions) == 1 and master.actions[0] == action
+    assert (answer == REFUSED) == bool(is_refused)
+    if is_refused:
+        assert (master.getSystemState("/"), master.getParam("/", "/")) == before
+    master._dispatch(method, tuple(arguments))
+    assert len(master.actions) == 1  # each action once
+
+
+@pytest.mark.parametrize("call", ALLOWED)
+def test_allowed(master, call):
+    answer = master._dispatch(call[0], tuple(call[1:]))
+    assert answer != REFUSED and master.actions == []
+
+
+@pytest.mark.parametrize("method", ["_shutdown", "guard", "record", "serve", "_dispatch"])
+def test_only_the_methods_of_a_master(master, method):
+    with pytest.raises(AttributeError):
+        master._dispatch(method, ())
+
+
+def test_publishers_are_counted(master):
+    assert master.count_publishers("/commands") == 1
+    master._dispatch("registerPublisher", ("/student", "/commands", POSES, "http://localhost:2"))
+    assert master.count_publishers("/commands") == 2
+    assert master.count_publishers("/nothing") == 0
