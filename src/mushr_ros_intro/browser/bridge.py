@@ -25,9 +25,9 @@ from mushr_ros_intro.browser.protocol import (
     response,
     status,
 )
-from mushr_ros_intro.errors import CallError
 from mushr_ros_intro.ros import ros_time
 from mushr_ros_intro.ros.conversions import MessageError
+from mushr_ros_intro.ros.xmlrpc_client import CallError
 from mushr_ros_intro.stamps import CALL_TIMEOUT
 
 MAX_CALLS = 5

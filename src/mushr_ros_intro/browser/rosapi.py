@@ -8,8 +8,8 @@ import roslib.message
 import rospy
 
 from mushr_ros_intro.browser.messages import to_values
-from mushr_ros_intro.ros.connections import ask
 from mushr_ros_intro.ros.conversions import MessageError
+from mushr_ros_intro.ros.xmlrpc_client import ask
 from mushr_ros_intro.stamps import CALL_TIMEOUT
 
 PREFIX = "/rosapi/"

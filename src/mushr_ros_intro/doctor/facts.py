@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.errors import CallFault
+from mushr_ros_intro.ros.xmlrpc_client import CallFault
 from mushr_ros_intro.simulator.mux import IDLE
 
 

@@ -10,7 +10,7 @@ from typing import Any, Callable, List, Sequence
 import rosgraph.network
 
 from mushr_ros_intro.doctor.facts import Finding
-from mushr_ros_intro.errors import CallError, CallFault
+from mushr_ros_intro.ros.xmlrpc_client import CallError, CallFault
 
 _RESOLVE_TIMEOUT = 2.0
 """For looking up a host name [s]."""

@@ -17,10 +17,10 @@ from std_msgs.msg import String
 from mushr_ros_intro.doctor.facts import Clock, Facts, Master, Publisher, Topic
 from mushr_ros_intro.doctor.network import is_local, resolve, run_in_parallel, run_with_timeout
 from mushr_ros_intro.doctor.processes import abandoned_nodes
-from mushr_ros_intro.errors import DEFAULT_MASTER, CallError, CallFault, UserError
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros import conversions
-from mushr_ros_intro.ros.connections import ask
 from mushr_ros_intro.ros.ros_time import wait_for
+from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER, CallError, CallFault, ask
 from mushr_ros_intro.simulator.mux import IDLE, parse_config
 
 _CLOCK_TIMEOUT = 5.5

@@ -5,7 +5,7 @@ import os
 from contextlib import suppress
 from typing import Container, List
 
-from mushr_ros_intro.errors import DEFAULT_MASTER
+from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER
 
 
 def abandoned_nodes(uri: str, master: int, registered: Container[int]) -> List[str]:

@@ -10,7 +10,7 @@ from mushr_ros_intro.doctor.facts import (
     Publisher,
     Topic,
 )
-from mushr_ros_intro.errors import DEFAULT_MASTER, CallFault
+from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER, CallFault
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
 
 _JOYSTICK = (

@@ -14,12 +14,13 @@ from mushr_ros_intro.drive.car_pose import POSE_TOLERANCE, CarPose, Report
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.drive.preview_publisher import Prediction
 from mushr_ros_intro.drive.timetable import Timetable
-from mushr_ros_intro.errors import CallError, CallFault, UserError
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import compose, inverse
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import length
 from mushr_ros_intro.ros import conversions, node, ros_time
-from mushr_ros_intro.ros.connections import ask, registered_nodes
+from mushr_ros_intro.ros.connections import registered_nodes
+from mushr_ros_intro.ros.xmlrpc_client import CallError, CallFault, ask
 from mushr_ros_intro.stamps import CALL_TIMEOUT, NANOSECONDS, SETTLING, STAMP_TOLERANCE
 
 TOLERANCE = 0.1

@@ -6,10 +6,7 @@ connect them at all: it processes the master's notification, which contains the 
 the master's older answer, which does not contain it. Announcing the publisher again repairs this.
 """
 
-import http.client
-import socket
 import time
-import xml.parsers.expat
 import xmlrpc.client
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -19,9 +16,10 @@ from typing import Any, Dict, List, Set
 import rosgraph
 import rospy
 
-from mushr_ros_intro.errors import CallError, CallFault, UserError
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
+from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
 from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, REANNOUNCE_PERIOD
 
 _PING_AFTER = 0.5
@@ -205,57 +203,3 @@ def reannounce(end: Any, role: str) -> None:
             uris = master.registerSubscriber(end.resolved_name, end.type, uri)
             with xmlrpc.client.ServerProxy(uri) as node:
                 node.publisherUpdate("/master", end.resolved_name, uris)
-
-
-def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) -> Any:
-    """Call a method of the master or of a node, and return its value.
-
-    Args:
-        uri: the address of the master or the node.
-        patience: timeout for connecting and for each read [s].
-        caller: the name of the calling node.
-        method: a method of the Master API or the Slave API of ROS.
-        arguments: the method's arguments after the caller's name.
-
-    Raises:
-        CallError: the call failed. If the other side answers with an error, it has replaced the one
-            that was called.
-    """
-    try:
-        server = xmlrpc.client.ServerProxy(uri, transport=_Transport(patience))
-        code, message, value = getattr(server, method)(caller, *arguments)
-    except (socket.timeout, TimeoutError):
-        raise CallError(
-            f"{uri}: no response within {patience:g} s", CallFault.NO_RESPONSE
-        ) from None
-    except socket.gaierror:
-        raise CallError(f"{uri}: unknown host", CallFault.UNKNOWN_HOST) from None
-    except OSError as error:
-        is_refused = isinstance(error, ConnectionError)  # otherwise the host cannot be reached
-        fault = CallFault.REFUSED if is_refused else CallFault.NO_RESPONSE
-        raise CallError(f"{uri}: {error}", fault) from None
-    except (
-        xmlrpc.client.Error,
-        xml.parsers.expat.ExpatError,
-        http.client.HTTPException,
-        TypeError,
-        ValueError,
-    ):
-        raise CallError(f"{uri}: not a ROS master or node", CallFault.NOT_ROS) from None
-    if code != 1:
-        raise CallError(str(message))
-    return value
-
-
-class _Transport(xmlrpc.client.Transport):
-    """An XML-RPC connection with a timeout."""
-
-    def __init__(self, patience: float) -> None:
-        super().__init__()
-        self._patience = patience
-
-    def make_connection(self, host: Any) -> http.client.HTTPConnection:
-        """Return a connection to a host, with the timeout set."""
-        connection = super().make_connection(host)
-        connection.timeout = self._patience
-        return connection

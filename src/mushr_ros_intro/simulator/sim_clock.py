@@ -10,9 +10,9 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger, TriggerResponse
 
 from mushr_ros_intro.car.model import Event, State
-from mushr_ros_intro.errors import CallError
 from mushr_ros_intro.ros import conversions, ros_time
-from mushr_ros_intro.ros.connections import ask, responds
+from mushr_ros_intro.ros.connections import responds
+from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
 from mushr_ros_intro.simulator.clock import Stream, first_report
 from mushr_ros_intro.stamps import CALL_TIMEOUT, CLOCK_PATIENCE, NANOSECONDS, PresentTime
 

@@ -6,7 +6,7 @@ import pytest
 
 from mushr_ros_intro.doctor.facts import Clock, Facts, Master, Publisher, Topic
 from mushr_ros_intro.doctor.rules import diagnose, health, hints
-from mushr_ros_intro.errors import CallFault
+from mushr_ros_intro.ros.xmlrpc_client import CallFault
 
 S = 1_000_000_000
 """[ns]"""
