@@ -8,7 +8,7 @@ import sys
 
 from mushr_ros_intro.car.profile import names_in
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import find_file, package_folder
+from mushr_ros_intro.paths import find_file, package_folder
 
 if __name__ == "__main__":
     _, car, map_name = sys.argv

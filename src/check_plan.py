@@ -14,7 +14,8 @@ from typing import List
 
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters, find_file, package_folder
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Fault, PlanError
 from mushr_ros_intro.preview.report import check

@@ -25,7 +25,7 @@ from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.result import Result
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError, counted
-from mushr_ros_intro.parameters import package_folder
+from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.job import ReplayError, Setting, replay

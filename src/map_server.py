@@ -10,7 +10,7 @@ from nav_msgs.srv import GetMap, GetMapRequest, GetMapResponse
 from rospy.client import load_command_line_node_params
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import find_file, package_folder
+from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.map_file import read_map

@@ -19,7 +19,8 @@ from std_msgs.msg import String
 
 from mushr_ros_intro.classroom.grader import job_for, read_setting
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters, find_file, package_folder, user_path
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.replay.job import replay
 from mushr_ros_intro.replay.judge import Check, Report, Tolerances

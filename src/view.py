@@ -8,7 +8,7 @@ text, because rviz can remap topics but not frames.
 import os
 import sys
 
-from mushr_ros_intro.parameters import package_folder
+from mushr_ros_intro.paths import package_folder
 
 
 def view_of(car_name: str, text: str) -> str:

@@ -20,7 +20,7 @@ from mushr_ros_intro.browser.map import WebMap
 from mushr_ros_intro.browser.plan_drive import DriveError, PlanDrive
 from mushr_ros_intro.browser.server import Action, Clients, ConflictError, Rules, serve
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.parameters import package_folder
+from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.ros import node, ros_time
 from mushr_ros_intro.ros.xmlrpc_client import CallError
 

@@ -6,6 +6,7 @@ from difflib import get_close_matches
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Set
 
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.paths import user_path
 
 
 class Parameters:
@@ -121,54 +122,3 @@ class Parameters:
             raise self.error(name, expected)
         self.resolved[name] = value
         return value
-
-
-def package_folder(name: str) -> str:
-    """Return the path of a folder of this package, without symbolic links.
-
-    The folder is found relative to this file, in the source or after an installation. rospkg could
-    find another package of the same name: that of a student who follows the tutorial.
-    """
-    library = os.path.dirname(os.path.realpath(__file__))
-    package = os.path.join(library, "..", "..")  # the parent folder of src
-    if not os.path.exists(os.path.join(package, "package.xml")):
-        # PREFIX/lib/python3/dist-packages/mushr_ros_intro
-        package = os.path.join(library, "..", "..", "..", "..", "share", "mushr_ros_intro")
-    return os.path.realpath(os.path.join(package, name))
-
-
-def user_path(path: str) -> str:
-    """Return the absolute path that a user means by `path`.
-
-    A relative path starts at the user's directory. roslaunch starts nodes in ROS_HOME, but leaves
-    PWD as it was in the user's shell.
-    """
-    return os.path.abspath(os.path.join(os.environ.get("PWD", "."), os.path.expanduser(path)))
-
-
-def find_file(name: str, folder: str, ending: str) -> str:
-    """Return the path of the file that a user means by `name`.
-
-    A name without a folder, with or without the ending, is a file in the user's directory (see
-    `user_path`), else in `folder`. Any other name is a path, relative to the user's directory.
-    Both can also be relative to the current directory.
-
-    Raises:
-        UserError: there is no such file; the message names the closest one in `folder`, the
-            folders searched, and all files in `folder`.
-    """
-    candidates = [user_path(name), os.path.abspath(name)]
-    is_there = os.path.exists
-    if os.sep not in name:
-        candidates[1:1] = [user_path(name + ending), *(f"{folder}/{name}{e}" for e in ("", ending))]
-        is_there = os.path.isfile
-    for candidate in candidates:
-        if is_there(candidate):
-            return candidate
-    known = sorted(entry[: -len(ending)] for entry in os.listdir(folder) if entry.endswith(ending))
-    close = get_close_matches(os.path.basename(name).replace(ending, ""), known, 1)
-    searched = dict.fromkeys(os.path.dirname(candidate) for candidate in candidates)
-    raise UserError(
-        f"{name}: no such file{''.join(f'; did you mean {each}?' for each in close)} "
-        f"(searched: {', '.join(searched)}); expected a path, or one of {', '.join(known)}"
-    )

@@ -14,7 +14,8 @@ from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.classroom.result import Result, plan_result
 from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters, find_file
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.job import (
     MAX_OVERHEAD,

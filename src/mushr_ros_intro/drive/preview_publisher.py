@@ -15,7 +15,8 @@ from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError, counted
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.parameters import Parameters, find_file, package_folder
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Fault, fault_lines
 from mushr_ros_intro.preview import prediction

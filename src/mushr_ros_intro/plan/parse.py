@@ -14,7 +14,7 @@ from typing import Dict, List, Sequence, Tuple
 
 from mushr_ros_intro.errors import UserError, counted
 from mushr_ros_intro.geometry import ORIGIN, Pose
-from mushr_ros_intro.parameters import find_file
+from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.plan import (
     MAX_COORDINATE,
     MAX_DURATION,

@@ -5,7 +5,7 @@ from contextlib import suppress
 
 import rospkg
 
-from mushr_ros_intro.parameters import package_folder
+from mushr_ros_intro.paths import package_folder
 
 _PUBLISHER = "roslaunch mushr_ros_intro path_publisher.launch"
 
