@@ -1,24 +1,14 @@
 """Detect contact between the car and the walls."""
 
-from typing import NamedTuple, Optional
+from typing import Optional
 
 from mushr_ros_intro.car.model import Car, Piece
 from mushr_ros_intro.car.quadrature import follow
 from mushr_ros_intro.geometry import Pose, curvature, drive_arc
-from mushr_ros_intro.world.footprint import Footprint, free_distance, is_free
-from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.world.footprint import World, free_distance, is_free
 
 _NUDGE = 1e-7
 """How far a car that touches a wall is moved [m] to test whether the wall is in its path."""
-
-
-class World(NamedTuple):
-    """The obstacles, and the shape of the car among them."""
-
-    grid: Grid
-    """The map."""
-    footprint: Footprint = Footprint()
-    """The car's body."""
 
 
 def is_blocked(

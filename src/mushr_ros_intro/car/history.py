@@ -13,10 +13,10 @@ plan.
 import bisect
 from typing import List, Optional, Tuple
 
-from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car, Command, Event, State
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.stamps import STAMP_TOLERANCE
+from mushr_ros_intro.world.footprint import World
 
 LENGTH = STAMP_TOLERANCE
 """How long an event is kept [ns]: no event with a valid stamp arrives later than this."""

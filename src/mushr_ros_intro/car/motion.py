@@ -8,7 +8,7 @@ import hashlib
 import math
 from typing import List, NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.car.contact import World, free_time, is_blocked
+from mushr_ros_intro.car.contact import free_time, is_blocked
 from mushr_ros_intro.car.model import (
     Car,
     Command,
@@ -22,6 +22,7 @@ from mushr_ros_intro.car.model import (
 from mushr_ros_intro.car.quadrature import follow
 from mushr_ros_intro.geometry import compose, inverse
 from mushr_ros_intro.stamps import NANOSECONDS
+from mushr_ros_intro.world.footprint import World
 
 
 def advance(state: State, stamp: int, car: Car) -> State:

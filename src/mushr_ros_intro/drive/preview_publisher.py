@@ -11,7 +11,6 @@ from nav_msgs.msg import OccupancyGrid, Path
 from rospy.numpy_msg import numpy_msg
 from visualization_msgs.msg import MarkerArray
 
-from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError, counted
 from mushr_ros_intro.geometry import Pose
@@ -27,6 +26,7 @@ from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import is_published
 from mushr_ros_intro.ros.node import simulated_car_parameters
 from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, NANOSECONDS
+from mushr_ros_intro.world.footprint import World
 from mushr_ros_intro.world.grid import Grid
 
 SPREAD_RUNS = 1000

@@ -9,12 +9,12 @@ import math
 from collections import deque
 from typing import Iterable, Iterator, NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car, Command, Piece, State, at_rest
 from mushr_ros_intro.car.motion import advance, apply, changes_nothing
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.plan import MAX_DURATION, Plan
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
+from mushr_ros_intro.world.footprint import World
 
 
 class Leg(NamedTuple):

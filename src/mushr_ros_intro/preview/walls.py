@@ -5,14 +5,14 @@ from typing import Iterator, Optional, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.car.contact import World, free_time
+from mushr_ros_intro.car.contact import free_time
 from mushr_ros_intro.car.model import Car, Contact
 from mushr_ros_intro.car.quadrature import follow
 from mushr_ros_intro.geometry import Pose, compose, curvature
 from mushr_ros_intro.plan.plan import Fault, Plan
 from mushr_ros_intro.preview.prediction import Leg, drive
 from mushr_ros_intro.stamps import NANOSECONDS
-from mushr_ros_intro.world.footprint import Footprint, is_free, on_map
+from mushr_ros_intro.world.footprint import Footprint, World, is_free, on_map
 from mushr_ros_intro.world.grid import Grid
 
 _MARGIN = 1e-6

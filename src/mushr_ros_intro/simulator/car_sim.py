@@ -9,7 +9,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
 
-from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Command, Event, InitialPose, State, at_rest, halted
 from mushr_ros_intro.car.profile import car_from
@@ -26,7 +25,7 @@ from mushr_ros_intro.stamps import (
     effective_stamp,
     from_seconds,
 )
-from mushr_ros_intro.world.footprint import is_free
+from mushr_ros_intro.world.footprint import World, is_free
 from mushr_ros_intro.world.grid import Grid
 
 

@@ -11,13 +11,12 @@ from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
-from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car, Contact, State, Wheels, wheel_rates
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.stamps import NANOSECONDS
-from mushr_ros_intro.world.footprint import on_map
+from mushr_ros_intro.world.footprint import World, on_map
 
 _DRAWN_STEP = 0.1
 """Distance between the drawn poses of the driven path [m]."""

@@ -35,6 +35,15 @@ class Footprint(NamedTuple):
     """Distance from the middle to each side [m]."""
 
 
+class World(NamedTuple):
+    """The obstacles, and the shape of the car among them."""
+
+    grid: Grid
+    """The map."""
+    footprint: Footprint = Footprint()
+    """The car's body."""
+
+
 def is_free(grid: Grid, footprint: Footprint, pose: Pose) -> bool:
     """Return whether the car at `pose` [map frame] overlaps no occupied cell; it may touch some.
 

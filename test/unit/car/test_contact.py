@@ -8,12 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Car, Command, at_rest, halted
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.geometry import Pose, drive_arc
-from mushr_ros_intro.world.footprint import Footprint, is_free
+from mushr_ros_intro.world.footprint import Footprint, World, is_free
 from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.map_file import read_map
 from support.cars import BEGIN, MS, SECOND, at, history_of

@@ -8,11 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car, Command, at_rest
 from mushr_ros_intro.car.motion import advance, apply
 from mushr_ros_intro.geometry import ORIGIN, Pose
-from mushr_ros_intro.world.footprint import Footprint, is_free
+from mushr_ros_intro.world.footprint import Footprint, World, is_free
 from mushr_ros_intro.world.map_file import read_map
 from support.cars import BEGIN, CARS, MS, ROUNDING, SECOND, at, history_of
 from support.paths import PACKAGE

@@ -13,7 +13,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Ellipse
 from matplotlib.transforms import Bbox
 
-from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.parse import read_plan
@@ -24,6 +23,7 @@ from mushr_ros_intro.preview.plot import draw
 from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.preview.spread import spread
 from mushr_ros_intro.preview.text import as_json, as_text
+from mushr_ros_intro.world.footprint import World
 from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.map_file import read_map
 from support.cars import CARS, PLAN_NAMES, plan_named, plan_of

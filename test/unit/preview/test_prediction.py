@@ -6,14 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from mushr_ros_intro.car.contact import World
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.preview import prediction
-from mushr_ros_intro.world.footprint import Footprint
+from mushr_ros_intro.world.footprint import Footprint, World
 from mushr_ros_intro.world.grid import Grid
 from support.cars import PLAN_NAMES, PROFILES, SECOND, plan_named, plan_of
 
