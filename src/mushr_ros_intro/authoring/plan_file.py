@@ -3,12 +3,13 @@
 import itertools
 import os
 from contextlib import ExitStack
-from typing import Optional, Sequence
+from typing import Optional
 
 from mushr_ros_intro.errors import UserError, counted
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.parse import parse_plan
-from mushr_ros_intro.plan.plan import Plan, PlanError, Row, shortest_decimal
+from mushr_ros_intro.plan.plan import Plan, PlanError
+from mushr_ros_intro.plan.write import plan_text
 from mushr_ros_intro.preview.prediction import length
 from mushr_ros_intro.stamps import NANOSECONDS
 
@@ -80,26 +81,6 @@ class PlanFile:
     def is_saved(self, plan: Optional[Plan]) -> bool:
         """Return whether a plan has no rows, or is the one that was saved last."""
         return plan is None or not plan.rows or plan == self._saved
-
-
-def plan_text(start: Sequence[float], rows: Sequence[Row]) -> str:
-    """Return the text of a plan file.
-
-    The start pose and the durations are exact. Speeds and steering angles have as many digits as
-    a float32 keeps.
-
-    Args:
-        start: x [m], y [m], theta [rad] in the map frame.
-        rows: the commands; their lines and columns are ignored.
-    """
-    lines = ["# x [m], y [m], theta [rad]", ", ".join(repr(float(value)) for value in start)]
-    lines.append("# speed [m/s], steering angle [rad], duration [s]")
-    for row in rows:
-        seconds, rest = divmod(row.duration, NANOSECONDS)
-        duration = f"{seconds}.{rest:09d}".rstrip("0") + ("" if rest else "0")
-        speed, angle = shortest_decimal(row.speed), shortest_decimal(row.steering_angle)
-        lines.append(f"{speed!r}, {angle!r}, {duration}")
-    return "\n".join(lines) + "\n"
 
 
 def summary(plan: Plan) -> str:

@@ -8,12 +8,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.authoring.clicks import arc_to, extend
-from mushr_ros_intro.authoring.plan_file import plan_text
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import ORIGIN, Pose, drive_arc
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.plan import Plan, as_float32
+from mushr_ros_intro.plan.write import plan_text
 from support.geometry import closed_form
 
 CAR = Car(steering_limit_left=0.34, steering_limit_right=0.25)

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mushr_ros_intro.authoring.plan_file import plan_text
 from mushr_ros_intro.authoring.recorder import Recording
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Car, Command, InitialPose, at_rest
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.plan import as_float32
+from mushr_ros_intro.plan.write import plan_text
 from mushr_ros_intro.preview.prediction import rest
 from mushr_ros_intro.stamps import STAMP_TOLERANCE
 
