@@ -17,6 +17,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.plan import MAX_SPEED, MAX_STEERING_ANGLE, Plan
 from mushr_ros_intro.preview.prediction import trajectory
 from mushr_ros_intro.ros import conversions, node, ros_time
+from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
 
 DEFAULT_STEERING_LIMIT = 0.34
 """For a car whose profile has no limit [rad]; the one of MuSHR's teleop."""
@@ -39,7 +40,7 @@ class ClickPlanner:
         car_name = parameters.text("car_name", "car").strip("/")
         init_pose_topic = parameters.text("init_pose_topic", "/initialpose")
         self._file = PlanFile(parameters, "clicked.txt")
-        car = car_from(node.simulated_car_parameters(car_name))
+        car = car_from(simulated_car_parameters(car_name))
         limit = max(car.steering_limit_left, car.steering_limit_right)
         limit = DEFAULT_STEERING_LIMIT if math.isinf(limit) else min(limit, MAX_STEERING_ANGLE)
         limit = parameters.number("max_steering_angle", limit, "rad", 0.001, MAX_STEERING_ANGLE)

@@ -13,6 +13,7 @@ from mushr_ros_intro.authoring.plan_file import PlanFile
 from mushr_ros_intro.authoring.recorder import Recording
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.ros import conversions, node, ros_time
+from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
 from mushr_ros_intro.stamps import PresentTime
 
 
@@ -29,7 +30,7 @@ class PlanRecorder:
         car_name = parameters.text("car_name", "car").strip("/")
         init_pose_topic = parameters.text("init_pose_topic", "/initialpose")
         self._file = PlanFile(parameters, "recorded.txt")
-        car = car_from(node.simulated_car_parameters(car_name))
+        car = car_from(simulated_car_parameters(car_name))
         self._command_timeout = car.command_timeout
 
         self._lock = threading.Lock()

@@ -23,6 +23,7 @@ from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.ros import node, ros_time
 from mushr_ros_intro.ros.xmlrpc_client import CallError
+from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
 
 STATE_TOPIC = "/web_view/state"
 """What the page shows beside ROS's topics. Only clients of this node can subscribe to it."""
@@ -146,7 +147,7 @@ class WebView:
         return await self._bridge.in_thread(self._check, name, path)
 
     def _check(self, name: str, path: str) -> Dict[str, Any]:
-        car = car_from(node.simulated_car_parameters(self._car_name, must_run=True))
+        car = car_from(simulated_car_parameters(self._car_name, must_run=True))
         return plans.summary(name, path, "car", car, self._map.grid)
 
     async def _path(self, name: Any) -> str:

@@ -24,7 +24,7 @@ from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.preview.spread import spread
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import is_published
-from mushr_ros_intro.ros.node import simulated_car_parameters
+from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
 from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, NANOSECONDS
 from mushr_ros_intro.world.footprint import World
 from mushr_ros_intro.world.grid import Grid

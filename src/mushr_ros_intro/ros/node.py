@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.ros import rospy_fixes
-from mushr_ros_intro.ros.connections import responds, wait_until_connected
+from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 
 SHUTDOWN_TIMEOUT = 14.0
@@ -156,17 +156,6 @@ def parameters() -> Parameters:
             raise UserError(f"'{argument}' sets no parameter; expected _{argument}")
     _read.append(Parameters(values))
     return _read[-1]
-
-
-def simulated_car_parameters(car_name: str, must_run: bool = False) -> Parameters:
-    """Return the parameters of a simulated car; they are empty if it has never been started.
-
-    With `must_run`, they are also empty if it does not run: the parameters of a car that has ended
-    remain at the master. A node that starts together with the car cannot know that.
-    """
-    name = f"/{car_name}/car_sim"
-    is_valid = not must_run or responds(name)
-    return Parameters(rospy.get_param(name, {}) if is_valid else {}, f"{name}/")
 
 
 def offer_service(name: str, lock: ContextManager[Any], act: Callable[[], str]) -> None:

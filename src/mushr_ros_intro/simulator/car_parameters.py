@@ -1,0 +1,17 @@
+"""The parameters of a simulated car, for other nodes."""
+
+import rospy
+
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.ros.connections import responds
+
+
+def simulated_car_parameters(car_name: str, must_run: bool = False) -> Parameters:
+    """Return the parameters of a simulated car; they are empty if it has never been started.
+
+    With `must_run`, they are also empty if it does not run: the parameters of a car that has ended
+    remain at the master. A node that starts together with the car cannot know that.
+    """
+    name = f"/{car_name}/car_sim"
+    is_valid = not must_run or responds(name)
+    return Parameters(rospy.get_param(name, {}) if is_valid else {}, f"{name}/")
