@@ -24,7 +24,7 @@ from mushr_ros_intro.classroom.grader import grade, job_for, probe, read_setting
 from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.result import Result
 from mushr_ros_intro.classroom.submissions import collect
-from mushr_ros_intro.errors import UserError, counted
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.plan.plan import Plan
@@ -32,6 +32,7 @@ from mushr_ros_intro.replay.job import ReplayError, Setting, replay
 from mushr_ros_intro.replay.judge import Check, Tolerances
 from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.replay.workspace import temporary_folder
+from mushr_ros_intro.wording import counted
 
 PASSED, FAILED, USAGE, NOT_GRADED = range(4)
 """The exit status."""

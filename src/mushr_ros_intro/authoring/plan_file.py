@@ -5,13 +5,14 @@ import os
 from contextlib import ExitStack
 from typing import Optional
 
-from mushr_ros_intro.errors import UserError, counted
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.plan import Plan, PlanError
 from mushr_ros_intro.plan.write import plan_text
 from mushr_ros_intro.preview.prediction import length
 from mushr_ros_intro.stamps import NANOSECONDS
+from mushr_ros_intro.wording import counted
 
 
 class PlanFile:

@@ -9,9 +9,10 @@ import yaml
 
 from mushr_ros_intro.car.profile import names_in
 from mushr_ros_intro.classroom.points import read_points
-from mushr_ros_intro.errors import UserError, counted
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.parse import read_plans
+from mushr_ros_intro.wording import counted
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
 

@@ -12,7 +12,7 @@ from urllib.parse import quote
 from mushr_ros_intro.classroom import drawing
 from mushr_ros_intro.classroom.points import Points
 from mushr_ros_intro.classroom.result import PlanResult, Result
-from mushr_ros_intro.errors import counted
+from mushr_ros_intro.wording import counted
 
 FOLDER = "submissions"
 """The folder of the pages of submissions, beside the index."""

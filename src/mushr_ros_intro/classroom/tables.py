@@ -12,7 +12,8 @@ from xml.etree import ElementTree
 from mushr_ros_intro.classroom import pages
 from mushr_ros_intro.classroom.points import Points
 from mushr_ros_intro.classroom.result import Result
-from mushr_ros_intro.errors import UserError, counted
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.wording import counted
 
 _FORMULA = ("=", "+", "-", "@")
 """A cell that begins like this is a formula in spreadsheet programs."""

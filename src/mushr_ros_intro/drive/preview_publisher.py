@@ -12,7 +12,7 @@ from rospy.numpy_msg import numpy_msg
 from visualization_msgs.msg import MarkerArray
 
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
-from mushr_ros_intro.errors import UserError, counted
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file, package_folder
@@ -26,6 +26,7 @@ from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import is_published
 from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
 from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, NANOSECONDS
+from mushr_ros_intro.wording import counted
 from mushr_ros_intro.world.footprint import World
 from mushr_ros_intro.world.grid import Grid
 

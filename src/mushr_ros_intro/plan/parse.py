@@ -12,7 +12,7 @@ import re
 from itertools import accumulate
 from typing import Dict, List, Sequence, Tuple
 
-from mushr_ros_intro.errors import UserError, counted
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import ORIGIN, Pose
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.plan import (
@@ -27,6 +27,7 @@ from mushr_ros_intro.plan.plan import (
     as_float32,
 )
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
+from mushr_ros_intro.wording import counted
 
 MAX_FILE_SIZE = 100_000_000
 """Larger plan files are refused [bytes]; a plan of a million rows has twelve million."""

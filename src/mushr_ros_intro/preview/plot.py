@@ -6,11 +6,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from mushr_ros_intro.errors import UserError, counted
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.preview.map_axes import draw_headings, finish, title_of
 from mushr_ros_intro.preview.report import Report
 from mushr_ros_intro.preview.spread import Spread
 from mushr_ros_intro.stamps import NANOSECONDS
+from mushr_ros_intro.wording import counted
 from mushr_ros_intro.world.grid import Grid
 
 _MAX_ARROWS = 100

@@ -3,11 +3,11 @@
 import math
 from typing import Any, Dict, Iterator, Optional, Sequence
 
-from mushr_ros_intro.errors import counted
 from mushr_ros_intro.plan.plan import Fault, Row, fault_lines, shortest_decimal
 from mushr_ros_intro.preview.report import Report
 from mushr_ros_intro.preview.spread import Errors, Spread
 from mushr_ros_intro.stamps import NANOSECONDS
+from mushr_ros_intro.wording import counted
 
 SHOWN_ROWS = 40
 """Of a longer plan only the first and the last rows are shown."""

@@ -10,7 +10,6 @@ from typing import List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.errors import counted
 from mushr_ros_intro.geometry import Pose, curvature
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.recording import (
@@ -23,6 +22,7 @@ from mushr_ros_intro.replay.recording import (
     runs_of,
 )
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
+from mushr_ros_intro.wording import counted
 
 _NOT_JUDGED = "not judged"
 
