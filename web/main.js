@@ -70,7 +70,7 @@ function onState(state) {
   Promise.all([listPlans(), loadMap(state.map)]).then(heard ? null : fit);
   if (state.results) listResults();
   [heard, isHeld] = [performance.now(), false];
-  view.set({ ...NOTHING, driven: new Map() });
+  view.set(NOTHING);
   subscribe(
     `/${state.car_name}`,
     `/${state.car_name}/mux/ackermann_cmd_mux`,
@@ -84,7 +84,11 @@ function subscribe(car, mux, prefix) {
   ros.subscribe(`${car}/joint_states`, onJoints, 50);
   ros.subscribe(`${car}/odom`, onOdometry, 100);
   ros.subscribe(`${car}/scan`, onScan, 50);
-  ros.subscribe(`${car}/driven_path`, onDriven);
+  ros.subscribe(
+    `${car}/driven_path`,
+    (msg) => view.set({ driven: path(msg) }, false),
+    200,
+  );
   ros.subscribe(`${car}/predicted_path`, (msg) =>
     view.set({ predicted: path(msg) }),
   );
@@ -110,7 +114,7 @@ function subscribe(car, mux, prefix) {
 function onPose(msg) {
   const [stamp, pose] = [seconds(msg.header.stamp), flat(msg.pose)];
   const last = poses.at(-1)?.stamp ?? stamp;
-  if (stamp < last || stamp > last + 2) view.driven.clear(); // it is another car
+  if (stamp < last || stamp > last + 2) view.driven = []; // it is another car
   poses = [...poses.slice(-60), { stamp, pose }];
   heard = performance.now();
   window.mushr.pose = { x: pose[0], y: pose[1], theta: pose[2], stamp };
@@ -145,20 +149,6 @@ function onScan({ header, ranges, angle_min: begin, angle_increment: step }) {
   );
   view.set({ scan: scan.filter(Boolean) }, false);
 }
-/** Each message replaces one line, or removes all of them. */
-const onDriven = ({ action, id, points }) =>
-  view.set(
-    {
-      driven:
-        action === 3
-          ? new Map()
-          : view.driven.set(
-              id,
-              points.map(({ x, y }) => [x, y]),
-            ),
-    },
-    false,
-  );
 
 function onLog({ level, name, msg }) {
   const node = name.split("/").at(-1);

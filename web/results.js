@@ -48,7 +48,7 @@ function show() {
   );
   view.set(
     {
-      replay: { ...NOTHING, driven: [driven.slice(0, count)], predicted, pose },
+      replay: { ...NOTHING, driven: driven.slice(0, count), predicted, pose },
     },
     !view.replay,
   );

@@ -20,10 +20,10 @@ const ARROW = [
 const CIRCLE = Array.from({ length: 37 }, (_, i) => (i * Math.PI) / 18);
 const CAR_PIXELS = 16; // the car is drawn at least this long
 const DARK = matchMedia("(prefers-color-scheme: dark)");
-/** Paths are lists of [x, y] or [x, y, theta]; driven has several; spread has markers. */
+/** Paths are lists of [x, y] or [x, y, theta]; spread has markers. */
 export const NOTHING = {
   predicted: [],
-  driven: new Map(),
+  driven: [],
   scan: [],
   clicked: [],
   spread: [],
@@ -109,7 +109,7 @@ function draw() {
   view.isBackOld = false;
   pen.resetTransform();
   pen.drawImage(back, 0, 0);
-  driven.forEach((each) => drawLine(pen, each, "driven", 3));
+  drawLine(pen, driven, "driven", 3);
   drawDots(pen, scan, "scan", 3);
   if (pose) drawCar(pen, pose, wheels, isStale);
   if (view.arrow) drawCar(pen, view.arrow, [], true);

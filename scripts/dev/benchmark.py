@@ -166,7 +166,7 @@ def browser_view(port, seconds):
     time per second [s] and resident memory [MB].
     """
     delays = []
-    subscribed = {"car_pose": 15, "joint_states": 50, "odom": 100, "scan": 50, "driven_path": 0}
+    subscribed = {"car_pose": 15, "joint_states": 50, "odom": 100, "scan": 50, "driven_path": 200}
 
     async def read():
         client = await websocket_connect(f"ws://localhost:{port}/")

@@ -243,6 +243,7 @@ def test_bag(parts):
         }
     assert counts["/car/mux/ackermann_cmd_mux/input/navigation"] == 41
     assert counts["/car/car_pose"] > 200
+    assert counts["/car/driven_path"] == counts["/car/predicted_path"] == 1
 
 
 def test_noise():

@@ -10,9 +10,6 @@ from mushr_ros_intro.replay.judge import Report
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.stamps import from_seconds
 
-LINE_POSES = 50
-"""The driven path consists of lines of so many poses."""
-
 FRAMES = ("car/odom", "car/base_footprint")
 
 
@@ -39,16 +36,13 @@ def write(path: str, report: Report, states: Sequence[State]) -> None:
         times, poses = report.drive.times.tolist(), report.drive.predicted.tolist()
         predicted = [at_rest(from_seconds(t), Pose(*pose)) for t, pose in zip(times, poses)]
         add("/car/predicted_path", conversions.path_to_msg(predicted, begin), begin)
+        driven = conversions.path_to_msg([s._replace(stamp=s.stamp - begin) for s in states], begin)
+        add("/car/driven_path", driven, begin)
         for state in states:
             add("/car/car_pose", conversions.car_pose_to_msg(state), state.stamp)
             add("/tf", conversions.transforms_to_msg(state, *FRAMES), state.stamp)
             odometry = conversions.odometry_to_msg(state, report.replay.car, *FRAMES)
             add("/car/odom", odometry, state.stamp)
-        for number, begins in enumerate(range(0, len(states), LINE_POSES)):
-            line = states[begins : begins + LINE_POSES + 1]
-            poses_of_line = [state.pose for state in line]
-            msg = conversions.line_to_msg(poses_of_line, number, line[-1].stamp)
-            add("/car/driven_path", msg, line[-1].stamp)
         for sent in report.replay.sent:
             command = Command(sent.time, sent.speed, sent.steering_angle)
             msg = conversions.command_to_msg(command, FRAMES[1])

@@ -39,9 +39,6 @@ MAP_FRAME = "map"
 
 _THIN = 1e-3  # [m] rviz shows nothing that has no size
 _ELLIPSE_COLOUR = (0.85, 0.15, 0.15, 0.3)
-_LINE_COLOUR = (0.0, 0.43, 1.0, 1.0)
-_LINE_WIDTH = 0.1  # [m]
-_LINE_HEIGHT = 0.01  # [m], above the predicted path
 
 
 class MessageError(ValueError):
@@ -208,20 +205,6 @@ def ellipses_to_msg(ellipses: Iterable[Tuple[Pose, float, float]], stamp: int) -
         marker.color = ColorRGBA(*_ELLIPSE_COLOUR)
         markers.append(marker)
     return MarkerArray(markers)
-
-
-def line_to_msg(poses: Iterable[Pose], number: int, stamp: int) -> Marker:
-    """Return a line through poses in the map, which replaces the line of the same number.
-
-    Without poses, return the marker that removes all lines. The stamp is in ns.
-    """
-    points = [Point(pose.x, pose.y, _LINE_HEIGHT) for pose in poses]
-    marker = Marker(header=_header(stamp), type=Marker.LINE_STRIP, id=number, points=points)
-    marker.action = Marker.ADD if points else Marker.DELETEALL
-    marker.pose.orientation.w = 1.0
-    marker.scale.x = _LINE_WIDTH
-    marker.color = ColorRGBA(*_LINE_COLOUR)
-    return marker
 
 
 def odometry_to_msg(state: State, car: Car, odom_frame: str, base_frame: str) -> Odometry:

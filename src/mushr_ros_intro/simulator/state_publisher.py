@@ -2,28 +2,32 @@
 
 import threading
 import time
-from typing import Callable, List, Optional
+from collections import deque
+from contextlib import suppress
+from typing import Callable, Deque, List, Optional
 
 import rospy
 from geometry_msgs.msg import PoseArray, PoseStamped
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
-from visualization_msgs.msg import Marker
 
 from mushr_ros_intro.car.model import Car, Contact, State, Wheels, wheel_rates
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.commands import as_typed
+from mushr_ros_intro.ros.ros_time import SHUTDOWN_POLL_PERIOD
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import World, on_map
 
 _DRAWN_STEP = 0.1
 """Distance between the drawn poses of the driven path [m]."""
 
-_LINE_POSES = 100
-_KEPT_LINES = 20
-"""The drawing consists of lines of so many poses; the oldest line is replaced."""
+_DRAWN_POSES = 2000
+"""The driven path has at most so many poses; it loses the oldest ones."""
+
+_DRAWN_PERIOD = 0.1
+"""Shortest time between two messages with the driven path [s of wall-clock time]."""
 
 READY_POLL_PERIOD = 0.1
 """Period at which it is checked whether the car is ready [s of wall-clock time]."""
@@ -33,8 +37,8 @@ class StatePublisher:
     """The publishers of a car's state, relative to its namespace.
 
     ``car_pose``, ``odom``, ``joint_states``, /tf, and ``~collision``, latched: the pose of the car
-    if it touches a wall, otherwise no pose. For rviz: ``driven_path``. When the car is placed, the
-    driven path begins anew, and an empty path on ``predicted_path`` removes the predicted path.
+    if it touches a wall, otherwise no pose. For rviz: ``driven_path``; see `DrivenPath`. When the
+    car is placed, an empty path on ``predicted_path`` removes the predicted path.
     """
 
     def __init__(self, car: Car, now: int, loses_states: bool) -> None:
@@ -68,11 +72,9 @@ class StatePublisher:
         ]
         self._collision_pub = rospy.Publisher("~collision", PoseArray, queue_size=10, latch=True)
         self._collision_pub.publish(conversions.poses_to_msg([], now))
-        self._driven_pub = rospy.Publisher("driven_path", Marker, queue_size=1000)
+        self._driven_path = DrivenPath()
         self._predicted_pub = rospy.Publisher("predicted_path", Path, queue_size=1)
         self._last: Optional[State] = None  # the last one that was published
-        self._line: List[Pose] = []
-        self._lines = 0
 
     def publish(self, states: List[State]) -> None:
         """Publish states on every topic that has a subscriber."""
@@ -94,24 +96,16 @@ class StatePublisher:
         return conversions.joint_states_to_msg(state, self._wheel_angles, self._car)
 
     def _draw(self, state: State) -> None:
-        """Draw the driven path as a sequence of lines, which is removed when the car is placed."""
+        """Extend the driven path; it begins anew when the car is placed."""
         last = self._last
-        if (
+        is_placed = (
             last is None
             or state.map_from_odom != last.map_from_odom
             or state.drive_commands < last.drive_commands
-        ):
-            self._line, self._lines = [state.pose], 0
+        )
+        if is_placed:
             self._predicted_pub.publish(conversions.path_to_msg([], state.stamp))
-            self._driven_pub.publish(conversions.line_to_msg([], 0, state.stamp))
-        if state.pose.distance_to(self._line[-1]) < _DRAWN_STEP:
-            return
-        self._line.append(state.pose)
-        if self._driven_pub.get_num_connections():
-            number = self._lines % _KEPT_LINES
-            self._driven_pub.publish(conversions.line_to_msg(self._line, number, state.stamp))
-        if len(self._line) == _LINE_POSES:
-            self._line, self._lines = self._line[-1:], self._lines + 1
+        self._driven_path.add(state, is_placed)
 
     def announce(self, is_ready: Callable[[], bool]) -> None:
         """Log the pose and what to type, as soon as poses are published and the car is ready."""
@@ -149,3 +143,41 @@ class StatePublisher:
         if self._is_on_map and not is_on_map:
             rospy.logwarn(f"the car left the map at {state.pose}; there are no walls outside")
         self._is_on_map = is_on_map
+
+
+class DrivenPath:
+    """The publisher of the path that the car has driven since it was placed: ``driven_path``.
+
+    A thread publishes the path, latched, when it has changed. Its rate is limited in wall-clock
+    time, because the path is published as a whole, and simulated time may run fast.
+    """
+
+    def __init__(self) -> None:
+        self._poses: Deque[PoseStamped] = deque(maxlen=_DRAWN_POSES)
+        self._last: Optional[Pose] = None
+        self._lock = threading.Lock()
+        self._has_changed = threading.Event()
+        self._publisher = rospy.Publisher("driven_path", Path, queue_size=1, latch=True)
+        threading.Thread(target=self._publish, daemon=True).start()
+
+    def add(self, state: State, is_placed: bool) -> None:
+        """Extend the path to a state, or begin a new path there if the car has been placed."""
+        if not is_placed and self._last and state.pose.distance_to(self._last) < _DRAWN_STEP:
+            return
+        self._last = state.pose
+        with self._lock:
+            if is_placed:
+                self._poses.clear()
+            self._poses.append(conversions.car_pose_to_msg(state))
+        self._has_changed.set()
+
+    def _publish(self) -> None:
+        """Publish each change, in a thread."""
+        with suppress(rospy.ROSException):  # the topic is closed in a shutdown
+            while not rospy.is_shutdown():
+                if self._has_changed.wait(SHUTDOWN_POLL_PERIOD):
+                    self._has_changed.clear()
+                    with self._lock:
+                        poses = list(self._poses)
+                    self._publisher.publish(Path(poses[-1].header, poses))
+                    time.sleep(_DRAWN_PERIOD)

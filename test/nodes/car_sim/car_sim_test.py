@@ -14,7 +14,6 @@ from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
-from visualization_msgs.msg import Marker
 
 from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.simulator import sim_clock
@@ -112,20 +111,32 @@ class TestCarSim(CarTestCase):
 
     def test_drawings(self):
         """Placing the car removes the driven path and the predicted path in rviz."""
-        lines = Recording("/car/driven_path", Marker).connected()
+        paths = Recording("/car/driven_path", Path).connected()
         predictions = Recording("/car/predicted_path", Path).connected()
         self.place(3.0, 2.0, 0.0)
         wait_for(lambda: predictions.last, "an empty path")
         self.assertEqual(predictions.last.poses, [])
         self.drive(range(len(ROWS)))
         self.assertEqual(len(predictions.messages), 1)
-        drawn = lines.last
-        self.assertEqual((drawn.action, drawn.header.frame_id), (Marker.ADD, "map"))
-        self.assertEqual((drawn.points[0].x, drawn.points[0].y), (3.0, 2.0))
-        for one, other in zip(drawn.points, drawn.points[1:]):
-            self.assertTrue(0.1 <= math.dist((one.x, one.y), (other.x, other.y)) < 0.2)
+        end = planar(self.poses.last.pose)
+
+        def drawn():
+            poses = [planar(each.pose) for each in paths.last.poses]
+            return poses if math.dist(poses[-1][:2], end[:2]) < 0.1 else None
+
+        poses = wait_for(drawn, "the driven path up to the car")
+        self.assertEqual(paths.last.header.frame_id, "map")
+        self.assertEqual(poses[0][:2], (3.0, 2.0))
+        for one, other in zip(poses, poses[1:]):
+            self.assertTrue(0.1 <= math.dist(one[:2], other[:2]) < 0.2)
+        stamps = [each.header.stamp for each in paths.last.poses]
+        self.assertEqual(stamps, sorted(stamps))
+        late = Recording("/car/driven_path", Path)  # the topic is latched
+        wait_for(
+            lambda: late.last and len(late.last.poses) == len(poses), "the path, received late"
+        )
         self.place(3.0, 2.0, 0.0)
-        wait_for(lambda: lines.last.action == Marker.DELETEALL, "the path to be removed")
+        wait_for(lambda: len(paths.last.poses) == 1, "the path to begin anew")
         wait_for(lambda: len(predictions.messages) == 2, "another empty path")
 
     def test_a_command_ends_at_its_timeout_or_at_an_initial_pose(self):
