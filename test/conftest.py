@@ -1,15 +1,30 @@
-"""The settings of hypothesis for all unit tests."""
+"""The fork server for all tests, and a ROS system for each module that defines `start_world`."""
 
-from hypothesis import HealthCheck, settings
+import pytest
 
-collect_ignore_glob = ["*_test.py"]  # rostests
+from support import fork_server
 
-# Use the same examples in every run, write no file, and accept a slow machine.
-settings.register_profile(
-    "repeatable",
-    derandomize=True,
-    database=None,
-    deadline=None,
-    suppress_health_check=[HealthCheck.too_slow],
-)
-settings.load_profile("repeatable")
+
+def pytest_configure(config):
+    """Describe the marks; see scripts/dev/run_tests."""
+    config.addinivalue_line("markers", "full: only with scripts/test --all")
+    config.addinivalue_line("markers", "alone: compares with wall-clock time; runs alone")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _fork_server():
+    with fork_server.running():
+        yield
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _world(request, _fork_server):
+    """Run the ROS system of a test module: the nodes that its function `start_world` starts."""
+    start = getattr(request.module, "start_world", None)
+    if not start:
+        yield
+        return
+    from support import world
+
+    with world.running(start):
+        yield

@@ -24,9 +24,9 @@ from support.helpers import (
 from support.paths import CHECKOUT
 
 CLIENTS = os.path.join(CHECKOUT, "build", ".clients")
-"""Where `scripts/test --clients` installs clients from npm and PyPI."""
+"""Where `scripts/test --all` installs clients from npm and PyPI."""
 
-INSTALL = "scripts/test --clients installs what is missing"
+INSTALL = "scripts/test --all installs what is missing"
 """The end of the reason why a test is skipped."""
 
 JSON = {"Content-Type": "application/json"}

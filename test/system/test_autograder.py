@@ -37,7 +37,7 @@ SPY = submissions.before(
 ALL = {"open: node": 1, "open: path": 2, "secret: node": 1, "secret: path": 4}
 """The points of the checks that give some."""
 
-pytestmark = needs_workspace
+pytestmark = [pytest.mark.full, needs_workspace]
 
 
 def release():

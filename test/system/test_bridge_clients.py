@@ -59,6 +59,7 @@ PROGRAMS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_real_client(sim, name):
     command, minimum = PROGRAMS[name]

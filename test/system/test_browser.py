@@ -12,6 +12,8 @@ from support.cars import plan_named
 from support.geometry import closed_form
 from support.grades import graded, submission
 
+pytestmark = pytest.mark.full
+
 if browser.missing():
     reason = f"the packages {', '.join(browser.missing())} are missing; {web.INSTALL}"
     pytest.skip(reason, allow_module_level=True)

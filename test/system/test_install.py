@@ -7,6 +7,8 @@ import pytest
 from support.helpers import PATIENCE, Process, free_port
 from support.paths import CHECKOUT
 
+pytestmark = pytest.mark.full
+
 NOETIC = "/opt/ros/noetic"
 
 

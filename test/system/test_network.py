@@ -34,6 +34,8 @@ SHOWN = 0.5e-4
 
 WITH_ANOTHER_CLOCK = """
 import runpy, sys, time
+
+pytestmark = pytest.mark.full
 read_clock, offset, sys.argv = time.time, float(sys.argv[1]), sys.argv[2:]
 time.time = lambda: read_clock() + offset
 runpy.run_path(sys.argv[0], run_name="__main__")

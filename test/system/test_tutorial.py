@@ -18,7 +18,7 @@ from support.helpers import PATIENCE, Process, free_port, wait_for
 from support.paths import CHECKOUT, FIXTURES, copy_package
 from support.scripts import add_programs, needs_workspace
 
-pytestmark = needs_workspace
+pytestmark = [pytest.mark.full, needs_workspace]
 
 LENGTH = 46.0
 """[m] The distance of the plan straight_line."""

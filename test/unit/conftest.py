@@ -1,8 +1,19 @@
-"""A clock for the tests of this folder."""
+"""The settings of hypothesis, and a clock, for all unit tests."""
 
 import pytest
 import rospy
+from hypothesis import HealthCheck, settings
 from rospy.rostime import _set_rostime, switch_to_wallclock
+
+# Use the same examples in every run, write no file, and accept a slow machine.
+settings.register_profile(
+    "repeatable",
+    derandomize=True,
+    database=None,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile("repeatable")
 
 
 @pytest.fixture

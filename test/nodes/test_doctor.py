@@ -1,0 +1,303 @@
+"""The findings of the doctor in a running system, one fault after the other."""
+
+import contextlib
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from unittest import mock
+
+import rosgraph
+import rosgraph.network
+import roslib.packages
+import rosnode
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger, TriggerResponse
+
+from mushr_ros_intro.doctor.observation import Observer
+from mushr_ros_intro.doctor.rules import diagnose
+from support.ghost import Ghost
+from support.helpers import (
+    Process,
+    Recording,
+    RosTestCase,
+    driver,
+    free_port,
+    master,
+    node,
+    publisher,
+    wait_for,
+)
+from support.messages import MUX, NAVIGATION, OUTPUT, TELEOP, command, placement
+from support.world import launch
+
+DOCTOR = os.path.join(roslib.packages.get_pkg_dir("mushr_ros_intro"), "src", "doctor.py")
+NOWHERE = "http://localhost:1/"
+"""An address without a server."""
+
+
+def start_world():
+    return launch("sim.launch", laser=False, model=False)
+
+
+class OtherCommand(AckermannDriveStamped):
+    """A message with the same name and another definition."""
+
+    _md5sum = "0123456789abcdef0123456789abcdef"
+
+
+publishers = {}
+"""Publishers of commands by topic. Each stays registered until `release`.
+
+If a publisher is registered again, rospy's subscribers may not connect to it.
+"""
+
+
+def release(topic):
+    publishers.pop(topic).unregister()
+
+
+@contextlib.contextmanager
+def driving(topic, speed=1.0, stamp=rospy.Time.now):
+    """Send a command every 50 ms."""
+    if topic not in publishers:
+        publishers[topic] = rospy.Publisher(topic, AckermannDriveStamped, queue_size=10)
+
+    def send(_):
+        publishers[topic].publish(command(stamp(), speed, 0.0))
+
+    timer = rospy.Timer(rospy.Duration(0.05), send)
+    yield
+    timer.shutdown()
+    timer.join()
+
+
+class TestDoctor(RosTestCase):
+    def setUp(self):
+        super().setUp()
+        self.uri = rosgraph.get_master_uri()
+        self.me = rospy.get_name()
+
+    def expect(self, *problems, car="car", **options):
+        """Observe until there is exactly one finding for each of `problems`."""
+        options = {"listening_time": 0.2, **options}
+        found = []
+
+        def are_found():
+            found[:] = map(str, diagnose(Observer(car, self.uri, **options).observe()))
+            fits = all(any(each in line for line in found) for each in problems)
+            return fits and len(found) == len(problems)
+
+        try:
+            wait_for(are_found, f"{problems}")
+        except AssertionError as error:
+            raise AssertionError(f"{error}; got {found}") from None
+
+    def test_0_no_publisher(self):
+        self.expect(f"no node publishes commands: {NAVIGATION} has no publisher")
+
+    def test_path_publisher(self):
+        # It works, is blocked by another input, is stopped, is killed, and is unregistered.
+        release(NAVIGATION)
+        with driver("circle", "_loop:=true") as process:
+            self.expect()
+            with Process(sys.executable, DOCTOR) as doctor:
+                self.assertEqual(doctor.wait(), 0, doctor.output)
+            expected = "no fault found: /path_publisher sends commands, and the car moves\n"
+            self.assertEqual(doctor.output, expected)
+            self.assertNotIn("doctor", process.output)  # no trace in other terminals
+            with driving(TELEOP, 0.0):
+                self.expect(f"'teleop' of the mux has a higher priority and is in use by {self.me}")
+            release(TELEOP)
+            process.send_signal(signal.SIGSTOP)
+            self.expect("/path_publisher does not respond", call_timeout=0.3)
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+            self.expect("/path_publisher has died")
+            rosnode.cleanup_master_blacklist(rosgraph.Master("/doctor_test"), ["/path_publisher"])
+        self.expect(f"no node publishes commands: {NAVIGATION} has no publisher")
+
+    def test_unknown_host(self):
+        master, uri = rosgraph.Master("/ghost"), "http://nosuch.invalid:1/"
+        master.registerPublisher("/ghostly", "std_msgs/String", uri)
+        self.addCleanup(master.unregisterPublisher, "/ghostly", uri)
+        with driving(NAVIGATION):
+            self.expect("/ghost cannot be reached: this machine cannot resolve the host name")
+
+    def test_commands(self):
+        with driving(NAVIGATION, 0.0):
+            self.expect(f"all commands of {self.me} have speed 0")
+        with driving(NAVIGATION, 1.0, lambda: rospy.Time(0)):
+            self.expect()
+        with driving(NAVIGATION, 1.0, lambda: rospy.Time.now() - rospy.Duration(9)):
+            self.expect("s behind the clock of this machine")
+        with driving(OUTPUT):
+            self.expect()
+        release(OUTPUT)
+        with driving("/cmd"):
+            self.expect(f"the commands of {self.me} have no effect: no node subscribes to /cmd")
+        release("/cmd")
+        self.expect(f"no commands arrived from {self.me}")
+
+    def test_another_definition_of_the_type(self):
+        wrong = rospy.Publisher(f"{MUX}/input/safety", OtherCommand, queue_size=1)
+        self.addCleanup(wrong.unregister)
+        self.expect(f"{self.me} was built with another definition of ackermann_msgs")
+
+    def test_a_silent_publisher_of_another_type_that_is_slow_to_connect(self):
+        topic = f"{MUX}/input/default"
+        header = {"callerid": "/ghost", "type": "std_msgs/String", "md5sum": "0" * 32}
+        with socket.create_server(("localhost", 0)) as server:
+
+            def connect():
+                with contextlib.suppress(OSError):  # the server is closed
+                    while True:
+                        connection, _ = server.accept()
+                        threading.Timer(
+                            0.5, rosgraph.network.write_ros_handshake_header, (connection, header)
+                        ).start()
+
+            threading.Thread(target=connect, daemon=True).start()
+            self.ending(Ghost(publishes=[topic], port=server.getsockname()[1]))
+            self.expect(f"/ghost publishes std_msgs/String on {topic}", listening_time=0.0)
+
+    def test_a_waiting_publisher_goes_on_waiting(self):
+        topic = "/car2/mux/ackermann_cmd_mux/input/navigation"
+        master = rosgraph.Master("/ghost")  # a dead subscriber
+        master.registerSubscriber(topic, AckermannDriveStamped._type, NOWHERE)
+        self.addCleanup(master.unregisterSubscriber, topic, NOWHERE)
+        connections = mock.Mock()
+        waiting = rospy.Publisher(topic, AckermannDriveStamped, connections, queue_size=1)
+        self.addCleanup(waiting.unregister)
+        self.expect("/ghost has died", "the car 'car2' is not running", car="car2")
+        connections.peer_subscribe.assert_not_called()
+
+    def test_time(self):
+        rospy.set_param("/use_sim_time", True)
+        self.addCleanup(rospy.set_param, "/use_sim_time", False)
+        with driving(NAVIGATION):
+            self.expect("use_sim_time is true, but no node publishes /clock")
+            clock = rospy.Publisher("/clock", Clock, queue_size=1)
+            self.addCleanup(clock.unregister)
+            resume = rospy.Service("/car/car_sim/resume", Trigger, lambda _: TriggerResponse())
+            self.addCleanup(resume.shutdown)
+            self.expect(
+                f"time stands still: /clock comes from {self.me} and does not advance. "
+                "Type: rosservice call /car/car_sim/resume"
+            )
+            ticks = rospy.Timer(
+                rospy.Duration(0.02), lambda _: clock.publish(rospy.Time.now() - rospy.Duration(99))
+            )
+            self.addCleanup(ticks.shutdown)
+            self.expect(f"the stamps of the commands of {self.me} are 9")
+
+    def test_wall(self):
+        collisions = Recording("/car/car_sim/collision", PoseArray).connected()
+        placements = publisher("/initialpose", PoseWithCovarianceStamped)
+        placements.publish(placement(rospy.Time(), 48.9, 0.0, 0.0))
+        with driving(NAVIGATION):
+            wait_for(lambda: collisions.last and collisions.last.poses, "the wall")
+            collisions.subscriber.unregister()  # in one process, a topic has one type
+            self.expect("the car touches a wall at (49.0200 m, 0.0000 m, 0.0000 rad)")
+        placements.publish(placement(rospy.Time(), 0.0, 0.0, 0.0))
+        with driving(NAVIGATION):
+            self.expect()
+
+    def test_mushrs_mux(self):
+        """Its configuration is in a file, its inputs have long names, `default` gets old stops."""
+        mux = "/car3/mux/ackermann_cmd_mux"
+        names = {"Teleoperation": "teleop", "Navigation": "navigation", "Default": "default"}
+        inputs = [
+            {"name": name, "topic": f"input/{topic}", "timeout": 0.2, "priority": -number}
+            for number, (name, topic) in enumerate(names.items())
+        ]
+        rospy.set_param(mux, {"subscribers": inputs, "publisher": "output"})
+        self.addCleanup(rospy.delete_param, "/car3")
+        self.ending(node("ackermann_cmd_mux.py", "__ns:=/car3/mux"))
+        self.ending(node("car_sim.py", "__ns:=/car3"))
+        self.expect(f"no node publishes commands: {mux}/input/navigation", car="car3")
+        rospy.set_param(mux, {"yaml_cfg_file": "/mux.yaml"})
+        old = rospy.Time.now() - rospy.Duration(13)
+        with driving(f"{mux}/input/default", 0.0, lambda: old):
+            self.expect(f"no node publishes commands: {mux}/input/navigation", car="car3")
+            with driving(f"{mux}/input/navigation"):
+                self.expect(car="car3")
+                with driving(f"{mux}/input/teleop", 0.0):
+                    expected = "the input 'teleop' of the mux has a higher priority and is in use"
+                    self.expect(expected, car="car3")
+                with node("car_sim.py", "__ns:=/car3", "__name:=second"):
+                    self.expect("each reports a pose of the car 'car3'", car="car3")
+        for name in names.values():
+            release(f"{mux}/input/{name}")
+
+    def test_another_car(self):
+        problem = "the car 'car2' is not running: no node subscribes to /car2/mux/"
+        self.expect(problem, car="car2")
+        self.expect("; running: car. Type", car="car2")
+
+    def test_masters(self):
+        running, self.uri = self.uri, "http://nosuch.invalid:11311"
+        problem = "its host name cannot be resolved"
+        self.expect(f"{problem}; a master runs on this machine", default_master=running)
+        self.expect(f"{problem}. Check the network", default_master=NOWHERE)
+        self.uri = "localhost:11311"
+        self.expect("expected is an address such as http://localhost:11311")
+        with HTTPServer(("localhost", 0), BaseHTTPRequestHandler) as server:
+            threading.Thread(target=server.serve_forever, daemon=True).start()
+            self.uri = f"http://localhost:{server.server_port}"
+            self.expect("the program there is not a ROS master", default_master=NOWHERE)
+            server.shutdown()
+        with socket.create_server(("localhost", 0)) as stopped:
+            self.uri = f"http://localhost:{stopped.getsockname()[1]}"
+            problem = "the master there does not respond"
+            self.expect(problem, default_master=NOWHERE, call_timeout=0.3)
+
+    def test_a_node_of_an_earlier_master(self):
+        port = free_port()
+        self.uri = f"http://localhost:{port}"
+        node = (sys.executable, "-c", "import time; time.sleep(60)", "__name:=rviz")
+        with Process(
+            *node, ROS_MASTER_URI=self.uri, ROS_NAMESPACE="/car"
+        ), contextlib.ExitStack() as stack:
+            time.sleep(0.05)  # Linux measures the start of a process in steps of 0.01 s
+            stack.enter_context(Process("rosmaster", "-p", str(port)))
+            wait_for(rosgraph.Master("/doctor_test", self.uri).is_online, "the master")
+            with Process(*node, ROS_MASTER_URI=self.uri):  # it may still register
+                problem = "/car/rviz (process "
+                self.expect(problem, "the car 'car' is not running", default_master=NOWHERE)
+
+    def test_no_master(self):
+        with Process(sys.executable, DOCTOR, ROS_MASTER_URI=NOWHERE) as doctor:
+            self.assertEqual(doctor.wait(), 1, doctor.output)
+        self.assertEqual(doctor.output.count("\n"), 1, doctor.output)
+        self.assertIn(f"ROS_MASTER_URI is {NOWHERE}, but no master runs there", doctor.output)
+
+    def test_interrupts(self):
+        # Ctrl-C leaves no registration. The doctor reports that a master has stopped.
+        def nodes():
+            return [name for part in proxy.getSystemState() for _, names in part for name in names]
+
+        with master("/doctor_test") as (roscore, proxy):
+            uri = proxy.master_uri
+            with Process(sys.executable, DOCTOR, ROS_MASTER_URI=uri) as doctor:
+                wait_for(nodes, "the doctor to join")
+
+                def is_interrupted():
+                    doctor.send_signal(signal.SIGINT)
+                    return not doctor.running
+
+                wait_for(is_interrupted, "the end of the doctor")
+                self.assertEqual(doctor.wait(), 130, doctor.output)
+            self.assertEqual((nodes(), doctor.output), ([], ""))
+            with Process(sys.executable, DOCTOR, ROS_MASTER_URI=uri) as doctor:
+                wait_for(nodes, "the doctor to join")
+                roscore.send_signal(signal.SIGSTOP)
+                self.assertEqual(doctor.wait(), 1, doctor.output)
+                roscore.send_signal(signal.SIGCONT)
+        self.assertIn("the master there does not respond", doctor.output)

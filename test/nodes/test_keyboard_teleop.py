@@ -1,0 +1,207 @@
+"""Drive with the keys: in a window on a virtual display, and in a terminal."""
+
+import os
+import pty
+import select
+import signal
+import subprocess
+import termios
+import time
+import tkinter
+from unittest import mock
+
+import roslib.packages
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from std_msgs.msg import String
+
+from mushr_ros_intro.authoring.keyboard import HELP, Window
+from support.display import Display, require
+from support.geometry import float32
+from support.helpers import PATIENCE, Process, Recording, RosTestCase, wait_for
+from support.messages import MUX, TELEOP
+from support.world import launch
+
+NODE = (*roslib.packages.find_node("mushr_ros_intro", "keyboard_teleop.py"), "__ns:=/car")
+
+FORWARD = (2.0, 0.0)
+FORWARD_LEFT = (2.0, float32(0.34))
+STOP = (0.0, 0.0)
+"""[m/s, rad]"""
+
+SILENCE = 0.5
+"""[s] Five command periods, and longer than the mux's timeout of 0.2 s."""
+
+REPEATING = 1.5
+"""[s] A display repeats a key that is held for 0.5 or 0.66 s, so hold it longer."""
+
+
+def drives(messages):
+    return [(each.drive.speed, each.drive.steering_angle) for each in messages]
+
+
+def start_world():
+    return launch("sim.launch")
+
+
+class Commands:
+    """Code of the tests of window and terminal. One node at a time drives the car."""
+
+    def setUp(self):
+        super().setUp()
+        self.commands = self.ending(Recording(TELEOP, AckermannDriveStamped))
+        self.active = self.ending(Recording(f"{MUX}/active", String).connected())
+
+    def wait_for_drive(self, wanted):
+        wait_for(lambda: drives(self.commands.messages)[-1:] == [wanted], f"the command {wanted}")
+
+    def check_silence(self):
+        """Wait for the stop; check that there is one stop and no later message."""
+        self.wait_for_drive(STOP)
+        wait_for(lambda: self.active.last.data == "idle", "the mux to be idle")
+        count = len(self.commands.messages)
+        until = time.monotonic() + SILENCE
+        wait_for(lambda: time.monotonic() > until, "silence")
+        self.assertEqual(len(self.commands.messages), count, "there are commands after the stop")
+        self.assertEqual(drives(self.commands.messages).count(STOP), 1)
+
+    def check_headers(self):
+        stamps = [each.header.stamp for each in self.commands.messages]
+        self.assertEqual(stamps, sorted(stamps))
+        age = (rospy.Time.now() - stamps[-1]).to_sec()
+        self.assertTrue(0.0 <= age < PATIENCE, f"the last stamp is {age:g} s old")
+        frames = {each.header.frame_id for each in self.commands.messages}
+        self.assertEqual(frames, {"car/base_footprint"})
+
+
+class FaultsTest(RosTestCase):
+    """Faults that end the node with a message."""
+
+    @mock.patch.dict(os.environ, DISPLAY="")
+    def test_refusals(self):
+        """There is neither a display nor a terminal, or a parameter is wrong."""
+        name = "keyboard_teleop.py"
+        self.assert_refused(
+            (name, ["__ns:=/car"], "no keyboard to drive with", "DISPLAY"),
+            (name, ["__ns:=/car", "_speed:=fast"], "parameter ~speed is"),
+            (name, ["__ns:=/car", "_steering_angle:=1.6"], "parameter ~steering_angle is"),
+        )
+
+
+class WindowTest(Commands, RosTestCase):
+    """In a window; xdotool presses the keys."""
+
+    def setUp(self):
+        require(self, "Xvfb", "xdotool")
+        super().setUp()
+        self.display = self.ending(Display())
+        self.node = self.ending(Process(*NODE, DISPLAY=self.display.name))
+        self.addCleanup(self.display.xdotool, "keyup", "w", "keyup", "a")
+        self.commands.connected()
+        self.display.focus_on("^Teleop car$")
+
+    def test_keys(self):
+        """Commands while keys are held, one stop when they are released, then silence."""
+        self.display.xdotool("keydown", "w")
+        self.wait_for_drive(FORWARD)
+        wait_for(lambda: self.active.last.data == "teleop", "the mux to pass it on")
+        began = rospy.Time.now()
+        last = self.commands.after(began + rospy.Duration(REPEATING)).header.stamp
+        held = [each for each in self.commands.messages if each.header.stamp <= last]
+        self.assertEqual(set(drives(held)), {FORWARD})
+        self.display.xdotool("keydown", "a")
+        self.wait_for_drive(FORWARD_LEFT)
+        self.display.xdotool("keyup", "a")
+        self.wait_for_drive(FORWARD)
+        self.display.xdotool("keyup", "w")
+        self.check_silence()
+        self.check_headers()
+
+    def test_focus(self):
+        """The car stops when the window loses the focus, although the key is still down."""
+        self.display.xdotool("keydown", "w")
+        self.wait_for_drive(FORWARD)
+        script = "import tkinter; tkinter.Tk(className='other').mainloop()"
+        self.ending(Process("/usr/bin/python3", "-c", script, DISPLAY=self.display.name))
+        self.display.focus_on("^other$")
+        self.check_silence()
+
+    def test_end(self):
+        """Ctrl-C while a key is down: the node sends the stop before it ends."""
+        self.display.xdotool("keydown", "w")
+        self.wait_for_drive(FORWARD)
+        self.node.send_signal(signal.SIGINT)
+        self.assertEqual(self.node.wait(), 0, self.node.output)
+        self.check_silence()
+        self.assertNotIn("Traceback", self.node.output)
+
+    def test_help(self):
+        """The window shows the help, with the focus and without it."""
+        labels, create = [], tkinter.Label
+        with mock.patch.dict(os.environ, DISPLAY=self.display.name), mock.patch(
+            "tkinter.Label",
+            lambda *args, **kwargs: labels.append(create(*args, **kwargs)) or labels[-1],
+        ):
+            window = Window("help", "2 m/s")
+        self.addCleanup(window.close)
+
+        def shows(text):
+            window.read()
+            texts = [each["text"] for each in labels]
+            return HELP in texts and text in texts
+
+        wait_for(lambda: shows("click here to drive"), "the help without the focus")
+        self.display.focus_on("^help$")
+        wait_for(lambda: shows("2 m/s"), "the help with the focus")
+
+
+class TerminalTest(Commands, RosTestCase):
+    """In a terminal, without a display."""
+
+    def setUp(self):
+        super().setUp()
+        self.keyboard, terminal = pty.openpty()
+        self.addCleanup(os.close, self.keyboard)
+        self.addCleanup(os.close, terminal)
+        self.terminal = terminal
+        self.settings = termios.tcgetattr(terminal)
+        self.node = subprocess.Popen(
+            NODE,
+            stdin=terminal,
+            stdout=terminal,
+            env={**os.environ, "DISPLAY": ""},
+            start_new_session=True,
+        )
+        self.addCleanup(self.node.wait)
+        self.addCleanup(self.node.kill)
+        wait_for(lambda: termios.tcgetattr(terminal) != self.settings, "the terminal to be set")
+        self.commands.connected()
+        os.write(self.keyboard, b"w")
+        self.wait_for_drive(FORWARD)
+
+    def test_keys(self):
+        """A character drives for a while; then there is one stop, and silence."""
+        os.write(self.keyboard, b"a")
+        self.wait_for_drive(FORWARD_LEFT)
+        self.check_silence()
+        self.check_headers()
+
+    def test_help(self):
+        """The node prints the help again while keys are typed."""
+        output = b""
+
+        def is_printed_again():
+            nonlocal output
+            os.write(self.keyboard, b"w")
+            if select.select([self.keyboard], [], [], 0.1)[0]:
+                output += os.read(self.keyboard, 4096)
+            return output.count(HELP.encode()) == 2
+
+        wait_for(is_printed_again, "the help, twice")
+
+    def test_end(self):
+        """Ctrl-C, a signal of the terminal: one stop, and the settings are restored."""
+        os.killpg(self.node.pid, signal.SIGINT)
+        self.assertEqual(self.node.wait(PATIENCE), 0)
+        self.assertEqual(termios.tcgetattr(self.terminal), self.settings)
+        self.check_silence()

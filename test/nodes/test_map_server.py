@@ -1,0 +1,108 @@
+"""Check the topics, the service and the errors of map_server."""
+
+import os
+
+import rospy
+from nav_msgs.msg import MapMetaData, OccupancyGrid
+from nav_msgs.srv import GetMap
+
+from support.geometry import yaw_of
+from support.helpers import PATIENCE, Process, Recording, RosTestCase, node, wait_for
+from support.paths import FIXTURES
+
+CELLS = (100, 100, 0, -1, 0, 100, 0, 0, 0, 0, 0, 0, 100, 0, -1)
+"""The cells of test/fixtures/maps/asymmetric.png, row by row from the bottom."""
+
+ROUNDING = 1e-12
+"""[m, rad] Of a pose that goes through a quaternion."""
+
+
+def start_world():
+    path = os.path.join(FIXTURES, "maps", "asymmetric.yaml")
+    return [node("map_server.py", f"_map_file:={path}", "_frame_id:=hall")]
+
+
+class TestMapServer(RosTestCase):
+    def assert_is_the_map(self, msg):
+        self.assertEqual(msg.header.frame_id, "hall")
+        self.assertEqual(tuple(msg.data), CELLS)
+        self.assert_is_the_metadata(msg.info)
+
+    def assert_is_the_metadata(self, info):
+        self.assertEqual((info.width, info.height, info.resolution), (5, 3, 0.5))
+        self.assertEqual((info.origin.position.x, info.origin.position.y), (-1.0, 2.0))
+        self.assertLess(abs(yaw_of(info.origin.orientation) - 0.3), ROUNDING)
+        self.assertGreater(info.map_load_time.to_sec(), 0.0)
+
+    def test_subscribers(self):
+        """A late subscriber receives the map, too, and only once."""
+        stamps = set()
+        for _ in range(3):
+            maps = Recording("/map", OccupancyGrid)
+            metadata = Recording("/map_metadata", MapMetaData)
+            self.assert_is_the_map(wait_for(lambda m=maps: m.last, "a map"))
+            self.assert_is_the_metadata(wait_for(lambda m=metadata: m.last, "metadata"))
+            self.assertEqual(len(maps.messages), 1)
+            stamps.add(maps.last.header.stamp.to_nsec())
+            maps.subscriber.unregister()  # the next one gets a new connection
+            metadata.subscriber.unregister()
+        self.assertEqual(len(stamps), 1)
+
+    def test_clients(self):
+        rospy.wait_for_service("/static_map", PATIENCE)
+        ask = rospy.ServiceProxy("/static_map", GetMap)
+        for _ in range(2):
+            self.assert_is_the_map(ask().map)
+
+    def test_names_and_relative_paths(self):
+        """A map's name, and a path relative to the user's directory."""
+        with node("map_server.py", "__name:=by_name", "_map_file:=sandbox", "__ns:=other") as other:
+            sandbox = Recording("/other/map", OccupancyGrid)
+            msg = wait_for(lambda: sandbox.last, "the sandbox")
+            self.assertEqual((msg.info.width, msg.info.height), (1000, 1000))
+            self.assertEqual(msg.header.frame_id, "map")
+            self.assertTrue(other.running)
+        folder = FIXTURES
+        command = "rosrun mushr_ros_intro map_server.py __name:=by_path __ns:=third"
+        with Process("bash", "-c", f"cd '{folder}' && {command} _map_file:=maps/asymmetric.yaml"):
+            third = Recording("/third/map", OccupancyGrid)
+            self.assertEqual(tuple(wait_for(lambda: third.last, "the map").data), CELLS)
+
+    def test_bad_maps_and_parameters(self):
+        path = self.plan("image: none.png\nresolution: .nan\n", "broken.yaml")
+        no_map = "no_such_map: no such file (searched: "
+        cases = (
+            ([f"_map_file:={path}"], f"{path}: resolution is nan; expected a number"),
+            ([f"_map_file:={self.folder}"], "(Is a directory)"),
+            (["_map_file:=no_such_map"], no_map, "race_loop, rooms, sandbox"),
+            (["_map_file:=7"], "parameter ~map_file is 7; expected the name or"),
+            ([], "parameter ~map_file is not set"),
+            (["_map_file:=sandbox", "_frame_id:=''"], "~frame_id is ''; expected text"),
+        )
+        self.assert_refused(*(("map_server.py", *case) for case in cases))
+
+    def test_a_misspelt_name_does_not_end_the_map_server_that_runs(self):
+        with node("map_server.py", "__ns:=fourth", "_map_file:=rooms", "_map_fil:=x") as running:
+            wait_for(lambda: "rooms.yaml" in running.output, "the map")
+            unknown = "~map_fil is not known, and has no effect; did you mean ~map_file?"
+            wait_for(lambda: unknown in running.output, "a warning")
+            with node("map_server.py", "__ns:=fourth", "_map_file:=roomz") as second:
+                self.assertEqual(second.wait(), 1)
+            self.assertIn("did you mean rooms?", second.output)
+            self.assertTrue(running.running)
+
+    def test_wrong_names_in_sim_launch(self):
+        """roslaunch stops before it starts a node."""
+        cases = (
+            (
+                "car:=nano",
+                "no such car; expected one of ideal, mushr_nano, mushr_nano_master, mushr_tx2, "
+                "racecar_mit\n",
+            ),
+            ("map:=sandbx", "no such file; did you mean sandbox? (searched: "),
+        )
+        for argument, message in cases:
+            with Process("roslaunch", "mushr_ros_intro", "sim.launch", argument) as launch:
+                self.assertEqual(launch.wait(), 1, launch.output)
+                self.assertIn(f"\nsim.launch: {argument}: {message}", launch.output)
+                self.assertNotIn("process[", launch.output)

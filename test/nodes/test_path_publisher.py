@@ -1,0 +1,193 @@
+"""Check how path_publisher starts, ends, is interrupted, and refuses bad input."""
+
+import math
+import os
+import re
+import shlex
+import signal
+
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+
+from support.geometry import closed_form, planar
+from support.ghost import Ghost
+from support.helpers import Process, Recording, RosTestCase, driver, kill, node, wait_for
+from support.messages import COMMAND_TIMEOUT, NAVIGATION
+from support.paths import FIXTURES
+from support.world import launch
+
+
+def start_world():
+    return launch("sim.launch", map="none", laser=False, model=False)
+
+
+class TestPathPublisher(RosTestCase):
+    def setUp(self):
+        super().setUp()
+        self.commands = Recording(NAVIGATION, AckermannDriveStamped)
+        self.placements = Recording("/initialpose", PoseWithCovarianceStamped)
+        self.poses = Recording("/car/car_pose", PoseStamped).connected()
+
+    def drives(self):
+        """Return whether the recording has five commands."""
+        return len(self.commands.messages) >= 5
+
+    def assert_rests_at(self, expected):
+        last = self.commands.last.header.stamp
+        self.assert_pose(self.poses.pose_at_rest(last + rospy.Duration(COMMAND_TIMEOUT)), expected)
+
+    def test_interrupted(self):
+        """After Ctrl-C the last message is a stop; the node prints where the car stopped."""
+        path = self.plan("0,0,0\n1.0,0.2,60\n")
+        with driver(path) as publisher:
+            wait_for(self.drives, "five commands")
+            publisher.send_signal(signal.SIGINT)
+            self.assertEqual(publisher.wait(), 1)
+        wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
+        first, *_, last = self.commands.messages
+        seconds = (last.header.stamp - first.header.stamp).to_sec()
+        end = closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)])
+        self.assert_rests_at(end)
+        stopped = r"stopped in row 1 of 1 at \((.*) m, (.*) m, (.*) rad\)"
+        self.assertRegex(publisher.output, stopped)
+        printed = re.search(stopped, publisher.output).groups()
+        self.assert_pose(tuple(map(float, printed)), end, 1e-4)
+
+    def test_loop(self):
+        """Each lap is a drive of its own, placed after the end of the last one."""
+        path = self.plan("1,2,0.5\n1.0,0.2,0.25\n-1.0,0.1,0.3\n")
+        options = (f"plan_file:={path}", "loop:=true")
+        with Process(
+            "roslaunch", "mushr_ros_intro", "path_publisher.launch", *options
+        ) as publisher:
+            wait_for(lambda: len(self.placements.messages) >= 4, "four laps")
+            publisher.send_signal(signal.SIGINT)
+            publisher.wait()
+        self.assertIn("plan.txt: 2 rows, 0.55 s, 0.55 m", publisher.output)
+        self.assertIn("lap 2, row 2 of 2: -1 m/s, 0.1 rad; 0.30 s left", publisher.output)
+        commands = [m.header.stamp.to_nsec() for m in self.commands.messages]
+        lap = [0, 100, 200, 250, 350, 450, 550]  # [ms], the last one is the stop
+        placements = [m.header.stamp.to_nsec() for m in self.placements.messages]
+        for number, placed in enumerate(placements[:3]):
+            begin, *_ = stamps = commands[number * len(lap) : (number + 1) * len(lap)]
+            self.assertEqual(stamps, [begin + due * 10**6 for due in lap])
+            self.assertGreaterEqual(begin, placed + 10**8)
+            self.assertGreater(placements[number + 1], stamps[-1])
+            self.assertEqual(self.commands.messages[(number + 1) * len(lap) - 1].drive.speed, 0.0)
+
+    def test_another_node_drives_the_car(self):
+        """The message contains the name of the other publisher, even if it has ended."""
+        path = self.plan("0,0,0\n1.0,0.2,8\n")
+        # Half a period between its rows: the first node does not replace the commands of at least
+        # one row immediately, so the car ends at another pose.
+        other = self.plan("0,0,0\n-1.0,0.2,0.45\n-1.0,0.2,0.5\n", "other.txt")
+        with driver(path) as publisher:
+            wait_for(self.drives, "five commands")
+            arguments = (f"_plan_file:={other}", "__name:=other", "_send_init_pose:=false")
+            with node("path_publisher.py", *arguments) as second:
+                wait_for(lambda: "/other also publishes on" in publisher.output, "a warning")
+                self.assertEqual(second.wait(), 0)
+            self.assertEqual(publisher.wait(), 1)
+        self.assertIn(f"/other also published on {NAVIGATION}", publisher.output)
+        self.assertNotIn("has been driven", publisher.output)
+
+    def test_the_car_dies(self):
+        """The node warns, and ends with exit status 1."""
+        path = self.plan("0,0,0\n1.0,0.2,2\n")
+        car = node("car_sim.py", "__ns:=/second", "initialpose:=/second_initialpose")
+        self.addCleanup(car.end)
+        arguments = (
+            "_loop:=false",
+            "_car_name:=second",
+            "_init_pose_topic:=/second_initialpose",
+            f"_control_topic:={NAVIGATION}",
+        )
+        with driver(path, *arguments) as publisher:
+            wait_for(self.drives, "five commands")
+            kill("/second/car_sim", car.pid)
+            warning = "the car no longer reports its pose on /second/car_pose"
+            wait_for(lambda: warning in publisher.output, "a warning")
+            self.assertEqual(publisher.wait(), 1)
+        self.assertIn("/second/car_pose since row 1 of 1, so it is not known", publisher.output)
+        self.assertNotIn("has been driven", publisher.output)
+
+    def test_the_parameters_of_a_car_that_has_ended(self):
+        """They do not count: the plan is not checked against their limits."""
+        rospy.set_param("/ended/car_sim/speed_limit", 0.01)
+        self.addCleanup(rospy.delete_param, "/ended")
+        path = self.plan("0,0,0\n0.02,0,0.1\n")
+        arguments = ("_car_name:=ended", "_send_init_pose:=false", f"_control_topic:={NAVIGATION}")
+        self.assertNotIn("at most", self.drive_plan(path, *arguments))
+
+    def test_tutorial_listing(self):
+        """The listing sends no stop, so the car drives for up to 0.2 s longer."""
+        rows = [(2.0, 0.09, 1.0), (3.0, -0.15, 1.0)]
+        path = self.plan("0,0,0.0\n2.0,0.09\n3.0,-0.15")
+        with node("listing.py", f"_plan_file:={path}") as listing:
+            self.assertEqual(listing.wait(), 0)
+        self.assertGreaterEqual(len(self.commands.messages), 19)
+        x, y, _ = self.poses.pose_at_rest(rospy.Time.now() + rospy.Duration(COMMAND_TIMEOUT))
+        # Its rows begin when its thread wakes up, so their durations are not exact.
+        slack = 3.0 * (COMMAND_TIMEOUT + 0.05)
+        expected = closed_form((0.0, 0.0, 0.0), rows)
+        self.assertLess(math.hypot(x - expected[0], y - expected[1]), slack)
+
+    def test_the_name_of_a_file_in_the_users_directory(self):
+        """It comes before the plan of the package; the first line of the node shows its path."""
+        rospy.set_param("/path_publisher/send_init_pose", False)  # as if from an earlier drive
+        # The car is slow, so a late message does not change the printed digits.
+        path = self.plan("3,4,1\n0.02,0.1,1\n", "figure_8.txt")
+        launch = ("roslaunch", "mushr_ros_intro", "path_publisher.launch", "plan_file:=figure_8")
+        with Process(*launch, PWD=self.folder) as publisher:
+            self.assertEqual(publisher.wait(), 0)
+        first = next(line for line in publisher.output.splitlines() if "[INFO]" in line)
+        self.assertIn(f"plan {path}: 1 row, 1 s, 0.02 m", first)
+        self.assertIn("the car drove 0.02 m", publisher.output)
+        self.assert_rests_at(closed_form((3.0, 4.0, 1.0), [(0.02, 0.1, 1.0)]))
+
+    def test_refuses_and_publishes_nothing(self):
+        """Each fault is one message and exit status 1, and no command is published."""
+        ghost = self.ending(Ghost(subscribes=["/told_late"], publishes=["/ghost/car_pose"]))
+        wrong = rospy.Subscriber("/wrong_initialpose", PoseWithCovarianceStamped)
+        self.addCleanup(wrong.unregister)
+        broken = os.path.join(FIXTURES, "broken_plans", "not_a_number.txt")
+        other_car = ("_car_name:=ghost", f"_control_topic:={NAVIGATION}")
+        cases = {
+            f"{broken}:": [f"_plan_file:={broken}"],
+            "circle, closed_figure_8, figure_8": ["_plan_file:=figure_9"],
+            "parameter ~loop is 'maybe'": ["_loop:=maybe"],
+            "'plan_file:=circle' sets no parameter; expected _plan_file:=circle": [
+                "plan_file:=circle"
+            ],
+            "no node subscribes to /nowhere": ["_init_pose_topic:=/nowhere"],
+            "nodes are registered: /ghost. Do they respond": ["_control_topic:=/told_late"],
+            # The car does not stand at the start of slalom, the origin.
+            "was not at the start pose (0.0000 m": [
+                *("_plan_file:=slalom", "_init_pose_topic:=/wrong_initialpose")
+            ],
+            "was not at the start pose": [*other_car, "_init_pose_topic:=/wrong_initialpose"],
+        }
+        common = ("_plan_file:=circle", "_subscriber_timeout:=3.0")
+        self.assert_refused(
+            *(("path_publisher.py", [*common, *each], said) for said, each in cases.items())
+        )
+        self.assertEqual(self.commands.messages, [])
+        # It called the subscriber and the publisher that do not answer more than once.
+        for calls in ghost.calls.values():
+            self.assertGreater(len(calls), 1)
+
+    def test_the_car_of_mushrs_branch_noetic(self):
+        """It is placed on another topic; the message contains the command that places it."""
+        reposition = Recording("/mushr_sim/reposition", PoseStamped)
+        self.addCleanup(reposition.subscriber.unregister)
+        wrong = rospy.Subscriber("/wrong_initialpose", PoseWithCovarianceStamped)
+        self.addCleanup(wrong.unregister)
+        path = self.plan("5,6,0.5\n1,0\n")
+        with driver(path, "_init_pose_topic:=/wrong_initialpose", "_subscriber_timeout:=1") as plan:
+            self.assertEqual(plan.wait(), 1)
+        command = re.search("Type: (.*) and then start", plan.output)[1]
+        with Process(*shlex.split(command)) as place:
+            self.assertEqual(place.wait(), 0)
+        wait_for(lambda: reposition.last, "the pose")
+        self.assert_pose(planar(reposition.last.pose), (5.0, 6.0, 0.5))

@@ -1,0 +1,100 @@
+"""Check that a car of each profile ends at the predicted pose."""
+
+import contextlib
+import re
+import signal
+import time
+
+import rospy
+from nav_msgs.msg import Path
+from rosgraph_msgs.msg import Log
+
+from support.geometry import planar
+from support.helpers import Process, Recording, RosTestCase, wait_for
+
+PROMISED = 1e-9
+"""[m, rad] The largest difference between the predicted and the final pose."""
+
+PRINTED = 1e-4
+"""[m, rad] Accuracy of printed poses."""
+
+ENDS = re.compile(r"ends at \((\S+) m, (\S+) m, (\S+) rad\)")
+DIFFERENCE = re.compile(r"difference (\S+) m, (\S+) rad")
+
+
+@contextlib.contextmanager
+def car(*arguments):
+    """Run a car in lock-step."""
+    options = ("use_sim_time:=true", "real_time_factor:=0", "map:=none", "laser:=false")
+    command = ("roslaunch", "mushr_ros_intro", "sim.launch", *options, "model:=false")
+    with Process(*command, *arguments) as launch:
+        try:
+            # Without these parameters, path_publisher would use wall-clock time.
+            wait_for(lambda: rospy.has_param("/car/car_sim/seed"), "the car's parameters")
+            yield
+        finally:
+            launch.send_signal(signal.SIGINT)
+            launch.wait()
+            rospy.delete_param("/car/car_sim")
+
+
+def start_world():
+    return []  # each test starts its car
+
+
+class TestProfiles(RosTestCase):
+    def drive(self, plan):
+        """Drive a plan; return the predicted final pose."""
+        began = time.monotonic()
+        output = self.drive_plan(plan, "_subscriber_timeout:=20.0", "__name:=driver")
+        # There are progress lines, but at most 20 per second.
+        lines = output.count(" s left\n")
+        self.assertGreaterEqual(lines, 1)
+        self.assertLessEqual(lines, 1 + 20 * (time.monotonic() - began))
+        for difference in map(float, DIFFERENCE.search(output).groups()):
+            self.assertLess(difference, PROMISED)
+        return tuple(map(float, ENDS.search(output).groups()))
+
+    def test_every_profile(self):
+        ends = {}
+        log = Recording("/rosout", Log)
+        at_its_limits = self.plan("0, 0, 0\n0.9286, 0.3158, 0.2\n-0.9286, -0.4211, 0.2\n")
+        paths = Recording("/car/predicted_path", Path)
+        for profile in ("racecar_mit", "mushr_tx2", "mushr_nano_master", "mushr_nano"):
+            with car(f"car:={profile}"):
+                if profile == "mushr_nano":
+                    log.connected().clear()
+                    self.drive(at_its_limits)
+                for plan in ("parallel_parking", "figure_8"):
+                    ends[profile, plan] = self.drive(plan)
+
+        # The car warns of a plan that exceeds its limits, but not of one that reaches them.
+        def warnings():
+            return [m.msg for m in log.messages if "limited to" in m.msg]
+
+        self.assertIn("asks for 1 m/s and 0 rad", wait_for(warnings, "a warning")[0])
+
+        # The profiles differ. The steering angles of figure_8 are within the limits of both nanos.
+        same = ends.pop(("mushr_nano_master", "figure_8"))
+        self.assertEqual(same, ends["mushr_nano", "figure_8"])
+        self.assertEqual(len(set(ends.values())), len(ends))
+
+        # Each drive publishes its prediction before and after the car is placed. The topic may be
+        # connected after the first time, and the last drive is the longest.
+        def last_prediction():
+            path = next((path for path in reversed(paths.messages) if path.poses), None)
+            return path and len(path.poses) > 2200 and path
+
+        self.check_path(
+            wait_for(last_prediction, "the predicted path"), ends["mushr_nano", "figure_8"]
+        )
+
+    def check_path(self, path, end):
+        self.assertEqual(path.header.frame_id, "map")
+        self.assertEqual({pose.header.frame_id for pose in path.poses}, {"map"})
+        self.assertEqual(planar(path.poses[0].pose)[:2], (0.0, 0.0))
+        self.assert_pose(planar(path.poses[-1].pose), end, PRINTED)
+        stamps = [(pose.header.stamp - path.header.stamp).to_nsec() for pose in path.poses]
+        self.assertEqual(stamps[:2201], list(range(0, 22_010_000_000, 10_000_000)))
+        # Braking from 0.929 m/s takes 0.24 s.
+        self.assertAlmostEqual(stamps[-1] / 1e9, 22.0 + 0.9286 / 3.8889, delta=1e-3)

@@ -1,0 +1,248 @@
+"""Check what path_publisher does before it drives, and how it drives a real car."""
+
+import contextlib
+import math
+import re
+import signal
+
+import numpy as np
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid, Path
+from std_msgs.msg import String
+from visualization_msgs.msg import Marker, MarkerArray
+
+from mushr_ros_intro.ros.connections import registered_nodes
+from support.geometry import angle_between, closed_form, planar
+from support.helpers import Process, Recording, RosTestCase, driver, publisher, wait_for
+from support.messages import MUX, NAVIGATION, TELEOP
+from support.world import LOCK_STEP, launch
+
+NAME = "/path_publisher"
+
+AT_WALL = 49.4 - 0.38
+"""[m] The x coordinate of a car that drives along x and stops at the sandbox's wall."""
+
+FOUND = 1e-6
+"""[m, rad] The resolution of the contact, and the limit of the prediction's error."""
+
+WARNINGS = re.compile(r"\[WARN\] \[[^]]*\]: (.*)")
+
+
+def start_world():
+    """Run a simulated car that stands in for the actual car."""
+    return launch("sim.launch", car="mushr_nano", **LOCK_STEP, laser=False, model=False)
+
+
+class TestRealCar(RosTestCase):
+    def setUp(self):
+        super().setUp()
+        self.commands = Recording(NAVIGATION, AckermannDriveStamped)
+        self.placements = Recording("/initialpose", PoseWithCovarianceStamped)
+        self.paths = Recording("/car/predicted_path", Path)
+        # An earlier node sends its latched message until it has ended.
+        path = self.paths.subscriber.resolved_name
+        wait_for(
+            lambda: registered_nodes(path, "publishers") == ["/car/car_sim"],
+            "the end of the earlier node",
+        )
+        self.paths.clear()
+        self.addCleanup(self.forget)
+
+    def prediction(self):
+        """Return the last predicted path. The car publishes empty paths when it is placed."""
+        return next((path for path in self.paths.messages[::-1] if path.poses), None)
+
+    @staticmethod
+    def forget():
+        """Delete the node's parameters, because the next node has the same name."""
+        with contextlib.suppress(KeyError):
+            rospy.delete_param(NAME)
+
+    # Before it drives
+
+    def test_faults_are_warnings_and_the_prediction_ends_at_the_wall(self):
+        plan = self.plan("47,0,0\n0.9,0\n2.0, 0.0, 3\n")
+        output = self.drive_plan(plan, status=1)
+        fast = "row 2 asks for 2 m/s; the car does 0.9286 m/s at most"
+        wall = "row 2 hits a wall at t = 2.3 s, (49.0, 0.0); it stops there"
+        warnings = WARNINGS.findall(output)
+        self.assertEqual(warnings[:-1], [f"{plan}:3:1: {each}" for each in (fast, wall)])
+        self.assertIn("the car stopped at a wall in row 2 of 2 at (49.0200 m", warnings[-1])
+        at_wall = re.compile(
+            r"FATAL.* the car stopped at a wall in row 2 of 2 at \((.*) m, 0.0000 m, 0.0000 rad\), "
+            r"(.*) m of 6.90 m driven"
+        )
+        x, driven = map(float, at_wall.search(output).groups())
+        self.assertAlmostEqual(x, AT_WALL, delta=1e-4)
+        self.assertAlmostEqual(driven, AT_WALL - 47.0, delta=0.01)
+        end = planar(wait_for(self.prediction, "the predicted path").poses[-1].pose)
+        self.assertLess(math.dist(end, (AT_WALL, 0.0, 0.0)), FOUND)
+
+    def test_strict_refuses_faults_and_publishes_nothing(self):
+        rows = "".join(f"{speed}, 0\n" for speed in 30 * (0.5, 1.5))
+        plan = self.plan(f"0,0,0\n{rows}")
+        output = self.drive_plan(plan, "_strict:=true", status=1)
+        self.assertEqual(output.count("FATAL"), 1)
+        self.assertIn("~strict is set and the plan has faults", output)
+        self.assertEqual(output.count(f"{plan}:"), 20 + 1, output)  # and once when it is read
+        self.assertIn("... and 10 more", output)
+        for recording in (self.commands, self.placements, self.paths):
+            self.assertEqual(recording.messages, [], recording.topic)
+
+    def test_spread(self):
+        cloud = Recording(NAME + "/spread_poses", PoseArray)
+        ellipses = Recording(NAME + "/spread_ellipses", MarkerArray)
+        plan = self.plan("1,2,0.5\n0.5,0.1\n0.8,-0.1,3\n")
+        output = self.drive_plan(plan, "_strict:=true", "_spread:=true")
+        self.assertIn(
+            "spread of 1000 drives with random errors: the final positions are 0.", output
+        )
+        wait_for(lambda: cloud.last and ellipses.last, "the spread")
+        poses = np.array([planar(pose) for pose in cloud.last.poses])
+        self.assertEqual(poses.shape, (1000, 3))
+        clear, *markers = ellipses.last.markers
+        self.assertEqual(clear.action, Marker.DELETEALL)
+        self.assertEqual(len(markers), 10)
+        last = markers[-1]
+        centre = poses.mean(axis=0)
+        self.assertLess(math.dist(centre[:2], planar(last.pose)[:2]), 1e-9)
+        # The axes are those of the covariance, and 5.99 is the 95 % point of chi^2.
+        values, vectors = np.linalg.eigh(np.cov(poses[:, :2].T))
+        for value, size in zip(values[::-1], (last.scale.x, last.scale.y)):
+            self.assertAlmostEqual(2.0 * math.sqrt(5.991464547 * value), size, places=6)
+        direction = math.atan2(vectors[1, 1], vectors[0, 1])
+        off = angle_between(
+            2.0 * direction, 2.0 * planar(last.pose)[2]
+        )  # the two directions of an axis are equal
+        self.assertLess(off, 1e-6)
+        # The errors of the final positions are some centimetres.
+        predicted = planar(self.prediction().poses[-1].pose)
+        self.assertLess(math.dist(centre[:2], predicted[:2]), 0.1)
+        self.assertLess(max(abs(marker.pose.position.z) for marker in markers), 1e-9)
+
+    def test_refusals(self):
+        """Each fault is one message and exit status 1, and the car does not move."""
+        broken = rospy.Publisher("/broken_map", OccupancyGrid, queue_size=1, latch=True)
+        broken.publish(OccupancyGrid())
+        in_wall = self.plan("49.4,0,0\n0.5,0.1\n")
+        name, soon = "path_publisher.py", "_subscriber_timeout:=3.0"
+        circle, no_pose = "_plan_file:=circle", "_send_init_pose:=false"
+        self.assert_refused(
+            (name, [circle, "_max_speed:=0.0"], "parameter ~max_speed is 0.0; expected a number"),
+            (name, [circle, "_car:=truck"], "parameter ~car is 'truck'; expected one of ideal, m"),
+            (
+                *(name, [circle, no_pose, soon, "_active_topic:=/nobody"]),
+                "no message was published on /nobody within 3 s",
+            ),
+            (
+                *(name, [f"_plan_file:={in_wall}", soon, "/map:=/broken_map"]),
+                *("not checked against the map on /broken_map: ", "was not at the start pose"),
+            ),
+        )
+        broken.unregister()
+        self.assertEqual(self.commands.messages, [])
+
+    # A real car
+
+    def test_real_car_launch(self):
+        """No initial pose, limited speeds, a countdown, a stop, the end relative to the start."""
+        rospy.set_param("/path_publisher/loop", True)  # as if from an earlier drive
+        plan = self.plan("5,6,1\n2.0,0.0\n-1.5,0.0,0.5\n0.5,0.0\n")
+        arguments = (f"plan_file:={plan}", "countdown:=1", "car:=ideal")
+        with Process("roslaunch", "mushr_ros_intro", "real_car.launch", *arguments) as launch:
+            launch.wait()
+        self.assertIn("process has finished cleanly", launch.output)
+        warning = "rows 1 to 2 ask for -1.5 to 2 m/s; the largest speed allowed is 1 m/s"
+        self.assertIn(f"{plan}:2:1: {warning}", launch.output)
+        self.assertIn("the car starts to drive in 1 s", launch.output)
+        self.assertIn("should stand 1.00 m ahead of its start, 0.00 m to the left", launch.output)
+        self.assertEqual(self.placements.messages, [])
+        wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
+        speeds = [message.drive.speed for message in self.commands.messages]
+        self.assertEqual(speeds, [1.0] * 10 + [-1.0] * 5 + [0.5] * 10 + [0.0])
+
+    def test_interrupted_countdown(self):
+        """Ctrl-C in the countdown: no command at all, and a clean end."""
+        plan = self.plan("1,2,0.5\n0.5,0.3,2500\n")
+        with driver(plan, "_countdown:=60", "_car:=ideal") as process:
+            wait_for(lambda: "the car starts to drive in 60 s" in process.output, "the countdown")
+            path = wait_for(self.prediction, "the predicted path")
+            process.send_signal(signal.SIGINT)
+            self.assertEqual(process.wait(), 1)
+        self.assertEqual(self.commands.messages, [])
+        self.assertEqual(self.placements.messages, [])
+        stamps = [pose.header.stamp - path.header.stamp for pose in path.poses]
+        self.assertEqual([stamp.to_nsec() for stamp in stamps[:3]], [0, 25 * 10**7, 50 * 10**7])
+        self.assertEqual(stamps[-1], rospy.Duration(2500))
+        for pose, stamp in zip(path.poses[::500], stamps[::500]):
+            expected = closed_form((1.0, 2.0, 0.5), [(0.5, 0.3, stamp.to_sec())])
+            self.assert_pose(planar(pose.pose), expected)
+
+    def test_teleop_takes_over(self):
+        """The node sends a stop, ends with exit status 1, and logs one message."""
+        teleop = publisher(TELEOP, AckermannDriveStamped)
+        plan = self.plan("0,0,0\n0.5,0.1,900\n")
+        arguments = ("_send_init_pose:=false", f"_active_topic:={MUX}/active")
+        with driver(plan, *arguments) as process:
+            wait_for(lambda: len(self.commands.messages) > 5, "commands")
+            teleop.publish(AckermannDriveStamped())
+            self.assertEqual(process.wait(), 1)
+        teleop.unregister()
+        self.assertEqual(process.output.count("FATAL"), 1)
+        self.assertIn("active is 'teleop': another input drives the car", process.output)
+        wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
+        self.assertEqual([m.drive.speed for m in self.commands.messages].count(0.0), 1)
+        self.assertLess(len(self.commands.messages), 9000)
+
+    def drive_under(self, mux, *names):
+        """Drive while a mux publishes these active inputs; return the output of the node."""
+        plan = self.plan("0,0,0\n0.5,0.1,900\n")
+        mux.publish(String(names[0]))
+        with driver(plan, "_send_init_pose:=false", "_active_topic:=/active") as process:
+            for name in names[1:]:
+                wait_for(lambda: self.commands.messages or not process.running, "a command")
+                mux.publish(String(name))
+            self.assertEqual(process.wait(), 1)
+        self.assertEqual(process.output.count("FATAL"), 1)
+        return process.output
+
+    def test_the_active_inputs_of_mushrs_mux(self):
+        """The inputs have other names, and the default input sends stops."""
+        mux = rospy.Publisher("/active", String, queue_size=10, latch=True)
+        output = self.drive_under(mux, "Teleoperation")
+        self.assertIn("/active is 'Teleoperation': another input drives the car", output)
+        self.assertIn("(RB) is pressed", output)
+        self.assertEqual(self.commands.messages, [])
+        output = self.drive_under(mux, "Default", "Navigation", "Default")
+        self.assertIn("/active is 'Default': the commands did not reach the car in time", output)
+        wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
+        mux.unregister()
+
+    def test_the_mux_is_killed(self):
+        """The plan ends, although a node still subscribes to the commands; this car drives on."""
+        plan = self.plan("0,0,0\n0.5,0.1,900\n")
+        mux = Process("rostopic", "pub", "/killed", "std_msgs/String", "Navigation")
+        poses = rospy.Publisher("/other/car_pose", PoseStamped, queue_size=10)
+        self.addCleanup(poses.unregister)
+        pose = PoseStamped()
+        pose.pose.orientation.w = 1.0
+
+        def report(event):
+            pose.header.stamp = event.current_real
+            pose.pose.position.x += 0.1
+            poses.publish(pose)
+
+        timer = rospy.Timer(rospy.Duration(0.05), report)
+        self.addCleanup(timer.join)
+        self.addCleanup(timer.shutdown)
+        other = ("_car_name:=other", f"_control_topic:={NAVIGATION}", "_active_topic:=/killed")
+        with mux, driver(plan, "_send_init_pose:=false", *other) as process:
+            wait_for(lambda: self.commands.messages, "a command")
+            mux.send_signal(signal.SIGKILL)
+            self.assertEqual(process.wait(), 1)
+        self.assertEqual(process.output.count("FATAL"), 1)
+        self.assertIn("the node that published /killed is no longer connected", process.output)
+        self.assertIn("the drive ended in row 1 of 1; the last reported pose is", process.output)
+        wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")

@@ -1,0 +1,118 @@
+"""Check the topics and warnings of the simulated car at walls."""
+
+import rospy
+from geometry_msgs.msg import PoseArray
+from rosgraph_msgs.msg import Log
+
+from support.geometry import POSITION_TOLERANCE, closed_form, planar
+from support.helpers import CarTestCase, Recording, node, wait_for
+from support.messages import LEAD, at, command, placement
+from support.world import launch
+
+STOP = 49.4 - 0.38
+"""[m] The x coordinate of a car that drives along x and stops at the sandbox's wall."""
+
+
+def start_world():
+    return launch("sim.launch", laser=False, model=False)
+
+
+class TestWalls(CarTestCase):
+    def setUp(self):
+        super().setUp()
+        self.collisions = Recording("/car/car_sim/collision", PoseArray).connected()
+        self.addCleanup(self.collisions.end)  # so the next test gets the latched message, too
+        self.log = Recording("/rosout", Log).connected()
+        wait_for(lambda: self.collisions.last, "the latched collision")
+
+    def warnings(self, word):
+        return [m.msg for m in self.log.messages if m.level == Log.WARN and word in m.msg]
+
+    def place(self, x, y, theta):
+        """Place the car, and wait until it reports that pose."""
+        super().place(x, y, theta)
+        wait_for(lambda: not self.collisions.last.poses, "no contact")
+
+    def drive(self, speed, steering_angle, count, order=1):
+        """Send `count` commands with stamps 0.1 s apart; return the begin and the final pose."""
+        begin = rospy.Time.now() + LEAD
+        for index in range(count)[::order]:
+            self.commands.publish(command(at(begin, 0.1 * index), speed, steering_angle))
+        return begin, self.poses.pose_at_rest(at(begin, 0.1 * (count + 1)))
+
+    def test_0_the_car_has_the_map(self):
+        # This test runs first, because without the map there are no walls.
+        def is_refused():
+            self.placements.publish(placement(rospy.Time.now(), 49.9, 0.0, 0.0))
+            return self.warnings("rejected")
+
+        wait_for(is_refused, "the car to have the map")
+
+    def test_into_a_wall_and_away(self):
+        # The commands arrive in order. Then they arrive in reverse order, with a busy core.
+        for order in (1, -1):
+            if order == -1:
+                self.ending(node("busy.py"))
+            self.place(48.5, 1.0, 0.0)
+            self.collisions.clear()
+            self.log.clear()
+            begin, pose = self.drive(2.0, 0.0, 6, order)
+            self.assert_pose(pose, (STOP, 1.0, 0.0))
+            wait_for(lambda: self.collisions.messages, "the contact")
+            (msg,) = self.collisions.messages
+            self.assertEqual(msg.header.frame_id, "map")
+            self.assertAlmostEqual(
+                (msg.header.stamp - begin).to_sec(), (STOP - 48.5) / 2.0, delta=POSITION_TOLERANCE
+            )
+            self.assert_pose(planar(msg.poses[0]), (STOP, 1.0, 0.0))
+            (warning,) = wait_for(lambda: self.warnings("hit a wall"), "the warning")
+            self.assertIn("(49.0200 m, 1.0000 m, 0.0000 rad)", warning)
+
+            # A late subscriber receives the contact, too.
+            late = Recording("/car/car_sim/collision", PoseArray).connected()
+            self.assertTrue(wait_for(lambda late=late: late.last, "the latched contact").poses)
+
+            # Another command towards the wall changes nothing; in reverse the car drives away.
+            self.assert_pose(self.drive(1.0, 0.0, 2)[1], (STOP, 1.0, 0.0))
+            self.assertEqual(len(self.collisions.messages), 1)
+            _, pose = self.drive(-1.0, 0.3, 3)
+            self.assert_pose(pose, closed_form((STOP, 1.0, 0.0), [(-1.0, 0.3, 0.4)]))
+            wait_for(lambda: len(self.collisions.messages) == 2, "the end of the contact")
+            self.assertEqual(self.collisions.last.poses, [])
+            self.assertEqual(len(self.warnings("hit a wall")), 1)
+
+    def test_an_initial_pose_in_a_wall_is_refused(self):
+        self.place(1.0, 2.0, 3.0)
+        self.log.clear()
+
+        def refusals():
+            self.placements.publish(placement(rospy.Time.now(), 49.3, 0.5, 0.25))
+            return self.warnings("(49.3")  # again, because there is only one warning per second
+
+        expected = "rejected the initial pose (49.3000 m, 0.5000 m, 0.2500 rad) on /initialpose"
+        self.assertIn(expected, wait_for(refusals, "the warning")[0])
+        self.assert_pose(self.poses.pose_at_rest(rospy.Time.now()), (1.0, 2.0, 3.0))
+
+    def test_another_map(self):
+        """A map server that is started by hand replaces the one of sim.launch."""
+        for name, wall in (("rooms", (2.0, 1.8)), ("sandbox", (49.9, 0.0))):
+
+            def is_refused(wall=wall):
+                self.placements.publish(placement(rospy.Time.now(), *wall, 0.0))
+                return self.warnings(f"rejected the initial pose ({wall[0]:.4f} m")
+
+            self.log.clear()
+            with node("map_server.py", f"_map_file:={name}"):
+                wait_for(is_refused, f"the car to have the map {name}")
+
+    def test_off_the_map(self):
+        self.log.clear()
+        self.place(60.0, -70.0, 0.0)
+        self.assert_pose(self.drive(2.0, 0.0, 2)[1], (60.6, -70.0, 0.0))
+        self.assertEqual(len(wait_for(lambda: self.warnings("left the map"), "the warning")), 1)
+        self.place(0.0, 0.0, 0.0)
+
+    def test_a_car_that_starts_in_a_wall(self):
+        arguments = ("__name:=stuck", "__ns:=other", "_x:=49.3", "_y:=3.0")
+        with node("car_sim.py", *arguments) as car:
+            wait_for(lambda: "is inside a wall at (49.3000 m, 3.0" in car.output, "the warning")

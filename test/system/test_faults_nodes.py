@@ -1,0 +1,210 @@
+"""Check the car after nodes have died or were suspended, and without a master."""
+
+import contextlib
+import os
+import re
+import signal
+import threading
+import time
+import xmlrpc.client
+
+import rosgraph
+import rosgraph.xmlrpc
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+
+from mushr_ros_intro.car.model import Command
+from mushr_ros_intro.drive.command_publisher import CommandPublisher
+from mushr_ros_intro.errors import UserError
+from support.driven_car import DrivenCarTestCase, start_car
+from support.geometry import POSITION_TOLERANCE, planar
+from support.helpers import (
+    PATIENCE,
+    Process,
+    Recording,
+    driver,
+    kill,
+    master,
+    node,
+    wait_for,
+)
+from support.messages import COMMAND_TIMEOUT, MUX, NAVIGATION, at
+
+COMPARISON = re.compile(r"the car drove (\S+) m .* difference (\S+) m")
+
+
+def pid_of(name):
+    """Return the process id of a node, or None if the node does not answer."""
+    with contextlib.suppress(OSError, rosgraph.MasterError):
+        api = xmlrpc.client.ServerProxy(rosgraph.Master("/faults").lookupNode(name))
+        return api.getPid("/faults")[2]
+
+
+class SlowMaster:
+    """Another address of the master, where each answer takes `delay` [s]."""
+
+    def __init__(self):
+        self.delay = 0.0
+        self.late_answers = 0
+        self._server = rosgraph.xmlrpc.ThreadingXMLRPCServer(("127.0.0.1", 0), log_requests=False)
+        self._server.register_instance(self)
+        self.uri = f"http://localhost:{self._server.server_address[1]}/"
+        threading.Thread(target=self._server.serve_forever, daemon=True).start()
+
+    def _dispatch(self, method, arguments):
+        delay = self.delay
+        time.sleep(delay)
+        answer = getattr(xmlrpc.client.ServerProxy(rosgraph.get_master_uri()), method)(*arguments)
+        self.late_answers += delay > 0.0
+        return answer
+
+    def end(self):
+        self._server.shutdown()
+        self._server.server_close()
+
+
+def start_world():
+    """Run the car with roslaunch, which restarts nodes."""
+    arguments = ("respawn:=true", "map:=none", "laser:=false", "model:=false")
+    return [Process("roslaunch", "mushr_ros_intro", "sim.launch", *arguments)]
+
+
+class TestNodeFaults(DrivenCarTestCase):
+    starts_car = False  # the launch file starts it
+
+    def wait_until_it_drives(self):
+        """Wait until the car reports new, different poses."""
+        self.poses.clear()
+        wait_for(lambda: len({planar(m.pose) for m in self.poses.messages}) > 5, "the car to drive")
+
+    def test_respawn(self):
+        """After roslaunch has restarted the car, the drive goes on; without the mux, it ends.
+
+        Another node that receives the commands does not hide the end of the mux.
+        """
+        self.ending(Recording(NAVIGATION, AckermannDriveStamped))
+        path = self.plan("1,-1,0.5\n1.0,0.2,60\n")
+        with driver(path) as plan:
+            for name in ("/car/car_sim", MUX):
+                self.wait_until_it_drives()
+                killed = pid_of(name)
+                kill(name, killed)
+                if name == MUX:
+                    self.assertEqual(plan.wait(), 1)
+                else:
+                    restarted = "row 1 of 1: the car has been restarted"
+                    wait_for(lambda text=restarted: text in plan.output, "a warning")
+                wait_for(lambda n=name, k=killed: pid_of(n) not in (None, k), f"a new {name}")
+            self.assertNotIn("Traceback", plan.output)
+            self.assertEqual(plan.output.count("FATAL"), 1)
+            self.assertIn(f": {MUX} is no longer connected to {NAVIGATION}", plan.output)
+        self.assert_recovered()
+
+    def test_the_mux_is_replaced_between_two_commands(self):
+        """It is noticed although a node is connected whenever a command is published."""
+        topic = "/replaced/input/navigation"
+        sender = CommandPublisher(topic, "replaced")
+        mux = rospy.Subscriber(topic, AckermannDriveStamped)
+        sender.wait_for_subscriber(PATIENCE)
+        sender.publish(Command(rospy.Time.now().to_nsec(), 1.0, 0.0))
+        mux.unregister()
+        mux = Recording(topic, AckermannDriveStamped).connected()
+        self.addCleanup(mux.end)
+        with self.assertRaisesRegex(UserError, f"{rospy.get_name()} is no longer connected"):
+            for _ in range(3):
+                sender.publish(Command(rospy.Time.now().to_nsec(), 1.0, 0.0))
+        sender.stop()
+        wait_for(lambda: mux.last and mux.last.drive.speed == 0.0, "the stop")
+
+    def test_a_node_stands_still_at_the_end(self):
+        """Late messages are applied at their stamps, and path_publisher waits for the result."""
+        path = self.plan("1,-1,0.5\n0.5,0.2,1\n")
+        for name in ("/path_publisher", MUX, "/car/car_sim"):
+            self.output.clear()
+            with driver(path) as plan:
+                wait_for(lambda: self.count(0.5) >= 8, "eight commands")
+                pid = pid_of(name)
+                os.kill(pid, signal.SIGSTOP)
+                resume = at(self.output.messages[0].header.stamp, 1.3)
+                wait_for(lambda resume=resume: rospy.Time.now() > resume, "the end of the plan")
+                os.kill(pid, signal.SIGCONT)
+                self.assertEqual(plan.wait(), 0)
+            driven, difference = map(float, COMPARISON.search(plan.output).groups())
+            # Until the stop arrives, the car may report that it drives on, until its last command
+            # expires. Then it reports the right pose again.
+            self.assertGreaterEqual(driven, 0.5)
+            self.assertLessEqual(driven, 0.5 + 2.0 * 0.5 * COMMAND_TIMEOUT)
+            self.assertLess(difference, POSITION_TOLERANCE)
+        self.assert_recovered()
+
+    def test_the_sender_stands_still(self):
+        """The stop of the mux does not cancel commands that were due before it, but arrive later.
+
+        The rows are not multiples of the command period, so no command is due together with the
+        stop, and no command would replace it for this reason.
+        """
+        path = self.plan("1,-1,0.5\n" + "1.0,0.1,0.25\n1.0,-0.1,0.25\n" * 4)
+        self.output.clear()
+        with driver(path) as plan:
+            wait_for(lambda: self.count(1.0) >= 5, "five commands")
+            plan.send_signal(signal.SIGSTOP)
+            wait_for(lambda: self.output.last.drive.speed == 0.0, "the stop of the mux")
+            plan.send_signal(signal.SIGCONT)
+            self.assertEqual(plan.wait(), 0, plan.output)
+        _, difference = map(float, COMPARISON.search(plan.output).groups())
+        self.assertLess(difference, POSITION_TOLERANCE)
+
+    def test_the_master_dies(self):
+        """The plan is driven to its end, and Ctrl-C works, in a home that cannot be written."""
+        with self.other_master(1.5) as (core, plan, _):
+            core.send_signal(signal.SIGKILL)
+            self.assertEqual(plan.wait(), 0)
+        driven, difference = map(float, COMPARISON.search(plan.output).groups())
+        self.assertEqual(driven, 0.03)
+        self.assertLess(difference, POSITION_TOLERANCE)
+
+    def test_the_master_answers_late(self):
+        """No command is late because of it."""
+        slow = self.ending(SlowMaster())
+        path = self.plan("1,-1,0.5\n0.5,0.2,6\n")
+        self.output.clear()
+        with driver(path, ROS_MASTER_URI=slow.uri) as plan:
+            wait_for(lambda: "row 1 of 1" in plan.output, "the plan to be driven")
+            slow.delay = 3.0
+            wait_for(lambda: slow.late_answers, "a late answer")
+            slow.delay = 0.0  # at its end, a node calls the master some ten times
+            self.assertEqual(plan.wait(), 0, plan.output)
+        _, difference = map(float, COMPARISON.search(plan.output).groups())
+        self.assertLess(difference, POSITION_TOLERANCE)
+
+    def test_the_master_does_not_answer(self):
+        """The drive ends, no node starts, and Ctrl-C works, as on a cut network."""
+        with self.other_master(60.0) as (core, plan, environment):
+            core.send_signal(signal.SIGSTOP)
+            with node("car_sim.py", "__name:=late", **environment) as late:
+                self.assertEqual(plan.wait(), 1)
+                self.assertEqual(late.wait(), 1)
+            for each in (plan, late):
+                self.assertNotIn("Traceback", each.output)
+        self.assertIn("the network to the master is cut. The drive ends", plan.output)
+        self.assertIn("car_sim: no master answers", late.output)
+
+    @contextlib.contextmanager
+    def other_master(self, seconds):
+        """Drive a plan of `seconds` with another master; check that all nodes end on Ctrl-C."""
+        environment = {"ROS_LOG_DIR": "/proc/nowhere"}
+        with master("/faults", **environment) as (core, proxy):
+            environment["ROS_MASTER_URI"] = proxy.master_uri
+            proxy.setParam(MUX, rospy.get_param(MUX))
+            nodes = list(map(self.ending, start_car(**environment)))
+            # The car is slow, so a late message does not change the printed digits.
+            path = self.plan(f"1,-1,0.5\n0.02,0.2,{seconds}\n")
+            with driver(path, **environment) as plan:
+                wait_for(lambda: "row 1 of 1" in plan.output, "the plan to be driven")
+                yield core, plan, environment
+            for each in nodes:
+                each.send_signal(signal.SIGINT)
+            for each in nodes:
+                self.assertEqual(each.wait(), 0)
+                self.assertNotIn("Traceback", each.output)
+            core.send_signal(signal.SIGCONT)  # a stopped process cannot end

@@ -1,0 +1,48 @@
+"""Check the program that runs the tests."""
+
+import os
+import subprocess
+from xml.etree import ElementTree
+
+import pytest
+
+from support.paths import CHECKOUT
+
+TESTS = {
+    "passes": "def test_it(): pass",
+    "fails": "def test_it(): assert 1 == 2",
+    "cannot be imported": "import nothing_of_this_name",
+    "dies": "import os\ndef test_it(): os._exit(0)",
+    "is skipped": "import pytest\ndef test_it(): pytest.skip('no display')",
+    "is full": "import pytest\npytestmark = pytest.mark.full\ndef test_it(): assert 1 == 2",
+    "has a full test": "import pytest\n@pytest.mark.full\ndef test_it(): assert 1 == 2",
+}
+
+
+@pytest.mark.parametrize(
+    "arguments, names, status, lines",
+    [
+        ([], ["passes"], 0, ["1 passed, 0 failed, 0 skipped"]),
+        ([], ["fails", "passes"], 1, ["FAILED", "assert 1 == 2", "1 passed, 1 failed, 0 skipped"]),
+        ([], ["cannot be imported"], 1, ["nothing_of_this_name", "0 passed, 1 failed, 0 skipped"]),
+        ([], ["dies"], 1, ["pytest ended with exit status 0", "0 passed, 1 failed, 0 skipped"]),
+        ([], ["is skipped"], 1, ["no display", "0 passed, 0 failed, 1 skipped"]),
+        ([], ["passes", "is full", "has a full test"], 0, ["1 passed, 0 failed, 0 skipped"]),
+        (["--all"], ["passes", "is full"], 1, ["1 passed, 1 failed, 0 skipped"]),
+        (["--all"], ["passes", "has a full test"], 1, ["1 passed, 1 failed, 0 skipped"]),
+    ],
+)
+def test_results(tmp_path, arguments, names, status, lines):
+    paths = []
+    for number, name in enumerate(names):
+        paths.append(tmp_path / f"test_{number}.py")
+        paths[-1].write_text(TESTS[name])
+    results = tmp_path / "results.xml"
+    command = [os.path.join(CHECKOUT, "scripts/dev/run_tests"), *arguments, results, *paths]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == status, done.stdout
+    for line in lines:
+        assert line in done.stdout
+    assert done.stdout.splitlines()[-1] == lines[-1]
+    passed = [case for case in ElementTree.parse(results).iter("testcase") if not len(case)]
+    assert len(passed) == int(lines[-1].split()[0])
