@@ -1,6 +1,5 @@
 """Check that what is written in several places agrees, and that every node can be started."""
 
-import ast
 import glob
 import os
 import re
@@ -68,22 +67,6 @@ def test_ros_finds_no_test_and_no_example():
     """Tab completion after `rosrun mushr_ros_intro` must not lead to them."""
     assert found_by_ros("examples") == []
     assert found_by_ros("test/fixtures") == []
-
-
-def test_folders_that_do_not_import_ros():
-    """What can be true without ROS is testable without ROS."""
-    of_ros = re.compile(r"(ros[a-z]*|genpy|tf|tf2_\w+|\w+_msgs|std_srvs)(\.|$)")
-    library = os.path.join(PACKAGE, "src", "mushr_ros_intro")
-    found = []
-    for path in glob.glob(os.path.join(library, "**", "*.py"), recursive=True):
-        with open(path, encoding="utf-8") as file:
-            nodes = list(ast.walk(ast.parse(file.read())))
-        names = [each.name for node in nodes if isinstance(node, ast.Import) for each in node.names]
-        names += [node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module]
-        if any(map(of_ros.match, names)):
-            found.append(os.path.relpath(path, library).split(os.sep)[0])
-    assert not {"plan", "world", "car", "preview"} & set(found)
-    assert not any(name.endswith(".py") for name in found)  # the ground floor
 
 
 def test_launch_files_clear_the_parameters_of_earlier_runs():

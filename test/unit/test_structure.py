@@ -1,0 +1,152 @@
+"""Check the structure of the library: its floors, and the modules that import ROS.
+
+CONTRIBUTING.md shows the same floors.
+"""
+
+import ast
+import glob
+import os
+import re
+
+import pytest
+
+from support.paths import CHECKOUT
+
+PACKAGE = "mushr_ros_intro"
+LIBRARY = os.path.join(CHECKOUT, "src", PACKAGE)
+
+FLOORS = (
+    {"browser"},
+    {"classroom"},
+    {"replay", "drive", "authoring", "doctor"},
+    {"simulator"},
+    {"preview", "ros"},
+    {"car"},
+    {"world", "plan"},
+    {""},
+)
+"""The folders of the library, from the top; "" stands for the modules outside all folders.
+
+A module may only import modules of its own folder, and of folders on lower floors.
+"""
+
+WITHOUT_ROS = {"preview", "car", "world", "plan", ""}
+"""Folders of which no module may import ROS."""
+
+WITH_ROS = {
+    "browser": {"bridge", "map", "messages", "plan_drive", "rosapi"},
+    "classroom": {"grader"},
+    "replay": {"bag", "guarded_master", "workspace", "world"},
+    "drive": {"car_pose", "command_publisher", "drive_monitor", "preview_publisher", "timetable"},
+    "doctor": {"network", "observation"},
+    "simulator": {
+        "ackermann_cmd_mux",
+        "car_parameters",
+        "car_sim",
+        "sim_clock",
+        "state_publisher",
+    },
+}
+"""The modules of each product that import rospy, messages or another library of ROS."""
+
+IN_LIBRARY = re.compile(rf"{PACKAGE}(\.\w+)+")
+ROS = re.compile(r"(ros[a-z]*|genpy|tf|tf2_\w+|\w+_msgs|std_srvs)(\.|$)")
+
+
+def modules():
+    """Return the folder, the name and the source code of each module."""
+    for path in sorted(glob.glob(os.path.join(LIBRARY, "**", "*.py"), recursive=True)):
+        folder, name = os.path.split(os.path.relpath(path, LIBRARY))
+        with open(path, encoding="utf-8") as file:
+            yield folder, name[: -len(".py")], file.read()
+
+
+def imported(source):
+    """Return the names of all modules that a module imports, also in its functions.
+
+    A text that is the name of a module counts, too, because it may be imported later.
+    """
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (each.name for each in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, "a relative import"
+            yield from (f"{node.module}.{each.name}" for each in node.names)
+        elif isinstance(node, ast.Constant) and IN_LIBRARY.fullmatch(str(node.value)):
+            yield node.value
+
+
+def folder_of(name):
+    """Return the folder of a name in this library, None for a name in another one."""
+    package, first, *_ = f"{name}.".split(".")
+    if package != PACKAGE:
+        return None
+    return first if os.path.isdir(os.path.join(LIBRARY, first)) else ""
+
+
+def climbs(folder, source):
+    """Return what a module imports from folders that are not below its own."""
+    floors = {each: number for number, floor in enumerate(FLOORS) for each in floor}
+    names = {name: folder_of(name) for name in imported(source)}
+    return [
+        name
+        for name, other in names.items()
+        if other not in (None, folder) and floors[other] <= floors[folder]
+    ]
+
+
+def test_every_folder_has_a_floor():
+    (*folders,) = {folder for folder, _, _ in modules()}
+    assert sorted(folders) == sorted(folder for floor in FLOORS for folder in floor)
+
+
+@pytest.mark.parametrize(
+    ("folder", "source", "found"),
+    [
+        ("car", "from mushr_ros_intro.world.grid import Grid\nimport os", []),
+        ("car", "from mushr_ros_intro.car.model import Car", []),
+        ("car", "from mushr_ros_intro import stamps", []),
+        ("", "from mushr_ros_intro.stamps import NANOSECONDS", []),
+        ("car", "from mushr_ros_intro.preview import limits", ["mushr_ros_intro.preview.limits"]),
+        ("", "import mushr_ros_intro.car.model as m", ["mushr_ros_intro.car.model"]),
+        (
+            "ros",
+            "def f():\n from mushr_ros_intro.preview import text",
+            ["mushr_ros_intro.preview.text"],
+        ),
+        (
+            "replay",
+            "preload('mushr_ros_intro.classroom.grader')",
+            ["mushr_ros_intro.classroom.grader"],
+        ),
+    ],
+)
+def test_an_import_that_climbs_is_found(folder, source, found):
+    assert climbs(folder, source) == found
+
+
+def test_no_module_imports_from_its_own_floor_or_from_above():
+    found = {f"{folder}/{name}": climbs(folder, source) for folder, name, source in modules()}
+    assert {name: wrong for name, wrong in found.items() if wrong} == {}
+
+
+def test_the_modules_that_import_ros():
+    """What can be true without ROS is testable without ROS."""
+    found = {}
+    for folder, name, source in modules():
+        if any(map(ROS.match, imported(source))):
+            found.setdefault(folder, set()).add(name)
+    del found["ros"]
+    assert not WITHOUT_ROS & set(found)
+    assert found == WITH_ROS
+
+
+def test_every_module_has_a_name_of_its_own():
+    names = [name for _, name, _ in modules() if name != "__init__"]
+    assert sorted(names) == sorted(set(names))
+
+
+def test_the_unit_tests_are_in_the_folders_of_the_library():
+    tests = glob.glob(os.path.join(CHECKOUT, "test", "unit", "*", "test_*.py"))
+    folders = {os.path.basename(os.path.dirname(path)) for path in tests}
+    assert folders <= {folder for folder, _, _ in modules()}
