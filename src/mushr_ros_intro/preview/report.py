@@ -13,7 +13,7 @@ from mushr_ros_intro.geometry import Pose, curvature
 from mushr_ros_intro.plan.plan import Fault, Plan
 from mushr_ros_intro.preview.limits import Step, limit_faults, ramp_faults
 from mushr_ros_intro.preview.prediction import Leg, drive, sampled
-from mushr_ros_intro.preview.walls import drive_to, map_fault
+from mushr_ros_intro.preview.walls import map_fault
 from mushr_ros_intro.world.grid import Grid
 
 
@@ -28,7 +28,8 @@ class Report(NamedTuple):
     steps: Tuple[Step, ...]
     """The motion during each row that is driven, and during the stop after the last row."""
     states: Tuple[State, ...]
-    """The states of the car along the drive; see `prediction.sampled`."""
+    """The states of the car along the drive; see `prediction.sampled`. The last one is at rest, or
+    at the wall."""
     faults: Tuple[Fault, ...]
     hit: Optional[Contact]
     """The contact with a wall that ends the drive, or None."""
@@ -72,18 +73,21 @@ def check(
 ) -> Report:
     """Check a plan against the limits of a car without its noise, and against a map, if any.
 
-    The names of car and map are for messages.
+    The plan is simulated once. The names of car and map are for messages.
     """
     car = car._replace(speed_noise=0.0, steering_noise=0.0)
-    steps = _steps(drive(plan, car), car)
+    legs = list(drive(plan, car))
+    steps = _steps(legs, car)
     faults = [*limit_faults(plan, car_name, car), *ramp_faults(plan, steps, car_name, car)]
     hit = None
     if grid is not None:
-        fault, hit = map_fault(plan, car, grid)
+        fault, hit = map_fault(plan, legs, car, grid)
         faults += [fault] if fault else []
     if hit is not None:
-        steps = _steps(drive_to(hit, plan, car), car)
-    states = tuple(sampled(drive_to(hit, plan, car), car, steps[-1].end))
+        last = next(index for index, leg in enumerate(legs) if leg.end >= hit.stamp)
+        legs[last:] = [legs[last]._replace(end=hit.stamp)]
+        steps = _steps(legs, car)
+    states = tuple(sampled(legs, car, steps[-1].end))
     faults.sort(key=lambda fault: (fault.line, fault.column))
     return Report(plan, car_name, car, map_name, steps, states, tuple(faults), hit)
 

@@ -1,7 +1,7 @@
 """Check a plan against the walls and the edges of a map."""
 
 import math
-from typing import Iterator, Optional, Tuple
+from typing import Iterable, Optional, Tuple
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from mushr_ros_intro.car.model import Car, Contact
 from mushr_ros_intro.car.quadrature import follow
 from mushr_ros_intro.geometry import Pose, compose, curvature
 from mushr_ros_intro.plan.plan import Fault, Plan
-from mushr_ros_intro.preview.prediction import Leg, drive
+from mushr_ros_intro.preview.prediction import Leg
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import Footprint, World, is_free, on_map
 from mushr_ros_intro.world.grid import Grid
@@ -19,19 +19,16 @@ _MARGIN = 1e-6
 """The car is at the edge of the map if a body that is larger by this [m] is not on the map."""
 
 
-def drive_to(hit: Optional[Contact], plan: Plan, car: Car) -> Iterator[Leg]:
-    """Yield the legs of a plan without walls; if there is a hit, the last leg ends there."""
-    for leg in drive(plan, car):
-        if hit is not None and leg.end >= hit.stamp:
-            yield leg._replace(end=hit.stamp)
-            return
-        yield leg
+def map_fault(
+    plan: Plan, legs: Iterable[Leg], car: Car, grid: Grid
+) -> Tuple[Optional[Fault], Optional[Contact]]:
+    """Return the first fault of a plan on a map, and the contact if the car hits a wall.
 
-
-def map_fault(plan: Plan, car: Car, grid: Grid) -> Tuple[Optional[Fault], Optional[Contact]]:
-    """Return the first fault of a plan on a map, and the hit if the fault is a wall on the way.
-
-    The car is driven until it touches a wall or an edge of the map.
+    Args:
+        plan: the plan.
+        legs: its legs, without walls.
+        car: the parameters of the car.
+        grid: the map.
     """
     if not on_map(grid, Footprint(), plan.start):
         return plan.fault(-1, 0, "the start pose is off the map, at least in part"), None
@@ -39,7 +36,7 @@ def map_fault(plan: Plan, car: Car, grid: Grid) -> Tuple[Optional[Fault], Option
         return plan.fault(-1, 0, "the start pose is in a wall, at least in part"), None
     corner = compose(grid.origin, Pose(-grid.resolution, -grid.resolution, 0.0))
     fenced = Grid(np.pad(grid.cells, 1, constant_values=100), grid.resolution, corner)
-    for leg in drive(plan, car):
+    for leg in legs:
         for piece, seconds in leg.pieces():
             turn_rate = abs(piece.speed * curvature(piece.steering_angle, car.wheelbase))
             if turn_rate and not (piece.acceleration or piece.steering_rate):
