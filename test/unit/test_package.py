@@ -132,8 +132,11 @@ def test_the_workflow_publishes_the_targets_of_the_dockerfile():
     assert targets[-1] == "full"  # the default
 
 
-def test_every_file_that_the_page_for_contributors_names_is_there():
-    named = re.findall(r"`([\w./]+/[\w./]*)`", read("CONTRIBUTING.md"))
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/design.md"])
+def test_every_file_that_the_pages_for_contributors_name_is_there(page):
+    named = re.findall(r"`([\w./]+/[\w./]*)`", read(page))
     assert len(named) > 10
+    folders = (PACKAGE, os.path.join(PACKAGE, "src", "mushr_ros_intro"))
     for name in named:
-        assert re.search("NAME|MODULE", name) or os.path.exists(f"{PACKAGE}/{name}"), name
+        is_there = any(os.path.exists(os.path.join(folder, name)) for folder in folders)
+        assert re.search("NAME|MODULE", name) or is_there, name

@@ -1,6 +1,6 @@
 """Check the structure of the library: its floors, and the modules that import ROS.
 
-CONTRIBUTING.md shows the same floors.
+docs/design.md shows the same floors.
 """
 
 import ast
