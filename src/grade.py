@@ -18,17 +18,17 @@ import tempfile
 import time
 from typing import Iterable, List
 
-from mushr_ros_intro.classroom import result, tables
+from mushr_ros_intro.classroom import grades, tables
 from mushr_ros_intro.classroom.arguments import parse_arguments
 from mushr_ros_intro.classroom.grader import grade, job_for, probe, read_setting
+from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.points import Points, read_points
-from mushr_ros_intro.classroom.result import Result
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.replay.job import ReplayError, Setting, replay
+from mushr_ros_intro.replay.job import ReplayError, Setting, run_job
 from mushr_ros_intro.replay.judge import Check, Tolerances
 from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.replay.workspace import temporary_folder
@@ -80,16 +80,16 @@ def open_output(folder: str) -> str:
     """
     os.makedirs(folder, 0o700, exist_ok=True)
     entries = set(os.listdir(folder))
-    if entries and not {result.FOLDER, "index.html"} <= entries:
+    if entries and not {grades.FOLDER, "index.html"} <= entries:
         raise UserError(f"--out {folder}: expected a new or empty folder, or an earlier result")
-    shutil.rmtree(os.path.join(folder, result.FOLDER), ignore_errors=True)
+    shutil.rmtree(os.path.join(folder, grades.FOLDER), ignore_errors=True)
     return os.path.realpath(folder)
 
 
 def grade_node(arguments: argparse.Namespace) -> int:
     """Grade one installed node; print each verdict."""
     # Not at the top, because it loads matplotlib, which autograders do not have.
-    from mushr_ros_intro.replay import files
+    from mushr_ros_intro.replay.report_files import write_report
 
     setting = setting_from(arguments, Sandbox())
     status = PASSED
@@ -98,11 +98,11 @@ def grade_node(arguments: argparse.Namespace) -> int:
         if arguments.bag:
             os.makedirs(arguments.out, exist_ok=True)
             job = job._replace(bag=os.path.abspath(f"{arguments.out}/{plan_name}.bag"))
-        report = replay(job)
-        print(report.verdict, flush=True)
-        status = max(status, PASSED if report.passed else FAILED)
+        judgement = run_job(job)
+        print(judgement.verdict, flush=True)
+        status = max(status, PASSED if judgement.passed else FAILED)
         if arguments.out:
-            files.write(os.path.join(arguments.out, plan_name), report, vars(arguments))
+            write_report(os.path.join(arguments.out, plan_name), judgement, vars(arguments))
     return status
 
 
@@ -138,7 +138,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
             results.append(each)
             print_line(each, points, len(results), len(chosen))
     print_progress("")
-    result.store(os.path.join(folder, result.FOLDER), results)
+    grades.store(os.path.join(folder, grades.FOLDER), results)
     if len(results) == 1:
         write_special(arguments, results[0], points, time.monotonic() - began)
     return finish(arguments.out, results, points, list(plans))
@@ -169,10 +169,10 @@ def check_authors(plans: Iterable[Plan], submissions: Iterable[str]) -> None:
 
 def merge(arguments: argparse.Namespace) -> int:
     """Put results of several runs together."""
-    results: List[Result] = []
+    results: List[Grade] = []
     for folder in arguments.merge:
         try:
-            results += result.load(os.path.join(folder, result.FOLDER))
+            results += grades.load(os.path.join(folder, grades.FOLDER))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise UserError(f"{folder}: not the output of grade.py ({error})") from None
     if not results:
@@ -183,13 +183,13 @@ def merge(arguments: argparse.Namespace) -> int:
         raise UserError(f"several results for {', '.join(twice)}; expected one for each submission")
     plans = list(dict.fromkeys(plan.plan for each in results for plan in each.plans))
     points = read_points(arguments.points, plans)
-    result.store(os.path.join(open_output(arguments.out), result.FOLDER), results)
+    grades.store(os.path.join(open_output(arguments.out), grades.FOLDER), results)
     return finish(arguments.out, results, points, plans)
 
 
-def finish(folder: str, results: List[Result], points: Points, plans: List[str]) -> int:
+def finish(folder: str, results: List[Grade], points: Points, plans: List[str]) -> int:
     """Write the tables and pages; print a summary; return the exit status."""
-    tables.write(folder, results, points, plans)
+    tables.write_results(folder, results, points, plans)
     passed = sum(each.passed for each in results)
     print(f"{passed} of {counted(len(results), 'submission')} passed; see {folder}/index.html")
     if any(each.error for each in results):
@@ -198,7 +198,7 @@ def finish(folder: str, results: List[Result], points: Points, plans: List[str])
 
 
 def write_special(
-    arguments: argparse.Namespace, each: Result, points: Points, seconds: float
+    arguments: argparse.Namespace, each: Grade, points: Points, seconds: float
 ) -> None:
     """Write the result of a single submission in the formats of grading services."""
     formats = {
@@ -212,7 +212,7 @@ def write_special(
                 json.dump(convert(), file, indent=2)
 
 
-def print_line(each: Result, points: Points, number: int, count: int) -> None:
+def print_line(each: Grade, points: Points, number: int, count: int) -> None:
     """Print the result of a submission, and the progress on a terminal."""
     print_progress("")
     state = "passed" if each.passed else "FAILED"

@@ -22,8 +22,8 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.replay.job import replay
-from mushr_ros_intro.replay.judge import Check, Report, Tolerances
+from mushr_ros_intro.replay.job import run_job
+from mushr_ros_intro.replay.judge import Check, Judgement, Tolerances
 from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.workspace import inherited
 from mushr_ros_intro.ros import node
@@ -40,8 +40,8 @@ def show() -> int:
     return 0
 
 
-def judge() -> Report:
-    """Judge the node that the parameters describe, and write the report.
+def judge() -> Judgement:
+    """Judge the node that the parameters describe, and write the judgement.
 
     Raises:
         UserError: a parameter or the plan is invalid, or the replay has failed for another reason
@@ -71,13 +71,13 @@ def judge() -> Report:
         sandbox=Sandbox(),
         ros=inherited(),
     )
-    report = replay(job_for(words, plan, setting))
+    judgement = run_job(job_for(words, plan, setting))
     folder = parameters.optional_text("report")
     if folder:
-        from mushr_ros_intro.replay import files  # matplotlib is slow to import
+        from mushr_ros_intro.replay.report_files import write_report  # matplotlib is slow to import
 
-        files.write(user_path(folder), report, arguments)
-    return report
+        write_report(user_path(folder), judgement, arguments)
+    return judgement
 
 
 def _remappings(text: str) -> List[str]:
@@ -135,8 +135,8 @@ def main() -> int:
         return show()
     node.init_node("replay")
     try:
-        report = judge()
-        checks, text = report.checks, report.verdict
+        judgement = judge()
+        checks, text = judgement.checks, judgement.verdict
     except (UserError, OSError) as error:
         checks = [Check("replay", False, str(error))]
         text = checks[0].message

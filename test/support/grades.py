@@ -2,7 +2,7 @@
 
 import math
 
-from mushr_ros_intro.classroom.result import PlanResult, Result, Student
+from mushr_ros_intro.classroom.grades import Grade, PlanGrade, Student
 from mushr_ros_intro.replay.judge import CHECK_NAMES, Check
 
 ANN = Student("Ann", "17", "ann@x.edu")
@@ -15,7 +15,7 @@ def graded(plan="circle", failed=(), message="as expected", count=9, radius=2.0,
         (radius * math.cos(angle), radius * math.sin(angle), angle + math.pi / 2)
         for angle in angles
     )
-    return PlanResult(
+    return PlanGrade(
         plan,
         tuple(Check(name, name not in failed, f"{name}: {message}") for name in CHECK_NAMES),
         f"the verdict: {message}",
@@ -27,4 +27,4 @@ def graded(plan="circle", failed=(), message="as expected", count=9, radius=2.0,
 
 def submission(*plans, name="ann", students=(ANN,), **values):
     """Return the result of a submission."""
-    return Result(name, tuple(students), **{"fault": "", "error": "", **values}, plans=plans)
+    return Grade(name, tuple(students), **{"fault": "", "error": "", **values}, plans=plans)

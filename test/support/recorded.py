@@ -6,7 +6,7 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.preview.prediction import states_at
 from mushr_ros_intro.replay.judge import default_tolerances, judge
-from mushr_ros_intro.replay.recording import Replay, Sent
+from mushr_ros_intro.replay.recording import Recorded, Sent
 from mushr_ros_intro.world.grid import Grid
 from support import cars
 from support.geometry import float32
@@ -52,7 +52,7 @@ def map_of(width, height, origin):
 def replay(plan=PLAN, sent=COMMANDS, **changes):
     """Return a replay without faults, with `changes` of its fields."""
     instants = list(range(-TENTH, plan.duration + SECOND // 2, SECOND // 50))
-    right = Replay(
+    right = Recorded(
         plan=plan,
         car=Car(),
         outcome="",

@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from mushr_ros_intro.classroom import result
+from mushr_ros_intro.classroom import grades
 from support import browser, web
 from support.cars import plan_named
 from support.geometry import closed_form
@@ -40,7 +40,7 @@ def sim(tmp_path_factory):
     (folder / "faulty.txt").write_text(FAULTY)
     (folder / "colliding.txt").write_text(COLLIDING)
     (folder / "long.txt").write_text("1, 0, 0\n0.5, 0.3, 0.1\n0.5, 0.3, 1000.0\n")
-    result.store(str(folder / result.FOLDER), [submission(graded())])
+    grades.store(str(folder / grades.FOLDER), [submission(graded())])
     found = web.Simulation(folder, "use_sim_time:=true", f"real_time_factor:={FACTOR}")
     yield found
     found.end()

@@ -6,7 +6,7 @@ from typing import Any, Dict, Iterator, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.classroom import result
+from mushr_ros_intro.classroom import grades
 
 
 def drives(folder: str) -> Dict[str, Dict[str, Any]]:
@@ -14,13 +14,13 @@ def drives(folder: str) -> Dict[str, Dict[str, Any]]:
 
     Files that are something else are skipped. See docs/web.md for the values.
     """
-    return dict(sorted([*_of_class(os.path.join(folder, result.FOLDER)), *_of_node(folder)]))
+    return dict(sorted([*_of_class(os.path.join(folder, grades.FOLDER)), *_of_node(folder)]))
 
 
 def _of_class(folder: str) -> Iterator[Tuple[str, Dict[str, Any]]]:
     if not os.path.isdir(folder):
         return
-    for each in result.load(folder):
+    for each in grades.load(folder):
         for plan in each.plans:
             if plan.times:
                 yield (
@@ -43,7 +43,7 @@ def _of_node(folder: str) -> Iterator[Tuple[str, Dict[str, Any]]]:
                 report = json.load(file)
             path = os.path.join(place, "trajectory.csv")
             table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-            chosen = np.unique(np.linspace(0, len(table) - 1, result.MAX_POINTS).astype(int))
+            chosen = np.unique(np.linspace(0, len(table) - 1, grades.MAX_POINTS).astype(int))
             table = table[chosen].tolist()
             yield (
                 os.path.relpath(place, folder),

@@ -9,7 +9,7 @@ from typing import List, NamedTuple, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.classroom.result import PlanResult
+from mushr_ros_intro.classroom.grades import PlanGrade
 
 STYLE = """
 svg { display: block; max-width: 100%; height: auto; }
@@ -60,7 +60,7 @@ class _View(NamedTuple):
         return np.column_stack([self.left + x, self.top + self.size[1] - y])
 
 
-def picture(plan: PlanResult) -> str:
+def picture(plan: PlanGrade) -> str:
     """Return a small picture of a drive, or nothing if there is no drive."""
     _, driven, predicted = _tracks(plan)
     if not len(driven):
@@ -71,7 +71,7 @@ def picture(plan: PlanResult) -> str:
     return _svg(*_SMALL, "driven and predicted path", paths)
 
 
-def paths(plan: PlanResult) -> str:
+def paths(plan: PlanGrade) -> str:
     """Return a drawing of the paths in the map frame [m], or nothing if there is no drive."""
     _, driven, predicted = _tracks(plan)
     if not len(driven):
@@ -85,7 +85,7 @@ def paths(plan: PlanResult) -> str:
     return _framed(view, "driven and predicted path with axes in m", content)
 
 
-def distances(plan: PlanResult) -> Tuple[str, str]:
+def distances(plan: PlanGrade) -> Tuple[str, str]:
     """Return a drawing of the distance between the paths over time, and its caption.
 
     Both are empty if there is no drive.
@@ -112,7 +112,7 @@ def distances(plan: PlanResult) -> Tuple[str, str]:
     return _framed(view, "distance between the paths over time", content), caption
 
 
-def _tracks(plan: PlanResult) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _tracks(plan: PlanGrade) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return times, driven and predicted positions, without those that are not finite."""
     rows = np.column_stack(
         [

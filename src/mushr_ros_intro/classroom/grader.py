@@ -11,7 +11,7 @@ import roslib.packages
 import rospkg
 
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
-from mushr_ros_intro.classroom.result import Result, plan_result
+from mushr_ros_intro.classroom.grades import Grade, plan_grade
 from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
@@ -23,10 +23,10 @@ from mushr_ros_intro.replay.job import (
     ReplayError,
     Setting,
     in_own_process,
-    replay,
+    run_job,
     sandboxed,
 )
-from mushr_ros_intro.replay.judge import Report
+from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.replay.node_process import SHOWN_LINES
 from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.workspace import environment_of
@@ -119,7 +119,7 @@ def grade(
     setting: Setting,
     jobs: int,
     bags: str,
-) -> Iterator[Result]:
+) -> Iterator[Grade]:
     """Grade submissions; yield their results in the same order, as soon as they are known.
 
     Args:
@@ -131,7 +131,7 @@ def grade(
     """
     with ThreadPoolExecutor(jobs) as pool:
         builds = [pool.submit(_build, each, setting) for each in submissions]
-        replays: List[List[Future[Optional[Report]]]] = []
+        replays: List[List[Future[Optional[Judgement]]]] = []
         for submission, build in zip(submissions, builds):
             runs = [] if submission.fault else list(plans.values())
             replays.append(
@@ -147,7 +147,7 @@ def grade(
 
 def _replay(
     submission: Submission, build: "Future[str]", plan: Plan, setting: Setting, bags: str
-) -> Optional[Report]:
+) -> Optional[Judgement]:
     """Replay a plan with a submission; return None if it cannot be built."""
     if build.result():
         return None
@@ -160,24 +160,24 @@ def _replay(
         submission.packages,
         os.path.join(bags, f"{submission.name}.{plan.name}.bag") if bags else "",
     )
-    return replay(job)
+    return run_job(job)
 
 
 def _result(
-    submission: Submission, build: "Future[str]", futures: Dict[str, "Future[Optional[Report]]"]
-) -> Result:
+    submission: Submission, build: "Future[str]", futures: Dict[str, "Future[Optional[Judgement]]"]
+) -> Grade:
     """Return the result of a submission, after waiting for its replays."""
     error, reports = "", []
     for name, future in futures.items():
         try:
             report = future.result()
             if report is not None:
-                reports.append(plan_result(name, report))
+                reports.append(plan_grade(name, report))
         except (UserError, OSError) as failure:
             error = error or f"{name}: {failure}"
     fault = submission.fault or ("" if error else build.result())
     plans = () if fault or error else tuple(reports)
-    return Result(submission.name, submission.students, fault, error, plans, submission.notes)
+    return Grade(submission.name, submission.students, fault, error, plans, submission.notes)
 
 
 def probe(plan: Plan, setting: Setting) -> None:

@@ -10,8 +10,8 @@ from typing import List, Sequence
 from urllib.parse import quote
 
 from mushr_ros_intro.classroom import drawing
+from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.classroom.points import Points
-from mushr_ros_intro.classroom.result import PlanResult, Result
 from mushr_ros_intro.wording import counted
 
 FOLDER = "submissions"
@@ -88,7 +88,7 @@ def file_name(name: str) -> str:
     return _NOT_IN_FILE_NAME.sub(lambda match: f"%{ord(match[0]):02X}", name) + ".html"
 
 
-def index_page(results: Sequence[Result], points: Points) -> str:
+def index_page(results: Sequence[Grade], points: Points) -> str:
     """Return the page with one row for each submission."""
     passed = sum(result.passed for result in results)
     faults = sum(bool(result.fault) for result in results)
@@ -111,7 +111,7 @@ def index_page(results: Sequence[Result], points: Points) -> str:
     return _page("Submissions", body)
 
 
-def submission_page(result: Result, points: Points) -> str:
+def submission_page(result: Grade, points: Points) -> str:
     """Return the page of a submission, with all checks, drawings and the output of its node."""
     parts = [f'<p><a href="../index.html">All submissions</a></p>\n<h1>{_text(result.name)}</h1>']
     parts += [f"<p>{_text(', '.join(filter(None, student)))}</p>" for student in result.students]
@@ -129,7 +129,7 @@ def submission_page(result: Result, points: Points) -> str:
     return _page(_text(result.name), "\n".join(parts))
 
 
-def _row(result: Result, points: Points) -> str:
+def _row(result: Grade, points: Points) -> str:
     """Return the row of a submission in the index."""
     link = quote(f"{FOLDER}/{file_name(result.name)}")
     fault = clean(result.error or result.fault).strip()
@@ -152,7 +152,7 @@ def _row(result: Result, points: Points) -> str:
     return f"<tr>{''.join(cells)}</tr>"
 
 
-def _plan_cell(plan: PlanResult, points: Points, link: str) -> str:
+def _plan_cell(plan: PlanGrade, points: Points, link: str) -> str:
     """Return the cell of a drive in the index."""
     score, most = shown(points.plan_score(plan)), shown(points.max_score([plan.plan]))
     failed = [check for check in plan.checks if not check.passed]
@@ -169,7 +169,7 @@ def _cell(key: str, content: str, name: str = "") -> str:
     return f'<td data-key="{_text(key)}"{kind}>{content}</td>'
 
 
-def _section(number: int, plan: PlanResult, points: Points) -> str:
+def _section(number: int, plan: PlanGrade, points: Points) -> str:
     """Return the part of a page about one drive."""
     score, most = shown(points.plan_score(plan)), shown(points.max_score([plan.plan]))
     title = _title(plan.plan, points)
@@ -194,7 +194,7 @@ def _section(number: int, plan: PlanResult, points: Points) -> str:
     return "\n".join(parts)
 
 
-def _check_rows(plan: PlanResult, points: Points) -> List[str]:
+def _check_rows(plan: PlanGrade, points: Points) -> List[str]:
     """Return the rows of the checks of a drive: failures first, those not judged after them."""
     rows = sorted(
         zip(plan.checks, points.earned(plan)),

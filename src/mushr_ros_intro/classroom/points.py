@@ -24,7 +24,7 @@ run scores 0.
 import math
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from mushr_ros_intro.classroom.result import PlanResult, Result
+from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.replay.judge import CHECK_NAMES
@@ -65,12 +65,12 @@ class Points(NamedTuple):
         names = self.plan_names if plans is None else plans
         return _sum(self.points(name, check) for name in names for check in CHECK_NAMES)
 
-    def earned(self, plan: PlanResult) -> List[float]:
+    def earned(self, plan: PlanGrade) -> List[float]:
         """Return the points that each check of a drive gives, in the order of its checks."""
         lost, points = bool(self.loss(plan)), self.points
         return [(each.passed and not lost) * points(plan.plan, each.name) for each in plan.checks]
 
-    def loss(self, plan: PlanResult) -> str:
+    def loss(self, plan: PlanGrade) -> str:
         """Return why a drive gives no points whatever its checks give, or nothing."""
         failed = {check.name: check for check in plan.checks if not check.passed}
         if "topics" in failed and failed["topics"].is_judged:
@@ -80,12 +80,12 @@ class Points(NamedTuple):
             return f"This plan gives 0 points, because a check failed: {', '.join(missed)}."
         return ""
 
-    def plan_score(self, plan: PlanResult) -> float:
+    def plan_score(self, plan: PlanGrade) -> float:
         """Return the points that a drive gives."""
         return _sum(self.earned(plan))
 
-    def score(self, result: Result) -> float:
-        """Return the points of a submission; 0 also if there is no verdict (see Result.error)."""
+    def score(self, result: Grade) -> float:
+        """Return the points of a submission; 0 also if there is no verdict (see Grade.error)."""
         return _sum(self.plan_score(plan) for plan in result.plans)
 
     def _of(self, plan: str) -> PlanPoints:

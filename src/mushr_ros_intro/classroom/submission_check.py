@@ -49,7 +49,7 @@ class Checked(NamedTuple):
     needs_build: bool
 
 
-def check(files: Files, node: str) -> Checked:
+def check_submission(files: Files, node: str) -> Checked:
     """Find the node and the packages of a submission; make the node executable.
 
     Args:

@@ -13,8 +13,8 @@ from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 import yaml
 
-from mushr_ros_intro.classroom.result import Student
-from mushr_ros_intro.classroom.submission_check import check
+from mushr_ros_intro.classroom.grades import Student
+from mushr_ros_intro.classroom.submission_check import check_submission
 from mushr_ros_intro.classroom.submission_files import Files, SubmissionError
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.replay.workspace import is_junk
@@ -238,7 +238,7 @@ def _submission(source: _Source, name: str, files: Files, node: str) -> Submissi
         if source.fault:
             raise SubmissionError(source.fault)
         _copy(source, files, node)
-        checked = check(files, node)
+        checked = check_submission(files, node)
         return Submission(name, source.students, "", tuple(files.notes), files.folder, *checked)
     except SubmissionError as problem:
         fault = str(problem)

@@ -10,8 +10,8 @@ from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Seq
 from xml.etree import ElementTree
 
 from mushr_ros_intro.classroom import pages
+from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.points import Points
-from mushr_ros_intro.classroom.result import Result
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.wording import counted
 
@@ -49,9 +49,9 @@ class _Test(NamedTuple):
     message: str
 
 
-def write(
+def write_results(
     folder: str,
-    results: Sequence[Result],
+    results: Sequence[Grade],
     points: Points,
     plan_names: Iterable[str],
     assignment: str = "path_publisher",
@@ -98,7 +98,7 @@ def _plain(text: str) -> str:
     return f"'{line}" if is_formula else line
 
 
-def _grades(results: Iterable[Result], points: Points) -> Iterator[List[str]]:
+def _grades(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
     """Yield the rows of grades.csv: one for each submission; without a verdict, no points."""
     names = points.plan_names
     yield ["Name", "Students", "IDs", *names, "Score", "Max", "Passed", "Error/Fault"]
@@ -117,7 +117,7 @@ def _grades(results: Iterable[Result], points: Points) -> Iterator[List[str]]:
         ]
 
 
-def _canvas(results: Iterable[Result], points: Points, assignment: str) -> Iterator[List[str]]:
+def _canvas(results: Iterable[Grade], points: Points, assignment: str) -> Iterator[List[str]]:
     """Yield the rows of canvas.csv: one for each student; without a verdict, no score.
 
     Canvas's own ids are numbers, so any other id is taken for a login.
@@ -131,7 +131,7 @@ def _canvas(results: Iterable[Result], points: Points, assignment: str) -> Itera
             yield [student.name or student.email, own, "", login, "", score]
 
 
-def _junit(results: Iterable[Result]) -> str:
+def _junit(results: Iterable[Grade]) -> str:
     """Return results.xml in the format of JUnit."""
     root = ElementTree.Element("testsuites")
     for result in results:
@@ -163,7 +163,7 @@ def _add_case(suite: ElementTree.Element, place: str, name: str, kind: str, mess
         ElementTree.SubElement(case, kind, message=first).text = text
 
 
-def gradescope(result: Result, points: Points, seconds: float) -> Dict[str, Any]:
+def gradescope(result: Grade, points: Points, seconds: float) -> Dict[str, Any]:
     """Return results.json of Gradescope for one submission.
 
     Each check of each plan is a test. The tests of hidden plans are visible after grades are
@@ -206,7 +206,7 @@ def gradescope(result: Result, points: Points, seconds: float) -> Dict[str, Any]
 
 
 def classroom50(
-    result: Result, points: Points, environment: Mapping[str, str], now: float
+    result: Grade, points: Points, environment: Mapping[str, str], now: float
 ) -> Dict[str, Any]:
     """Return result.json of Classroom 50 for one submission.
 
@@ -247,7 +247,7 @@ def classroom50(
     }
 
 
-def github(result: Result, points: Points) -> Dict[str, Any]:
+def github(result: Grade, points: Points) -> Dict[str, Any]:
     """Return the result of one submission for the autograding actions of GitHub.
 
     Students see all of it, so each hidden plan is a single test without its name and messages.
@@ -274,7 +274,7 @@ def github(result: Result, points: Points) -> Dict[str, Any]:
     }
 
 
-def _tests(result: Result, points: Points) -> List[_Test]:
+def _tests(result: Grade, points: Points) -> List[_Test]:
     """Return the tests of a submission: one for each check, or one if there is no drive."""
     if result.error or result.fault or not result.plans:
         status = "error" if result.error else "fail"
@@ -312,7 +312,7 @@ def _merged(tests: Sequence[_Test]) -> List[_Test]:
     return merged
 
 
-def _summary(result: Result, points: Points) -> List[str]:
+def _summary(result: Grade, points: Points) -> List[str]:
     """Return lines for the student: one for each plan that is not hidden."""
     if result.fault or not result.plans:
         return ["The submission could not be run."]

@@ -6,19 +6,19 @@ import rosbag
 
 from mushr_ros_intro.car.model import Command, State, at_rest
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.replay.judge import Report
+from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.stamps import from_seconds
 
 FRAMES = ("car/odom", "car/base_footprint")
 
 
-def write(path: str, report: Report, states: Sequence[State]) -> None:
+def write_bag(path: str, judgement: Judgement, states: Sequence[State]) -> None:
     """Write a bag, compressed with lz4: the map, both paths, poses, frames and commands.
 
     Args:
         path: of the bag.
-        report: on the replay.
+        judgement: on the replay.
         states: the states of the car that were reported.
 
     Raises:
@@ -30,10 +30,10 @@ def write(path: str, report: Report, states: Sequence[State]) -> None:
         def add(topic: str, msg: object, stamp: int) -> None:
             bag.write(topic, msg, conversions.time_from(stamp))
 
-        if report.replay.grid is not None:
-            grid = report.replay.grid
+        if judgement.recorded.grid is not None:
+            grid = judgement.recorded.grid
             add("/map", conversions.grid_to_msg(grid, begin, conversions.MAP_FRAME), begin)
-        times, poses = report.drive.times.tolist(), report.drive.predicted.tolist()
+        times, poses = judgement.drive.times.tolist(), judgement.drive.predicted.tolist()
         predicted = [at_rest(from_seconds(t), Pose(*pose)) for t, pose in zip(times, poses)]
         add("/car/predicted_path", conversions.path_to_msg(predicted, begin), begin)
         driven = conversions.path_to_msg([s._replace(stamp=s.stamp - begin) for s in states], begin)
@@ -41,9 +41,9 @@ def write(path: str, report: Report, states: Sequence[State]) -> None:
         for state in states:
             add("/car/car_pose", conversions.car_pose_to_msg(state), state.stamp)
             add("/tf", conversions.transforms_to_msg(state, *FRAMES), state.stamp)
-            odometry = conversions.odometry_to_msg(state, report.replay.car, *FRAMES)
+            odometry = conversions.odometry_to_msg(state, judgement.recorded.car, *FRAMES)
             add("/car/odom", odometry, state.stamp)
-        for sent in report.replay.sent:
+        for sent in judgement.recorded.sent:
             command = Command(sent.time, sent.speed, sent.steering_angle)
             msg = conversions.command_to_msg(command, FRAMES[1])
             add("/car/mux/ackermann_cmd_mux/input/navigation", msg, max(begin, sent.time))

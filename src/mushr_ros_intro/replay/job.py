@@ -17,10 +17,10 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import count_commands
-from mushr_ros_intro.replay import bag
-from mushr_ros_intro.replay.judge import Report, default_tolerances, judge
-from mushr_ros_intro.replay.node_process import MAX_OUTPUT, Candidate
-from mushr_ros_intro.replay.recording import Replay
+from mushr_ros_intro.replay.bag import write_bag
+from mushr_ros_intro.replay.judge import Judgement, default_tolerances, judge
+from mushr_ros_intro.replay.node_process import MAX_OUTPUT, NodeProcess
+from mushr_ros_intro.replay.recording import Recorded
 from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.workspace import environment_of
 from mushr_ros_intro.replay.world import CAR, CONTROL, ReplayWorld
@@ -104,13 +104,13 @@ _processes = multiprocessing.get_context("forkserver")
 _processes.set_forkserver_preload(["mushr_ros_intro.replay.job"])
 
 
-def replay(job: Job) -> Report:
+def run_job(job: Job) -> Judgement:
     """Run a replay in a process of its own, and return the verdict.
 
     Raises:
         ReplayError: there is no verdict, because the replay itself failed.
     """
-    report: Report = in_own_process(run, job, seconds=_deadline(job) + MAX_OVERHEAD)
+    report: Judgement = in_own_process(_run_here, job, seconds=_deadline(job) + MAX_OVERHEAD)
     return report
 
 
@@ -172,7 +172,7 @@ def _call_and_send(
     os._exit(0)  # without waiting for the threads of rospy
 
 
-def run(job: Job) -> Report:
+def _run_here(job: Job) -> Judgement:
     """Run a replay in this process, which can do it only once; return the verdict.
 
     Raises:
@@ -184,16 +184,16 @@ def run(job: Job) -> Report:
     sandbox.enter_network()
     world = ReplayWorld(setting.parameters, setting.mux, setting.grid)
     with tempfile.TemporaryDirectory(dir=sandbox.folder or None) as folder:
-        candidate = Candidate(sandboxed(job, folder))
-        world.follow(candidate.activity)
+        process = NodeProcess(sandboxed(job, folder))
+        world.follow(process.activity)
         try:
-            outcome = _watch(candidate, world, job)
+            outcome = _watch(process, world, job)
         finally:
-            candidate.end()
+            process.end()
             sandbox.end_processes()
     world.wait_until_rest(car.command_timeout)
     states, stamps, poses, collisions = world.recording()
-    recorded = Replay(
+    recorded = Recorded(
         plan=job.plan,
         car=car,
         outcome=outcome,
@@ -210,7 +210,7 @@ def run(job: Job) -> Report:
     title = f"{job.name} drives {job.plan.path} with the car {setting.car}:"
     report = judge(recorded, tolerances)._replace(title=title)
     if job.bag:
-        bag.write(job.bag, report, states)
+        write_bag(job.bag, report, states)
     return report
 
 
@@ -228,7 +228,7 @@ def sandboxed(job: Job, folder: str) -> List[str]:
     return job.setting.sandbox.wrap(command, environment, home, plan, job.folder)
 
 
-def _watch(candidate: Candidate, world: ReplayWorld, job: Job) -> str:
+def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
     """Wait until the node has driven the plan, or has failed.
 
     Returns:
@@ -238,10 +238,10 @@ def _watch(candidate: Candidate, world: ReplayWorld, job: Job) -> str:
     limit = job.plan.duration * 3 // 2 + 5 * NANOSECONDS
     deadline, patience = _deadline(job), job.setting.patience
     began, sent = time.monotonic(), world.sent
-    while not candidate.has_ended:
+    while not process.has_ended:
         if not world.is_alive:
             return f"the node has shut down {CAR}"
-        if candidate.prints_too_much:
+        if process.prints_too_much:
             return f"the node printed more than {MAX_OUTPUT / 1e6:g} MB of output"
         silence = time.monotonic() - world.last_message
         if sent and sent[-1].time - sent[0].time > limit:
@@ -256,12 +256,10 @@ def _watch(candidate: Candidate, world: ReplayWorld, job: Job) -> str:
                 world.hold_clock()
                 if world.silence > DONE_AFTER or silence > MAX_QUIET:
                     return ""  # a node that has driven the plan need not end
-        elif silence > patience and (
-            silence - min(candidate.delay, MAX_DELAY * patience) > patience
-        ):
+        elif silence > patience and (silence - min(process.delay, MAX_DELAY * patience) > patience):
             return _describe_silence(len(sent), expected, patience, world)
         time.sleep(POLL_PERIOD)
-    fault = candidate.describe_failure()
+    fault = process.describe_failure()
     return fault or ("" if sent else f"the node ended without publishing a command on {CONTROL}")
 
 

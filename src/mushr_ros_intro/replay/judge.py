@@ -15,7 +15,7 @@ from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.recording import (
     START_TOLERANCE,
     Drive,
-    Replay,
+    Recorded,
     Run,
     Sent,
     drive,
@@ -61,10 +61,10 @@ class Check(NamedTuple):
         return _NOT_JUDGED not in self.message
 
 
-class Report(NamedTuple):
+class Judgement(NamedTuple):
     """A replay and the verdict on it."""
 
-    replay: Replay
+    recorded: Recorded
     drive: Drive
     tolerances: Tolerances
     checks: Sequence[Check] = ()
@@ -87,15 +87,15 @@ class Report(NamedTuple):
         ]
         count = sum(not check.passed for check in self.checks)
         lines.append(f"{counted(count, 'check')} failed" if count else "all checks passed")
-        if self.replay.sent and self.replay.sent[-1].speed != 0.0:
-            seconds = self.replay.car.command_timeout / NANOSECONDS
+        if self.recorded.sent and self.recorded.sent[-1].speed != 0.0:
+            seconds = self.recorded.car.command_timeout / NANOSECONDS
             lines.append(
                 "note: the node sends no stop at the end, so the car rolls on until its last "
                 f"command expires, up to {seconds:g} s"
             )
-        if self.replay.ignored:
-            lines.append(f"note: the car ignored {self.replay.ignored}")
-        if output := self.replay.outcome.splitlines()[1:]:
+        if self.recorded.ignored:
+            lines.append(f"note: the car ignored {self.recorded.ignored}")
+        if output := self.recorded.outcome.splitlines()[1:]:
             lines += ["the last output of the node:", *output]
         return "\n".join(lines)
 
@@ -130,32 +130,34 @@ def default_tolerances(plan: Plan, car: Car) -> Tolerances:
     return Tolerances(distance, START_TOLERANCE + seconds * max(rates), distance)
 
 
-def _topics(report: Report) -> Tuple[bool, str]:
+def _topics(judgement: Judgement) -> Tuple[bool, str]:
     """Judge whether the node only drove the car."""
-    if actions := report.replay.actions:
+    if actions := judgement.recorded.actions:
         return False, f"the node {', '.join(actions)}; expected only a start pose and commands"
     return True, "the node used its topics only"
 
 
-def _start_pose(report: Report) -> Tuple[bool, str]:
+def _start_pose(judgement: Judgement) -> Tuple[bool, str]:
     """Judge whether the drive began at the plan's start pose."""
-    wanted = report.replay.plan.start
-    sent = report.replay.start
+    wanted = judgement.recorded.plan.start
+    sent = judgement.recorded.start
     if not sent:
         return False, f"the node sent no start pose; expected {wanted}"
     if not sent.is_close_to(wanted, START_TOLERANCE):  # also if it is NaN
         return False, f"the node sent the start pose {sent}; expected {wanted}"
-    passed, difference = compare(Pose(*report.drive.driven[0]), wanted, *report.tolerances[:2])
+    passed, difference = compare(
+        Pose(*judgement.drive.driven[0]), wanted, *judgement.tolerances[:2]
+    )
     return passed, f"the car started at {difference}"
 
 
-def _commands(report: Report) -> Tuple[bool, str]:
+def _commands(judgement: Judgement) -> Tuple[bool, str]:
     """Judge whether the commands are those of the plan, in its order."""
-    runs = runs_of(report.replay.plan)
+    runs = runs_of(judgement.recorded.plan)
     wanted = [run[:2] for run in runs]
-    got = [group[0][2:] for group in _groups(report.replay)]
+    got = [group[0][2:] for group in _groups(judgement.recorded)]
     if got == wanted:
-        return True, f"{len(report.replay.sent)} commands, in the plan's order"
+        return True, f"{len(judgement.recorded.sent)} commands, in the plan's order"
     same = min(len(got), len(wanted))
     index = next((i for i in range(same) if got[i] != wanted[i]), same)
     if index == len(got):
@@ -201,24 +203,24 @@ def _shown(command: Tuple[float, ...]) -> str:
     return f"{command[0]:g} m/s, {command[1]:g} rad"
 
 
-def _groups(replay: Replay) -> List[List[Sent]]:
+def _groups(recorded: Recorded) -> List[List[Sent]]:
     """Return the commands in groups of equal neighbours, without the stop at the end."""
-    groups = [list(group) for _, group in groupby(replay.sent, lambda sent: sent[2:])]
-    if groups[-1][0].speed == 0.0 and len(groups) == len(runs_of(replay.plan)) + 1:
+    groups = [list(group) for _, group in groupby(recorded.sent, lambda sent: sent[2:])]
+    if groups[-1][0].speed == 0.0 and len(groups) == len(runs_of(recorded.plan)) + 1:
         groups.pop()
     return groups
 
 
-def _rate(report: Report) -> Tuple[bool, str]:
+def _rate(judgement: Judgement) -> Tuple[bool, str]:
     """Judge whether each row has its number of commands, evenly spaced by their stamps."""
-    runs, groups = runs_of(report.replay.plan), _groups(report.replay)
+    runs, groups = runs_of(judgement.recorded.plan), _groups(judgement.recorded)
     for index, run in enumerate(runs):
         if index >= len(groups) or groups[index][0][2:] != run[:2]:
             return False, f"{run}: {_NOT_JUDGED}, because its command was not received in turn"
         if fault := _rate_fault(run, groups[index], run is runs[-1]):
             return False, f"{run}: {fault}"
     message = f"{NANOSECONDS // COMMAND_PERIOD} commands per second in every row"
-    if not all(sent.has_stamp for sent in report.replay.sent):
+    if not all(sent.has_stamp for sent in judgement.recorded.sent):
         message += "; their spacing was not judged, because they have no stamps"
     return True, message
 
@@ -259,39 +261,42 @@ def _step_fault(times: Sequence[int]) -> str:
     return ""
 
 
-def _path(report: Report) -> Tuple[bool, str]:
+def _path(judgement: Judgement) -> Tuple[bool, str]:
     """Judge the distance between the driven and the predicted path."""
-    distance, tolerance = report.drive.frechet_distance, report.tolerances.path
+    distance, tolerance = judgement.drive.frechet_distance, judgement.tolerances.path
     message = f"the driven path deviates by up to {distance:.3g} m from the predicted path"
     return distance <= tolerance, f"{message}; tolerance {tolerance:.3g} m"
 
 
-def _final_pose(report: Report) -> Tuple[bool, str]:
+def _final_pose(judgement: Judgement) -> Tuple[bool, str]:
     """Judge whether the car ended at the predicted pose."""
-    end, wanted = Pose(*report.drive.driven[-1]), Pose(*report.drive.predicted[-1])
-    passed, difference = compare(end, wanted, *report.tolerances[:2])
+    end, wanted = Pose(*judgement.drive.driven[-1]), Pose(*judgement.drive.predicted[-1])
+    passed, difference = compare(end, wanted, *judgement.tolerances[:2])
     return passed, f"the car ended at {difference}"
 
 
-def _rest(report: Report) -> Tuple[bool, str]:
+def _rest(judgement: Judgement) -> Tuple[bool, str]:
     """Judge whether the car stands at the end."""
-    replay = report.replay
-    tail = replay.poses[replay.stamps >= replay.stamps[-1] - replay.car.command_timeout]
+    recorded = judgement.recorded
+    tail = recorded.poses[recorded.stamps >= recorded.stamps[-1] - recorded.car.command_timeout]
     if (tail == tail[-1]).all():
         return True, "the car stands at the end"
     return False, "the car still moves at the end; expected it to stand"
 
 
-def _map(report: Report) -> Tuple[bool, str]:
+def _map(judgement: Judgement) -> Tuple[bool, str]:
     """Judge whether the car hit no wall and stayed on the map."""
-    if report.replay.collisions:
-        return False, f"the car hit a wall at {report.replay.collisions[0]}; expected no collision"
-    grid = report.replay.grid
+    grid, collisions = judgement.recorded.grid, judgement.recorded.collisions
+    if collisions:
+        return (
+            False,
+            f"the car hit a wall at {collisions[0]}; expected no collision",
+        )
     if grid is None:
         return True, "there is no map"
     width, height = grid.width * grid.resolution, grid.height * grid.resolution
     size = f"{width:g} m x {height:g} m"
-    for pose in (Pose(*row) for row in report.replay.poses):
+    for pose in (Pose(*row) for row in judgement.recorded.poses):
         x, y, _ = grid.to_grid(pose)
         if not (0.0 <= x <= width and 0.0 <= y <= height):
             return False, f"the car left the map at {pose}; the map is {size}"
@@ -313,12 +318,14 @@ CHECK_NAMES = ("node", *_CHECKS)
 """The names of all checks, in the order of the most telling ones."""
 
 
-def judge(replay: Replay, tolerances: Tolerances) -> Report:
+def judge(recorded: Recorded, tolerances: Tolerances) -> Judgement:
     """Return the verdict on a replay; its checks are in the order of the most telling ones."""
-    report = Report(replay, drive(replay), tolerances)
-    checks = [Check("node", not replay.outcome, replay.outcome or "the node ran without an error")]
+    judgement = Judgement(recorded, drive(recorded), tolerances)
+    checks = [
+        Check("node", not recorded.outcome, recorded.outcome or "the node ran without an error")
+    ]
     for name, check in _CHECKS.items():
-        is_judged = replay.sent or (name == "topics" and replay.actions)
+        is_judged = recorded.sent or (name == "topics" and recorded.actions)
         verdict = (False, f"{_NOT_JUDGED}: the node sent no command")
-        checks.append(Check(name, *(check(report) if is_judged else verdict)))
-    return report._replace(checks=checks)
+        checks.append(Check(name, *(check(judgement) if is_judged else verdict)))
+    return judgement._replace(checks=checks)

@@ -84,7 +84,7 @@ def receiving_activity() -> Optional[int]:
     return activity_of(f"/proc/self/task/{each.native_id}" for each in threads)
 
 
-class Candidate:
+class NodeProcess:
     """The process of the node in a replay, with all processes of its group."""
 
     def __init__(self, command: List[str]) -> None:

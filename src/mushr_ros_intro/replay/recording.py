@@ -32,7 +32,7 @@ class Sent(NamedTuple):
     """[rad]"""
 
 
-class Replay(NamedTuple):
+class Recorded(NamedTuple):
     """Everything that was recorded in a replay."""
 
     plan: Plan
@@ -109,22 +109,22 @@ def runs_of(plan: Plan) -> List[Run]:
     return runs
 
 
-def drive(replay: Replay) -> Drive:
+def drive(recorded: Recorded) -> Drive:
     """Return the driven path from the start pose on, and the predicted path.
 
     The prediction is for a node that sends the commands of the plan. It has the same noise, which
     depends on the car's seed and on the number of a command. If the recording ends before the plan,
     the car counts as standing from there on. Both paths end with the last move of either.
     """
-    begin = _first_pose(replay)
-    driven = replay.poses[begin:]
-    instants = (replay.stamps[begin:] - replay.begin).tolist()
-    end, _ = rest(replay.plan, replay.car)
+    begin = _first_pose(recorded)
+    driven = recorded.poses[begin:]
+    instants = (recorded.stamps[begin:] - recorded.begin).tolist()
+    end, _ = rest(recorded.plan, recorded.car)
     step = max(NANOSECONDS // 50, (end - instants[-1]) // 10_000)
     instants += range(instants[-1] + step, end + step, step)
     standing = np.repeat(driven[-1:], len(instants) - len(driven), axis=0)
     driven = np.concatenate([driven, standing])
-    states = states_at(replay.plan, replay.car, instants)
+    states = states_at(recorded.plan, recorded.car, instants)
     predicted = np.array([state.pose for state in states], float)
     moves, _ = np.nonzero(np.diff(np.hstack([driven, predicted]), axis=0))
     last = int(moves[-1]) + 2 if len(moves) else 1
@@ -136,20 +136,20 @@ def drive(replay: Replay) -> Drive:
     return Drive(times, driven, predicted, frechet_distance(driven[:, :2], predicted[:, :2]))
 
 
-def _first_pose(replay: Replay) -> int:
+def _first_pose(recorded: Recorded) -> int:
     """Return the index of the first pose of the drive.
 
     This is the one nearest to the plan's start pose, up to two command periods after the first
     command, because the car may be placed late. It is not before the first command.
     """
-    count = int(np.searchsorted(replay.stamps, replay.begin + 2 * COMMAND_PERIOD))
-    poses = [Pose(*row) for row in replay.poses[: max(1, count)]]
-    start = replay.plan.start
+    count = int(np.searchsorted(recorded.stamps, recorded.begin + 2 * COMMAND_PERIOD))
+    poses = [Pose(*row) for row in recorded.poses[: max(1, count)]]
+    start = recorded.plan.start
     placed = int(np.argmin([each.distance_to(start) + each.angle_to(start) for each in poses]))
-    if placed and replay.sent and not replay.sent[0].has_stamp:
+    if placed and recorded.sent and not recorded.sent[0].has_stamp:
         return placed  # the time of an unstamped command is too rough
-    first = int(np.searchsorted(replay.stamps, replay.begin))
-    return max(placed, min(first, len(replay.stamps) - 1))
+    first = int(np.searchsorted(recorded.stamps, recorded.begin))
+    return max(placed, min(first, len(recorded.stamps) - 1))
 
 
 def frechet_distance(one: np.ndarray, other: np.ndarray) -> float:

@@ -102,7 +102,7 @@ class ReplayWorld:
             threading.Thread(target=target, daemon=True).start()
 
     def follow(self, activity: Callable[[], Optional[int]]) -> None:
-        """Begin to step the held clock; `activity` is that of the node, see `Candidate`."""
+        """Begin to step the held clock; `activity` is that of the node, see `NodeProcess`."""
         threading.Thread(target=self._step_clock, args=[activity], daemon=True).start()
 
     @property

@@ -12,7 +12,7 @@ from mushr_ros_intro.browser import plans
 from mushr_ros_intro.browser.drives import drives
 from mushr_ros_intro.browser.map_image import png
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.classroom import result
+from mushr_ros_intro.classroom import grades
 from mushr_ros_intro.replay.judge import Check
 from mushr_ros_intro.world.grid import Grid
 
@@ -83,10 +83,10 @@ def test_the_image_of_a_map():
 
 def test_results_of_a_class(tmp_path):
     poses = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.1))
-    drive = result.PlanResult("circle", (Check("node", True, ""),), "ok", (0.0, 0.1), poses, poses)
+    drive = grades.PlanGrade("circle", (Check("node", True, ""),), "ok", (0.0, 0.1), poses, poses)
     none = drive._replace(plan="slalom", times=(), driven=(), predicted=())
-    graded = result.Result("alice", (), "", "", (drive, none))
-    result.store(str(tmp_path / result.FOLDER), [graded])
+    graded = grades.Grade("alice", (), "", "", (drive, none))
+    grades.store(str(tmp_path / grades.FOLDER), [graded])
     found = drives(str(tmp_path))
     assert [*found] == ["alice/circle"]
     assert found["alice/circle"] == {

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from mushr_ros_intro.classroom.result import Student
+from mushr_ros_intro.classroom.grades import Student
 from mushr_ros_intro.errors import UserError
 from support.submissions import (
     NODE,

@@ -10,9 +10,9 @@ from xml.etree import ElementTree
 
 import pytest
 
+from mushr_ros_intro.classroom.grades import Student
 from mushr_ros_intro.classroom.points import PlanPoints, Points
-from mushr_ros_intro.classroom.result import Student
-from mushr_ros_intro.classroom.tables import classroom50, github, gradescope, write
+from mushr_ros_intro.classroom.tables import classroom50, github, gradescope, write_results
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support.grades import graded, submission
@@ -59,7 +59,7 @@ class Page(HTMLParser):
 
 def written(folder, *results):
     """Write the files of results; return the index and the pages by their file names."""
-    write(str(folder), results, POINTS, PLANS)
+    write_results(str(folder), results, POINTS, PLANS)
     pages = {path.name: Page(path) for path in (folder / "submissions").iterdir()}
     return Page(folder / "index.html"), pages
 

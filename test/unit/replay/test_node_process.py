@@ -9,7 +9,7 @@ import pytest
 
 from mushr_ros_intro.replay.node_process import (
     MAX_OUTPUT,
-    Candidate,
+    NodeProcess,
     activity_of,
     delay_of,
 )
@@ -27,10 +27,10 @@ time.sleep(300)
 
 def run(*command):
     """Run a program to its end; return the description of its failure."""
-    candidate = Candidate(["env", "-i", *command])
-    wait_for(lambda: candidate.has_ended, "the end of the program")
-    candidate.end()
-    return candidate.describe_failure()
+    process = NodeProcess(["env", "-i", *command])
+    wait_for(lambda: process.has_ended, "the end of the program")
+    process.end()
+    return process.describe_failure()
 
 
 @pytest.mark.parametrize(
@@ -52,18 +52,18 @@ def test_ends():
 
 
 def test_too_much_output():
-    candidate = Candidate(["head", "-c", str(MAX_OUTPUT + 1), "/dev/zero"])
-    wait_for(lambda: candidate.prints_too_much, "all output")
-    candidate.end()
+    process = NodeProcess(["head", "-c", str(MAX_OUTPUT + 1), "/dev/zero"])
+    wait_for(lambda: process.prints_too_much, "all output")
+    process.end()
 
 
 def test_child_processes_end_too(tmp_path):
     """Also those that ignore SIGINT and have left the process group."""
     out = tmp_path / "out"
-    candidate = Candidate(["sh", "-c", f"exec python3 -c '{LEAVES}' >{out}"])
+    process = NodeProcess(["sh", "-c", f"exec python3 -c '{LEAVES}' >{out}"])
     wait_for(lambda: out.exists() and out.read_text().strip(), "the child process")
     child = int(out.read_text())
-    candidate.end()
+    process.end()
 
     def is_gone():
         try:
@@ -78,16 +78,16 @@ def test_child_processes_end_too(tmp_path):
 
 def test_activity():
     """It grows if the node runs, and stays if it sleeps."""
-    candidate = Candidate(["python3", "-c", "import time; time.sleep(60)"])
+    process = NodeProcess(["python3", "-c", "import time; time.sleep(60)"])
     seen = []
 
     def is_idle():
-        seen.append(candidate.activity())
+        seen.append(process.activity())
         return len(seen) > 1 and None not in seen[-2:] and seen[-1] == seen[-2]
 
     wait_for(is_idle, "an idle node")
-    candidate.end()
-    assert candidate.activity() is None
+    process.end()
+    assert process.activity() is None
 
 
 def test_a_thread_that_has_worked_is_not_idle():

@@ -6,7 +6,7 @@ from typing import Any, Dict, Iterable, List, NamedTuple, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.replay.judge import Check, Report
+from mushr_ros_intro.replay.judge import Check, Judgement
 
 FOLDER = "data"
 """The folder of the results, in the output folder of grade.py."""
@@ -23,7 +23,7 @@ class Student(NamedTuple):
     email: str
 
 
-class PlanResult(NamedTuple):
+class PlanGrade(NamedTuple):
     """The verdict on one drive."""
 
     plan: str
@@ -45,7 +45,7 @@ class PlanResult(NamedTuple):
         return all(check.passed for check in self.checks)
 
 
-class Result(NamedTuple):
+class Grade(NamedTuple):
     """The grading of one submission."""
 
     name: str
@@ -55,7 +55,7 @@ class Result(NamedTuple):
     """Why the submission could not be run; empty if it was run."""
     error: str
     """Why grading itself failed, so that there is no verdict; empty otherwise."""
-    plans: Tuple[PlanResult, ...]
+    plans: Tuple[PlanGrade, ...]
     """In the order of the command line; empty if there is a fault or an error."""
     notes: Tuple[str, ...] = ()
     """What is unusual about the submission, although it can be run."""
@@ -66,14 +66,14 @@ class Result(NamedTuple):
         return bool(self.plans) and all(plan.passed for plan in self.plans)
 
 
-def plan_result(name: str, report: Report) -> PlanResult:
+def plan_grade(name: str, report: Judgement) -> PlanGrade:
     """Return the verdict of a report on a plan with a name."""
     drive = report.drive
     chosen = np.unique(np.linspace(0, len(drive.times) - 1, MAX_POINTS).astype(int))
     times, driven, predicted = (
         np.round(each[chosen], 4).tolist() for each in (drive.times, drive.driven, drive.predicted)
     )
-    return PlanResult(
+    return PlanGrade(
         name,
         tuple(report.checks),
         report.verdict,
@@ -83,7 +83,7 @@ def plan_result(name: str, report: Report) -> PlanResult:
     )
 
 
-def to_json(result: Result) -> Dict[str, Any]:
+def to_json(result: Grade) -> Dict[str, Any]:
     """Return a result as a JSON object."""
     return {
         **result._asdict(),
@@ -95,14 +95,14 @@ def to_json(result: Result) -> Dict[str, Any]:
     }
 
 
-def from_json(value: Dict[str, Any]) -> Result:
+def from_json(value: Dict[str, Any]) -> Grade:
     """Return the result that `to_json` has converted.
 
     Raises:
         KeyError, TypeError: the value is something else.
     """
     plans = tuple(
-        PlanResult(
+        PlanGrade(
             **{
                 **plan,
                 "checks": tuple(Check(**check) for check in plan["checks"]),
@@ -115,10 +115,10 @@ def from_json(value: Dict[str, Any]) -> Result:
     )
     students = tuple(Student(**student) for student in value["students"])
     notes = tuple(value["notes"])
-    return Result(**{**value, "students": students, "plans": plans, "notes": notes})
+    return Grade(**{**value, "students": students, "plans": plans, "notes": notes})
 
 
-def store(folder: str, results: Iterable[Result]) -> None:
+def store(folder: str, results: Iterable[Grade]) -> None:
     """Write each result to NAME.json in a folder.
 
     Raises:
@@ -131,7 +131,7 @@ def store(folder: str, results: Iterable[Result]) -> None:
             json.dump(to_json(result), file)
 
 
-def load(folder: str) -> List[Result]:
+def load(folder: str) -> List[Grade]:
     """Return the results that `store` has written, in the order of their names.
 
     Raises:

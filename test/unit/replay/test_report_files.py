@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from mushr_ros_intro.replay.files import distances, locations, write
 from mushr_ros_intro.replay.judge import Tolerances, judge
+from mushr_ros_intro.replay.report_files import distances, locations, write_report
 from support.geometry import closed_form
 from support.recorded import ROWS, START, replay, reported
 
@@ -18,7 +18,7 @@ FILES = ["distances.png", "locations.png", "report.json", "trajectory.csv"]
 def written(folder, seen):
     """Write the files of a replay; return its report, and report.json."""
     report = reported(seen)
-    write(str(folder), report, {"seed": "7"})
+    write_report(str(folder), report, {"seed": "7"})
     return report, json.loads((folder / "report.json").read_text())
 
 
