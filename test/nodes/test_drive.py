@@ -18,7 +18,7 @@ from support.world import launch
 PERIOD = 100_000_000
 """[ns] Between two commands of a row."""
 
-BUSY = 8
+BUSY = 3
 """[s] Both cores are busy for this part of the drives."""
 
 TUTORIAL = {"straight_line", "figure_8"}

@@ -2,7 +2,6 @@
 
 import contextlib
 import re
-import signal
 import time
 
 import rospy
@@ -10,7 +9,8 @@ from nav_msgs.msg import Path
 from rosgraph_msgs.msg import Log
 
 from support.geometry import planar
-from support.helpers import Process, Recording, RosTestCase, wait_for
+from support.helpers import Recording, RosTestCase, wait_for
+from support.world import LOCK_STEP, launch
 
 PROMISED = 1e-9
 """[m, rad] The largest difference between the predicted and the final pose."""
@@ -23,19 +23,16 @@ DIFFERENCE = re.compile(r"difference (\S+) m, (\S+) rad")
 
 
 @contextlib.contextmanager
-def car(*arguments):
+def car(**arguments):
     """Run a car in lock-step."""
-    options = ("use_sim_time:=true", "real_time_factor:=0", "map:=none", "laser:=false")
-    command = ("roslaunch", "mushr_ros_intro", "sim.launch", *options, "model:=false")
-    with Process(*command, *arguments) as launch:
-        try:
-            # Without these parameters, path_publisher would use wall-clock time.
-            wait_for(lambda: rospy.has_param("/car/car_sim/seed"), "the car's parameters")
-            yield
-        finally:
-            launch.send_signal(signal.SIGINT)
-            launch.wait()
-            rospy.delete_param("/car/car_sim")
+    options = {"map": "none", "laser": False, "model": False}
+    nodes = launch("sim.launch", **LOCK_STEP, **options, **arguments)
+    try:
+        yield
+    finally:
+        for each in nodes:
+            each.end()
+        rospy.delete_param("/car/car_sim")
 
 
 def start_world():
@@ -61,7 +58,7 @@ class TestProfiles(RosTestCase):
         at_its_limits = self.plan("0, 0, 0\n0.9286, 0.3158, 0.2\n-0.9286, -0.4211, 0.2\n")
         paths = Recording("/car/predicted_path", Path)
         for profile in ("racecar_mit", "mushr_tx2", "mushr_nano_master", "mushr_nano"):
-            with car(f"car:={profile}"):
+            with car(car=profile):
                 if profile == "mushr_nano":
                     log.connected().clear()
                     self.drive(at_its_limits)

@@ -1,16 +1,22 @@
-"""The tests of test_lock_step.py for the ideal car, which reports its pose 2.5 times per second."""
+"""The tests of test_lock_step.py for every plan, with an ideal car and 2.5 poses per second."""
+
+import os
 
 import pytest
 import rosgraph
-from test_lock_step import TestLockStep  # noqa: F401
+import test_lock_step
 
+from support.paths import PLANS
 from support.world import LOCK_STEP, launch
 
 pytestmark = pytest.mark.full
 
 
 def start_world():
-    master = rosgraph.Master("/launch")
-    master.setParam("/busy", False)
+    rosgraph.Master("/world").setParam("/busy", False)
     arguments = {"map": "none", "laser": False, "model": False, **LOCK_STEP}
     return launch("sim.launch", [("/car/car_sim/pose_rate", 2.5)], **arguments)
+
+
+class TestEveryPlan(test_lock_step.TestLockStep):
+    plans = sorted(os.path.splitext(name)[0] for name in os.listdir(PLANS))

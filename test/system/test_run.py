@@ -101,7 +101,11 @@ def test_a_drive(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "number, moment", [(signal.SIGTERM, "starting"), (signal.SIGINT, "row 1 of 1")]
+    "number, moment",
+    [
+        pytest.param(signal.SIGTERM, "starting", marks=pytest.mark.full),
+        (signal.SIGINT, "row 1 of 1"),
+    ],
 )
 def test_interrupted(tmp_path, number, moment):
     with Run(tmp_path, 100.0) as script:
@@ -111,6 +115,7 @@ def test_interrupted(tmp_path, number, moment):
         assert script.processes() == []
 
 
+@pytest.mark.full
 def test_a_plan_that_is_not_there(tmp_path):
     with Run(tmp_path, 1.0) as script:
         script.wait_for_text("starting")
