@@ -41,10 +41,6 @@ class TestCarSim(CarTestCase):
             self.commands.publish(command(at(begin, 0.1 * index), *ROWS[index]))
         return self.rest_after(at(begin, 0.1 * (len(ROWS) - 1)))
 
-    def test_0_start_pose(self):
-        # This test runs first, so the car is still at its start pose.
-        self.assert_pose(planar(self.poses.after(rospy.Time(0)).pose), (1.0, -2.0, 0.5))
-
     def start_mux(self):
         topic = "/late/mux/ackermann_cmd_mux/output"
         self.addCleanup(publisher(topic, AckermannDriveStamped).unregister)
@@ -59,6 +55,8 @@ class TestCarSim(CarTestCase):
         arguments = ("__ns:=/late", "/map:=/late/map", "_x:=3", "_profile:=mine")
         with node("car_sim.py", *arguments, "_expects_map:=true") as car:
             poses = Recording("/late/car_pose", PoseStamped).connected()
+            start = wait_for(lambda: poses.messages, "the start pose")[0]
+            self.assert_pose(planar(start.pose), (3.0, 0.0, 0.0))
             first()
             poses.after(rospy.Time.now() + rospy.Duration(0.5))
             self.assertNotIn("ready", car.output)

@@ -24,6 +24,17 @@ class TestWalls(CarTestCase):
         self.addCleanup(self.collisions.end)  # so the next test gets the latched message, too
         self.log = Recording("/rosout", Log).connected()
         wait_for(lambda: self.collisions.last, "the latched collision")
+        self.wait_for_walls()
+        self.log.clear()
+
+    def wait_for_walls(self):
+        """Wait until the car has the map and refuses a pose in a wall."""
+
+        def is_refused():
+            self.placements.publish(placement(rospy.Time.now(), 49.9, 0.0, 0.0))
+            return self.warnings("rejected")
+
+        wait_for(is_refused, "the car to have the map")
 
     def warnings(self, word):
         return [m.msg for m in self.log.messages if m.level == Log.WARN and word in m.msg]
@@ -39,14 +50,6 @@ class TestWalls(CarTestCase):
         for index in range(count)[::order]:
             self.commands.publish(command(at(begin, 0.1 * index), speed, steering_angle))
         return begin, self.poses.pose_at_rest(at(begin, 0.1 * (count + 1)))
-
-    def test_0_the_car_has_the_map(self):
-        # This test runs first, because without the map there are no walls.
-        def is_refused():
-            self.placements.publish(placement(rospy.Time.now(), 49.9, 0.0, 0.0))
-            return self.warnings("rejected")
-
-        wait_for(is_refused, "the car to have the map")
 
     def test_into_a_wall_and_away(self):
         # The commands arrive in order. Then they arrive in reverse order, with a busy core.

@@ -182,8 +182,10 @@ class TestMessageFaults(DrivenCarTestCase):
         self.assertIn("synchronise the clocks", self.car.output)
         self.assert_recovered()
 
-    def test_z_a_subscriber_that_never_reads(self):
-        """It delays neither the car nor the end of the car. This test runs last."""
+
+class TestDeafSubscriber(DrivenCarTestCase):
+    def test_a_subscriber_that_never_reads(self):
+        """It delays neither the car nor the end of the car."""
         before = memory_of(self.car)
         deaf = DeafSubscriber("/car/odom", Odometry)
         self.addCleanup(deaf.close)
