@@ -162,7 +162,6 @@ def _axes(view: _View, steps: Tuple[float, float], names: Tuple[str, str]) -> st
 
 
 def _text(x: float, y: float, anchor: str, text: str, attributes: str = "") -> str:
-    """Return a label of a drawing."""
     return f'<text x="{x:.5g}" y="{y:.5g}" text-anchor="{anchor}"{attributes}>{text}</text>'
 
 
@@ -186,12 +185,10 @@ def _line(name: str, pixels: np.ndarray) -> str:
 
 
 def _framed(view: _View, label: str, content: str) -> str:
-    """Return a large drawing."""
     width, height = view.size
     return _svg(_LEFT + width + _RIGHT, _TOP + height + _BOTTOM, label, content)
 
 
 def _svg(width: float, height: float, label: str, content: str) -> str:
-    """Return an SVG element."""
     size = f'width="{width:.4g}" height="{height:.4g}" viewBox="0 0 {width:.4g} {height:.4g}"'
     return f'<svg role="img" aria-label="{label}" {size}>{content}</svg>'

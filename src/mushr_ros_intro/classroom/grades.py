@@ -29,7 +29,7 @@ class PlanGrade(NamedTuple):
     plan: str
     """The name of the plan."""
     checks: Tuple[Check, ...]
-    """In the order of the most telling ones."""
+    """In the order of CHECK_NAMES."""
     verdict: str
     """The verdict as printed, in several lines; includes the last output of a failed node."""
     times: Tuple[float, ...]

@@ -130,7 +130,6 @@ def submission_page(result: Grade, points: Points) -> str:
 
 
 def _row(result: Grade, points: Points) -> str:
-    """Return the row of a submission in the index."""
     link = quote(f"{FOLDER}/{file_name(result.name)}")
     fault = clean(result.error or result.fault).strip()
     note = fault if len(fault) <= _NOTE_LENGTH else fault[:_NOTE_LENGTH] + " ..."
@@ -153,7 +152,6 @@ def _row(result: Grade, points: Points) -> str:
 
 
 def _plan_cell(plan: PlanGrade, points: Points, link: str) -> str:
-    """Return the cell of a drive in the index."""
     score, most = shown(points.plan_score(plan)), shown(points.max_score([plan.plan]))
     failed = [check for check in plan.checks if not check.passed]
     judged = [check for check in failed if check.is_judged] or failed
@@ -214,12 +212,10 @@ def _title(plan: str, points: Points) -> str:
 
 
 def _verdict(passed: bool) -> str:
-    """Return a verdict as a symbol and a word."""
     return _PASS if passed else _FAIL
 
 
 def _text(text: str) -> str:
-    """Return text as HTML."""
     return html.escape(clean(text))
 
 

@@ -89,7 +89,6 @@ class Points(NamedTuple):
         return _sum(self.plan_score(plan) for plan in result.plans)
 
     def _of(self, plan: str) -> PlanPoints:
-        """Return what a plan gives."""
         return self.plans.get(plan, self.default)
 
 

@@ -80,7 +80,6 @@ def write_results(
 
 
 def _write(path: str, text: str) -> None:
-    """Write text to a file."""
     with open(path, "w", encoding="utf-8", newline="\n") as file:
         file.write(text)
 

@@ -31,21 +31,21 @@ from mushr_ros_intro.world.grid import Grid
 T = TypeVar("T")
 
 QUIET_AFTER = 0.5
-"""After all commands and so long without one, the clock is stepped [s of wall-clock time]."""
+"""If no command follows the last one for this time, the clock is stepped [s of wall-clock time]."""
 
 DONE_AFTER = 2.0
-"""After all commands, a node is done if it sends none for this time [s of simulated time]."""
+"""If no command follows the last one for this time, the node is done [s of simulated time]."""
 
 MAX_QUIET = 5.0
-"""After all commands, a node is done if it sends none for this time [s of wall-clock time]."""
+"""The same limit in wall-clock time [s], in case that the simulated time does not advance."""
 
 MAX_DURATION = 120.0
-"""Longest drive [s of wall-clock time]; a plan that takes longer may take its own time twice."""
+"""Time limit of a drive [s of wall-clock time]; for a long plan, it is twice the duration."""
 
 MAX_DELAY = 3.0
-"""Longest time of waiting for a processor that does not count as silence, in units of the patience.
+"""The time for which a node waits for a processor does not count as silence, up to this limit.
 
-A node that starts hundreds of processes makes itself wait.
+The limit is a multiple of the patience. A node that starts hundreds of processes waits for itself.
 """
 
 MAX_OVERHEAD = 60.0

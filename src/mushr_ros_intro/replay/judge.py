@@ -57,7 +57,7 @@ class Check(NamedTuple):
 
     @property
     def is_judged(self) -> bool:
-        """Whether the check does not only fail because an earlier one failed."""
+        """Whether the check was judged; if not, another failure is the reason why it fails."""
         return _NOT_JUDGED not in self.message
 
 
@@ -101,7 +101,7 @@ class Judgement(NamedTuple):
 
 
 def _ends(message: str) -> List[str]:
-    """Return the first and the last line of a message, which for a crash name the exception."""
+    """Return the first and the last line of a message; after a crash, the last is the exception."""
     lines = message.splitlines()
     return lines[:1] + lines[1:][-1:]
 
@@ -122,7 +122,7 @@ def compare(pose: Pose, wanted: Pose, position: float, angle: float) -> Tuple[bo
 def default_tolerances(plan: Plan, car: Car) -> Tolerances:
     """Return how far the plan drives and turns the car within its command timeout.
 
-    This is what a missing stop at the end of the plan costs. A rounded start pose is added.
+    The car moves so far if the node sends no stop at the end. START_TOLERANCE is added.
     """
     seconds = car.command_timeout / NANOSECONDS
     distance = START_TOLERANCE + seconds * max(abs(row.speed) for row in plan.rows)
@@ -199,7 +199,6 @@ def _factor(got: Sequence[float], wanted: Sequence[float]) -> Optional[float]:
 
 
 def _shown(command: Tuple[float, ...]) -> str:
-    """Return a command as text."""
     return f"{command[0]:g} m/s, {command[1]:g} rad"
 
 
@@ -216,7 +215,8 @@ def _rate(judgement: Judgement) -> Tuple[bool, str]:
     runs, groups = runs_of(judgement.recorded.plan), _groups(judgement.recorded)
     for index, run in enumerate(runs):
         if index >= len(groups) or groups[index][0][2:] != run[:2]:
-            return False, f"{run}: {_NOT_JUDGED}, because its command was not received in turn"
+            reason = "its command did not arrive in the plan's order"
+            return False, f"{run}: {_NOT_JUDGED}, because {reason}"
         if fault := _rate_fault(run, groups[index], run is runs[-1]):
             return False, f"{run}: {fault}"
     message = f"{NANOSECONDS // COMMAND_PERIOD} commands per second in every row"
@@ -235,7 +235,7 @@ def _rate_fault(run: Run, group: Sequence[Sent], is_last: bool) -> str:
         pace = f", {(len(group) - 1) / span:.3g} per second" if span else ""
         return f"{counted(len(group), 'command')} received{pace}; expected {run.expected}"
     if not all(sent.has_stamp for sent in group):
-        return ""  # times of arrival are too rough
+        return ""  # the times of arrival are not exact enough
     if fault := _step_fault(times):
         return fault
     if abs(span - seconds) > _SPAN_TOLERANCE / NANOSECONDS:
@@ -262,21 +262,18 @@ def _step_fault(times: Sequence[int]) -> str:
 
 
 def _path(judgement: Judgement) -> Tuple[bool, str]:
-    """Judge the distance between the driven and the predicted path."""
     distance, tolerance = judgement.drive.frechet_distance, judgement.tolerances.path
     message = f"the driven path deviates by up to {distance:.3g} m from the predicted path"
     return distance <= tolerance, f"{message}; tolerance {tolerance:.3g} m"
 
 
 def _final_pose(judgement: Judgement) -> Tuple[bool, str]:
-    """Judge whether the car ended at the predicted pose."""
     end, wanted = Pose(*judgement.drive.driven[-1]), Pose(*judgement.drive.predicted[-1])
     passed, difference = compare(end, wanted, *judgement.tolerances[:2])
     return passed, f"the car ended at {difference}"
 
 
 def _rest(judgement: Judgement) -> Tuple[bool, str]:
-    """Judge whether the car stands at the end."""
     recorded = judgement.recorded
     tail = recorded.poses[recorded.stamps >= recorded.stamps[-1] - recorded.car.command_timeout]
     if (tail == tail[-1]).all():
@@ -315,11 +312,11 @@ _CHECKS = {
 }
 
 CHECK_NAMES = ("node", *_CHECKS)
-"""The names of all checks, in the order of the most telling ones."""
+"""The names of all checks. A failure often explains those after it."""
 
 
 def judge(recorded: Recorded, tolerances: Tolerances) -> Judgement:
-    """Return the verdict on a replay; its checks are in the order of the most telling ones."""
+    """Return the verdict on a replay; its checks are in the order of CHECK_NAMES."""
     judgement = Judgement(recorded, drive(recorded), tolerances)
     checks = [
         Check("node", not recorded.outcome, recorded.outcome or "the node ran without an error")

@@ -18,14 +18,13 @@ KEPT_OUTPUT = 20_000
 """Size of the kept end of a node's output [bytes]."""
 
 IDLE_SHARE = 0.1
-"""A node that runs for a smaller share of the time is idle: it may poll the time."""
+"""A node that runs for a smaller share of the time is idle, also if it polls the time."""
 
 MAX_OUTPUT = 50_000_000
 """A node that prints more has failed [bytes]."""
 
 
 def _read(path: str) -> str:
-    """Return the content of a small file."""
     with open(path, encoding="ascii", errors="replace") as file:
         return file.read()
 
@@ -112,7 +111,6 @@ class NodeProcess:
         self._reader.start()
 
     def _read(self) -> None:
-        """Keep the end of the node's output."""
         assert self._process.stdout
         for chunk in iter(partial(os.read, self._process.stdout.fileno(), 65536), b""):
             self._output = (self._output + chunk)[-KEPT_OUTPUT:]

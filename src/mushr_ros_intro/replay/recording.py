@@ -16,7 +16,7 @@ from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 
 START_TOLERANCE = 1e-3
-"""Between the start poses of the node and of the plan [m, rad]: a node may round to text."""
+"""Allowed difference between the start poses of node and plan [m, rad]: a node may round."""
 
 
 class Sent(NamedTuple):

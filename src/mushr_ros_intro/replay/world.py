@@ -37,7 +37,7 @@ INITIAL_POSES = "/initialpose"
 PREDICTED_PATH = "/car/predicted_path"
 
 INITIAL_POSE_TIMEOUT = 1.0
-"""Longest wait of the first command for the initial pose [s of wall-clock time]."""
+"""How long the first command waits for an initial pose [s of wall-clock time]."""
 
 MAX_STEP = 0.5
 """A held clock is stepped after this time, even if the node is not idle [s of wall-clock time]."""
@@ -249,7 +249,6 @@ class ReplayWorld:
             self._ignore(CONTROL, error)
 
     def _ignore(self, topic: str, error: conversions.MessageError) -> None:
-        """Record that the car ignores a message."""
         self.ignored = self.ignored or f"a message on {topic}: {error}"
 
     def on_output(self, msg: AckermannDriveStamped) -> None:
@@ -279,7 +278,6 @@ class _Car(CarSim):
         super().__init__(publishes_clock=True)
 
     def _subscribe(self) -> None:
-        """Subscribe to initial poses only."""
         self.initial_poses = rospy.Subscriber(
             "initialpose",
             PoseWithCovarianceStamped,
@@ -315,7 +313,6 @@ class _Car(CarSim):
         self.clock.run(self._evaluate, self._record)
 
     def _record(self, states: List[State]) -> None:
-        """Record and publish states."""
         self._recorder.on_states(states, self.clock.read())
         self._publisher.publish(states)
 
@@ -328,13 +325,11 @@ class _Mux(AckermannCmdMux):
         super().__init__(MUX)
 
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
-        """Record and forward a command."""
         self._recorder.on_command(msg, self._resolve(source.topic))
         super()._on_command(msg, source)
         self._recorder.release_clock()
 
     def _send(self, msg: AckermannDriveStamped) -> None:
-        """Send a command to the car."""
         super()._send(msg)
         msg._connection_header = {"topic": self._output_pub.resolved_name}
         self._recorder.on_output(msg)

@@ -154,7 +154,7 @@ def test_commands(sent, said):
 
 def test_what_was_not_judged_is_said():
     failed, _ = judged(replay(sent=COMMANDS[:10]))
-    reason = "its command was not received in turn"
+    reason = "its command did not arrive in the plan's order"
     assert failed["rate"] == f"rows 2 to 3 (0.75 s): not judged, because {reason}"
     checks = recorded.reported(replay(sent=UNSTAMPED)).checks
     (rate,) = (each for each in checks if each.name == "rate")
