@@ -13,7 +13,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from support.geometry import closed_form, planar
 from support.ghost import Ghost
 from support.helpers import Process, Recording, RosTestCase, driver, kill, node, wait_for
-from support.messages import COMMAND_TIMEOUT, NAVIGATION
+from support.messages import COMMAND_TIMEOUT, NAVIGATION, OUTPUT
 from support.paths import FIXTURES
 from support.world import launch
 
@@ -111,6 +111,25 @@ class TestPathPublisher(RosTestCase):
             self.assertEqual(publisher.wait(), 1)
         self.assertIn("/second/car_pose since row 1 of 1, so it is not known", publisher.output)
         self.assertNotIn("has been driven", publisher.output)
+
+    def test_the_car_is_restarted(self):
+        """The node warns twice and drives on; the new car ends at another pose."""
+        arguments = ("__ns:=/third", "initialpose:=/third_initialpose")
+        arguments += (f"mux/ackermann_cmd_mux/output:={OUTPUT}",)
+        car = self.ending(node("car_sim.py", *arguments))
+        names = ("_car_name:=third", "_init_pose_topic:=/third_initialpose", "_car:=ideal")
+        path = self.plan("0,0,0\n1.0,0.2,4\n")
+        with driver(path, *names, f"_control_topic:={NAVIGATION}") as publisher:
+            wait_for(self.drives, "five commands")
+            kill("/third/car_sim", car.pid)
+            lost = "the car no longer reports its pose on /third/car_pose"
+            wait_for(lambda: lost in publisher.output, "a warning")
+            self.ending(node("car_sim.py", *arguments))
+            wait_for(lambda: "the car has been restarted" in publisher.output, "another warning")
+            self.assertEqual(publisher.wait(), 1)
+        self.assertEqual(self.commands.last.drive.speed, 0.0)
+        self.assertEqual(len(self.commands.messages), 41)
+        self.assertIn("the car did not report its pose, or it was restarted", publisher.output)
 
     def test_the_parameters_of_a_car_that_has_ended(self):
         """They do not count: the plan is not checked against their limits."""

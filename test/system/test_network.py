@@ -17,6 +17,8 @@ from support.geometry import POSITION_TOLERANCE, closed_form
 from support.helpers import Process, wait_for
 from support.paths import PACKAGE
 
+pytestmark = pytest.mark.full
+
 WITNESS = os.path.join(PACKAGE, "test", "support", "witness.py")
 DEVICE = "eth0"
 MASTER = "http://192.0.2.1:11311"
@@ -35,7 +37,6 @@ SHOWN = 0.5e-4
 WITH_ANOTHER_CLOCK = """
 import runpy, sys, time
 
-pytestmark = pytest.mark.full
 read_clock, offset, sys.argv = time.time, float(sys.argv[1]), sys.argv[2:]
 time.time = lambda: read_clock() + offset
 runpy.run_path(sys.argv[0], run_name="__main__")

@@ -97,6 +97,8 @@ def test_a_drive(tmp_path):
     assert all(re.match("0100007F:|0{24}01000000:", address) for address in addresses), addresses
     difference = re.search(r"the car drove .* difference (\S+) m", script.log.read_text())
     assert float(difference.group(1)) < POSITION_TOLERANCE
+    # There is no display.
+    assert re.search(r"open http://localhost:\d+ in a browser", script.log.read_text())
     assert script.processes() == []
 
 

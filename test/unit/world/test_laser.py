@@ -8,6 +8,7 @@ import pytest
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose, compose
+from mushr_ros_intro.world.footprint import World, is_free
 from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.laser import Beams, Laser, add_noise
 from mushr_ros_intro.world.map_file import read_map
@@ -158,6 +159,16 @@ def test_off_the_map():
     # Unknown cells stop no beam.
     laser = Laser(Grid(np.array([[0, -1, 50, 100]], np.int8), 1.0), CROSS)
     assert laser.scan(Pose(0.5, 0.5, 0.0))[0] == pytest.approx(2.5, abs=EXACT)
+
+
+@pytest.mark.parametrize("shape, cell", [((1, 1), 0), ((10_000, 10_000), 0), ((300, 300), 100)])
+def test_maps_of_extreme_size_or_full_of_walls(shape, cell):
+    """Neither the laser nor the collisions need more than the map around the car."""
+    grid = Grid(np.full(shape, cell, np.int8), 0.05)
+    middle = Pose(0.05 * shape[1] / 2, 0.05 * shape[0] / 2, 0.3)
+    assert is_free(*World(grid), middle) == (cell == 0)
+    expected = -math.inf if cell else math.inf
+    assert (Laser(grid, FEW).scan(middle) == expected).all()
 
 
 @pytest.mark.parametrize("count", [1, 2, 90, 719])
