@@ -65,8 +65,8 @@ class TestRealCar(RosTestCase):
     def test_faults_are_warnings_and_the_prediction_ends_at_the_wall(self):
         plan = self.plan("47,0,0\n0.9,0\n2.0, 0.0, 3\n")
         output = self.drive_plan(plan, status=1)
-        fast = "row 2 asks for 2 m/s; the car does 0.9286 m/s at most"
-        wall = "row 2 hits a wall at t = 2.3 s, (49.0, 0.0); it stops there"
+        fast = "line 3 asks for 2 m/s; the car does 0.9286 m/s at most"
+        wall = "the car hits a wall at t = 2.3 s, (49.0, 0.0); it stops there"
         warnings = WARNINGS.findall(output)
         self.assertEqual(warnings[:-1], [f"{plan}:3:1: {each}" for each in (fast, wall)])
         self.assertIn("the car stopped at a wall in row 2 of 2 at (49.0200 m", warnings[-1])
@@ -154,7 +154,7 @@ class TestRealCar(RosTestCase):
         with Process("roslaunch", "mushr_ros_intro", "real_car.launch", *arguments) as launch:
             launch.wait()
         self.assertIn("process has finished cleanly", launch.output)
-        warning = "rows 1 to 2 ask for -1.5 to 2 m/s; the largest speed allowed is 1 m/s"
+        warning = "lines 2 to 3 ask for -1.5 to 2 m/s; the largest speed allowed is 1 m/s"
         self.assertIn(f"{plan}:2:1: {warning}", launch.output)
         self.assertIn("the car starts to drive in 1 s", launch.output)
         self.assertIn("should stand 1.00 m ahead of its start, 0.00 m to the left", launch.output)

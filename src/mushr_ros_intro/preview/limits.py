@@ -79,9 +79,10 @@ def ramp_faults(plan: Plan, steps: Sequence[Step], car_name: str, car: Car) -> I
         for first, last in _runs([n > s * (1.0 + _ROUNDING) for n, s in zip(needed, lasts)]):
             begin, target = ramps[first]
             text = (
-                f"{_named(first, last)} {'is' if first == last else 'are'} too short: the "
+                f"{_named(plan, first, last)} {'is' if first == last else 'are'} too short: the "
                 f"{car_name} needs {needed[first]:.3g} s from {begin:.3g} to {target:.3g} {unit} "
-                f"at {rate:g} {rate_unit}, and row {first + 1} lasts {lasts[first]:.3g} s"
+                f"at {rate:g} {rate_unit}, and line {plan.rows[first].line} lasts "
+                f"{lasts[first]:.3g} s"
             )
             yield plan.fault(first, cell, text)
 
@@ -94,9 +95,10 @@ def _runs(is_bad: Sequence[bool]) -> Iterator[Tuple[int, int]]:
             yield indices[0], indices[-1]
 
 
-def _named(first: int, last: int) -> str:
-    """Return the name of rows that are counted from 0."""
-    return f"row {first + 1}" if first == last else f"rows {first + 1} to {last + 1}"
+def _named(plan: Plan, first: int, last: int) -> str:
+    """Return the lines of rows in the file; these numbers are also in the place of a fault."""
+    begin, end = plan.rows[first].line, plan.rows[last].line
+    return f"line {begin}" if first == last else f"lines {begin} to {end}"
 
 
 def _asks(plan: Plan, first: int, last: int, cell: int) -> str:
@@ -105,4 +107,4 @@ def _asks(plan: Plan, first: int, last: int, cell: int) -> str:
     span = sorted({min(values), max(values)}, key=abs)
     shown = " to ".join(f"{each:.6g}" for each in span)
     unit = ("m/s", "rad")[cell]
-    return f"{_named(first, last)} {'asks' if first == last else 'ask'} for {shown} {unit}"
+    return f"{_named(plan, first, last)} {'asks' if first == last else 'ask'} for {shown} {unit}"

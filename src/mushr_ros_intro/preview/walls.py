@@ -49,7 +49,7 @@ def map_fault(
             x, y = (round(each, 1) + 0.0 for each in pose[:2])  # no negative zero
             where = f"at t = {now / NANOSECONDS:.1f} s, ({x}, {y})"
             is_rolling = leg.row == len(plan.rows)
-            name = "the car, rolling on after the last row," if is_rolling else f"row {leg.row + 1}"
+            name = "the car, rolling on after the last row," if is_rolling else "the car"
             grown = Footprint(*(each + _MARGIN for each in Footprint()))
             if not on_map(grid, grown, pose):
                 return plan.fault(leg.row, 0, f"{name} leaves the map {where}"), None

@@ -194,15 +194,15 @@ def test_special_lines_of_the_table():
 def test_rows_beyond_the_limits():
     text = "\ufeff0,0,0\r\n\r\n0.9, 0\r\n  6.6 , -0.45\r\n 5, 0.5\r\n-1,0,2 # back\r\n"
     assert faults(text, "mushr_nano") == [
-        "my.txt:4:3: rows 2 to 3 ask for 5 to 6.6 m/s; the mushr_nano does 0.9286 m/s at most",
-        "my.txt:4:9: row 2 asks for -0.45 rad; the mushr_nano steers 0.4211 rad to the right "
+        "my.txt:4:3: lines 4 to 5 ask for 5 to 6.6 m/s; the mushr_nano does 0.9286 m/s at most",
+        "my.txt:4:9: line 4 asks for -0.45 rad; the mushr_nano steers 0.4211 rad to the right "
         "at most",
-        "my.txt:5:5: row 3 asks for 0.5 rad; the mushr_nano steers 0.3158 rad to the left at most",
-        "my.txt:6:1: row 4 asks for -1 m/s; the mushr_nano does 0.9286 m/s in reverse at most",
+        "my.txt:5:5: line 5 asks for 0.5 rad; the mushr_nano steers 0.3158 rad to the left at most",
+        "my.txt:6:1: line 6 asks for -1 m/s; the mushr_nano does 0.9286 m/s in reverse at most",
     ]
     assert not faults(text, "ideal")
     (fault,) = faults("0,0,0\n0.5,0.3,1\n0.5,-0.3,1\n", "racecar_mit")
-    assert fault.startswith("my.txt:3:5: row 2 asks for -0.3 rad; the racecar_mit steers 0.26")
+    assert fault.startswith("my.txt:3:5: line 3 asks for -0.3 rad; the racecar_mit steers 0.26")
 
 
 @pytest.mark.parametrize(
@@ -224,9 +224,9 @@ def test_a_plan_is_slowed_down_with_a_fault_for_each_run_of_rows():
     assert [row[1:] for row in slow.rows] == [row[1:] for row in plan.rows]
     assert (slow.path, slow.start) == (plan.path, plan.start)
     assert [str(each) for each in changes] == [
-        "my.txt:4:2: rows 2 to 3 ask for 2 to -3 m/s; the largest speed allowed is 1 m/s, "
+        "my.txt:4:2: lines 4 to 5 ask for 2 to -3 m/s; the largest speed allowed is 1 m/s, "
         "and that is sent",
-        "my.txt:7:1: row 5 asks for 1.5 m/s; the largest speed allowed is 1 m/s, and that is sent",
+        "my.txt:7:1: line 7 asks for 1.5 m/s; the largest speed allowed is 1 m/s, and that is sent",
     ]
     assert slowed(plan, math.inf) == (plan, [])
     at_the_limit = plan_of("0,0,0\n0.3,0\n")  # 0.3 rounds up as a float32
@@ -241,10 +241,10 @@ def test_a_heading_in_degrees():
 
 def test_ramps_that_do_not_fit_into_their_rows():
     assert faults("0,0,0\n0.5,0,0.1\n0.5,0,0.2\n0.5,-0.4,0.1\n", "mushr_nano") == [
-        "my.txt:2:1: row 1 is too short: the mushr_nano needs 0.129 s from 0 to 0.5 m/s at "
-        "3.8889 m/s^2, and row 1 lasts 0.1 s",
-        "my.txt:4:5: row 3 is too short: the mushr_nano needs 0.125 s from 0 to -0.4 rad at "
-        "3.2 rad/s, and row 3 lasts 0.1 s",
+        "my.txt:2:1: line 2 is too short: the mushr_nano needs 0.129 s from 0 to 0.5 m/s at "
+        "3.8889 m/s^2, and line 2 lasts 0.1 s",
+        "my.txt:4:5: line 4 is too short: the mushr_nano needs 0.125 s from 0 to -0.4 rad at "
+        "3.2 rad/s, and line 4 lasts 0.1 s",
     ]
 
 
@@ -252,7 +252,7 @@ def test_a_wall_ahead():
     """The body ends 0.38 m before the rear axle, and the wall is at 5 m."""
     report = checked("0,0,0\n1, 0\n2, 0, 9\n", grid=walled())
     (fault,) = report.faults
-    assert str(fault) == "my.txt:3:1: row 2 hits a wall at t = 2.8 s, (4.6, 0.0); it stops there"
+    assert str(fault) == "my.txt:3:1: the car hits a wall at t = 2.8 s, (4.6, 0.0); it stops there"
     assert report.hit.pose == pytest.approx((4.62, 0.0, 0.0), abs=1e-8)  # [m] walls are to 1e-9
 
 
@@ -339,7 +339,7 @@ FREE = Grid(np.zeros((80, 80), np.int8), 0.1, Pose(-4.0, -4.0, 0.0))
 def test_the_car_leaves_the_map(heading, where):
     """The body ends 0.38 m before the rear axle."""
     assert faults(f"0,0,{heading}\n1,0,2\n0,0\n1,0,9\n", grid=FREE) == [
-        f"my.txt:4:1: row 3 leaves the map at t = 4.6 s, {where}"
+        f"my.txt:4:1: the car leaves the map at t = 4.6 s, {where}"
     ]
 
 
@@ -348,7 +348,7 @@ def test_the_car_leaves_a_turned_map_in_reverse():
     turned = Grid(np.zeros((40, 80), np.int8), 0.1, Pose(2.0, -4.0, 0.5 * math.pi))
     report = checked("0,0,1.5707963\n-1,0,9\n", grid=turned)
     (fault,) = report.faults
-    assert fault.text == "row 1 leaves the map at t = 3.9 s, (0.0, -3.9)"
+    assert fault.text == "the car leaves the map at t = 3.9 s, (0.0, -3.9)"
     assert report.hit is None
 
 
@@ -358,7 +358,7 @@ def test_straight_line_twice_hits_the_wall_of_the_sandbox():
     assert not faults("0,0,0\n" + rows, grid=grid)
     assert not faults("0,0,0\n" + rows + rows)
     (fault,) = faults("0,0,0\n" + rows + rows, grid=grid)
-    assert fault.startswith("my.txt:14:1: row 13 hits a wall at t = 12.3 s, (49.0, 0.0)")
+    assert fault.startswith("my.txt:14:1: the car hits a wall at t = 12.3 s, (49.0, 0.0)")
 
 
 def test_the_text_on_the_spread():
@@ -417,7 +417,7 @@ def test_one_plan_with_faults_among_others_ends_with_status_1(run, tmp_path):
     status, output, errors = run("circle", "fast.txt", "--car=mushr_tx2")
     assert (status, errors) == (1, "")
     assert "circle.txt: 1 row, on the mushr_tx2 car\n" in output
-    assert "\nfast.txt:3:1: row 2 asks for 6.6 m/s; the mushr_tx2 does 1.625 m/s" in output
+    assert "\nfast.txt:3:1: line 3 asks for 6.6 m/s; the mushr_tx2 does 1.625 m/s" in output
 
 
 def test_every_fault_of_broken_plans_is_printed(run):
