@@ -1,5 +1,6 @@
 """Check that what is written in several places agrees, and that every node can be started."""
 
+import ast
 import glob
 import os
 import re
@@ -140,3 +141,84 @@ def test_every_file_that_the_pages_for_contributors_name_is_there(page):
     for name in named:
         is_there = any(os.path.exists(os.path.join(folder, name)) for folder in folders)
         assert re.search("NAME|MODULE", name) or is_there, name
+
+
+def tests_in(source):
+    """Return the names of the tests of a file, and whether each one has the mark `full`."""
+
+    def is_full(nodes):
+        return any("attr='full'" in ast.dump(each) for each in nodes)
+
+    tree = ast.parse(source)
+    marks = [each.value for each in tree.body if isinstance(each, ast.Assign)]
+    found = {}
+    for owner in (tree, *(each for each in tree.body if isinstance(each, ast.ClassDef))):
+        marks_of_owner = marks + getattr(owner, "decorator_list", [])
+        for each in owner.body:
+            if isinstance(each, ast.FunctionDef) and each.name.startswith("test_"):
+                found[each.name] = is_full(marks_of_owner + each.decorator_list)
+    return found
+
+
+def cells_of(page, header):
+    """Return the cells of each row of the table with this header."""
+    _, found, rest = read(page).partition(f"| {header} |\n")
+    assert found, (page, header)
+    lines = rest.split("\n\n")[0].splitlines()[1:]
+    rows = [line.strip("|").split(" | ") for line in lines]
+    return [[cell.strip() for cell in row] for row in rows if not row[0].strip().startswith("**")]
+
+
+def faults_in(cell):
+    """Return what is wrong in a cell that names the tests of a promise."""
+    named = re.findall(r"`([\w/]+\.py)::(\w+)`( \(`--all`: [^)]+\))?", cell)
+    if len(named) != cell.count("::") or not (named or "by hand" in cell):
+        return [f"expected `FILE::TEST`, or a way to try it by hand: {cell}"]
+    faults = []
+    for path, name, note in named:
+        if not os.path.exists(f"{PACKAGE}/test/{path}"):
+            faults.append(f"{path} does not exist")
+            continue
+        tests = tests_in(read(f"test/{path}"))
+        if name not in tests:
+            faults.append(f"{path} has no test {name}")
+        elif tests[name] != bool(note):
+            faults.append(f"{path}::{name}: the note `--all` does not agree with the mark full")
+    return faults
+
+
+@pytest.mark.parametrize(
+    ("page", "header"),
+    [
+        ("docs/reliability.md", "fault | consequence | test"),
+        ("CONTRIBUTING.md", "section | promise | test in `test/`"),
+    ],
+)
+def test_every_promise_names_its_tests(page, header):
+    rows = cells_of(page, header)
+    assert len(rows) > 20
+    assert [row for row in rows if len(row) != 3] == []
+    assert [fault for row in rows for fault in faults_in(row[-1])] == []
+
+
+def test_every_section_of_the_readme_has_promises():
+    sections = set(re.findall(r"^#+ (.*)$", read("README.md"), re.MULTILINE))
+    named = {row[0] for row in cells_of("CONTRIBUTING.md", "section | promise | test in `test/`")}
+    assert named == sections - {"Documentation", "Licence"}
+
+
+@pytest.mark.parametrize(
+    ("cell", "fault"),
+    [
+        ("", "expected `FILE::TEST`"),
+        ("nodes/test_drive.py::test_commands", "expected `FILE::TEST`"),
+        ("`nodes/test_nothing.py::test_commands`", "nodes/test_nothing.py does not exist"),
+        ("`nodes/test_drive.py::test_nothing`", "nodes/test_drive.py has no test test_nothing"),
+        ("`nodes/test_drive.py::test_commands` (`--all`: time)", "does not agree"),
+        ("`nodes/test_rviz.py::test_view`", "does not agree"),
+        ("`system/test_bridge_clients.py::test_real_client`", "does not agree"),
+    ],
+)
+def test_a_promise_without_its_test_is_found(cell, fault):
+    (found,) = faults_in(cell)
+    assert fault in found
