@@ -140,7 +140,7 @@ class WebView:
         self._bridge.call_soon(self._offer_state)
 
     async def _get_plans(self) -> Dict[str, List[str]]:
-        return {"plans": [*await self._bridge.in_thread(plans.paths, self._folders)]}
+        return {"plans": [*await self._bridge.in_thread(plans.find_plans, self._folders)]}
 
     async def _get_plan(self, name: str) -> Dict[str, Any]:
         path = await self._path(name)
@@ -148,11 +148,11 @@ class WebView:
 
     def _check(self, name: str, path: str) -> Dict[str, Any]:
         car = car_from(simulated_car_parameters(self._car_name, must_run=True))
-        return plans.summary(name, path, "car", car, self._map.grid)
+        return plans.describe(name, path, "car", car, self._map.grid)
 
     async def _path(self, name: Any) -> str:
         """Return the path of a plan; raise a LookupError if there is none with this name."""
-        paths = await self._bridge.in_thread(plans.paths, self._folders)
+        paths = await self._bridge.in_thread(plans.find_plans, self._folders)
         if not isinstance(name, str) or name not in paths:
             raise LookupError(f"there is no plan {name!r}; expected one of {', '.join(paths)}")
         return paths[name]

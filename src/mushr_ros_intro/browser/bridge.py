@@ -43,7 +43,7 @@ THREADS = 16
 _Header = Mapping[str, str]
 
 
-class Topic:
+class SharedTopic:
     """A topic that clients and this program subscribe to; they share one subscription in ROS."""
 
     def __init__(self, name: str, is_local: bool = False) -> None:
@@ -108,7 +108,7 @@ class Bridge:
             for name, kind in publishable.items()
         }
         self._services = services
-        self._topics: Dict[str, Topic] = {}
+        self._topics: Dict[str, SharedTopic] = {}
         self._loop = asyncio.get_event_loop()
         self._registration = ThreadPoolExecutor(1)
         self._pool = ThreadPoolExecutor(THREADS)
@@ -116,13 +116,13 @@ class Bridge:
 
     def listen(self, name: str, listener: Callable[[bytes], None]) -> None:
         """Call a function with every message of a topic, as ROS transmits it."""
-        topic = self._topics.setdefault(name, Topic(name))
+        topic = self._topics.setdefault(name, SharedTopic(name))
         topic.listeners.append(listener)
         self._update(topic)
 
     def offer(self, name: str, text: str) -> None:
         """Publish JSON text to the clients, on a topic that ROS does not have."""
-        topic = self._topics.setdefault(name, Topic(name, is_local=True))
+        topic = self._topics.setdefault(name, SharedTopic(name, is_local=True))
         topic.put(Message(name, b"", lambda _: text, 0), {"latching": "1"})
 
     async def handle(self, outbox: Outbox, frame: Union[str, bytes]) -> None:
@@ -181,7 +181,7 @@ class Bridge:
         name = request.topic
         if len(outbox.topics) >= MAX_TOPICS:
             raise ProtocolError(f"the client has {MAX_TOPICS} topics; expected at most so many")
-        if not self._topics.get(name, Topic(name)).is_local:
+        if not self._topics.get(name, SharedTopic(name)).is_local:
             if not name.isascii() or not rosgraph.names.is_legal_name(name) or name == "/":
                 raise ProtocolError(f"topic is {name!r}; expected a name such as /car/car_pose")
             known = (await self.in_thread(rosapi.topic_types)).get(name, "*")
@@ -190,7 +190,7 @@ class Bridge:
                 messages.message_class(asked)
             if known not in ("*", asked):
                 raise ProtocolError(f"type of {name} is {asked!r}; expected {known!r}")
-        topic = self._topics.setdefault(name, Topic(name))
+        topic = self._topics.setdefault(name, SharedTopic(name))
         topic.outboxes.add(outbox)
         is_new = name not in outbox.topics
         outbox.subscribe(request)
@@ -205,14 +205,14 @@ class Bridge:
             topic.outboxes.discard(outbox)
             self._update(topic)
 
-    def _update(self, topic: Topic) -> None:
+    def _update(self, topic: SharedTopic) -> None:
         """Subscribe to a topic in ROS if it is used, and end the subscription if it is not."""
         if not topic.is_used:
             self._topics.pop(topic.name, None)
         if not topic.is_local:
             self._registration.submit(self._register, topic).add_done_callback(_report)
 
-    def _register(self, topic: Topic) -> None:
+    def _register(self, topic: SharedTopic) -> None:
         """Carry out what `_update` decides. In a thread, because the master may answer late."""
         if topic.is_used and topic.subscriber is None:
             topic.subscriber = rospy.Subscriber(
@@ -222,7 +222,7 @@ class Bridge:
             topic.subscriber.unregister()
             topic.subscriber = None
 
-    def _on_message(self, msg: rospy.Message, topic: Topic) -> None:
+    def _on_message(self, msg: rospy.Message, topic: SharedTopic) -> None:
         if isinstance(msg, AnyMsg):
             raw = msg._buff
         else:  # rospy itself subscribes to /clock, and has decoded the message
@@ -231,7 +231,7 @@ class Bridge:
             raw = buffer.getvalue()
         self.call_soon(self._deliver, topic, raw, msg._connection_header, ros_time.now())
 
-    def _deliver(self, topic: Topic, raw: bytes, header: _Header, now: int) -> None:
+    def _deliver(self, topic: SharedTopic, raw: bytes, header: _Header, now: int) -> None:
         kind = header["type"]
         if kind not in topic.decoders:
             topic.decoders[kind] = messages.decoder(kind)

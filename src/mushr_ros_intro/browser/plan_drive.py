@@ -10,7 +10,7 @@ import rospy
 
 from mushr_ros_intro.ros.connections import responds
 
-ENDING = 10.0
+END_TIMEOUT = 10.0
 """path_publisher.py is killed if it does not end so long after SIGINT [s]."""
 
 
@@ -83,7 +83,7 @@ class PlanDrive:
             assert self._process
             self._process.send_signal(signal.SIGINT)
             try:
-                self._process.wait(ENDING)
+                self._process.wait(END_TIMEOUT)
             except subprocess.TimeoutExpired:
                 self._process.kill()
 

@@ -9,27 +9,27 @@ from mushr_ros_intro.plan.plan import Fault, PlanError, shortest_decimal
 from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.stamps import NANOSECONDS
 
-ENDING = ".txt"
+SUFFIX = ".txt"
 
-MAX_FILE_SIZE = 1_000_000
+MAX_LISTED_SIZE = 1_000_000
 """Larger files are not listed [bytes]; checking them takes minutes."""
 
-MAX_POINTS = 2000
+MAX_PATH_POINTS = 2000
 """Points of a path."""
 
 
-def paths(folders: Sequence[str]) -> Dict[str, str]:
+def find_plans(folders: Sequence[str]) -> Dict[str, str]:
     """Return the paths of all plans by their names; files in later folders come first."""
     found = {}
     for folder in folders:
         for entry in os.scandir(folder):
-            is_plan = entry.name.endswith(ENDING) and entry.is_file()
-            if is_plan and entry.stat().st_size <= MAX_FILE_SIZE:
-                found[entry.name[: -len(ENDING)]] = entry.path
+            is_plan = entry.name.endswith(SUFFIX) and entry.is_file()
+            if is_plan and entry.stat().st_size <= MAX_LISTED_SIZE:
+                found[entry.name[: -len(SUFFIX)]] = entry.path
     return dict(sorted(found.items()))
 
 
-def summary(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:
+def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:
     """Check a plan with a car, and on a map (a `Grid`) if there is one; see docs/web.md."""
     result: Dict[str, Any] = {"name": name, "start": None, "rows": [], "faults": [], "path": []}
     result.update(length=None, duration=None, final_pose=None)
@@ -38,7 +38,7 @@ def summary(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[st
     except PlanError as error:
         return {**result, "faults": _faults(error.faults)}
     report = check(plan, car_name, car, "the map" if grid else "", grid)
-    step = -(-len(report.states) // MAX_POINTS)
+    step = -(-len(report.states) // MAX_PATH_POINTS)
     states = [*report.states[:-1:step], report.states[-1]]
     return {
         "name": name,

@@ -15,12 +15,12 @@ ros.run(PATIENCE)
 errors = queue.Queue()
 
 
-def hear_errors(protocol):
+def collect_errors(protocol):
     """Collect errors. roslibpy only logs that it does not expect them."""
     protocol._message_handlers["status"] = lambda message: errors.put(message["msg"])
 
 
-ros.factory.on_ready(hear_errors)
+ros.factory.on_ready(collect_errors)
 
 
 class Received:

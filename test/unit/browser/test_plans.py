@@ -25,16 +25,16 @@ def test_plans_are_found_by_name(tmp_path):
     (one / "a.txt").write_text("0, 0, 0\n")
     (one / "b.yaml").write_text("0, 0, 0\n")
     (two / "folder.txt").mkdir()
-    (two / "huge.txt").write_text("#" * (plans.MAX_FILE_SIZE + 1))
+    (two / "huge.txt").write_text("#" * (plans.MAX_LISTED_SIZE + 1))
     expected = {"a": str(one / "a.txt"), "both": str(two / "both.txt")}
-    assert plans.paths([str(one), str(two)]) == expected
-    assert [*plans.paths([str(one), str(two)])] == ["a", "both"]
+    assert plans.find_plans([str(one), str(two)]) == expected
+    assert [*plans.find_plans([str(one), str(two)])] == ["a", "both"]
 
 
 def summary(tmp_path, text, grid=None):
     path = tmp_path / "plan.txt"
     path.write_text(text)
-    answer = plans.summary("plan", str(path), "car", Car(), grid)
+    answer = plans.describe("plan", str(path), "car", Car(), grid)
     return json.loads(json.dumps(answer, allow_nan=False))
 
 
@@ -52,7 +52,7 @@ def test_a_plan(tmp_path):
     assert answer["final_pose"] == pytest.approx(
         [3.0 + math.sin(turned) * 0.33 / math.tan(0.1), answer["final_pose"][1], turned], abs=1e-6
     )
-    assert len(answer["path"]) <= plans.MAX_POINTS + 1
+    assert len(answer["path"]) <= plans.MAX_PATH_POINTS + 1
     assert answer["path"][0] == [1.0, 2.0]
     assert answer["path"][-1] == answer["final_pose"][:2]
 
