@@ -6,6 +6,7 @@ system as a node for some seconds, however many nodes are stopped or unreachable
 """
 
 import argparse
+import difflib
 import logging
 import os
 import re
@@ -75,10 +76,12 @@ def package_findings(package: str) -> List["Finding"]:
         try:
             folder = rospack.get_path(name)
         except rospkg.ResourceNotFound:
-            remedy = "In its workspace, type: catkin_make && source devel/setup.bash"
+            problem = f"ROS does not find the package {name}: it is not in ROS_PACKAGE_PATH"
+            close = difflib.get_close_matches(name, rospack.list(), 1)
+            remedy = f"Did you mean {close[0]}? Otherwise, in" if close else "In"
+            remedy += " its workspace, type: catkin_make && source devel/setup.bash"
             if name == PACKAGE:
                 remedy = f"Type: source {_setup_file()}"
-            problem = f"ROS does not find the package {name}: it is not in ROS_PACKAGE_PATH"
             found.append(Finding(problem, remedy))
             continue
         parts = ("src",) if name == PACKAGE else ("", "bin", "nodes", "scripts", "src")

@@ -37,6 +37,11 @@ def test_packages_that_ros_does_not_find(monkeypatch):
     assert "catkin_make" in students
 
 
+def test_a_misspelt_package():
+    (finding,) = map(str, doctor.package_findings("mushr_ros_into"))
+    assert "Did you mean mushr_ros_intro? Otherwise, in its workspace, type: catkin" in finding
+
+
 @pytest.mark.parametrize(
     "settings, words",
     [

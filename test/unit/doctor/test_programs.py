@@ -19,6 +19,17 @@ from mushr_ros_intro.doctor.programs import program_findings
         ("#!/usr/bin/python3\r\n", 0o755, r"Windows line endings, so the interpreter in its fi"),
         ("#!/usr/bin/python3\nprint(\n", 0o755, "has a syntax error in line 2: "),
         ("#!/usr/bin/python3\n", 0o644, "is not executable. Type: chmod +x '"),
+        ("#!/usr/bin/python3\nimport rosypy\n", 0o755, "imports rosypy in line 2, but Python does"),
+        (
+            "#!/usr/bin/python3\nfrom acker_msgs.msg import A\n",
+            0o755,
+            "type: sudo apt-get install python3-acker-msgs",
+        ),
+        (
+            "#!/usr/bin/python3\nimport math\nimport rospy\npub = rospy.Publisher('a', A)\n",
+            0o755,
+            "uses rospy, but does not call rospy.init_node",
+        ),
     ],
 )
 def test_a_program_that_cannot_be_started(tmp_path, text, mode, words):
@@ -28,6 +39,23 @@ def test_a_program_that_cannot_be_started(tmp_path, text, mode, words):
     (finding,) = map(str, program_findings(str(tmp_path)))
     assert finding.startswith(f"{path} ")
     assert words in finding
+
+
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("#!/usr/bin/env no_such_python\n", "'no_such_python', which is not installed"),
+        ("#!/usr/bin/python3\r\n", "has Windows line endings"),
+        ("import rospy\nrospy.init_node('a')\n", "does not start with a shebang line"),
+    ],
+)
+def test_the_first_line_and_the_mode(tmp_path, text, words):
+    """Both are reported at once."""
+    path = tmp_path / "drive.py"
+    path.write_bytes(text.encode())
+    first, second = map(str, program_findings(str(tmp_path)))
+    assert words in first
+    assert second == f"{path} is not executable. Type: chmod +x {path}"
 
 
 def test_an_interpreter_without_rospy(tmp_path, monkeypatch):
@@ -70,6 +98,17 @@ def test_a_program_that_catkin_has_installed(tmp_path):
         ("module.py", "import math\n"),
         ("notes.txt", "#1 init_node()\n"),
         ("setup.py", "if __name__ == '__main__':\n    pass\n"),
+        (
+            "drive.py",
+            "#!/usr/bin/python3\ntry:\n    import faster\nexcept ImportError:\n    pass\n",
+        ),
+        ("drive.py", "#!/usr/bin/python3\nimport rospy\nrospy.init_node('a')\nrospy.spin()\n"),
+        ("drive.py", "#!/usr/bin/python3\nimport rospy\nprint(rospy.Time(1))\n"),
+        (
+            "drive.py",
+            "#!/usr/bin/python3\nimport rospy\nfrom mushr_ros_intro.ros import node\n"
+            "rospy.Publisher('a', A)\n",
+        ),
     ],
 )
 def test_no_finding(tmp_path, name, text):
