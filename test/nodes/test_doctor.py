@@ -65,15 +65,15 @@ def release(topic):
 
 
 @contextlib.contextmanager
-def driving(topic, speed=1.0, stamp=rospy.Time.now):
-    """Send a command every 50 ms."""
+def driving(topic, speed=1.0, stamp=rospy.Time.now, period=0.05):
+    """Send a command in each period [s]."""
     if topic not in publishers:
         publishers[topic] = rospy.Publisher(topic, AckermannDriveStamped, queue_size=10)
 
     def send(_):
         publishers[topic].publish(command(stamp(), speed, 0.0))
 
-    timer = rospy.Timer(rospy.Duration(0.05), send)
+    timer = rospy.Timer(rospy.Duration(period), send)
     yield
     timer.shutdown()
     timer.join()
@@ -129,6 +129,12 @@ class TestDoctor(RosTestCase):
         with driving(NAVIGATION):
             self.expect("/ghost cannot be reached: this machine cannot resolve the host name")
 
+    def test_a_misspelt_topic_of_the_start_pose(self):
+        misspelt = rospy.Publisher("/initial_pose", PoseWithCovarianceStamped, queue_size=1)
+        self.addCleanup(misspelt.unregister)
+        with driving(NAVIGATION):
+            self.expect("have no effect: no node subscribes to /initial_pose")
+
     def test_commands(self):
         with driving(NAVIGATION, 0.0):
             self.expect(f"all commands of {self.me} have speed 0")
@@ -136,6 +142,8 @@ class TestDoctor(RosTestCase):
             self.expect()
         with driving(NAVIGATION, 1.0, lambda: rospy.Time.now() - rospy.Duration(9)):
             self.expect("s behind the clock of this machine")
+        with driving(NAVIGATION, period=1.0):
+            self.expect(f"{self.me} sends a command every 1.0 s, but the mux stops the car")
         with driving(OUTPUT):
             self.expect()
         release(OUTPUT)

@@ -42,6 +42,16 @@ class Publisher(NamedTuple):
     """Of its commands [ns]."""
     speeds: Tuple[float, ...] = ()
     """Of its commands [m/s]."""
+    steering_angles: Tuple[float, ...] = ()
+    """Of its commands [rad]."""
+    arrivals: Tuple[int, ...] = ()
+    """When its commands arrived [ns of this machine's clock]."""
+
+    @property
+    def shortest_gap(self) -> int:
+        """The shortest time between two of its commands [ns]; 0 if fewer than two are known."""
+        instants = sorted(self.stamps if all(self.stamps) else self.arrivals)
+        return min((later - one for one, later in zip(instants, instants[1:])), default=0)
 
 
 class Topic(NamedTuple):
@@ -90,6 +100,10 @@ class Facts:
     """The nodes on this machine that started before the master and are not registered at it."""
     strays: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
     """The publishers of each other topic of commands that has no subscriber."""
+    stray_poses: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
+    """The same for topics of initial poses; only those whose name is like that of the car's."""
+    lacks_map: bool = False
+    """Whether the car was started with a map, but no node publishes it."""
     other_cars: Tuple[str, ...] = ()
     """The names of the other cars that run."""
     active: str = IDLE

@@ -2,9 +2,11 @@
 
 import re
 import time
+from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any, Dict, Iterable, List, Optional, Sequence, Set, Tuple
+from difflib import SequenceMatcher
+from typing import Any, Collection, Dict, Iterable, List, Optional, Sequence, Set, Tuple
 
 import rosgraph.network
 import rospy
@@ -25,6 +27,12 @@ from mushr_ros_intro.simulator.mux import IDLE, parse_config
 
 _CLOCK_TIMEOUT = 5.5
 """How long to wait until /clock advances [s]; in lock-step it waits 5 s for commands."""
+
+_SECOND_COMMAND_TIMEOUT = 1.2
+"""How much longer to listen to a node that has sent one command only [s]."""
+
+_SIMILAR = 0.75
+"""Ratio of similarity of `difflib`: initial_pose has 0.96, amcl_pose 0.6."""
 
 _MUX_INPUTS = ("safety", "teleop", "navigation", "default")
 """The inputs of MuSHR's mux, for a mux without parameters."""
@@ -67,7 +75,7 @@ class Listener:
     def __init__(self, topics: Sequence[str]) -> None:
         self.headers: Dict[Tuple[str, str], Dict[str, str]] = {}
         """The connection header of each topic and node, with the keys type and md5sum."""
-        self._messages: List[Tuple[str, rospy.AnyMsg]] = []
+        self._messages: List[Tuple[str, rospy.AnyMsg, int]] = []
         self._subscribers: List[rospy.Subscriber] = []
         run_with_timeout(lambda: self._start(topics), _START_TIMEOUT)
 
@@ -77,7 +85,7 @@ class Listener:
             rospy.init_node("doctor", **dict.fromkeys(options, True))
 
         def keep(msg: rospy.AnyMsg, topic: str) -> None:
-            self._messages.append((topic, msg))
+            self._messages.append((topic, msg, time.time_ns()))
 
         self._subscribers = [rospy.Subscriber(each, rospy.AnyMsg, keep, each) for each in topics]
 
@@ -90,13 +98,20 @@ class Listener:
                 self.headers[subscriber.resolved_name, header.get("callerid", "")] = header
         return set(self.headers)
 
-    def messages(self, topic: str, kind: Any) -> List[Tuple[str, Any]]:
-        """Return the node and the message, for each message of a type that came on a topic."""
+    def messages(self, topic: str, kind: Any) -> List[Tuple[str, Any, int]]:
+        """Return the node, the message and the arrival of what came on a topic with this type."""
         return [
-            (msg._connection_header["callerid"], kind().deserialize(msg._buff))
-            for each, msg in self._messages
+            (msg._connection_header["callerid"], kind().deserialize(msg._buff), arrival)
+            for each, msg, arrival in self._messages
             if each == topic and msg._connection_header["md5sum"] == kind._md5sum
         ]
+
+    def has_lone_message(self, topics: Collection[str]) -> bool:
+        """Return whether exactly one message of a node has come on one of these topics."""
+        counts = Counter(
+            (each, msg._connection_header["callerid"]) for each, msg, _ in self._messages
+        )
+        return any(each in topics and count == 1 for (each, _), count in counts.items())
 
     def stop(self) -> None:
         """Unsubscribe."""
@@ -177,7 +192,7 @@ class Observer:
         inputs = self._read_inputs()
         uses_clock = bool(self._parameter("/use_sim_time"))
         commands = [*inputs.values(), self._output, self._initial_pose]
-        strays, other_cars = self._read_other_topics(graph, commands)
+        strays, stray_poses, other_cars = self._read_other_topics(graph, commands)
         begin = time.time_ns()
         heard = self._listen(graph, commands, uses_clock)
         window: Optional[Tuple[int, int]] = (begin, time.time_ns())
@@ -192,9 +207,9 @@ class Observer:
         output = _topic(graph, heard, self._output)
         muxes = {node for topic in topics.values() for node in topic.subscribers}
         bypassing = tuple(each for each in output.publishers if each.node not in muxes)
-        actives = [msg.data for _, msg in heard.messages(self._active, String)]
-        poses = {str(msg.pose) for _, msg in heard.messages(self._pose, PoseStamped)}
-        contacts = [msg.poses for _, msg in heard.messages(self._collision, PoseArray)]
+        actives = [msg.data for _, msg, _ in heard.messages(self._active, String)]
+        poses = {str(msg.pose) for _, msg, _ in heard.messages(self._pose, PoseStamped)}
+        contacts = [msg.poses for _, msg, _ in heard.messages(self._collision, PoseArray)]
         touches = bool(contacts and contacts[-1])
         abandoned: List[str] = []
         if facts.master.is_local:
@@ -208,6 +223,9 @@ class Observer:
             dead=graph.dead,
             abandoned=tuple(abandoned),
             strays=strays,
+            stray_poses=stray_poses,
+            lacks_map=bool(self._parameter(f"/{self._car}/car_sim/expects_map"))
+            and not graph.live(graph.publishers, "/map"),
             other_cars=other_cars,
             active=_input(actives[-1], inputs) if actives else IDLE,
             clock=clock,
@@ -251,19 +269,30 @@ class Observer:
 
     def _read_other_topics(
         self, graph: _Graph, known: Sequence[str]
-    ) -> Tuple[Dict[str, Tuple[str, ...]], Tuple[str, ...]]:
-        """Return the publishers of commands that no node receives, and the names of other cars."""
-        strays, cars = {}, []
+    ) -> Tuple[Dict[str, Tuple[str, ...]], Dict[str, Tuple[str, ...]], Tuple[str, ...]]:
+        """Return the publishers of commands that no node receives, and those of initial poses.
+
+        Also return the names of other cars.
+        """
+        strays, stray_poses, cars = {}, {}, []
         for topic, kind in sorted(self._ask(self._uri, "getTopicTypes")):
-            if kind != AckermannDriveStamped._type or topic in known:
+            if topic in known:
                 continue
-            match = re.fullmatch(r"/(.+)/mux/ackermann_cmd_mux/output", topic)
-            publishers = graph.live(graph.publishers, topic)
-            if graph.subscribers.get(topic):
-                cars += [match[1]] if match else []
-            elif publishers and not match:
-                strays[topic] = tuple(publishers)
-        return strays, tuple(cars)
+            publishers = tuple(graph.live(graph.publishers, topic))
+            subscribers = graph.subscribers.get(topic)
+            if kind == AckermannDriveStamped._type:
+                match = re.fullmatch(r"/(.+)/mux/ackermann_cmd_mux/output", topic)
+                if subscribers:
+                    cars += [match[1]] if match else []
+                elif publishers and not match:
+                    strays[topic] = publishers
+            elif kind == PoseWithCovarianceStamped._type and not subscribers:
+                # Other estimates of a pose have this type, too, and may have no subscriber.
+                senders = tuple(each for each in publishers if "rviz" not in each)
+                name = topic.rpartition("/")[2]
+                if senders and SequenceMatcher(None, name, "initialpose").ratio() > _SIMILAR:
+                    stray_poses[topic] = senders
+        return strays, stray_poses, tuple(cars)
 
     def _listen(self, graph: _Graph, commands: Sequence[str], uses_clock: bool) -> Listener:
         """Return what the live publishers send.
@@ -280,6 +309,9 @@ class Observer:
         listener = Listener(topics)
         wait_for(lambda: expected <= listener.connected(), self._call_timeout)
         time.sleep(self._listening_time)
+        drives = [each for each in commands if each != self._initial_pose]
+        if listener.has_lone_message(drives):  # perhaps one command per second
+            wait_for(lambda: not listener.has_lone_message(drives), _SECOND_COMMAND_TIMEOUT)
         if uses_clock and graph.live(graph.publishers, "/clock"):
             wait_for(lambda: len(set(_instants(listener))) > 1, _CLOCK_TIMEOUT)
         listener.stop()
@@ -292,14 +324,16 @@ def _topic(graph: _Graph, heard: Listener, name: str, kind: Any = AckermannDrive
     publishers = []
     for node in graph.publishers.get(name, []):
         header = heard.headers.get((name, node), {})
-        commands = [msg for sender, msg in received if sender == node]
+        commands = [(msg, arrival) for sender, msg, arrival in received if sender == node]
         publishers.append(
             Publisher(
                 node,
                 header.get("type", ""),
                 header.get("md5sum", ""),
-                tuple(each.header.stamp.to_nsec() for each in commands),
-                tuple(each.drive.speed for each in commands),
+                tuple(each.header.stamp.to_nsec() for each, _ in commands),
+                tuple(each.drive.speed for each, _ in commands),
+                tuple(each.drive.steering_angle for each, _ in commands),
+                tuple(arrival for _, arrival in commands),
             )
         )
     subscribers = tuple(graph.subscribers.get(name, []))
@@ -313,7 +347,7 @@ def _input(active: str, inputs: Iterable[str]) -> str:
 
 def _instants(heard: Listener) -> List[int]:
     """Return the instants [ns] that were received on /clock."""
-    return [msg.clock.to_nsec() for _, msg in heard.messages("/clock", ClockMsg)]
+    return [msg.clock.to_nsec() for _, msg, _ in heard.messages("/clock", ClockMsg)]
 
 
 def _shown(msg: PoseMsg) -> str:

@@ -1,5 +1,6 @@
 """Derive findings from facts: what keeps the car from moving, and what to type."""
 
+import math
 from typing import Iterable, List, Set
 
 from mushr_ros_intro.doctor.facts import (
@@ -20,6 +21,9 @@ _JOYSTICK = (
 
 _MANUAL = ("safety", "teleop")
 """The inputs of the mux for people. The nodes that publish there are silent most of the time."""
+
+_MAX_GAP = NANOSECONDS // 4
+"""Commands that are further apart stop the car in between [ns]. The timeout of the mux is 0.2 s."""
 
 _CONTINUE = "If it was stopped with Ctrl-Z, type in its terminal: fg"
 
@@ -45,9 +49,17 @@ def diagnose(facts: Facts, package: str = "") -> List[Finding]:
     if facts.senders:
         found += _commands(facts)
         for sender in facts.senders:
-            found += _stamps(sender, facts)
+            found += _stamps(sender, facts) + _values(sender) + _rate(sender, facts)
     else:
         found += _strays(facts) or ([] if found else [_no_commands(facts, package)])
+    found += _stray_poses(facts)
+    if facts.lacks_map:
+        problem = (
+            f"the car '{facts.car}' was started with a map, but no node publishes /map now, so "
+        )
+        problem += "path_publisher.py and check_plan.py cannot check a plan against its walls"
+        remedy = "Type: rosrun mushr_ros_intro map_server.py _map_file:=sandbox (or the name of "
+        found.append(Finding(problem, f"{remedy}another map)"))
     if facts.contact:
         found.append(_contact(facts))
     if not first + found and facts.moves is False:
@@ -203,6 +215,17 @@ def _strays(facts: Facts) -> List[Finding]:
     ]
 
 
+def _stray_poses(facts: Facts) -> List[Finding]:
+    expected = facts.initial_pose.name
+    return [
+        Finding(
+            f"the start poses of {_list(nodes)} have no effect: no node subscribes to {topic}",
+            f"Publish them on {expected}; with rosrun, add the argument {topic}:={expected}",
+        )
+        for topic, nodes in facts.stray_poses.items()
+    ]
+
+
 def _wrong_types(facts: Facts) -> List[Finding]:
     """Find publishers whose messages the subscribers of their topic reject."""
     return [
@@ -300,6 +323,36 @@ def _stamps(sender: Publisher, facts: Facts) -> List[Finding]:
             "synchronise the clocks of both; on each, type: sudo ntpdate pool.ntp.org"
         )
     return [Finding(f"the stamps of the commands of {sender.node} are {offset} {clock}", remedy)]
+
+
+def _values(sender: Publisher) -> List[Finding]:
+    """Find steering angles that cannot be radians."""
+    largest = max(map(abs, sender.steering_angles), default=0.0)
+    if largest < math.pi / 2:
+        return []
+    return [
+        Finding(
+            f"{sender.node} sends steering angles up to {largest:g} rad; a right angle or more is "
+            "refused",
+            "If they are degrees, use math.radians; or are drive.speed and drive.steering_angle "
+            "swapped?",
+        )
+    ]
+
+
+def _rate(sender: Publisher, facts: Facts) -> List[Finding]:
+    """Find commands that are so rare that the car stops after each one. People may send such."""
+    manual = {
+        each.node for name in _MANUAL if name in facts.inputs for each in facts.inputs[name].senders
+    }
+    if sender.shortest_gap <= _MAX_GAP or sender.node in manual:
+        return []
+    seconds = sender.shortest_gap / NANOSECONDS
+    problem = (
+        f"{sender.node} sends a command every {seconds:.1f} s, but the mux stops the car 0.2 s "
+    )
+    remedy = "Repeat each command at 10 Hz: call publish in a loop with rospy.Rate(10)"
+    return [Finding(f"{problem}after each one", remedy)]
 
 
 def _contact(facts: Facts) -> Finding:

@@ -69,6 +69,18 @@ def test_health():
 
 
 @pytest.mark.parametrize(
+    "changes",
+    [
+        {"inputs": inputs(PLAN._replace(stamps=(NOW, NOW + S // 5)))},  # 5 Hz
+        {"inputs": inputs(PLAN._replace(stamps=(NOW,)))},
+        {"inputs": inputs(None, KEYS._replace(stamps=(NOW, NOW + S), speeds=(1.0, 1.0)))},
+    ],
+)
+def test_rates_without_a_finding(changes):
+    assert findings(**changes) == []
+
+
+@pytest.mark.parametrize(
     "master, problem, remedy",
     [
         (Master(LOCAL, CallFault.REFUSED), "no master runs there", "roslaunch mushr_ros_intro sim"),
@@ -166,6 +178,31 @@ def test_master(master, problem, remedy):
             "catkin_make",
         ),
         (
+            {"inputs": inputs(PLAN._replace(stamps=(NOW, NOW + S)))},
+            "/path_publisher sends a command every 1.0 s, but the mux stops the car 0.2 s after",
+            "rospy.Rate(10)",
+        ),
+        (
+            {"inputs": inputs(PLAN._replace(stamps=(0, 0), arrivals=(NOW, NOW + S // 2)))},
+            "/path_publisher sends a command every 0.5 s",
+            "rospy.Rate(10)",
+        ),
+        (
+            {"inputs": inputs(PLAN._replace(steering_angles=(0.0, -20.0))), "moves": False},
+            "/path_publisher sends steering angles up to 20 rad; a right angle or more is refused",
+            "If they are degrees, use math.radians; or are drive.speed and drive.steering_angle",
+        ),
+        (
+            {"stray_poses": {"/initial_pose": ("/place",)}},
+            "the start poses of /place have no effect: no node subscribes to /initial_pose",
+            "Publish them on /initialpose; with rosrun, add the argument /initial_pose:=/initialp",
+        ),
+        (
+            {"lacks_map": True},
+            "the car 'car' was started with a map, but no node publishes /map now",
+            "rosrun mushr_ros_intro map_server.py _map_file:=",
+        ),
+        (
             NO_PUBLISHER,
             f"no node publishes commands: {NAVIGATION} has no publisher. Start your node, and",
             "roslaunch mushr_ros_intro path_publisher.launch plan_file:=figure_8",
@@ -237,8 +274,10 @@ def test_finding(changes, problem, remedy):
         {"inputs": inputs(PLAN._replace(stamps=(0, NOW)))},  # a hint
         {"moves": None},  # the pose is not published
         {"clock": RUNNING},
-        {"inputs": inputs(PLAN._replace(stamps=(NOW - S, NOW + 2 * S)))},  # within the tolerance
-        {"inputs": inputs(PLAN._replace(stamps=(NOW - 5 * S, NOW)))},  # one was late
+        {
+            "inputs": inputs(PLAN._replace(stamps=(NOW - S, NOW, NOW, NOW + 2 * S)))
+        },  # within the tolerance
+        {"inputs": inputs(PLAN._replace(stamps=(NOW - 5 * S, NOW, NOW)))},  # one was late
         {"inputs": inputs(PLAN._replace(speeds=(0.0, -0.1)))},
         {"inputs": inputs(keys=Publisher("/keys"))},  # not connected
         {"window": None, "inputs": inputs(PLAN._replace(stamps=(1,)))},  # no clock to compare with
