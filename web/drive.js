@@ -16,7 +16,8 @@ const PAD_KEYS = {
   ArrowRight: "d",
 };
 const TYPING = "input:not([type=checkbox], [type=radio]), select";
-const [pad, keys] = [find("pad"), new Set()];
+const pad = find("pad");
+const keys = new Set(); // those that are held
 let stick = null; // of the touch pad: forward, left
 let isDriving = false;
 let isArmed = true; // after a stop, the gamepad's button has to be pressed again
@@ -43,11 +44,9 @@ function step() {
   const [device, [ahead, left]] = Object.entries(held).find(
     ([, each]) => each,
   ) ?? ["", [0, 0]];
-  const [speed, angle, car] = [
-    ahead * SPEED,
-    left * ANGLE,
-    server.state?.car_name,
-  ];
+  const speed = ahead * SPEED;
+  const angle = left * ANGLE;
+  const car = server.state?.car_name;
   if (device || isDriving)
     ros.publish(`/${car}/mux/ackermann_cmd_mux/input/teleop`, {
       header: { frame_id: `${car}/base_footprint` },

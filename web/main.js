@@ -65,11 +65,14 @@ function onState(state) {
   updateDrive(state.drive);
   find("time-section").hidden = !state.holds_clock;
   find("result-section").hidden = !state.results;
-  if (!isFirst)
-    return state.map === (view.map?.number ?? null) || loadMap(state.map);
+  if (!isFirst) {
+    if (state.map !== (view.map?.number ?? null)) loadMap(state.map);
+    return;
+  }
   Promise.all([listPlans(), loadMap(state.map)]).then(heard ? null : fit);
   if (state.results) listResults();
-  [heard, isHeld] = [performance.now(), false];
+  heard = performance.now();
+  isHeld = false;
   view.set(NOTHING);
   subscribe(
     `/${state.car_name}`,
@@ -112,7 +115,8 @@ function subscribe(car, mux, prefix) {
 }
 
 function onPose(msg) {
-  const [stamp, pose] = [seconds(msg.header.stamp), flat(msg.pose)];
+  const stamp = seconds(msg.header.stamp);
+  const pose = flat(msg.pose);
   const last = poses.at(-1)?.stamp ?? stamp;
   if (stamp < last || stamp > last + 2) view.driven = []; // it is another car
   poses = [...poses.slice(-60), { stamp, pose }];

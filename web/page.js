@@ -5,8 +5,9 @@ export const find = (id) => document.getElementById(id);
 export const element = (kind, textContent, className = "") =>
   Object.assign(document.createElement(kind), { textContent, className });
 /** Change a text only if it differs: screen readers read each change. */
-export const say = (id, text) =>
-  find(id).textContent === text || (find(id).textContent = text);
+export function say(id, text) {
+  if (find(id).textContent !== text) find(id).textContent = text;
+}
 export const poseText = ([x, y, theta]) =>
   `${x.toFixed(3)} m, ${y.toFixed(3)} m, ${theta.toFixed(3)} rad`;
 /** A pose of geometry_msgs as [x, y, theta]. */

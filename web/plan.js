@@ -4,7 +4,9 @@ import { element, find, poseText, request, say, seconds } from "./page.js";
 import { view } from "./view.js";
 
 const TOLERANCE = 1e-4; // of the stamps [s]
-const [names, table, stop] = [find("plan"), find("rows"), find("stop")];
+const names = find("plan");
+const table = find("rows");
+const stop = find("stop");
 let plan = { rows: [] };
 let drive; // that of the server's state; undefined if it is not known
 let begin; // when the first row began [s]; null before it, NaN if it is not known
@@ -55,12 +57,11 @@ export function updateDrive(next) {
   const isNew = next?.running && !drive?.running;
   // The stamp of the first command is not known of a drive that began before this page.
   const isKnown = drive !== undefined;
-  if (isNew)
-    [begin, errors, isStopped] = [
-      isKnown ? null : NaN,
-      [],
-      !isKnown && isStopped,
-    ];
+  if (isNew) {
+    begin = isKnown ? null : NaN;
+    errors = [];
+    isStopped &&= !isKnown;
+  }
   if (isNew && plan.name !== next.plan) listPlans(next.plan);
   drive = next;
   stop.disabled = !mayRun();
@@ -91,15 +92,14 @@ export function onCommand({ header }) {
   mark(plan.rows.findIndex((row) => stamp < (end += row.duration)));
 }
 function mark(number) {
-  const [row, old] = [
-    table.rows[number],
-    table.querySelector("[aria-current]"),
-  ];
+  const row = table.rows[number];
+  const old = table.querySelector("[aria-current]");
   if (row === old) return;
   old?.removeAttribute("aria-current");
-  row?.setAttribute("aria-current", "true"); // then scroll the table, but not the page
-  if (row)
-    find("table").scrollTop = row.offsetTop - find("table").clientHeight / 2;
+  if (!row) return;
+  row.setAttribute("aria-current", "true");
+  // Scroll the table, but not the page.
+  find("table").scrollTop = row.offsetTop - find("table").clientHeight / 2;
 }
 const ask = (data, method) =>
   request("drive", data, method).catch((error) =>

@@ -3,7 +3,8 @@
 import { find, poseText, request, say } from "./page.js";
 import { NOTHING, view } from "./view.js";
 
-const [slider, button] = [find("time"), find("play")];
+const slider = find("time");
+const button = find("play");
 let result = {};
 
 export async function listResults() {

@@ -32,7 +32,8 @@ export const NOTHING = {
   wheels: [0, 0],
   isStale: false,
 };
-const [canvas, back] = [find("view"), document.createElement("canvas")];
+const canvas = find("view");
+const back = document.createElement("canvas");
 const isShown = (name) => find(`show-${name}`)?.checked ?? true;
 const colour = (name) => getComputedStyle(canvas).getPropertyValue(`--${name}`);
 
@@ -101,7 +102,8 @@ function inMetres(pen, [x, y, theta] = [0, 0, 0]) {
   return 1 / view.scale;
 }
 function draw() {
-  Object.assign(view, { request: 0, frames: view.frames + 1 });
+  view.request = 0;
+  view.frames += 1;
   if (!view.width || !view.height) return;
   const pen = canvas.getContext("2d");
   const { driven, scan, pose, wheels, isStale } = view.replay ?? view;
@@ -168,7 +170,8 @@ function drawGrid(pen, step) {
 function drawLine(pen, points, name, width, dashes = [], from = undefined) {
   const pixel = inMetres(pen, from);
   pen.setLineDash(dashes.map((each) => each * pixel));
-  Object.assign(pen, { lineWidth: width * pixel, strokeStyle: colour(name) });
+  pen.lineWidth = width * pixel;
+  pen.strokeStyle = colour(name);
   pen.beginPath();
   points.forEach(([x, y]) => pen.lineTo(x, y));
   if (isShown(name)) pen.stroke();
@@ -185,11 +188,8 @@ function drawDots(pen, points, name, pixels) {
 function drawCar(pen, pose, steering, isOutline) {
   const k = Math.max(1, (CAR_PIXELS * inMetres(pen, pose)) / BODY[2]);
   pen.scale(k, k);
-  Object.assign(pen, {
-    lineWidth: 0.02,
-    fillStyle: colour("car"),
-    strokeStyle: colour("car"),
-  });
+  pen.lineWidth = 0.02;
+  pen.fillStyle = pen.strokeStyle = colour("car");
   if (isOutline) return pen.strokeRect(...BODY);
   pen.fillRect(...BODY);
   pen.fillStyle = colour("back");
@@ -206,10 +206,8 @@ function drawCar(pen, pose, steering, isOutline) {
 function resize() {
   const { clientWidth: width, clientHeight: height } = canvas;
   const ratio = Math.min(devicePixelRatio, 2);
-  [canvas.width, canvas.height] = [back.width, back.height] = [
-    width * ratio,
-    height * ratio,
-  ];
+  canvas.width = back.width = width * ratio;
+  canvas.height = back.height = height * ratio;
   view.set({ width, height, ratio });
   draw(); // at once: the new size has cleared the canvas
 }

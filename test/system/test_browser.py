@@ -182,7 +182,7 @@ def test_figure_8(page):
     assert page.run(CURRENT) == 0, "no row is current after the drive"
     length = 44.0 * page.run("return window.mushr.view.scale")
     page.wait(lambda: seen(page, "driven")[0] > length, "the driven path")
-    assert "closed form" in page.text("log")
+    page.shows("log", "closed form")
 
 
 def drive_long(page):
