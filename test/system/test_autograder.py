@@ -80,10 +80,15 @@ def scores(report):
     return {test["name"]: test["score"] for test in report["tests"] if test["max_score"]}
 
 
+def text_of(report):
+    """Return all of a report as text."""
+    return json.dumps(report, indent=1).replace("\\n", "\n")
+
+
 def test_fields(reports):
     for name, report in reports.items():
         gradescope.check_fields(report, gradescope.REPORT)
-        assert ("tests" in report or "score" in report) != (name == "unset"), name
+        assert ("tests" in report or "score" in report) != (name == "unset"), text_of(report)
         tests = report.get("tests", [])
         for test in tests:
             gradescope.check_fields(test, gradescope.TEST)
@@ -95,12 +100,13 @@ def test_fields(reports):
 
 @pytest.mark.parametrize("name", ["right", "files", "uploaded"])
 def test_right(reports, name):
-    assert scores(reports[name]) == ALL
+    assert scores(reports[name]) == ALL, text_of(reports[name])
 
 
 def test_wrong(reports):
-    assert scores(reports["wrong"]) == {**ALL, "open: path": 0, "secret: path": 0}
-    assert scores(reports["spy"]) == dict.fromkeys(ALL, 0)
+    expected = {**ALL, "open: path": 0, "secret: path": 0}
+    assert scores(reports["wrong"]) == expected, text_of(reports["wrong"])
+    assert scores(reports["spy"]) == dict.fromkeys(ALL, 0), text_of(reports["spy"])
 
 
 @pytest.mark.parametrize(
@@ -109,8 +115,9 @@ def test_wrong(reports):
 def test_not_graded(reports, name, reason):
     report = reports[name]
     texts = [report["output"], *(test["output"] for test in report.get("tests", []))]
-    assert any(reason in text for text in texts)
-    assert report.get("score", 0) == 0 and not any(scores({"tests": [], **report}).values())
+    assert any(reason in text for text in texts), text_of(report)
+    assert report.get("score", 0) == 0, text_of(report)
+    assert not any(scores({"tests": [], **report}).values()), text_of(report)
 
 
 def test_hidden_plan(reports):
@@ -120,4 +127,4 @@ def test_hidden_plan(reports):
         text = json.dumps({**report, "tests": shown})
         assert "0.8125" not in text and "0.0625" not in text and "secret" not in text, name
         assert "score" in report or name == "unset" or shown
-    assert "exit status 3" in reports["spy"]["tests"][0]["output"]
+    assert "exit status 3" in reports["spy"]["tests"][0]["output"], text_of(reports["spy"])
