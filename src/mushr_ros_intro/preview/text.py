@@ -75,7 +75,7 @@ def _summary(report: Report) -> Iterator[str]:
     yield f"duration        {until}{seconds:g} s"
     theta = math.remainder(end.theta, math.tau)
     yield f"final pose      x {_near(end.x)} m, y {_near(end.y)} m, theta {_near(theta)} rad"
-    yield f"closing gap     {_near(gap)} m and {_near(turned)} rad between start and end"
+    yield f"start to end    {_near(gap)} m and {_near(turned)} rad apart"
     box = f"x {_near(left)} to {_near(right)} m, y {_near(bottom)} to {_near(top)} m"
     yield f"bounding box    {box} (of the rear axle)"
     radius = f"at least {report.radius:.3f} m"
@@ -114,8 +114,8 @@ def _spread_text(report: Report, spread: Spread) -> Iterator[str]:
         yield f"  the {report.car_name} car has no errors, so all runs end in the same place"
         return
     yield ""
-    yield "  time  distance   mean x   mean y    theta    95 % ellipse      off the plan"
-    yield "     s         m        m        m      rad    m long  m wide        m   of way"
+    yield "  time  distance   mean x   mean y    theta    95 % ellipse       error (rms)"
+    yield "     s         m        m        m      rad    m long  m wide        m   of distance"
     for time, distance, mean, (major, minor, _), off in zip(
         spread.seconds, spread.distances, spread.mean, spread.ellipses, spread.rms_errors
     ):

@@ -168,7 +168,7 @@ def test_the_table():
         "length          4.00 m",
         "duration        2.5 s",
         "final pose      x 3.000 m, y 2.000 m, theta 0.000 rad",
-        "closing gap     2.000 m and 0.000 rad between start and end",
+        "start to end    2.000 m and 0.000 rad apart",
         "bounding box    x 1.000 to 4.000 m, y 2.000 to 2.000 m (of the rear axle)",
         "turning radius  none, it drives straight",
         "ends at rest    no, the last row asks for -1 m/s; path_publisher then sends a stop",
@@ -368,7 +368,7 @@ def test_the_text_on_the_spread():
     assert "spread of 50 runs, seed 3, as standard deviations:" in text
     assert "  every command   speed 0.1 m/s, steering 0 rad" in text
     header = text.index(
-        "     s         m        m        m      rad    m long  m wide        m   of way"
+        "     s         m        m        m      rad    m long  m wide        m   of distance"
     )
     assert text[header + 1].startswith("   0.2      0.20 ")
     assert text[header + 10].startswith("   2.0      2.00 ")
