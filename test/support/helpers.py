@@ -85,6 +85,14 @@ class RosTestCase(unittest.TestCase):
     def setUp(self):
         self.folder = tempfile.mkdtemp()
         self.addCleanup(shutil.rmtree, self.folder)
+        self.addCleanup(self.delete_parameters, rospy.get_param_names())
+
+    @staticmethod
+    def delete_parameters(known):
+        """Delete all parameters but the known ones, because those of a node outlive it."""
+        for name in rospy.get_param_names():
+            if name not in known:
+                rospy.delete_param(name)
 
     def plan(self, text, name="plan.txt"):
         """Write a plan file; return its path."""

@@ -143,7 +143,7 @@ def test_every_file_that_the_pages_for_contributors_name_is_there(page):
         assert re.search("NAME|MODULE", name) or is_there, name
 
 
-def tests_in(source):
+def marks_of_tests(source):
     """Return the names of the tests of a file, and whether each one has the mark `full`."""
 
     def is_full(nodes):
@@ -179,7 +179,7 @@ def faults_in(cell):
         if not os.path.exists(f"{PACKAGE}/test/{path}"):
             faults.append(f"{path} does not exist")
             continue
-        tests = tests_in(read(f"test/{path}"))
+        tests = marks_of_tests(read(f"test/{path}"))
         if name not in tests:
             faults.append(f"{path} has no test {name}")
         elif tests[name] != bool(note):
