@@ -7,7 +7,7 @@ from mushr_ros_intro.authoring.keyboard import open_keyboard
 from mushr_ros_intro.authoring.teleop import Schedule
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
-from mushr_ros_intro.ros import node, ros_time
+from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.ros.commands import as_typed
 
 
@@ -23,8 +23,9 @@ class KeyboardTeleop:
         self._speed = parameters.number("speed", 2.0, "m/s", 0.0, 100.0)
         self._steering_angle = parameters.number("steering_angle", 0.34, "rad", 0.0, 1.5)
         self._car_name = rospy.get_namespace().strip("/")
+        self._frame = f"{self._car_name}/base_footprint".lstrip("/")
         self._schedule = Schedule()
-        self._commands = CommandPublisher("mux/ackermann_cmd_mux/input/teleop", self._car_name)
+        self._commands = CommandPublisher("mux/ackermann_cmd_mux/input/teleop")
         self._values = f"{self._speed:g} m/s, {self._steering_angle:g} rad"
         rospy.loginfo("%s; commands to %s", self._values, self._commands.topic)
 
@@ -45,7 +46,8 @@ class KeyboardTeleop:
                 wanted = keyboard.read().drive(self._speed, self._steering_angle)
                 self._schedule, due = self._schedule.step(wanted, now)
                 if due is not None:
-                    self._commands.publish(Command(now, *due))
+                    command = Command(now, *due)
+                    self._commands.publish(conversions.command_to_msg(command, self._frame))
         finally:
             keyboard.close()
 

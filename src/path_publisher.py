@@ -2,15 +2,17 @@
 """Drive a plan: publish its start pose, and then a command ten times per second."""
 
 import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
 from tf.transformations import quaternion_from_euler
 
-from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.drive.car_pose import CarPose
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.drive.drive_monitor import DriveMonitor
 from mushr_ros_intro.drive.preview_publisher import Preview
 from mushr_ros_intro.drive.timetable import Timetable
+from mushr_ros_intro.paths import find_file, package_folder
+from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Row
 from mushr_ros_intro.ros import connections, conversions, node, ros_time
 
@@ -35,11 +37,14 @@ class PathPublisher:
         self.countdown = parameters.number("countdown", 0.0, "s", 0.0, 1e4)
         self.places_car = parameters.flag("send_init_pose", True)
         self.loop = parameters.flag("loop", False)
-        self.preview = Preview(parameters, car_name, self.places_car)
-        self.plan = self.preview.plan
+        name = parameters.text("plan_file", expected="a plan, such as _plan_file:=figure_8")
+        plan = read_plan(find_file(name, package_folder("plans"), ".txt"))
+        self.preview = Preview(plan, parameters, car_name, self.places_car)
+        self.plan = self.preview.plan  # its speeds are limited to ~max_speed
 
+        self.frame = f"{car_name}/base_footprint"
         self.pub_controls = CommandPublisher(
-            control_topic, car_name, parameters.optional_text("active_topic")
+            control_topic, parameters.optional_text("active_topic")
         )
         self.pub_init_pose = rospy.Publisher(
             init_pose_topic, PoseWithCovarianceStamped, queue_size=10, tcp_nodelay=True
@@ -81,7 +86,6 @@ class PathPublisher:
         if self.places_car:
             self.send_init_pose(stamp)
             stamp = self.car_pose.wait_until_at(self.plan.start, stamp, self.timeout)
-            self.preview.publish_path()
         self.timetable.start_after(stamp)
         for row in self.plan.rows:
             self.send_command(row)
@@ -101,7 +105,12 @@ class PathPublisher:
     def send_command(self, row: Row) -> None:
         """Publish the command of a row ten times per second for the duration of the row."""
         for due in self.timetable.instants(row):  # instead of rospy.Rate
-            self.pub_controls.publish(Command(due, row.speed, row.steering_angle))
+            msg = AckermannDriveStamped()
+            msg.header.stamp = conversions.time_from(due)
+            msg.header.frame_id = self.frame
+            msg.drive.speed = row.speed
+            msg.drive.steering_angle = row.steering_angle
+            self.pub_controls.publish(msg)
 
 
 if __name__ == "__main__":

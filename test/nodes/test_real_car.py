@@ -44,15 +44,15 @@ class TestRealCar(RosTestCase):
         # An earlier node sends its latched message until it has ended.
         path = self.paths.subscriber.resolved_name
         wait_for(
-            lambda: registered_nodes(path, "publishers") == ["/car/car_sim"],
+            lambda: not registered_nodes(path, "publishers"),
             "the end of the earlier node",
         )
         self.paths.clear()
         self.addCleanup(self.forget)
 
     def prediction(self):
-        """Return the last predicted path. The car publishes empty paths when it is placed."""
-        return next((path for path in self.paths.messages[::-1] if path.poses), None)
+        """Return the predicted path."""
+        return self.paths.last
 
     @staticmethod
     def forget():
@@ -71,12 +71,9 @@ class TestRealCar(RosTestCase):
         self.assertEqual(warnings[:-1], [f"{plan}:3:1: {each}" for each in (fast, wall)])
         self.assertIn("the car stopped at a wall in row 2 of 2 at (49.0200 m", warnings[-1])
         at_wall = re.compile(
-            r"FATAL.* the car stopped at a wall in row 2 of 2 at \((.*) m, 0.0000 m, 0.0000 rad\), "
-            r"(.*) m of 6.90 m driven"
+            r"FATAL.* the car stopped at a wall in row 2 of 2 at \((.*) m, 0.0000 m, 0.0000 rad\)"
         )
-        x, driven = map(float, at_wall.search(output).groups())
-        self.assertAlmostEqual(x, AT_WALL, delta=1e-4)
-        self.assertAlmostEqual(driven, AT_WALL - 47.0, delta=0.01)
+        self.assertAlmostEqual(float(at_wall.search(output)[1]), AT_WALL, delta=1e-4)
         end = planar(wait_for(self.prediction, "the predicted path").poses[-1].pose)
         self.assertLess(math.dist(end, (AT_WALL, 0.0, 0.0)), FOUND)
 

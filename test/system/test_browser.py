@@ -182,7 +182,7 @@ def test_figure_8(page):
     assert page.run(CURRENT) == 0, "no row is current after the drive"
     length = 44.0 * page.run("return window.mushr.view.scale")
     page.wait(lambda: seen(page, "driven")[0] > length, "the driven path")
-    page.shows("log", "closed form")
+    page.shows("log", "should end at")
 
 
 def drive_long(page):

@@ -13,9 +13,9 @@ import rosgraph.xmlrpc
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 
-from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.ros.connections import connected_nodes
 from support.driven_car import DrivenCarTestCase, start_car
 from support.geometry import POSITION_TOLERANCE, planar
 from support.helpers import (
@@ -28,7 +28,7 @@ from support.helpers import (
     node,
     wait_for,
 )
-from support.messages import COMMAND_TIMEOUT, MUX, NAVIGATION, at
+from support.messages import MUX, NAVIGATION, at, command
 
 COMPARISON = re.compile(r"the car drove (\S+) m .* difference (\S+) m")
 
@@ -84,6 +84,8 @@ class TestNodeFaults(DrivenCarTestCase):
         """
         self.ending(Recording(NAVIGATION, AckermannDriveStamped))
         path = self.plan("1,-1,0.5\n1.0,0.2,60\n")
+        sender = self.inputs["navigation"]
+        old = connected_nodes(sender)
         with driver(path) as plan:
             for name in ("/car/car_sim", MUX):
                 self.wait_until_it_drives()
@@ -98,21 +100,26 @@ class TestNodeFaults(DrivenCarTestCase):
             self.assertNotIn("Traceback", plan.output)
             self.assertEqual(plan.output.count("FATAL"), 1)
             self.assertIn(f": {MUX} is no longer connected to {NAVIGATION}", plan.output)
+
+        def new_nodes():
+            return [name for link, name in connected_nodes(sender).items() if link not in old]
+
+        wait_for(lambda: MUX in new_nodes(), "the new mux to be connected")
         self.assert_recovered()
 
     def test_the_mux_is_replaced_between_two_commands(self):
         """It is noticed although a node is connected whenever a command is published."""
         topic = "/replaced/input/navigation"
-        sender = CommandPublisher(topic, "replaced")
+        sender = CommandPublisher(topic)
         mux = rospy.Subscriber(topic, AckermannDriveStamped)
         sender.wait_for_subscriber(PATIENCE)
-        sender.publish(Command(rospy.Time.now().to_nsec(), 1.0, 0.0))
+        sender.publish(command(rospy.Time.now(), 1.0, 0.0))
         mux.unregister()
         mux = Recording(topic, AckermannDriveStamped).connected()
         self.addCleanup(mux.end)
         with self.assertRaisesRegex(UserError, f"{rospy.get_name()} is no longer connected"):
             for _ in range(3):
-                sender.publish(Command(rospy.Time.now().to_nsec(), 1.0, 0.0))
+                sender.publish(command(rospy.Time.now(), 1.0, 0.0))
         sender.stop()
         wait_for(lambda: mux.last and mux.last.drive.speed == 0.0, "the stop")
 
@@ -131,9 +138,8 @@ class TestNodeFaults(DrivenCarTestCase):
                 self.assertEqual(plan.wait(), 0)
             driven, difference = map(float, COMPARISON.search(plan.output).groups())
             # Until the stop arrives, the car may report that it drives on, until its last command
-            # expires. Then it reports the right pose again.
-            self.assertGreaterEqual(driven, 0.5)
-            self.assertLessEqual(driven, 0.5 + 2.0 * 0.5 * COMMAND_TIMEOUT)
+            # expires. Then it reports the right pose again. The sum of the distances is too large.
+            self.assertEqual(driven, 0.5)
             self.assertLess(difference, POSITION_TOLERANCE)
         self.assert_recovered()
 

@@ -37,15 +37,13 @@ _KEPT_REPORTS = 256
 """Number of kept reports; `wait_until_at` needs the first report at the start pose."""
 
 
-class Report(NamedTuple):
-    """One report of the car's pose."""
+class ReportedPose(NamedTuple):
+    """The pose in one message of the car."""
 
     stamp: int
     """[ns]"""
     pose: Pose
     """base_footprint in the map frame."""
-    distance: float
-    """Driven distance since the car was at the start pose: the sum over the reports [m]."""
 
 
 class CarPose:
@@ -53,7 +51,7 @@ class CarPose:
 
     def __init__(self, car_name: str) -> None:
         self._lock = threading.Lock()
-        self._reports: Deque[Report] = deque(maxlen=_KEPT_REPORTS)
+        self._reports: Deque[ReportedPose] = deque(maxlen=_KEPT_REPORTS)
         self._arrival = 0.0
         self._sequence = 0
         self.restarts = 0
@@ -64,7 +62,7 @@ class CarPose:
         self.topic = self._subscriber.resolved_name
 
     @property
-    def last(self) -> Optional[Report]:
+    def last(self) -> Optional[ReportedPose]:
         """The newest report, None if there is none."""
         with self._lock:
             return self._reports[-1] if self._reports else None
@@ -108,7 +106,7 @@ class CarPose:
             rospy.loginfo("no node publishes %s, so the start pose is not checked", self.topic)
             return since
 
-        def find() -> Optional[Report]:
+        def find() -> Optional[ReportedPose]:
             with self._lock:
                 matches = (
                     report
@@ -124,14 +122,10 @@ class CarPose:
                 f"the car was not at the start pose {pose} within {seconds:g} s; {self.topic} "
                 f"reports {last.pose if last else 'nothing'}. {_why_not_at(pose)}"
             )
-        with self._lock:
-            newest = self._reports.pop()
-            self._reports.append(newest._replace(distance=newest.distance - report.distance))
         return report.stamp
 
     @conversions.ignore_bad_messages
     def _on_pose(self, msg: PoseStamped) -> None:
-        """Add a report."""
         pose = conversions.pose_from_msg(msg.pose)
         stamp = ros_time.received_stamp(msg.header.stamp.to_nsec())
         with self._lock:
@@ -139,11 +133,7 @@ class CarPose:
             # rospy numbers the messages of a publisher.
             self.restarts += msg.header.seq < self._sequence
             self._sequence = msg.header.seq
-            distance = 0.0
-            if self._reports:
-                last = self._reports[-1]
-                distance = last.distance + last.pose.distance_to(pose)
-            self._reports.append(Report(stamp, pose, distance))
+            self._reports.append(ReportedPose(stamp, pose))
 
 
 def _why_not_at(pose: Pose) -> str:

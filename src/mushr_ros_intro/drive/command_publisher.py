@@ -23,18 +23,16 @@ class CommandPublisher:
     When the node is shut down, the car is stopped: the last message is a stop.
     """
 
-    def __init__(self, topic: str, car_name: str, active_topic: Optional[str] = None) -> None:
+    def __init__(self, topic: str, active_topic: Optional[str] = None) -> None:
         """Advertise the topic.
 
         Args:
             topic: the topic of the commands.
-            car_name: the name of the car; its base frame is the frame of the commands.
             active_topic: the topic on which the mux publishes the input that drives
                 (std_msgs/String). If it is given, the node ends when another input drives the car.
         """
-        self._frame = f"{car_name}/base_footprint".lstrip("/")
         self._lock = threading.Lock()
-        self._last: Optional[Command] = None
+        self._last: Optional[AckermannDriveStamped] = None
         self._written: Dict[int, int] = {}
         self._is_stopped = False
         # On a busy machine, several commands can be due at once; none may be lost.
@@ -95,7 +93,7 @@ class CommandPublisher:
             rospy.loginfo("the car starts to drive in %d s; Ctrl-C cancels", left)
             ros_time.wait_for(lambda: False, end - left + 1 - time.monotonic())  # noqa: B023
 
-    def publish(self, command: Command) -> None:
+    def publish(self, msg: AckermannDriveStamped) -> None:
         """Publish a command.
 
         Raises:
@@ -112,28 +110,30 @@ class CommandPublisher:
                         "drive on. Did the mux end or restart, or was the network cut (rosnode "
                         "list)? The drive ends"
                     )
-            self._publish(command)
+            self._publish(msg)
 
     def end(self, stamp: int) -> None:
         """Publish the stop at the end of a plan, at `stamp` [ns]; another plan may follow."""
-        self.publish(Command(stamp, 0.0, 0.0))
+        assert self._last  # a plan has at least one row
+        self.publish(_stop_after(self._last, stamp))
         with self._lock:
-            self._monitor = self._monitor.rest()
+            self._monitor = self._monitor.plan_ended()
 
     def stop(self) -> None:
         """Stop the car if a command has been sent; flush the stop, and refuse later commands."""
         with self._lock:
             if self._last and not self._is_stopped:
-                if self._last.speed or self._last.steering_angle:
-                    self._publish(Command(max(ros_time.now(), self._last.stamp), 0.0, 0.0))
+                if self._last.drive.speed or self._last.drive.steering_angle:
+                    stamp = max(ros_time.now(), self._last.header.stamp.to_nsec())
+                    self._publish(_stop_after(self._last, stamp))
                 rospy_fixes.flush(self._publisher, self._written)
             self._is_stopped = True
 
-    def _publish(self, command: Command) -> None:
+    def _publish(self, msg: AckermannDriveStamped) -> None:
         """Publish a command; needs the lock."""
-        self._last = command
+        self._last = msg
         self._written = rospy_fixes.count_written(self._publisher)
-        self._publisher.publish(conversions.command_to_msg(command, self._frame))
+        self._publisher.publish(msg)
 
     def _on_active(self, msg: String) -> None:
         """Stop the car and end the node if another input drives the car."""
@@ -141,15 +141,15 @@ class CommandPublisher:
             self._is_known = True
             if self._is_stopped:
                 return
-            self._monitor = self._monitor.hear(msg.data, self._last is not None)
-        if self._monitor.lost_to:
+            self._monitor = self._monitor.on_active(msg.data, is_sending=self._last is not None)
+        if self._monitor.taken_over_by:
             # First the error: after the stop, the node's thread ends without one.
             node.give_up(UserError(self._takeover()))
             self.stop()
 
     def _takeover(self) -> str:
         """Return the message for a takeover."""
-        active = self._monitor.lost_to
+        active = self._monitor.taken_over_by
         why = "another input drives the car"
         if active.lower() in NOBODY:
             why = "the commands did not reach the car in time"
@@ -160,3 +160,8 @@ class CommandPublisher:
                 "button for autonomous driving (RB) is pressed all the time"
             )
         return text
+
+
+def _stop_after(last: AckermannDriveStamped, stamp: int) -> AckermannDriveStamped:
+    """Return a stop with the stamp `stamp` [ns], in the frame of the last command."""
+    return conversions.command_to_msg(Command(stamp, 0.0, 0.0), last.header.frame_id)

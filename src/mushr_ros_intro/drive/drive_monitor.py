@@ -10,14 +10,13 @@ import rosgraph
 import rospy
 from geometry_msgs.msg import PoseArray
 
-from mushr_ros_intro.drive.car_pose import POSE_TOLERANCE, CarPose, Report
+from mushr_ros_intro.drive.car_pose import POSE_TOLERANCE, CarPose, ReportedPose
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.drive.preview_publisher import Prediction
 from mushr_ros_intro.drive.timetable import Timetable
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import compose, inverse
 from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.preview.prediction import length
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.ros.connections import registered_nodes
 from mushr_ros_intro.ros.xmlrpc_client import CallError, CallFault, ask
@@ -140,14 +139,12 @@ class DriveMonitor:
                 predicted pose.
             rospy.ROSInterruptException: the node is shut down.
         """
-        name = "closed form" if prediction.is_closed_form else "prediction"
-        expected = prediction.pose
         report = self._settled(prediction) if prediction.is_placed else None
         self._is_done = True
         if report:
-            self._compare(report, prediction, name)
+            self._compare(report, prediction)
         elif not prediction.is_placed:
-            move = compose(inverse(self._plan.start), expected)
+            move = compose(inverse(self._plan.start), prediction.pose)
             x, y, theta = (round(value, 2) + 0.0 for value in move)  # no negative zero
             rospy.loginfo(
                 "all commands have been sent; the car should stand "
@@ -162,18 +159,18 @@ class DriveMonitor:
             )
         else:
             rospy.loginfo(
-                f"all commands have been sent; the {name} of the plan ends at {expected}. No node "
+                f"all commands have been sent; the car should end at {prediction.pose}. No node "
                 "reports the car's pose, so it is not known where the car is"
             )
 
-    def _settled(self, prediction: Prediction) -> Optional[Report]:
+    def _settled(self, prediction: Prediction) -> Optional[ReportedPose]:
         """Return a report of the car at rest after the plan, or None if there is none in time."""
         if not self._car_pose.last or self._car_pose.is_lost():
             return None
         end = self._timetable.end
         rest = end + prediction.rest - self._plan.duration + SETTLING
 
-        def find() -> Optional[Report]:
+        def find() -> Optional[ReportedPose]:
             # A late command is inserted into the car's history, and can still change the pose.
             last = self._car_pose.last
             assert last is not None  # reports are never removed
@@ -183,7 +180,7 @@ class DriveMonitor:
         seconds = (rest - end + STAMP_TOLERANCE) / NANOSECONDS
         return ros_time.wait_for(find, REPORT_TIMEOUT + seconds)
 
-    def _compare(self, report: Report, prediction: Prediction, name: str) -> None:
+    def _compare(self, report: ReportedPose, prediction: Prediction) -> None:
         """Compare the final pose with the prediction.
 
         Raises:
@@ -191,21 +188,23 @@ class DriveMonitor:
         """
         expected = prediction.pose
         if self._wall:
-            total = length(self._plan)
-            message = f"{self._wall}, {report.distance:.2f} m of {total:.2f} m driven"
-            raise UserError(f"{message}. {self._cause()}" if self._others else message)
+            raise UserError(f"{self._wall}. {self._cause()}" if self._others else self._wall)
         distance, angle = report.pose.distance_to(expected), report.pose.angle_to(expected)
         is_close = report.pose.is_close_to(expected, TOLERANCE)
         if prediction.is_exact and not is_close:
             raise UserError(
-                f"the car stopped at {report.pose}, but the {name} of the plan ends at {expected}, "
+                f"the car stopped at {report.pose}, but it should have ended at {expected}, "
                 f"{distance:.2f} m and {angle:.2f} rad from there. {self._cause()}"
             )
         done = "the plan has been driven" if is_close else "all commands of the plan have been sent"
-        rospy.loginfo(f"{done}; its {name} ends at {expected}")
+        rospy.loginfo(f"{done}; the car should end at {expected}")
+        # The distances between the reported poses have a larger sum if a command arrived late.
+        driven = ""
+        if prediction.distance is not None and report.pose.is_close_to(expected, POSE_TOLERANCE):
+            driven = f"drove {prediction.distance:.2f} m and "
         rospy.loginfo(
-            f"the car drove {report.distance:.2f} m and stopped at {report.pose}; difference "
-            f"{distance:.1e} m, {angle:.1e} rad"
+            f"the car {driven}stopped at {report.pose}; difference {distance:.1e} m, "
+            f"{angle:.1e} rad"
         )
 
     def _cause(self) -> str:

@@ -2,7 +2,7 @@
 
 import math
 import os
-from typing import NamedTuple, Optional, Sequence
+from typing import NamedTuple, Optional, Sequence, Tuple
 
 import rosgraph
 import rospy
@@ -11,16 +11,16 @@ from nav_msgs.msg import OccupancyGrid, Path
 from rospy.numpy_msg import numpy_msg
 from visualization_msgs.msg import MarkerArray
 
+from mushr_ros_intro.car.model import Car, State
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.paths import find_file, package_folder
-from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.plan.plan import Fault, fault_lines
+from mushr_ros_intro.paths import package_folder
+from mushr_ros_intro.plan.plan import Fault, Plan, fault_lines
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview.limits import slowed
-from mushr_ros_intro.preview.report import check
+from mushr_ros_intro.preview.report import Report, check
 from mushr_ros_intro.preview.spread import spread
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import is_published
@@ -43,10 +43,10 @@ class Prediction(NamedTuple):
     """The final pose, in the map frame if the car is placed at the start pose."""
     rest: int
     """When the car comes to rest, counted from the first command [ns]."""
+    distance: Optional[float]
+    """The driven distance, forward and in reverse [m]; None if noise or a wall changes it."""
     is_placed: bool
     """Whether the car is placed at the start pose."""
-    is_closed_form: bool
-    """Whether the pose is the closed form of the plan: the car is ideal and hits no wall."""
     is_exact: bool
     """Whether the parameters of the car are known, and it has no noise."""
 
@@ -59,36 +59,40 @@ class Preview:
     topics are latched.
     """
 
-    def __init__(self, parameters: Parameters, car_name: str, is_placed: bool) -> None:
-        """Read the plan.
+    def __init__(self, plan: Plan, parameters: Parameters, car_name: str, is_placed: bool) -> None:
+        """Advertise the topics, and limit the speeds of the plan.
 
         Args:
-            parameters: the parameters plan_file, car, max_speed, strict and spread of the node.
+            plan: the plan.
+            parameters: the parameters car, max_speed, strict and spread of the node.
             car_name: the name of the car.
             is_placed: whether the car is placed at the start pose.
 
         Raises:
-            UserError: a parameter or the plan is invalid.
+            UserError: a parameter is invalid.
         """
+        rospy.loginfo(
+            "plan %s: %s, %g s, %.2f m",
+            plan.path,
+            counted(len(plan.rows), "row"),
+            plan.duration / NANOSECONDS,
+            prediction.length(plan),
+        )
         self._car_name = car_name
         self._is_placed = is_placed
         self._is_strict = parameters.flag("strict", False)
         self._shows_spread = parameters.flag("spread", False)
-        max_speed = parameters.number("max_speed", math.inf, "m/s", 0.001, math.inf)
-        profiles = package_folder("config/cars")
         self._profile: Optional[Parameters] = None
         self._profile_name = parameters.optional_text("car") or "car"
         if parameters.optional_text("car"):
+            profiles = package_folder("config/cars")
             name = parameters.choice("car", names_in(profiles))
             path = os.path.join(profiles, f"{name}.yaml")
             self._profile = Parameters(read_profile(path), "~car: ")
-        expected = "the name or the path of a plan, such as _plan_file:=figure_8"
-        name = parameters.text("plan_file", expected=expected)
-        path = find_file(name, package_folder("plans"), ".txt")
-        self.plan, changes = slowed(read_plan(path), max_speed)
+        max_speed = parameters.number("max_speed", math.inf, "m/s", 0.001, math.inf)
+        self.plan, changes = slowed(plan, max_speed)
         """The plan with its speeds limited to ~max_speed."""
         _warn(changes)
-        self._path = Path()
         self._pub_path = rospy.Publisher(
             f"/{car_name}/predicted_path", Path, queue_size=1, latch=True
         )
@@ -97,13 +101,6 @@ class Preview:
             self._pub_ellipses = rospy.Publisher(
                 "~spread_ellipses", MarkerArray, queue_size=1, latch=True
             )
-        rospy.loginfo(
-            "plan %s: %s, %g s, %.2f m",
-            path,
-            counted(len(self.plan.rows), "row"),
-            self.plan.duration / NANOSECONDS,
-            prediction.length(self.plan),
-        )
 
     def show(self) -> Prediction:
         """Check the plan, log its faults, publish the predicted path, and return the prediction.
@@ -114,36 +111,27 @@ class Preview:
         profile = self._profile or simulated_car_parameters(self._car_name, must_run=True)
         car = car_from(profile)
         grid = _read_map() if self._is_placed else None
-        report = check(self.plan, self._profile_name, car, "", grid)
+        report, states = predict(self.plan, self._profile_name, car, grid)
         if report.faults and self._is_strict:
             faults = "\n".join(fault_lines(report.faults))
             raise UserError(f"~strict is set and the plan has faults; it is not driven\n{faults}")
         _warn(report.faults)
-        world = World(grid) if grid and report.hit else None
-        rest, pose = prediction.rest(self.plan, car, world)
-        states = prediction.trajectory(self.plan, car, world)
-        self._path = conversions.path_to_msg(states, ros_time.now())
-        self.publish_path()
+        self._pub_path.publish(conversions.path_to_msg(states, ros_time.now()))
         if self._shows_spread:
             self._publish_spread(profile)
-        has_noise = bool(car.speed_noise or car.steering_noise)
         return Prediction(
-            pose,
-            rest,
+            states[-1].pose,
+            states[-1].stamp,
+            report.length if states is report.states else None,
             is_placed=self._is_placed,
-            is_closed_form=car.is_ideal and world is None,
-            is_exact=bool(profile) and not has_noise,
+            is_exact=bool(profile) and not _has_noise(car),
         )
-
-    def publish_path(self) -> None:
-        """Publish the predicted path; the car removes it from rviz when it is placed."""
-        self._pub_path.publish(self._path)
 
     def _publish_spread(self, profile: Parameters) -> None:
         """Publish the spread of drives with random errors: final poses, ellipses on the path."""
         car = car_from(profile.with_values(noise=True))
         commands = prediction.count_commands(self.plan)
-        if not (car.speed_noise or car.steering_noise):
+        if not _has_noise(car):
             rospy.loginfo("the spread is not published: this car has no noise")
             return
         if commands > MAX_SPREAD_COMMANDS:
@@ -169,6 +157,31 @@ class Preview:
             2.0 * ellipses[-1][1],
             2.0 * ellipses[-1][2],
         )
+
+
+def predict(
+    plan: Plan, car_name: str, car: Car, grid: Optional[Grid]
+) -> Tuple[Report, Sequence[State]]:
+    """Return the check of a plan, and the predicted states from the first command to the rest.
+
+    The check ignores noise, and ends at the first wall. The prediction contains the noise, which
+    depends on the seed only, and what the car does after it has hit a wall.
+
+    Args:
+        plan: the plan.
+        car_name: the name of the car in messages.
+        car: the car.
+        grid: the map, or None.
+    """
+    report = check(plan, car_name, car, grid=grid)
+    if not report.hit and not _has_noise(car):
+        return report, report.states
+    world = World(grid) if grid and report.hit else None
+    return report, tuple(prediction.trajectory(plan, car, world))
+
+
+def _has_noise(car: Car) -> bool:
+    return bool(car.speed_noise or car.steering_noise)
 
 
 def _read_map() -> Optional[Grid]:

@@ -37,8 +37,7 @@ class StatePublisher:
     """The publishers of a car's state, relative to its namespace.
 
     ``car_pose``, ``odom``, ``joint_states``, /tf, and ``~collision``, latched: the pose of the car
-    if it touches a wall, otherwise no pose. For rviz: ``driven_path``; see `DrivenPath`. When the
-    car is placed, an empty path on ``predicted_path`` removes the predicted path.
+    if it touches a wall, otherwise no pose. For rviz: ``driven_path``; see `DrivenPath`.
     """
 
     def __init__(self, car: Car, now: int, loses_states: bool) -> None:
@@ -73,7 +72,6 @@ class StatePublisher:
         self._collision_pub = rospy.Publisher("~collision", PoseArray, queue_size=10, latch=True)
         self._collision_pub.publish(conversions.poses_to_msg([], now))
         self._driven_path = DrivenPath()
-        self._predicted_pub = rospy.Publisher("predicted_path", Path, queue_size=1)
         self._last: Optional[State] = None  # the last one that was published
 
     def publish(self, states: List[State]) -> None:
@@ -103,8 +101,6 @@ class StatePublisher:
             or state.map_from_odom != last.map_from_odom
             or state.drive_commands < last.drive_commands
         )
-        if is_placed:
-            self._predicted_pub.publish(conversions.path_to_msg([], state.stamp))
         self._driven_path.add(state, is_placed)
 
     def announce(self, is_ready: Callable[[], bool]) -> None:

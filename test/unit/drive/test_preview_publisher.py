@@ -1,0 +1,51 @@
+"""Test the prediction of a drive before it begins."""
+
+import numpy as np
+import pytest
+
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.drive.preview_publisher import predict
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.plan.parse import parse_plan
+from mushr_ros_intro.preview import prediction
+from mushr_ros_intro.world.grid import Grid
+
+PLAN = parse_plan(b"0,0,0\n1,0.1\n1,-0.1\n-1,0\n", "plan.txt")
+FREE = Grid(np.zeros((80, 80), np.int8), 0.1, Pose(-4.0, -4.0, 0.0))
+ROOM = Grid(np.pad(np.zeros((20, 20), np.int8), 1, constant_values=100), 0.1, Pose(-1.1, -1.1, 0.0))
+"""A room of 2 m by 2 m around the origin."""
+
+
+@pytest.fixture
+def begun(monkeypatch):
+    """Return a list of the first commands that were simulated, one for each simulation."""
+    begun = []
+    apply = prediction.apply
+
+    def count(state, command, *arguments):
+        if command.stamp == 0:
+            begun.append(command)
+        return apply(state, command, *arguments)
+
+    monkeypatch.setattr(prediction, "apply", count)
+    return begun
+
+
+@pytest.mark.parametrize("grid", [None, FREE])
+def test_a_plan_is_simulated_once(grid, begun):
+    report, states = predict(PLAN, "car", Car(), grid)
+    assert len(begun) == 1
+    assert states is report.states and not report.faults
+    assert (states[-1].stamp, states[-1].pose) == prediction.rest(PLAN, Car())
+
+
+@pytest.mark.parametrize(
+    ("car", "grid"), [(Car(), ROOM), (Car(speed_noise=0.1), FREE), (Car(speed_noise=0.1), ROOM)]
+)
+def test_with_a_wall_or_noise_a_plan_is_simulated_twice(car, grid, begun):
+    """The car reverses away from the wall, and the prediction contains this."""
+    report, states = predict(PLAN, "car", car, grid)
+    assert len(begun) == 2
+    assert bool(report.hit) == (grid is ROOM)
+    assert states[-1].pose != report.final_pose
+    assert states[-1].stamp == PLAN.duration
