@@ -18,7 +18,7 @@ PROMISED = 1e-9
 PRINTED = 1e-4
 """[m, rad] Accuracy of printed poses."""
 
-ENDS = re.compile(r"ends at \((\S+) m, (\S+) m, (\S+) rad\)")
+ENDS = re.compile(r"should end at \((\S+) m, (\S+) m, (\S+) rad\)")
 DIFFERENCE = re.compile(r"difference (\S+) m, (\S+) rad")
 
 
