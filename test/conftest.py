@@ -6,9 +6,8 @@ from support import fork_server
 
 
 def pytest_configure(config):
-    """Describe the marks; see scripts/dev/run_tests."""
+    """Describe the mark; see scripts/dev/run_tests."""
     config.addinivalue_line("markers", "full: only with scripts/test --all")
-    config.addinivalue_line("markers", "alone: compares with wall-clock time; runs alone")
 
 
 @pytest.fixture(scope="session", autouse=True)
