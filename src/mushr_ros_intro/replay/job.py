@@ -179,7 +179,7 @@ def _run_here(job: Job) -> Judgement:
         UserError: the node cannot be started, or a parameter of the car is invalid.
         OSError: the bag cannot be written.
     """
-    setting, sandbox = job.setting, job.setting.sandbox
+    began, setting, sandbox = time.monotonic(), job.setting, job.setting.sandbox
     car = car_from(Parameters(setting.parameters))
     sandbox.enter_network()
     world = ReplayWorld(setting.parameters, setting.mux, setting.grid)
@@ -205,6 +205,8 @@ def _run_here(job: Job) -> Judgement:
         grid=setting.grid,
         actions=world.actions,
         ignored=world.ignored,
+        output=process.output,
+        seconds=time.monotonic() - began,
     )
     tolerances = default_tolerances(job.plan, car)._replace(**setting.tolerances)
     title = f"{job.name} drives {job.plan.path} with the car {setting.car}:"

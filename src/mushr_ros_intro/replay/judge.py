@@ -5,7 +5,7 @@ Stamps are integer nanoseconds of simulated time; poses are in the map frame.
 
 import math
 from itertools import groupby
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -23,8 +23,6 @@ from mushr_ros_intro.replay.recording import (
 )
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 from mushr_ros_intro.wording import counted
-
-_NOT_JUDGED = "not judged"
 
 _SAME = 1e-4
 """Relative difference between commands that count as equal; a node may compute in float32."""
@@ -53,12 +51,9 @@ class Check(NamedTuple):
     name: str
     passed: bool
     message: str
-    """What was found, and what was expected."""
-
-    @property
-    def is_judged(self) -> bool:
-        """Whether the check was judged; if not, another failure is the reason why it fails."""
-        return _NOT_JUDGED not in self.message
+    """What was found, and what was expected; or why the check was not judged."""
+    is_judged: bool = True
+    """If not, it has not passed, and another failure is the reason."""
 
 
 class Judgement(NamedTuple):
@@ -78,15 +73,21 @@ class Judgement(NamedTuple):
 
     @property
     def verdict(self) -> str:
-        """One line for each check, failures first, and then notes and the node's last output."""
-        ordered = sorted(self.checks, key=lambda each: 2 * each.passed or not each.is_judged)
+        """One line for each check, failures first, and then notes and the node's last output.
+
+        Checks that were not judged for the same reason share a line.
+        """
         lines = [self.title] if self.title else []
-        lines += [
-            " ".join(["ok  " if check.passed else "FAIL", f"{check.name}:", *_ends(check.message)])
-            for check in ordered
-        ]
-        count = sum(not check.passed for check in self.checks)
-        lines.append(f"{counted(count, 'check')} failed" if count else "all checks passed")
+        failed = [check for check in self.checks if check.is_judged and not check.passed]
+        lines += [f"FAIL {check.name}: {' '.join(_ends(check.message))}" for check in failed]
+        open_checks = [check for check in self.checks if not check.is_judged]
+        for reason, group in groupby(open_checks, lambda check: check.message):
+            lines.append(f"--   {', '.join(check.name for check in group)}: {reason}")
+        passed = [check for check in self.checks if check.passed]
+        lines += [f"ok   {check.name}: {check.message}" for check in passed]
+        counts = f"{counted(len(failed), 'check')} failed"
+        counts += f", {len(open_checks)} not judged" if open_checks else ""
+        lines.append("all checks passed" if self.passed else counts)
         if self.recorded.sent and self.recorded.sent[-1].speed != 0.0:
             seconds = self.recorded.car.command_timeout / NANOSECONDS
             lines.append(
@@ -163,10 +164,19 @@ def _commands(judgement: Judgement) -> Tuple[bool, str]:
     if index == len(got):
         return False, f"no command after row {runs[index - 1].last}; expected {runs[index]}"
     if index == len(wanted):
-        shown = _shown(got[index])
-        return False, f"after the last row the node sent {shown}; expected only a stop"
+        return False, _surplus(got[index:])
     difference = f"received {_shown(got[index])}; expected {_shown(wanted[index])}"
     return False, f"{runs[index]}: {difference}{_mistake(got, wanted)}"
+
+
+def _surplus(more: Sequence[Tuple[float, ...]]) -> str:
+    """Return a description of the commands after the last row, of which there is at least one."""
+    if more[0][0] == 0.0 and more[1:]:
+        return (
+            f"after the plan and a stop the node sent {_shown(more[1])}; expected nothing after "
+            "the stop (does the node repeat the plan?)"
+        )
+    return f"after the last row the node sent {_shown(more[0])}; expected only a stop"
 
 
 def _mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...]]) -> str:
@@ -181,7 +191,10 @@ def _mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...
             if abs(speed - 1.0) > _SAME:
                 mistakes.append(f"All speeds are {speed:.4g} times those of the plan")
             if abs(angle + 1.0) < _SAME:
-                mistakes.append("All steering angles have the wrong sign; positive turns left")
+                is_reversed = list(got[::-1]) == list(wanted)
+                other = ", or the rows are in reverse order" if is_reversed else ""
+                sign = "All steering angles have the wrong sign; positive turns left"
+                mistakes.append(sign + other)
             elif abs(angle / math.degrees(1.0) - 1.0) < _SAME:
                 mistakes.append("All steering angles are in degrees; expected radians")
             elif abs(angle - 1.0) > _SAME:
@@ -210,13 +223,12 @@ def _groups(recorded: Recorded) -> List[List[Sent]]:
     return groups
 
 
-def _rate(judgement: Judgement) -> Tuple[bool, str]:
+def _rate(judgement: Judgement) -> Tuple[Optional[bool], str]:
     """Judge whether each row has its number of commands, evenly spaced by their stamps."""
     runs, groups = runs_of(judgement.recorded.plan), _groups(judgement.recorded)
     for index, run in enumerate(runs):
         if index >= len(groups) or groups[index][0][2:] != run[:2]:
-            reason = "its command did not arrive in the plan's order"
-            return False, f"{run}: {_NOT_JUDGED}, because {reason}"
+            return None, f"not judged: the commands of {run} did not arrive in the plan's order"
         if fault := _rate_fault(run, groups[index], run is runs[-1]):
             return False, f"{run}: {fault}"
     message = f"{NANOSECONDS // COMMAND_PERIOD} commands per second in every row"
@@ -300,7 +312,7 @@ def _map(judgement: Judgement) -> Tuple[bool, str]:
     return True, f"the car hit no wall and stayed on the map of {size}"
 
 
-_CHECKS = {
+_CHECKS: Dict[str, Callable[[Judgement], Tuple[Optional[bool], str]]] = {
     "topics": _topics,
     "start_pose": _start_pose,
     "commands": _commands,
@@ -310,6 +322,7 @@ _CHECKS = {
     "rest": _rest,
     "map": _map,
 }
+"""Each function returns whether a check passed, or None if it cannot be judged, and a message."""
 
 CHECK_NAMES = ("node", *_CHECKS)
 """The names of all checks. A failure often explains those after it."""
@@ -322,7 +335,8 @@ def judge(recorded: Recorded, tolerances: Tolerances) -> Judgement:
         Check("node", not recorded.outcome, recorded.outcome or "the node ran without an error")
     ]
     for name, check in _CHECKS.items():
-        is_judged = recorded.sent or (name == "topics" and recorded.actions)
-        verdict = (False, f"{_NOT_JUDGED}: the node sent no command")
-        checks.append(Check(name, *(check(judgement) if is_judged else verdict)))
+        passed, message = None, "not judged: the node sent no command"
+        if recorded.sent or (name == "topics" and recorded.actions):
+            passed, message = check(judgement)
+        checks.append(Check(name, bool(passed), message, passed is not None))
     return judgement._replace(checks=checks)

@@ -126,6 +126,12 @@ class NodeProcess:
         """Whether the node's process has ended."""
         return self._process.poll() is not None
 
+    @property
+    def output(self) -> str:
+        """The end of the node's output, without control characters, which XML must not contain."""
+        lines = self._output.decode(errors="replace").splitlines()
+        return "\n".join("".join(c for c in line if c.isprintable()) for line in lines)
+
     def activity(self) -> Optional[int]:
         """Return the activity of the node's threads; see `activity_of`."""
         return activity_of(self._threads())
@@ -181,8 +187,6 @@ class NodeProcess:
             how = f"was killed by signal {signal.Signals(-status).name}"
         if status in (126, 127):  # of env
             how += " (does its first line name an existing interpreter, and is it executable?)"
-        lines = self._output.decode(errors="replace").splitlines()[-SHOWN_LINES:]
-        # The message is written to XML, which must not contain control characters.
-        shown = ["".join(c for c in line if c.isprintable()) for line in lines]
+        shown = self.output.splitlines()[-SHOWN_LINES:]
         output = "; its last output:\n" + "\n".join(shown) if shown else "; it printed nothing"
         return f"the node {how}{output}"

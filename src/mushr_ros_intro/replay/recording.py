@@ -55,6 +55,10 @@ class Recorded(NamedTuple):
     """What the node did besides driving the car, such as "publishes on /clock"."""
     ignored: str = ""
     """The first message that the car ignored, and the reason; empty if there was none."""
+    output: str = ""
+    """The end of the node's output."""
+    seconds: float = 0.0
+    """The duration of the replay [s of wall-clock time]."""
 
     @property
     def begin(self) -> int:

@@ -74,7 +74,10 @@ def test_one_fault(changes, name, message):
 
 
 def test_a_crash_is_the_first_line():
-    """Then come the checks that failed, then those that were not judged, then those that passed."""
+    """Then come the checks that failed, then those that were not judged, then those that passed.
+
+    Those not judged for the same reason share a line.
+    """
     outcome = "the node ended with exit status 1; its last output:\nTraceback\nIndexError: 3"
     failed, verdict = judged(replay(outcome=outcome, sent=COMMANDS[:10]))
     lines = verdict.splitlines()
@@ -82,7 +85,7 @@ def test_a_crash_is_the_first_line():
         lines[0] == "FAIL node: the node ended with exit status 1; its last output: IndexError: 3"
     )
     assert lines[1].startswith("FAIL commands: no command after row 1")
-    assert lines[len(failed) - 1].startswith("FAIL rate: rows 2 to 3 (0.75 s): not judged")
+    assert lines[len(failed) - 1].startswith("--   rate: not judged: the commands of rows 2 to 3 (")
     assert all(line.startswith("ok   ") for line in lines[len(failed) : 9])
     assert lines[-3:] == ["the last output of the node:", "Traceback", "IndexError: 3"]
 
@@ -91,6 +94,17 @@ def test_without_a_command_nothing_passes():
     checks = {"topics", "start_pose", "commands", "rate", "path", "final_pose", "rest", "map"}
     failed, _ = judged(replay(sent=()))
     assert failed == dict.fromkeys(checks, "not judged: the node sent no command")
+    outcome = (
+        "the node ended with exit status 1; its last output:\nTraceback\nIndexError: not judged"
+    )
+    report = recorded.reported(replay(outcome=outcome, sent=()))
+    assert [check.name for check in report.checks if check.is_judged] == ["node"]
+    assert report.verdict.splitlines()[:3] == [
+        "FAIL node: the node ended with exit status 1; its last output: IndexError: not judged",
+        "--   topics, start_pose, commands, rate, path, final_pose, rest, map: "
+        "not judged: the node sent no command",
+        "1 check failed, 8 not judged",
+    ]
 
 
 def changed(index, **values):
@@ -138,6 +152,10 @@ ROW = "commands: row 1 (1 s): received "
         (COMMANDS[:10], "commands: no command after row 1; expected rows 2 to 3 (0.75 s)"),
         (changed(-1, speed=3.0), "commands: after the last row the node sent 3 m/s, 0 rad; expec"),
         (
+            [*COMMANDS, *COMMANDS],
+            "after the plan and a stop the node sent 2 m/s, 0.1 rad; expected",
+        ),
+        (
             changed(3, speed=math.inf),
             "commands: rows 2 to 3 (0.75 s): received inf m/s, 0.1 rad; expec",
         ),
@@ -152,10 +170,17 @@ def test_commands(sent, said):
     assert said in verdict and bool(failed) == bool(said)
 
 
+def test_a_symmetric_plan_does_not_tell_two_mistakes_apart():
+    plan = recorded.plan_of((1.0, 2.0, 0.5), [(2.0, 0.1, 1.0), (2.0, -0.1, 1.0)])
+    sent = commands([(2.0, -0.1, 1.0), (2.0, 0.1, 1.0), STOP])
+    failed, _ = judged(replay(plan, sent))
+    assert failed["commands"].endswith("turns left, or the rows are in reverse order")
+
+
 def test_what_was_not_judged_is_said():
     failed, _ = judged(replay(sent=COMMANDS[:10]))
-    reason = "its command did not arrive in the plan's order"
-    assert failed["rate"] == f"rows 2 to 3 (0.75 s): not judged, because {reason}"
+    reason = "the commands of rows 2 to 3 (0.75 s) did not arrive in the plan's order"
+    assert failed["rate"] == f"not judged: {reason}"
     checks = recorded.reported(replay(sent=UNSTAMPED)).checks
     (rate,) = (each for each in checks if each.name == "rate")
     assert rate.passed and "their spacing was not judged" in rate.message
