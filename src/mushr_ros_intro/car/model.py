@@ -34,6 +34,12 @@ class Car(NamedTuple):
     """The highest rate of change of the speed [m/s^2], also in braking."""
     steering_rate: float = math.inf
     """The highest rate of change of the steering angle [rad/s]."""
+    speed_gain: float = 1.0
+    """The driven speed is the commanded speed within the limits, times this."""
+    steering_gain: float = 1.0
+    """The steering angle is the commanded one within the limits, times this, plus the offset."""
+    steering_offset: float = 0.0
+    """The steering angle for the command 0 [rad], left positive."""
     speed_noise: float = 0.0
     """Standard deviation of the speed [m/s], drawn for each command to drive."""
     steering_noise: float = 0.0
@@ -44,9 +50,15 @@ class Car(NamedTuple):
     def __str__(self) -> str:
         units = ("m/s", "rad left", "rad right", "m/s^2", "rad/s")
         limits = [f"{limit:g} {unit}" for limit, unit in zip(self[4:9], units) if limit < math.inf]
+        gains = ""
+        if (self.speed_gain, self.steering_gain, self.steering_offset) != (1.0, 1.0, 0.0):
+            gains = (
+                f"gains: speed {self.speed_gain:g}, steering {self.steering_gain:g}; "
+                f"steering offset {self.steering_offset:g} rad; "
+            )
         noise = f"{self.speed_noise:g} m/s, {self.steering_noise:g} rad, seed {self.seed}"
         return (
-            f"wheelbase {self.wheelbase:g} m; limits: {', '.join(limits) or 'none'}; noise: "
+            f"wheelbase {self.wheelbase:g} m; limits: {', '.join(limits) or 'none'}; {gains}noise: "
             f"{noise if self.speed_noise or self.steering_noise else 'off'}; "
             f"command timeout {self.command_timeout / NANOSECONDS:g} s"
         )
@@ -58,11 +70,16 @@ class Car(NamedTuple):
         return self[4:-1] == ideal[4:-1]
 
     def within_limits(self, speed: float, steering_angle: float) -> Tuple[float, float]:
-        """Return the nearest speed [m/s] and steering angle [rad] that the car can reach."""
+        """Return the nearest speed [m/s] and steering angle [rad] that the car accepts."""
         return (
             max(-self.speed_limit, min(self.speed_limit, speed)),
             max(-self.steering_limit_right, min(self.steering_limit_left, steering_angle)),
         )
+
+    def response(self, speed: float, steering_angle: float) -> Tuple[float, float]:
+        """Return the speed [m/s] and the steering angle [rad] that follow from a command."""
+        speed, steering_angle = self.within_limits(speed, steering_angle)
+        return speed * self.speed_gain, steering_angle * self.steering_gain + self.steering_offset
 
 
 class Contact(NamedTuple):

@@ -138,11 +138,11 @@ def _motion(state: State, command: Command, car: Car, world: Optional[World]) ->
 
 
 def _target(state: State, command: Command, car: Car) -> Command:
-    """Return a command within the car's limits, with its noise and with the rates it changes at.
+    """Return the response of the car to a command, with its noise and with the rates it changes at.
 
     A rate is infinite if the value changes at once.
     """
-    speed, angle = car.within_limits(command.speed, command.steering_angle)
+    speed, angle = car.response(command.speed, command.steering_angle)
     if speed != 0.0 and (car.speed_noise or car.steering_noise):
         of_speed, of_angle = normals(car.seed, state.drive_commands)
         speed += car.speed_noise * of_speed

@@ -65,7 +65,7 @@ def limit_faults(plan: Plan, car_name: str, car: Car) -> Iterator[Fault]:
 
 def ramp_faults(plan: Plan, steps: Sequence[Step], car_name: str, car: Car) -> Iterator[Fault]:
     """Yield a fault for each run of rows that end before the car has reached their command."""
-    targets = [car.within_limits(row.speed, row.steering_angle) for row in plan.rows]
+    targets = [car.response(row.speed, row.steering_angle) for row in plan.rows]
     for cell, rate, unit, rate_unit in (
         (0, car.acceleration, "m/s", "m/s^2"),
         (1, car.steering_rate, "rad", "rad/s"),

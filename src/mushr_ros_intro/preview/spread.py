@@ -173,7 +173,7 @@ def sample(
     marks = set(instants) - {plan.duration}
     results = []
     for row, seconds, end in _commands(plan):
-        speed, angle = car.within_limits(row.speed, row.steering_angle)
+        speed, angle = car.response(row.speed, row.steering_angle)
         speeds, angles = speed * scale, angle + offset
         if speed and (errors.speed or errors.steering_angle):
             speeds += errors.speed * normal(runs)
@@ -181,8 +181,9 @@ def sample(
         state = _advanced(state, car, speeds, angles, seconds)
         if end in marks:
             results.append(state[:4].T)
+    straight = car.response(0.0, 0.0)[1] + offset
     while state[4].any():
-        state = _advanced(state, car, 0.0 * scale, offset, COMMAND_PERIOD / NANOSECONDS)
+        state = _advanced(state, car, 0.0 * scale, straight, COMMAND_PERIOD / NANOSECONDS)
     return np.array([*results, state[:4].T])
 
 

@@ -30,6 +30,7 @@ def test_profiles():
         "wheelbase 0.3 m; limits: 0.9286 m/s, 0.3158 rad left, 0.4211 rad right, 3.8889 m/s^2, "
         "3.2 rad/s; noise: 0.013 m/s, 0.01 rad, seed 7; command timeout 0.2 s"
     )
+    assert "; gains: speed 0.9, steering 1; steering offset 0 rad; " in str(Car(speed_gain=0.9))
     assert CARS["mushr_nano"].speed_noise == CARS["mushr_nano"].steering_noise == 0.0
 
 
@@ -65,6 +66,9 @@ def test_limits_are_those_of_the_motor_controller(name, erpm_gain, servo_gain, s
         ("acceleration", 0, "from 0.01 to inf m/s^2"),
         ("steering_rate", 0.0, "from 0.01 to inf rad/s"),
         ("steering_limit_left", "wide", "from 0 to inf rad"),
+        ("speed_gain", 0.0, "from 0.1 to 10"),
+        ("steering_gain", math.nan, "from 0.1 to 10"),
+        ("steering_offset", 1.0, "from -0.5 to 0.5 rad"),
         ("noise", 1, "true or false"),
         ("seed", 1.5, "a whole number"),
         ("speed_noise", math.inf, "from 0 to 10 m/s"),

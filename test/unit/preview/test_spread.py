@@ -33,7 +33,14 @@ NANO = Car(
     acceleration=2.5,
     steering_rate=3.2,
 )
-CARS = [IDEAL, NANO, NANO._replace(steering_rate=math.inf), NANO._replace(acceleration=math.inf)]
+TRIMMED = NANO._replace(speed_gain=0.9, steering_gain=1.1, steering_offset=-0.03)
+CARS = [
+    IDEAL,
+    NANO,
+    NANO._replace(steering_rate=math.inf),
+    NANO._replace(acceleration=math.inf),
+    TRIMMED,
+]
 
 WALK = 0.2 / 0.33 * 1e-4 * math.sqrt(sum((k + 0.5) ** 2 for k in range(100)))
 """[rad] Of random steering angles of 1e-4 rad, one per 0.2 m, summed up over 100 commands."""
