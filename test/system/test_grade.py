@@ -312,7 +312,7 @@ def test_the_name_of_the_machine_does_not_resolve():
         assert process.wait() == 0, process.output
 
 
-NODE = ("--node", "mushr_ros_intro", "listing.py")
+NODE = ("--node", "mushr_ros_intro", "path_publisher.py")
 
 
 @pytest.mark.parametrize(

@@ -3,10 +3,12 @@
 import concurrent.futures
 import json
 import math
+import os
 
 import pytest
 
 from support.helpers import Process, failures_in, master, node, rostest_results
+from support.paths import PACKAGE, copy_package
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 PLAN = "1,2,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n0.5,0.0\n"
@@ -21,8 +23,8 @@ NO_STOP = "all checks passed\nnote: the node sends no stop at the end"
 
 
 def publisher(node, *arguments):
-    """Return the arguments of a replay of another node, without a map."""
-    return (f"publisher:=mushr_ros_intro {node}", "map:=none", *arguments)
+    """Return the arguments of a replay of a node of test/support/, without a map."""
+    return (f"publisher:=support {node}", "map:=none", *arguments)
 
 
 def wrong(fault):
@@ -76,12 +78,16 @@ def replays(tmp_path_factory):
     """Run all replays, five at the same time; return the folder, and the processes and results."""
     folder = tmp_path_factory.mktemp("replays")
     (folder / "plan.txt").write_text(PLAN)
+    package = copy_package(f"{PACKAGE}/test/support", f"{folder}/support")
+    with open(f"{package}/package.xml", "w") as file:
+        file.write("<package><name>support</name></package>")
+    packages = os.pathsep.join((package, os.environ["ROS_PACKAGE_PATH"]))
 
     def run(name):
         arguments = (*REPLAYS[name][0], "plan_file:=plan.txt", f"result:={name}")
         command = ("mushr_ros_intro", "replay.test", *arguments)
         path = f"{folder}/mushr_ros_intro/rosunit-replay_{name}.xml"
-        return rostest_results(path, *command, PWD=str(folder))
+        return rostest_results(path, *command, PWD=str(folder), ROS_PACKAGE_PATH=packages)
 
     with concurrent.futures.ThreadPoolExecutor(5) as pool:
         return folder, dict(zip(REPLAYS, pool.map(run, REPLAYS)))
@@ -110,7 +116,7 @@ def test_verdict(replays, name):
 
 def test_a_publisher_that_roslaunch_ignores():
     """With two := the argument does not arrive; no other node may pass in its place."""
-    arguments = ("plan_file:=slalom", "publisher:=mushr_ros_intro listing.py _loop:=true")
+    arguments = ("plan_file:=slalom", "publisher:=my_package node.py _loop:=true")
     with Process("rostest", "mushr_ros_intro", "replay.test", *arguments) as process:
         assert process.wait() != 0, process.output
     assert "requires the 'publisher' arg to be set" in process.output
