@@ -30,6 +30,7 @@ from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.job import ReplayError, Setting, run_job
 from mushr_ros_intro.replay.judge import Check, Tolerances
+from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.replay.workspace import temporary_folder
 from mushr_ros_intro.wording import counted
@@ -88,9 +89,6 @@ def open_output(folder: str) -> str:
 
 def grade_node(arguments: argparse.Namespace) -> int:
     """Grade one installed node; print each verdict."""
-    # Not at the top, because it loads matplotlib, which autograders do not have.
-    from mushr_ros_intro.replay.report_files import write_report
-
     setting = setting_from(arguments, Sandbox())
     status = PASSED
     for plan_name, plan in read_plans(arguments.inputs, package_folder("plans")).items():

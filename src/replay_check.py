@@ -24,6 +24,7 @@ from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.replay.job import run_job
 from mushr_ros_intro.replay.judge import Check, Judgement, Tolerances
+from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.workspace import inherited
 from mushr_ros_intro.ros import node
@@ -74,8 +75,6 @@ def judge() -> Judgement:
     judgement = run_job(job_for(words, plan, setting))
     folder = parameters.optional_text("report")
     if folder:
-        from mushr_ros_intro.replay.report_files import write_report  # matplotlib is slow to import
-
         write_report(user_path(folder), judgement, arguments)
     return judgement
 

@@ -8,8 +8,8 @@ from mushr_ros_intro.replay.judge import CHECK_NAMES, Check
 ANN = Student("Ann", "17", "ann@x.edu")
 
 
-def graded(plan="circle", failed=(), message="as expected", count=9, radius=2.0, offset=0.5):
-    """Return a drive on a quarter of a circle; the predicted path is `offset` beside it."""
+def graded(plan="circle", failed=(), message="as expected", count=0, radius=2.0, offset=0.5):
+    """Return a drive of `count` poses on a quarter of a circle, `offset` beside the prediction."""
     angles = [math.pi / 2 * index / max(count - 1, 1) for index in range(count)]
     driven = tuple(
         (radius * math.cos(angle), radius * math.sin(angle), angle + math.pi / 2)

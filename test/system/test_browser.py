@@ -40,7 +40,7 @@ def sim(tmp_path_factory):
     (folder / "faulty.txt").write_text(FAULTY)
     (folder / "colliding.txt").write_text(COLLIDING)
     (folder / "long.txt").write_text("1, 0, 0\n0.5, 0.3, 0.1\n0.5, 0.3, 1000.0\n")
-    grades.store(str(folder / grades.FOLDER), [submission(graded())])
+    grades.store(str(folder / grades.FOLDER), [submission(graded(count=9))])
     found = web.Simulation(folder, "use_sim_time:=true", f"real_time_factor:={FACTOR}")
     yield found
     found.end()

@@ -1,12 +1,14 @@
 """The results of grading, as plain values that are stored as JSON."""
 
 import json
+import math
 import os
-from typing import Any, Dict, Iterable, List, NamedTuple, Tuple
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from mushr_ros_intro.replay.judge import Check, Judgement
+from mushr_ros_intro.replay.recording import Drive
 
 FOLDER = "data"
 """The folder of the results, in the output folder of grade.py."""
@@ -43,6 +45,14 @@ class PlanGrade(NamedTuple):
     def passed(self) -> bool:
         """Whether all checks passed."""
         return all(check.passed for check in self.checks)
+
+    @property
+    def drive(self) -> Optional[Drive]:
+        """The drive without poses that are not finite; None if there is no drive."""
+        poses = zip(self.times, self.driven, self.predicted)
+        rows = np.array([[time, *driven, *predicted] for time, driven, predicted in poses])
+        rows = rows.reshape(-1, 7)[np.isfinite(rows.reshape(-1, 7)).all(axis=1)]
+        return Drive(rows[:, 0], rows[:, 1:4], rows[:, 4:], math.nan) if len(rows) else None
 
 
 class Grade(NamedTuple):

@@ -101,6 +101,11 @@ class Drive(NamedTuple):
     frechet_distance: float
     """The discrete Frechet distance of the two paths [m]."""
 
+    @property
+    def distances(self) -> np.ndarray:
+        """The distance between both positions at each time [m]; N."""
+        return np.hypot(*(self.driven - self.predicted)[:, :2].T)
+
 
 def runs_of(plan: Plan) -> List[Run]:
     """Return the rows of a plan, with consecutive rows of the same command merged."""

@@ -11,6 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Ellipse
+from matplotlib.quiver import Quiver
 from matplotlib.transforms import Bbox
 
 from mushr_ros_intro.car.model import Car
@@ -18,6 +19,7 @@ from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import PlanError, as_float32
 from mushr_ros_intro.preview import prediction
+from mushr_ros_intro.preview.drawing import ERROR, draw_vectors, finish_map, new_figure
 from mushr_ros_intro.preview.limits import slowed
 from mushr_ros_intro.preview.plot import draw
 from mushr_ros_intro.preview.report import check
@@ -495,11 +497,13 @@ def test_the_drawing():
     figure = draw(report, spread(report.plan, Car(steering_noise=0.05), 500, 1), grid)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    axes, key = figure.axes[:2]
+    axes, key, speed, angle = figure.axes
     assert axes.get_title() == r"a\$x^\$.txt on the mushr_nano car: 2.72 m, 2 faults"
-    assert {"end: hits a wall", "final positions, without walls", "wall"} <= {
-        text.get_text() for text in key.get_legend().get_texts()
-    }
+    assert [text.get_text() for text in key.get_legend().get_texts()] == [
+        *("final positions, without walls", "95 % ellipse; does not fit a bent cloud"),
+        *("predicted path", "predicted start", "predicted end", "heading between two rows"),
+        *("the car hits a wall", "wall"),
+    ]
     assert key.get_legend().get_window_extent().y1 < axes.bbox.y0
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     low, high = axes.dataLim.get_points()
@@ -512,3 +516,28 @@ def test_the_drawing():
     pixels = np.asarray(canvas.buffer_rgba())[::-1, :, 0]
     columns, rows = axes.transData.transform([(3.07, 1.73), (2.93, 1.73)]).astype(int).T
     assert pixels[rows, columns].tolist() == [0, 255]  # in the wall, and beside it
+    (arrows,) = (each for each in axes.collections if isinstance(each, Quiver))
+    headings = [report.plan.start.theta, *(step.pose.theta for step in report.steps)]
+    assert np.arctan2(arrows.V, arrows.U) == pytest.approx(np.array(headings))
+    for panel, field in ((speed, "speed"), (angle, "steering_angle")):
+        predicted, commanded = panel.lines[:2]
+        assert [*predicted.get_ydata()] == [getattr(state, field) for state in report.states]
+        assert commanded.get_ydata()[-1] == getattr(report.plan.rows[len(report.steps) - 1], field)
+
+
+def test_the_legend_has_what_is_drawn():
+    report = report_on("circle")
+    _, key, *_ = draw(report, spread(report.plan, report.car, 2, 1), None).axes
+    assert [text.get_text() for text in key.get_legend().get_texts()] == [
+        *("predicted path", "predicted start", "predicted end", "heading between two rows"),
+    ]
+
+
+def test_vectors_are_drawn_to_scale():
+    _, (axes, key) = new_figure(4.0, 3.0, 1.0)
+    draw_vectors(axes, np.zeros((2, 2)), np.array([[3.0, 0.0], [0.0, 2.0]]), ERROR, "error")
+    finish_map(axes, key, None)
+    assert [text.get_text() for text in key.get_legend().get_texts()] == ["error"]
+    (arrows,) = axes.collections
+    assert (arrows.U.tolist(), arrows.V.tolist()) == ([3.0, 0.0], [0.0, 2.0])
+    assert axes.dataLim.get_points().tolist() == [[0.0, 0.0], [3.0, 2.0]]

@@ -4,11 +4,9 @@ import csv
 import json
 import math
 
-import numpy as np
 import pytest
 
-from mushr_ros_intro.replay.judge import Tolerances, judge
-from mushr_ros_intro.replay.report_files import distances, locations, write_report
+from mushr_ros_intro.replay.report_files import write_report
 from support.geometry import closed_form
 from support.recorded import ROWS, START, replay, reported
 
@@ -56,27 +54,3 @@ def test_a_drive(tmp_path):
     assert {name: rows[-1][name] for name in ("x", "y", "theta")} == report["final_pose"]
     for name in ("distances.png", "locations.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG"), name
-
-
-def test_pictures():
-    tolerances = Tolerances(position=0.3, angle=0.1, path=0.2)
-    seen = replay()
-    seen = seen._replace(poses=seen.poses + (0.4, 0.3, 0.0))  # 0.5 m away
-    report = judge(seen, tolerances)
-    axes, key = locations(report).axes
-    assert axes.get_title() == "my.txt: failed: start_pose, path, final_pose"
-    assert {"driven start", "driven end", "predicted start", "predicted end", "wall"} <= {
-        text.get_text() for text in key.get_legend().get_texts()
-    }
-    (circle,) = axes.patches
-    assert circle.get_radius() == 0.3
-    assert circle.get_center() == pytest.approx(closed_form(START, ROWS)[:2])
-    assert [len(each.U) for each in axes.collections] == [2, 2]  # headings at start and end
-    assert axes.images, "the map"
-    above, below = distances(report).axes
-    assert above.get_ylabel() == "distance from the start [m]"
-    assert below.get_ylabel() == "distance between driven\nand predicted position [m]"
-    apart, tolerance = (line.get_ydata() for line in below.lines)
-    assert apart == pytest.approx(np.full(len(report.drive.times), 0.5)) and tolerance[0] == 0.2
-    assert above.get_title() == axes.get_title()
-    assert locations(reported(replay())).axes[0].get_title() == "my.txt: passed"

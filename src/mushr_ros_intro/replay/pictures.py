@@ -1,0 +1,73 @@
+"""Draw a drive: the driven and the predicted path, and distances over time.
+
+A drive has at least one pose. Tolerances, titles and the map are shown if they are given.
+"""
+
+from typing import Optional
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from mushr_ros_intro.preview import drawing
+from mushr_ros_intro.preview.drawing import DRIVEN, ERROR, PREDICTED
+from mushr_ros_intro.replay.recording import Drive
+from mushr_ros_intro.world.grid import Grid
+
+_STYLES = (("driven", DRIVEN, "-"), ("predicted", PREDICTED, "--"))
+
+
+def locations(
+    drive: Drive, title: str = "", tolerance: Optional[float] = None, grid: Optional[Grid] = None
+) -> Figure:
+    """Return a drawing of both paths in the map frame.
+
+    The tolerance is of the final position [m].
+    """
+    figure, (axes, key) = drawing.new_figure(8.0, 7.4, 0.6)
+    for name, color, style in _STYLES:
+        poses = getattr(drive, name)
+        drawing.draw_path(axes, poses, color, name, style)
+        drawing.draw_headings(axes, poses[[0, -1]], color)
+    if tolerance is not None:
+        label = f"tolerance of the final position: {tolerance:.3g} m"
+        end = drive.predicted[-1, :2]
+        axes.add_patch(Circle(end, tolerance, fill=False, color=ERROR, label=label))
+    drawing.finish_map(axes, key, grid)
+    drawing.set_title(axes, title)
+    return figure
+
+
+def distances(drive: Drive, title: str = "", tolerance: Optional[float] = None) -> Figure:
+    """Return a drawing of the distances from the predicted start, and between the paths [m].
+
+    The tolerance is of the path [m].
+    """
+    figure, (above, below) = drawing.new_figure(8.0, 3.0, 3.0)
+    for name, color, style in _STYLES:
+        away = getattr(drive, name)[:, :2] - drive.predicted[0, :2]
+        above.plot(drive.times, np.hypot(*away.T), style, color=color, label=name)
+    below.plot(drive.times, drive.distances, color=ERROR)
+    if tolerance is not None:
+        label = f"tolerance of the path: {tolerance:.3g} m"
+        below.axhline(tolerance, ls=":", color=ERROR, label=label)
+        below.legend(fontsize="small")
+    above.legend(fontsize="small")
+    drawing.set_title(above, title)
+    above.set_ylabel("distance from the start [m]")
+    apart = "distance between driven\nand predicted position [m]"
+    below.set(xlabel="time since the first command [s]", ylabel=apart)
+    for axes in (above, below):
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def thumbnail(drive: Drive) -> Figure:
+    """Return a small drawing of both paths."""
+    figure = Figure(figsize=(1.5, 1.0))
+    axes = figure.add_axes((0.05, 0.05, 0.9, 0.9), aspect="equal", adjustable="datalim")
+    axes.axis("off")
+    for name, color, style in _STYLES:
+        axes.plot(*getattr(drive, name)[:, :2].T, style, color=color)
+    axes.plot(*drive.driven[-1, :2], "s", color=DRIVEN, ms=4)
+    return figure
