@@ -62,8 +62,9 @@ class TestProfiles(RosTestCase):
                 if profile == "mushr_nano":
                     log.connected().clear()
                     self.drive(at_its_limits)
-                for plan in ("parallel_parking", "figure_8"):
-                    ends[profile, plan] = self.drive(plan)
+                ends[profile, "parallel_parking"] = self.drive("parallel_parking")
+                if "nano" in profile:
+                    ends[profile, "figure_8"] = self.drive("figure_8")
 
         # The car warns of a plan that exceeds its limits, but not of one that reaches them.
         def warnings():

@@ -5,15 +5,18 @@ import rospy
 from hypothesis import HealthCheck, settings
 from rospy.rostime import _set_rostime, switch_to_wallclock
 
-# Use the same examples in every run, write no file, and accept a slow machine.
-settings.register_profile(
-    "repeatable",
-    derandomize=True,
-    database=None,
-    deadline=None,
-    suppress_health_check=[HealthCheck.too_slow],
-)
-settings.load_profile("repeatable")
+
+def pytest_configure(config):
+    """Use the same examples in every run, write no file, and accept a slow machine."""
+    settings.register_profile(
+        "repeatable",
+        max_examples=25 if config.option.markexpr == "not full" else 100,
+        derandomize=True,
+        database=None,
+        deadline=None,
+        suppress_health_check=[HealthCheck.too_slow],
+    )
+    settings.load_profile("repeatable")
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import os
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.car.history import History
@@ -137,7 +137,6 @@ commands = st.dictionaries(
 
 
 @given(commands, st.randoms(use_true_random=False), st.integers(3, 90))
-@settings(max_examples=60)
 def test_late_repeated_and_shuffled_commands_and_queries_change_nothing(commands, dice, interval):
     """The states equal those of commands that arrive in order, to the last bit."""
     in_order = [(offset, *commands[offset]) for offset in sorted(commands)]
