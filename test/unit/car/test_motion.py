@@ -78,14 +78,8 @@ requests = st.lists(
 )
 
 
-<<<<<<< Updated upstream
 @given(requests, st.sampled_from([*CARS.values(), TRIMMED]))
-@settings(max_examples=40)
 def test_commands_with_rates_against_the_reference(requests, car):
-=======
-@given(requests, st.sampled_from(sorted(CARS)))
-def test_commands_with_rates_against_the_reference(requests, name):
->>>>>>> Stashed changes
     """A rate of 0 means the car's limit. Only the size of another rate counts, up to the limit."""
     reference = Reference(car, (0.0, 0.0, 0.0))
     state = STANDING
