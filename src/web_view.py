@@ -7,19 +7,21 @@ import logging
 import os
 import secrets
 from contextlib import suppress
-from typing import Any, Callable, Dict, List
+from typing import Any, Dict, List
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 
-from mushr_ros_intro.browser import plans, rosapi
+from mushr_ros_intro.browser import drives, plans, rosapi
 from mushr_ros_intro.browser.bridge import Bridge
-from mushr_ros_intro.browser.drives import drives
+from mushr_ros_intro.browser.car_limits import car_limits
 from mushr_ros_intro.browser.map import WebMap
-from mushr_ros_intro.browser.plan_drive import DriveError, PlanDrive
-from mushr_ros_intro.browser.server import Action, Clients, ConflictError, Rules, serve
+from mushr_ros_intro.browser.plan_drive import PlanDrive
+from mushr_ros_intro.browser.server import Action, Clients, Rules, serve
 from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.ros import node, ros_time
 from mushr_ros_intro.ros.xmlrpc_client import CallError
@@ -47,8 +49,7 @@ class WebView:
         self._folders = [package_folder("plans"), parameters.folder("folder", ".")]
         self._results = parameters.optional_text("results") and parameters.folder("results", "")
         self._prefix = rospy.get_namespace().rstrip("/")
-        self._problem = ""
-        self._holds_clock = False
+        self._seen: Dict[str, Any] = {}
         self._state = ""
 
     def run(self) -> None:
@@ -90,7 +91,7 @@ class WebView:
             self._token,
         )
         while not ended.is_set():
-            await self._check_master()
+            self._seen = await self._bridge.in_thread(self._look)
             self._offer_state()
             with suppress(asyncio.TimeoutError):
                 await asyncio.wait_for(ended.wait(), STATE_PERIOD)
@@ -109,27 +110,35 @@ class WebView:
             r"/results/(.+)": {"GET": self._get_result},
         }
 
-    async def _check_master(self) -> None:
-        """Find out whether the master answers, and whether the car publishes the clock."""
-        service = f"/{self._car_name}/car_sim/pause"
+    def _look(self) -> Dict[str, Any]:
+        """Return the part of the state that may change without a message; takes time."""
+        car = f"/{self._car_name}/car_sim"
+        seen = {"holds_clock": False, **car_limits(Parameters({})), **self._seen, "problem": ""}
+        seen["plans"] = plans.versions(self._folders)
         try:
-            self._holds_clock = await self._bridge.in_thread(rosapi.has_service, service)
-            self._problem = ""
-        except CallError as error:
-            self._problem = f"the ROS master does not answer ({error}); restart the simulation"
+            services = rosapi.services()
+            is_simulated = f"{car}/reset" in services
+            values = simulated_car_parameters(self._car_name) if is_simulated else Parameters({})
+            seen.update(car_limits(values), holds_clock=f"{car}/pause" in services)
+        except (CallError, OSError) as error:
+            seen["problem"] = f"the ROS master does not answer ({error}); restart the simulation"
+        except UserError as error:
+            seen["problem"] = str(error)
+        return seen
 
     def _offer_state(self) -> None:
         """Send the state to the clients if it has changed."""
+        if not self._seen:
+            return
         state = {
             "car_name": self._car_name,
             "prefix": self._prefix,
             "initial_pose_topic": self._init_pose_topic,
             "simulated_time": ros_time.is_simulated(),
-            "holds_clock": self._holds_clock,
             "map": self._map.number or None,
             "results": bool(self._results),
             "drive": self._drive.state,
-            "problem": self._problem,
+            **self._seen,
         }
         text = json.dumps({"data": json.dumps(state)})
         if text != self._state:
@@ -167,35 +176,22 @@ class WebView:
             "spread": bool(options.get("spread")),
             "loop": bool(options.get("loop")),
         }
-        return await self._try(lambda: self._drive.start(options["plan"], **parameters))
+        await self._bridge.in_thread(self._drive.start, options["plan"], parameters)
+        return {}
 
     async def _stop_drive(self) -> Dict[str, Any]:
-        return await self._try(self._drive.stop)
-
-    async def _try(self, action: Callable[[], None]) -> Dict[str, Any]:
-        try:
-            await self._bridge.in_thread(action)
-        except DriveError as error:
-            raise ConflictError(str(error)) from None
+        await self._bridge.in_thread(self._drive.stop)
         return {}
 
     async def _get_results(self) -> Dict[str, Any]:
-        found = await self._drives()
-        return {"results": [{"name": name, "passed": found[name]["passed"]} for name in found]}
+        if not self._results:
+            return {"results": []}
+        return await self._bridge.in_thread(drives.list_drives, self._results)
 
     async def _get_result(self, name: str) -> Dict[str, Any]:
-        found = await self._drives()
-        if name not in found:
-            raise LookupError(f"there is no result {name!r}")
-        return {"name": name, **found[name]}
-
-    async def _drives(self) -> Dict[str, Dict[str, Any]]:
         if not self._results:
-            return {}
-        try:
-            return await self._bridge.in_thread(drives, self._results)
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ConflictError(f"{self._results} cannot be read: {error}") from None
+            raise LookupError("there are no results")
+        return await self._bridge.in_thread(drives.drive_named, self._results, name)
 
 
 if __name__ == "__main__":

@@ -4,8 +4,6 @@
 import { find, say, server } from "./page.js";
 import * as ros from "./ros.js";
 
-const SPEED = 2.0; // [m/s]; this and the angle are those of config/keyboard_teleop.yaml
-const ANGLE = 0.34; // [rad]
 const PERIOD = 100; // of the commands [ms]
 const DEAD_ZONE = 0.1; // of a gamepad's stick
 const KEYS = { w: [1, 0], s: [-1, 0], a: [0, 1], d: [0, -1] }; // forward, left
@@ -44,10 +42,10 @@ function step() {
   const [device, [ahead, left]] = Object.entries(held).find(
     ([, each]) => each,
   ) ?? ["", [0, 0]];
-  const speed = ahead * SPEED;
-  const angle = left * ANGLE;
-  const car = server.state?.car_name;
-  if (device || isDriving)
+  const { car_name: car, hand } = server.state ?? { hand: {} };
+  const speed = ahead * hand.speed;
+  const angle = left * hand.steering_angle;
+  if (car && (device || isDriving))
     ros.publish(`/${car}/mux/ackermann_cmd_mux/input/teleop`, {
       header: { frame_id: `${car}/base_footprint` },
       drive: { speed, steering_angle: angle },
@@ -55,7 +53,11 @@ function step() {
   isDriving = device !== "";
   say(
     "hand-state",
-    device && `${device}: ${speed.toFixed(2)} m/s, ${angle.toFixed(2)} rad`,
+    device
+      ? `${device}: ${speed.toFixed(2)} m/s, ${angle.toFixed(2)} rad`
+      : car
+        ? `at most ${hand.speed.toFixed(2)} m/s, ${hand.steering_angle.toFixed(2)} rad`
+        : "",
   );
 }
 /** Follow the pointer on the pad; null if it is released. */

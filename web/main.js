@@ -13,6 +13,7 @@ import {
 } from "./page.js";
 import {
   addError,
+  fit,
   listPlans,
   onCommand,
   stopPlan,
@@ -21,13 +22,15 @@ import {
 import { place } from "./pointer.js";
 import { listResults } from "./results.js";
 import * as ros from "./ros.js";
+import { poseAt, points } from "./scan.js";
 import { NOTHING, view } from "./view.js";
 
 const LATE = 1000; // a pose or an answer of the bridge is late after this time [ms]
-const LASER = 0.1227; // from the rear axle ahead to the laser [m]
 let heard = 0; // when a pose came [ms]
 let isHeld = false; // the clock, by this page
+let plans = ""; // names and times of the server's plans
 let poses = []; // the last ones: a scan is drawn from the pose of its stamp
+let scan = null; // that waits for this pose
 
 /** Called twice a second: says what is wrong. */
 function onStatus(isConnected, delay) {
@@ -65,15 +68,21 @@ function onState(state) {
   updateDrive(state.drive);
   find("time-section").hidden = !state.holds_clock;
   find("result-section").hidden = !state.results;
+  find("spread").disabled = !state.has_noise;
+  find("spread-note").hidden = state.has_noise;
   if (!isFirst) {
     if (state.map !== (view.map?.number ?? null)) loadMap(state.map);
+    if (JSON.stringify(state.plans) !== plans) listPlans();
+    plans = JSON.stringify(state.plans);
     return;
   }
+  plans = JSON.stringify(state.plans);
   Promise.all([listPlans(), loadMap(state.map)]).then(heard ? null : fit);
   if (state.results) listResults();
   heard = performance.now();
   isHeld = false;
   view.set(NOTHING);
+  scan = null;
   subscribe(
     `/${state.car_name}`,
     `/${state.car_name}/mux/ackermann_cmd_mux`,
@@ -126,6 +135,7 @@ function onPose(msg) {
   view.set({ pose }, false);
   if (find("follow").checked && !view.replay)
     view.set({ x: pose[0], y: pose[1] });
+  if (scan) onScan(scan);
 }
 const onOdometry = ({ twist }) =>
   say("speed", `${twist.twist.linear.x.toFixed(2)} m/s`);
@@ -138,25 +148,19 @@ function onJoints({ name, position }) {
   say("steering", `${angle.toFixed(3)} rad`);
   view.set({ wheels }, false);
 }
-/** The pose at a distance [m] and in a direction [rad] from a pose. */
-const beyond = ([x, y, theta], distance, angle) => [
-  x + distance * Math.cos(theta + angle),
-  y + distance * Math.sin(theta + angle),
-  theta,
-];
-function onScan({ header, ranges, angle_min: begin, angle_increment: step }) {
-  const { pose } =
-    poses.findLast((each) => each.stamp <= seconds(header.stamp) + 1e-6) ?? {};
-  const laser = pose && beyond(pose, LASER, 0);
-  const scan = ranges.map(
-    (range, i) => laser && range && beyond(laser, range, begin + i * step),
-  );
-  view.set({ scan: scan.filter(Boolean) }, false);
+/** Draw a scan from the pose at its stamp, as soon as this pose is known. */
+function onScan(msg) {
+  const pose = poseAt(poses, seconds(msg.header.stamp));
+  scan = pose ? null : msg;
+  if (pose) view.set({ scan: points(msg, pose) }, false);
 }
 
 function onLog({ level, name, msg }) {
   const node = name.split("/").at(-1);
-  if (node === "click_planner") say("click-state", msg);
+  if (node === "click_planner" && find("clicks").checked) {
+    say("click-state", msg);
+    find("click-state").className = level >= 4 ? "warning" : "";
+  }
   const isOfCar = name.startsWith(`/${server.state?.car_name}/`);
   if (!isOfCar && !["path_publisher", "web_view"].includes(node)) return;
   const kind = level >= 8 ? "error" : level >= 4 ? "warning" : "";
@@ -172,23 +176,6 @@ async function loadMap(number) {
   const answer = number && (await fetch(`map.png?${number}`));
   const picture = number && (await createImageBitmap(await answer.blob()));
   view.set({ map: number && { ...info, picture } });
-}
-function fit() {
-  find("follow").checked = false;
-  const all = [
-    ...view.plan,
-    ...view.predicted,
-    ...view.clicked,
-    ...(view.pose ? [view.pose] : []),
-  ];
-  view.fit(
-    all.length
-      ? all
-      : [
-          [-5, -5],
-          [5, 5],
-        ],
-  );
 }
 /** Call a service of the clock or of click_planner, and show its answer. */
 async function call(service, output) {
@@ -218,6 +205,9 @@ for (const each of ["undo", "clear", "save"]) {
   find(each).onclick = () =>
     call(`${server.state?.prefix}/click_planner/${each}`, "click-state");
 }
+find("tools").onchange = ({ target }) => {
+  if (target.type === "radio") say("click-state", "");
+};
 find("layers").onchange = () => view.set({});
 find("zoom-in").onclick = () => view.zoom(1.4);
 find("zoom-out").onclick = () => view.zoom(1 / 1.4);

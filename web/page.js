@@ -10,6 +10,9 @@ export function say(id, text) {
 }
 export const poseText = ([x, y, theta]) =>
   `${x.toFixed(3)} m, ${y.toFixed(3)} m, ${theta.toFixed(3)} rad`;
+/** A number with its noun, such as 2 rows. */
+export const counted = (count, noun) =>
+  `${count} ${noun}${count === 1 ? "" : "s"}`;
 /** A pose of geometry_msgs as [x, y, theta]. */
 export const flat = ({ position: { x, y }, orientation: { z, w } }) => [
   x,

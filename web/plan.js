@@ -1,6 +1,15 @@
 // The plans: their names, the check and the rows of one, and its drive by path_publisher.
 
-import { element, find, poseText, request, say, seconds } from "./page.js";
+import {
+  counted,
+  element,
+  find,
+  poseText,
+  request,
+  say,
+  seconds,
+  server,
+} from "./page.js";
 import { view } from "./view.js";
 
 const TOLERANCE = 1e-4; // of the stamps [s]
@@ -10,31 +19,42 @@ const stop = find("stop");
 let plan = { rows: [] };
 let drive; // that of the server's state; undefined if it is not known
 let begin; // when the first row began [s]; null before it, NaN if it is not known
-let isStopped = false; // by this page
 let errors = []; // of path_publisher
+let missing = ""; // the plan to show as soon as the server lists it
 
-/** Read the names, and show the plan with this name. */
-export async function listPlans(name = names.value || "figure_8") {
-  const { plans } = await request("plans");
+/** Show the names of the server's state; read the plan with this name, and show it. */
+export async function listPlans(
+  name = missing || names.value || drive?.plan || "figure_8",
+) {
+  const plans = Object.keys(server.state.plans);
   const isOld =
     `${[...names.options].map((each) => each.value)}` === `${plans}`;
   if (!isOld) names.replaceChildren(...plans.map((each) => new Option(each)));
-  if (plans.includes(name)) names.value = name;
-  if (names.value !== plan.name) say("check", "reading the plan");
+  missing = plans.includes(name) ? "" : name;
+  if (!missing) names.value = name;
+  if (names.value !== plan.name) {
+    plan = { name: names.value, rows: [], faults: [], path: [] };
+    show(plan);
+    say("check", "reading the plan");
+  }
   const found = await request(`plans/${encodeURIComponent(names.value)}`);
   if (found.name === names.value) show((plan = found));
 }
-
-function show({ rows, faults, length, duration, final_pose: end, path }) {
+/** What a plan does: until a wall, if it hits one. */
+function size({ rows, length, duration, wall, final_pose: end }) {
+  if (!rows.length) return "cannot be driven";
+  const all = `${counted(rows.length, "row")}, ${duration.toFixed(2)} s`;
+  const driven = `${length.toFixed(2)} m`;
+  return wall === null
+    ? `${all}, ${driven}; ends at ${poseText(end)}`
+    : `${all}; hits a wall after ${wall.toFixed(2)} s and ${driven}, at ${poseText(end)}`;
+}
+function show({ rows, faults, path }) {
   const cells = (row) =>
     [row.line, row.speed, row.steering_angle, row.duration]
       .map((each) => `<td>${Number(each.toFixed(4))}</td>`)
       .join("");
   table.innerHTML = rows.map((row) => `<tr>${cells(row)}</tr>`).join("");
-  const size = rows.length
-    ? `${rows.length} rows, ${length.toFixed(2)} m, ` +
-      `${duration.toFixed(2)} s; ends at ${poseText(end)}`
-    : "cannot be driven";
   const texts = faults.map(({ line, column, text }) =>
     [line && `line ${line}`, column && `column ${column}`, text]
       .filter(Boolean)
@@ -44,10 +64,25 @@ function show({ rows, faults, length, duration, final_pose: end, path }) {
     ? texts.map((text) => [text, "warning"])
     : [["no faults", "good"]];
   find("check").replaceChildren(
-    ...[[size], ...lines].map((each) => element("p", ...each)),
+    ...[[size(plan)], ...lines].map((each) => element("p", ...each)),
   );
   view.set({ plan: path });
   updateDrive(drive);
+}
+
+/** Show the whole plan, and the car. */
+export function fit() {
+  find("follow").checked = false;
+  const all = [...plan.path, ...view.predicted, ...view.clicked];
+  if (view.pose) all.push(view.pose);
+  view.fit(
+    all.length
+      ? all
+      : [
+          [-5, -5],
+          [5, 5],
+        ],
+  );
 }
 
 function mayRun() {
@@ -60,22 +95,27 @@ export function updateDrive(next) {
   if (isNew) {
     begin = isKnown ? null : NaN;
     errors = [];
-    isStopped &&= !isKnown;
   }
   if (isNew && plan.name !== next.plan) listPlans(next.plan);
   drive = next;
   stop.disabled = !mayRun();
   find("drive").disabled = mayRun() || !plan.rows.length;
   if (!drive?.running) mark(-1);
-  say("drive-state", [result(), ...errors].join("\n"));
+  say("drive-state", result());
 }
+/** The state of the drive, and the result of the last drive of the chosen plan. */
 function result() {
-  if (!drive)
-    return drive === null ? "" : "not connected: the drive is not known";
-  if (drive.running) return `driving ${drive.plan}`;
-  if (drive.exit_status === 0) return `${drive.plan} ended successfully`;
-  const how = isStopped ? "stopped" : "error";
-  return `${drive.plan} ended: ${how}, exit status ${drive.exit_status}`;
+  if (drive === undefined) return "not connected: the drive is not known";
+  if (!drive || (!drive.running && drive.plan !== names.value)) return "";
+  const { running, stopped, exit_status: status } = drive;
+  const states = running
+    ? [`${stopped ? "stopping" : "driving"} ${drive.plan}`]
+    : stopped
+      ? [`${drive.plan} was stopped`]
+      : status === 0
+        ? [`${drive.plan} ended successfully`]
+        : [`${drive.plan} ended with an error, exit status ${status}`];
+  return [...states, ...errors].join("\n");
 }
 
 export function addError(text) {
@@ -106,12 +146,17 @@ const ask = (data, method) =>
     say("drive-state", error.message),
   );
 export function stopPlan() {
-  isStopped = true;
   // A request may arrive even without the connection, so a drive that is not known is stopped, too.
   if (mayRun()) ask(undefined, "DELETE");
 }
 stop.onclick = stopPlan;
-names.onchange = names.onfocus = () => listPlans();
+names.onfocus = () => listPlans(names.value);
+names.onchange = async () => {
+  // What an earlier drive has published does not belong to this plan.
+  if (!drive?.running) view.set({ predicted: [], spread: [], cloud: [] });
+  await listPlans(names.value);
+  fit();
+};
 find("drive").onclick = () =>
   ask({
     plan: names.value,

@@ -8,7 +8,13 @@ const button = find("play");
 let result = {};
 
 export async function listResults() {
-  const { results } = await request("results");
+  let results = [];
+  let problem = "the folder contains no graded drive";
+  try {
+    ({ results } = await request("results"));
+  } catch (error) {
+    problem = error.message;
+  }
   const options = results.map(
     ({ name, passed }) =>
       new Option(`${name}: ${passed ? "passed" : "failed"}`, name),
@@ -18,6 +24,7 @@ export async function listResults() {
     ...options,
   );
   find("result").value = result.name ?? "";
+  say("verdict", results.length ? (result.verdict ?? "") : problem);
 }
 
 async function open(name) {
@@ -26,6 +33,8 @@ async function open(name) {
   view.set({ replay: null });
   button.checked = false;
   find("player").hidden = !name;
+  find("live").hidden = name !== "";
+  say("recording", "");
   if (!name) return;
   Object.assign(slider, {
     max: Math.ceil(100 * result.times.at(-1)) / 100,
@@ -44,8 +53,9 @@ function show() {
   );
   const pose = driven[count - 1];
   say(
-    "time-text",
-    `${time.toFixed(2)} s of ${times.at(-1).toFixed(2)} s: ${poseText(pose)}`,
+    "recording",
+    `Recording of ${result.name}, not the live car: ` +
+      `${time.toFixed(2)} s of ${times.at(-1).toFixed(2)} s, ${poseText(pose)}`,
   );
   view.set(
     {
@@ -64,6 +74,7 @@ const play = (last) =>
     play(now);
   });
 find("result").onchange = () => open(find("result").value);
+find("result").onfocus = listResults;
 slider.oninput = show;
 button.onchange = () => {
   if (slider.value === slider.max) slider.value = 0;

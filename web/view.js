@@ -128,9 +128,11 @@ function drawBack(pen, { predicted, plan = [], clicked, cloud, spread }) {
   pen.scale(resolution, -resolution);
   if (picture && isShown("map")) pen.drawImage(picture, 0, -height);
   pen.filter = "none";
+  pen.globalCompositeOperation = DARK.matches ? "screen" : "multiply"; // walls stay as they are
   drawGrid(pen, roundLength(30));
-  if (predicted.length) drawLine(pen, predicted, "predicted", 4, [9, 5]);
-  else drawLine(pen, plan, "predicted", 2, [9, 5]);
+  pen.globalCompositeOperation = "source-over";
+  drawLine(pen, plan, "predicted", 2, [9, 5]);
+  drawLine(pen, predicted, "predicted", 4, [9, 5]);
   drawLine(pen, clicked, "clicked", 6, [3, 5]);
   drawDots(pen, cloud, "spread", 2);
   spread.forEach(({ pose, scale: { x, y } }) =>

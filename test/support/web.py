@@ -154,22 +154,33 @@ class Client:
 
 
 class Simulation:
-    """sim.launch with the browser view, on a master of its own; `folder` has the user's plans."""
+    """sim.launch with the browser view, on a master of its own.
 
-    def __init__(self, folder, *arguments):
+    Args:
+        folder: contains the user's plans.
+        arguments: of sim.launch.
+        results: an argument of web.launch, which is then started apart from sim.launch.
+    """
+
+    def __init__(self, folder, *arguments, results=""):
         self.port = free_port()
         self.url = f"http://localhost:{self.port}/"
         self._ending = contextlib.ExitStack()
         self.master, proxy = self._ending.enter_context(master("/web_test"))
         self.proxy = proxy
         self.environment = {"ROS_MASTER_URI": proxy.master_uri, "PWD": str(folder)}
-        launch = ("sim.launch", "web:=true", f"web_port:={self.port}", *arguments)
+        launches = [("sim.launch", "web:=true", f"web_port:={self.port}", *arguments)]
+        if results:
+            view = ("web.launch", f"port:={self.port}", f"results:={results}")
+            launches = [("sim.launch", *arguments), view]
+        proxy.setParam("/run_id", "test")  # otherwise each roslaunch may set another one
         # roslaunch starts rosout only with a master of its own.
         rosout = Process(roslib.packages.find_node("rosout", "rosout")[0], **self.environment)
         self._ending.enter_context(rosout)
-        launched = Process("roslaunch", "mushr_ros_intro", *launch, **self.environment)
-        self._ending.callback(self._end, launched)
         try:
+            for launch in launches:
+                launched = Process("roslaunch", "mushr_ros_intro", *launch, **self.environment)
+                self._ending.callback(self._end, launched)
             wait_for(self._answers, "the browser view")
             client = self.client(POSE)
             client.message(POSE)

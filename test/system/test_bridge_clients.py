@@ -169,7 +169,9 @@ def test_parameters_of_a_car_that_has_ended(sim):
 
 
 def test_headers(sim):
-    for path in ("/", "/main.js", "/map.json", "/map.png", "/nothing", "/plans/nothing"):
+    paths = ("/", "/main.js", "/icon.svg", "/map.json", "/map.png", "/nothing", "/plans/nothing")
+    assert 'href="icon.svg"' in sim.get("/")[2].decode(), "browsers ask for /favicon.ico"
+    for path in paths:
         status, headers, _ = sim.get(path)
         assert status == (404 if "nothing" in path else 200), path
         policy = headers["Content-Security-Policy"]
@@ -217,6 +219,22 @@ def test_plans_are_known_by_name_only(sim):
     client.close()
 
 
+def test_a_plan_that_is_written_and_deleted(sim):
+    client = sim.client(web.STATE)
+    state = client.state(lambda state: True, "at once")
+    assert {"long", "figure_8"} <= set(state["plans"]) and "new" not in state["plans"]
+    assert state["hand"] == {"speed": 2.0, "steering_angle": 0.34}, "those of the ideal car"
+    assert state["has_noise"] is False
+    path = sim.folder / "new.txt"
+    path.write_text("0, 0, 0\n1.0, 0.0\n")
+    first = client.state(lambda state: "new" in state["plans"], "with the plan")["plans"]["new"]
+    os.utime(path, (0, 0))
+    client.state(lambda state: state["plans"].get("new") not in (None, first), "that has changed")
+    path.unlink()
+    client.state(lambda state: "new" not in state["plans"], "without the plan")
+    client.close()
+
+
 def test_one_drive_at_a_time(sim):
     form = {"Content-Type": "application/x-www-form-urlencoded"}
     body = json.dumps({"plan": "long"})
@@ -232,6 +250,7 @@ def test_one_drive_at_a_time(sim):
     assert sim.delete("/drive") == (200, {})
     ended = client.state(lambda state: state["drive"] and not state["drive"]["running"], "an end")
     assert ended["drive"]["plan"] == "long" and ended["drive"]["exit_status"] != 0
+    assert ended["drive"]["stopped"] is True, "a stop is not an error of the plan"
     client.close()
     client = sim.client("/car/odom")
     client.message("/car/odom", lambda m: m["twist"]["twist"]["linear"]["x"] == 0.0, "that stands")

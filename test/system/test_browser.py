@@ -2,6 +2,7 @@
 
 import math
 import os
+import shutil
 import signal
 
 import pytest
@@ -11,6 +12,7 @@ from support import browser, web
 from support.cars import plan_named
 from support.geometry import closed_form
 from support.grades import graded, submission
+from support.helpers import node
 
 pytestmark = pytest.mark.full
 
@@ -39,31 +41,40 @@ def sim(tmp_path_factory):
     folder = tmp_path_factory.mktemp("plans")
     (folder / "faulty.txt").write_text(FAULTY)
     (folder / "colliding.txt").write_text(COLLIDING)
+    (folder / "tight.txt").write_text("0, 0, 0\n2.0, 0.34, 1000.0\n")
     (folder / "long.txt").write_text("1, 0, 0\n0.5, 0.3, 0.1\n0.5, 0.3, 1000.0\n")
     grades.store(str(folder / grades.FOLDER), [submission(graded(count=9))])
-    found = web.Simulation(folder, "use_sim_time:=true", f"real_time_factor:={FACTOR}")
+    arguments = ("use_sim_time:=true", f"real_time_factor:={FACTOR}")
+    found = web.Simulation(folder, *arguments, results=str(folder))
     yield found
     found.end()
 
 
 @pytest.fixture(scope="module")
-def page(sim):
-    """Yield a browser with the page of the server."""
+def chromium():
     found = browser.Browser()
-    try:
-        found.driver.get(sim.url)
-        found.wait(lambda: found.text("connection") == "connected", "a connection")
-        found.wait(found.pose, "the pose in the page")
-        yield found
-    finally:
-        found.end()
+    yield found
+    found.end()
 
 
-@pytest.fixture(autouse=True)
-def released_keys(page):
-    """Stop a drive by hand at the end of a test that failed: other tests drive plans."""
-    yield
-    page.run("window.dispatchEvent(new Event('blur'))")
+@pytest.fixture
+def page(sim, chromium):
+    """Yield a browser with the new page of the server, and with the car at rest at the origin."""
+    load(chromium, sim)
+    chromium.choose("plan", "figure_8")
+    chromium.shows("check", "44.00 m")
+    place(chromium, 0.0, 0.0, 0.0)
+    yield chromium
+    chromium.run("window.dispatchEvent(new Event('blur'))")  # it ends a drive by hand
+    sim.delete("/drive")
+
+
+def load(page, sim):
+    page.driver.get(sim.url)
+    page.wait(lambda: page.text("connection") == "connected", "a connection")
+    page.wait(page.pose, "the pose in the page")
+    page.shows("check", "no faults")
+    page.wait(lambda: not page.find("stop").is_enabled(), "the end of an earlier drive")
 
 
 def colour(page, name):
@@ -96,7 +107,7 @@ def test_load(page):
     page.shows("speed", "0.00 m/s")
     page.shows("steering", "0.000 rad")
     page.shows("owner", "idle")
-    page.shows("check", "22 rows, 44.00 m")
+    page.shows("check", "22 rows, 22.00 s, 44.00 m; ends at -1.548 m")
     assert page.run("return document.querySelectorAll('#rows tr').length") == 22
     names = ("wall", "free", "car", "scan", "predicted")
     page.wait(lambda: all(n > 30 for n in seen(page, *names)), f"the colours of {names}")
@@ -170,40 +181,44 @@ def test_figure_8(page):
     plan = plan_named("figure_8")
     rows = [(*row[:2], row.duration / 1e9) for row in plan.rows]
     final = closed_form(plan.start, rows)
-    page.choose("plan", "figure_8")
-    page.shows("check", "no faults")
     page.find("fit").click()
     page.find("drive").click()
     page.shows("drive-state", "driving figure_8")
     assert not page.find("drive").is_enabled() and page.find("stop").is_enabled()
     page.shows("owner", "navigation")
-    page.shows("drive-state", "ended success")
+    page.shows("drive-state", "figure_8 ended successfully")
     page.wait(lambda: web.is_near(page.pose(), final), f"the car at {final}")
     assert page.run(CURRENT) == 0, "no row is current after the drive"
     length = 44.0 * page.run("return window.mushr.view.scale")
     page.wait(lambda: seen(page, "driven")[0] > length, "the driven path")
     page.shows("log", "should end at")
+    page.choose("plan", "circle")
+    assert page.text("drive-state") == "", "the result of figure_8 beside another plan"
 
 
-def drive_long(page):
-    """Start the drive of a plan that does not end before the test."""
-    page.choose("plan", "long")
-    page.wait(lambda: page.find("drive").is_enabled(), "the plan long")
+def drive(page, plan, speed):
+    """Start the drive of a plan that does not end before the test; wait for its speed."""
+    page.choose("plan", plan)
+    page.wait(lambda: page.find("drive").is_enabled(), f"the plan {plan}")
     page.find("drive").click()
-    page.shows("speed", "0.50 m/s")
+    page.shows("speed", speed)
 
 
-def test_stop(page):
-    drive_long(page)
+def test_stop(sim, page):
+    drive(page, "long", "0.50 m/s")
     page.wait(lambda: page.run(CURRENT) == 2, "the mark of the second row")
+    red = page.run("return getComputedStyle(document.getElementById('stop')).backgroundColor")
+    assert red == "rgb(179, 32, 10)"
     page.find("stop").click()
-    assert "long" in page.shows("drive-state", "stopped")
+    page.shows("drive-state", "long was stopped")
     at_rest(page)
+    load(page, sim)
+    assert page.text("drive-state") == "long was stopped", "the same after a reload"
 
 
 def test_stop_without_a_connection(sim, page):
     """The button also works while the page tries to connect again."""
-    drive_long(page)
+    drive(page, "long", "0.50 m/s")
     pid = sim.pid("/web_view")
     os.kill(pid, signal.SIGSTOP)
     try:
@@ -211,7 +226,7 @@ def test_stop_without_a_connection(sim, page):
         page.find("stop").click()
     finally:
         os.kill(pid, signal.SIGCONT)
-    assert "long" in page.shows("drive-state", "stopped")
+    page.shows("drive-state", "long was stopped")
     at_rest(page)
 
 
@@ -239,15 +254,16 @@ def test_plans_with_faults(page):
     assert "line 3" in text and "line 4" in text
     assert not page.find("drive").is_enabled()
     page.choose("plan", "colliding")
-    text = page.shows("check", "49.02 m")
-    assert "wall" in text and "line 2" in text
+    text = page.shows("check", "1 row, 30.00 s; hits a wall after 24.51 s and 49.02 m, at 49.020 m")
+    assert "line 2" in text
     assert page.find("drive").is_enabled(), "faults of a plan that can be parsed do not prevent it"
 
 
 def test_click_a_plan(page):
     place(page, 1.0, 0.0, 0.0)
-    page.find("clear").click()
     page.find("clicks").click()
+    page.find("clear").click()
+    page.shows("click-state", "the plan has 0 rows")
     page.find("follow").click()
     for _ in range(3):
         page.find("zoom-in").click()
@@ -264,7 +280,14 @@ def test_click_a_plan(page):
     page.shows("click-state", "clicked.txt")
     page.wait(lambda: page.run("return document.getElementById('plan').value") == "clicked", "it")
     page.shows("check", "1 row")
+    at = pixel(page, 1.95, 0.35)  # beside the car: it would have to steer too much
+    page.actions().move_to_element_with_offset(page.find("view"), *at).click().perform()
+    page.shows("click-state", "refused")
+    note = page.find("click-state").rect
+    canvas = page.find("view").rect
+    assert canvas["y"] < note["y"] < canvas["y"] + canvas["height"], "not on the map"
     page.find("pan").click()
+    assert page.text("click-state") == ""
 
 
 def test_connection_is_lost_and_regained(sim, page):
@@ -276,7 +299,7 @@ def test_connection_is_lost_and_regained(sim, page):
     assert not page.find("drive").is_enabled()
     (outline,) = seen(page, "car")
     page.run("window.mushr.pose = null")
-    sim.start("web_view.py", "__name:=web_view", "_results:=.")
+    sim.start("web_view.py", "__name:=web_view")
     page.wait(lambda: page.text("connection") == "connected", "a connection")
     page.wait(page.pose, "a new pose")
     page.wait(lambda: page.text("problem") == "", "no problem")
@@ -297,33 +320,127 @@ def test_results(page):
 
     page.choose("result", "ann/circle")
     page.shows("verdict", "the verdict: as expected")
-    page.shows("time-text", "0.00 s of 8.00 s: 2.000 m, 0.000 m, 1.571 rad")
+    page.shows("recording", "0.00 s of 8.00 s, 2.000 m, 0.000 m, 1.571 rad")
+    assert "ann/circle, not the live car" in page.text("recording")
+    assert not page.find("pose").is_displayed(), "the pose of the live car"
     page.wait(lambda: seen(page, "predicted")[0] > 100, "the predicted path")
     (before,) = seen(page, "driven")
     move(8.0)
-    page.shows("time-text", "8.00 s of 8.00 s: 0.000 m, 2.000 m, 3.142 rad")
+    page.shows("recording", "8.00 s of 8.00 s, 0.000 m, 2.000 m, 3.142 rad")
     page.wait(lambda: seen(page, "driven")[0] > before + 100, "the driven path")
     move(6.5)
     page.find("play").click()
-    page.shows("time-text", "8.00 s of 8.00 s")
+    page.shows("recording", "8.00 s of 8.00 s")
     page.wait(lambda: not page.find("play").is_selected(), "the end of the playback")
     page.choose("result", "")
     page.wait(lambda: seen(page, "driven")[0] < before + 100, "the live car")
+    assert page.text("recording") == "" and page.find("pose").is_displayed()
+
+
+def test_results_that_cannot_be_read(sim, page):
+    folder = os.path.join(sim.environment["PWD"], "broken")
+    os.mkdir(folder)
+    for name in ("report.json", "trajectory.csv"):
+        with open(os.path.join(folder, name), "w") as file:
+            file.write("{")
+    try:
+        load(page, sim)
+        page.shows("verdict", "cannot be read")
+    finally:
+        shutil.rmtree(folder)
 
 
 def test_another_map(sim, page):
+    def width():
+        return page.run("return window.mushr.view.map.width")
+
+    page.wait(lambda: width() == 1000, "the map sandbox")
     before = seen(page, "wall", "unknown")
-    sim.start("map_server.py", "_map_file:=rooms")
-    page.wait(lambda: page.run("return window.mushr.view.map.width") == 580, "the other map")
-    page.wait(lambda: seen(page, "wall", "unknown") != before, "another picture")
+    with node("map_server.py", "_map_file:=rooms", **sim.environment):
+        page.wait(lambda: width() == 580, "the other map")
+        page.wait(lambda: seen(page, "wall", "unknown") != before, "another picture")
+    sim.start("map_server.py", "_map_file:=sandbox")  # for the other tests
+    page.wait(lambda: width() == 1000, "the map sandbox")
 
 
-def test_vanished_master(sim, page):
+def test_master_that_does_not_answer(sim, page):
     """The page says so, and still shows the car."""
-    sim.master.send_signal(signal.SIGKILL)
-    page.shows("problem", "the ROS master does not answer")
+    os.kill(sim.master.pid, signal.SIGSTOP)
+    try:
+        page.shows("problem", "the ROS master does not answer")
+        stamp = "return window.mushr.pose.stamp"
+        before = page.run(stamp)
+        page.wait(lambda: page.run(stamp) > before + 1.0, "later poses")
+        assert page.text("connection") == "connected"
+    finally:
+        os.kill(sim.master.pid, signal.SIGCONT)
+    page.wait(lambda: page.text("problem") == "", "an answer")
+    assert not [each for each in page.errors() if "Uncaught" in each], "errors in the page"
+
+
+OFF_WALLS = """
+    // The points of the scan that are more than two cells from any wall.
+    const { scan, map } = window.mushr.view;
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [map.width, map.height];
+    const pen = canvas.getContext("2d", { willReadFrequently: true });
+    pen.drawImage(map.picture, 0, 0);
+    return scan.filter(([x, y]) => {
+      const column = Math.floor((x - map.origin[0]) / map.resolution);
+      const row = map.height - 1 - Math.floor((y - map.origin[1]) / map.resolution);
+      const { data } = pen.getImageData(column - 2, row - 2, 5, 5);
+      return !data.some((value, i) => i % 4 === 0 && value < 50);
+    }).length;
+"""
+
+
+def test_scan_in_turns(page):
+    """The laser scan stays on the walls while the car turns."""
+    drive(page, "tight", "2.00 m/s")
     stamp = "return window.mushr.pose.stamp"
     before = page.run(stamp)
-    page.wait(lambda: page.run(stamp) > before + 1.0, "later poses")
-    assert page.text("connection") == "connected"
-    assert not [each for each in page.errors() if "Uncaught" in each], "errors in the page"
+    while page.run(stamp) < before + 10.0:
+        assert page.run("return window.mushr.view.scan.length") > 10
+        assert page.run(OFF_WALLS) == 0
+
+
+def touch(page, name, up):
+    """Hold a finger `up` pixels above the middle of an element; return what lifts the finger."""
+    from selenium.webdriver.common.actions import interaction
+    from selenium.webdriver.common.actions.action_builder import ActionBuilder
+    from selenium.webdriver.common.actions.pointer_input import PointerInput
+
+    finger = PointerInput(interaction.POINTER_TOUCH, "finger")
+    actions = ActionBuilder(page.driver, mouse=finger)
+    x, y, width, height = (page.find(name).rect[key] for key in ("x", "y", "width", "height"))
+    scrolled = page.run("return scrollY")
+    middle = round(x + width / 2), round(y + height / 2 - scrolled)
+    actions.pointer_action.move_to_location(middle[0], middle[1]).pointer_down()
+    actions.pointer_action.move_to_location(middle[0], middle[1] - up)
+    actions.perform()
+    return actions.clear_actions
+
+
+def test_phone(page):
+    """On a phone, map, touch pad and the buttons of the plan are on the first screen."""
+    size = page.driver.get_window_size()
+    try:
+        page.driver.set_window_size(360, 783)  # of which the page gets 360 x 640
+        inside = """
+            const { top, bottom, left, right } = document.getElementById(arguments[0])
+              .getBoundingClientRect();
+            return top >= 0 && bottom <= 640 && left >= 0 && right <= 360 && bottom > top;
+        """
+        page.wait(lambda: page.run("return innerWidth") == 360, "a narrow page")
+        for name in ("view", "pad", "drive", "stop", "plan"):
+            assert page.run(inside, name), f"{name} is not on the first screen"
+        assert page.run("return document.documentElement.scrollWidth <= innerWidth"), "too wide"
+        lift = touch(page, "pad", 50)
+        page.shows("hand-state", "touch pad")
+        page.wait(lambda: page.pose()[0] > 1.0, "the car to drive")
+        lift()
+        at_rest(page)
+        page.run("scrollTo(0, document.body.scrollHeight)")
+        assert page.run(inside, "view"), "the map does not stay in view"
+    finally:
+        page.driver.set_window_size(size["width"], size["height"])

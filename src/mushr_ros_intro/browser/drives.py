@@ -7,14 +7,44 @@ from typing import Any, Dict, Iterator, Tuple
 import numpy as np
 
 from mushr_ros_intro.classroom import grades
+from mushr_ros_intro.errors import UserError
+
+
+def list_drives(folder: str) -> Dict[str, Any]:
+    """Return the names of the graded drives in a folder, and whether they passed.
+
+    Raises:
+        UserError: a folder or a file cannot be read.
+    """
+    found = drives(folder)
+    return {"results": [{"name": name, "passed": found[name]["passed"]} for name in found]}
+
+
+def drive_named(folder: str, name: str) -> Dict[str, Any]:
+    """Return the graded drive with a name.
+
+    Raises:
+        UserError: a folder or a file cannot be read.
+        LookupError: there is no such drive.
+    """
+    found = drives(folder)
+    if name not in found:
+        raise LookupError(f"there is no result {name!r}")
+    return {"name": name, **found[name]}
 
 
 def drives(folder: str) -> Dict[str, Dict[str, Any]]:
     """Return the graded drives in a folder by their names, such as SUBMISSION/PLAN or PLAN.
 
     Files that are something else are skipped. See docs/web.md for the values.
+
+    Raises:
+        UserError: a folder or a file cannot be read.
     """
-    return dict(sorted([*_of_class(os.path.join(folder, grades.FOLDER)), *_of_node(folder)]))
+    try:
+        return dict(sorted([*_of_class(os.path.join(folder, grades.FOLDER)), *_of_node(folder)]))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UserError(f"{folder} cannot be read: {error}") from None
 
 
 def _of_class(folder: str) -> Iterator[Tuple[str, Dict[str, Any]]]:
@@ -35,9 +65,13 @@ def _of_class(folder: str) -> Iterator[Tuple[str, Dict[str, Any]]]:
                 )
 
 
+def _raise(error: OSError) -> None:
+    raise error
+
+
 def _of_node(folder: str) -> Iterator[Tuple[str, Dict[str, Any]]]:
     """Yield the drives of one node: a report in the folder, or in a folder for each plan."""
-    for place, _, files in os.walk(folder):
+    for place, _, files in os.walk(folder, onerror=_raise):
         if {"report.json", "trajectory.csv"} <= set(files):
             with open(os.path.join(place, "report.json"), encoding="utf-8") as file:
                 report = json.load(file)

@@ -8,14 +8,11 @@ from typing import Any, Callable, Dict, List, Optional
 import rosgraph
 import rospy
 
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros.connections import responds
 
 END_TIMEOUT = 10.0
 """path_publisher.py is killed if it does not end so long after SIGINT [s]."""
-
-
-class DriveError(RuntimeError):
-    """A drive cannot be started or stopped now. The text gives the reason."""
 
 
 class PlanDrive:
@@ -34,34 +31,44 @@ class PlanDrive:
         self._lock = threading.Lock()
         self._process: Optional[subprocess.Popen[bytes]] = None
         self._plan = ""
+        self._is_stopped = False
 
     @property
     def state(self) -> Optional[Dict[str, Any]]:
-        """The plan, whether it is being driven, and the exit status; None before the first."""
+        """The plan, whether it is being driven, the exit status, and whether a client stopped it.
+
+        None before the first drive.
+        """
         if self._process is None:
             return None
         status = self._process.poll()
-        return {"plan": self._plan, "running": status is None, "exit_status": status}
+        return {
+            "plan": self._plan,
+            "running": status is None,
+            "exit_status": status,
+            "stopped": self._is_stopped,
+        }
 
-    def start(self, plan: str, **parameters: Any) -> None:
+    def start(self, plan: str, parameters: Dict[str, Any]) -> None:
         """Start a drive; set the parameters of path_publisher.py.
 
         Raises:
-            DriveError: another drive is running, or the node cannot be started.
+            UserError: another drive is running, or the node cannot be started.
         """
         name = rosgraph.names.ns_join(self._namespace, "path_publisher")
         with self._lock:
             if self._is_running():
-                raise DriveError(f"{self._plan} is being driven; stop it first")
+                raise UserError(f"{self._plan} is being driven; stop it first")
             if responds(name):
-                raise DriveError(f"{name} is running already; end it in its terminal first")
+                raise UserError(f"{name} is running already; end it in its terminal first")
             rospy.set_param(name, parameters)  # replaces those of earlier runs
             command: List[str] = [self._program, f"__ns:={self._namespace}"]
             try:
                 self._process = subprocess.Popen(command, start_new_session=True)
             except OSError as error:
-                raise DriveError(f"{self._program} cannot be started: {error}") from None
+                raise UserError(f"{self._program} cannot be started: {error}") from None
             self._plan = plan
+            self._is_stopped = False
         threading.Thread(target=self._wait, args=[self._process], daemon=True).start()
         self._changed()
 
@@ -69,13 +76,15 @@ class PlanDrive:
         """Interrupt the drive, as Ctrl-C does.
 
         Raises:
-            DriveError: there is no drive.
+            UserError: there is no drive.
         """
         with self._lock:
             if not self._is_running():
-                raise DriveError("no plan is being driven")
+                raise UserError("no plan is being driven")
             assert self._process
             self._process.send_signal(signal.SIGINT)
+            self._is_stopped = True
+        self._changed()
 
     def end(self) -> None:
         """Interrupt the drive, if there is one, and wait for its end."""

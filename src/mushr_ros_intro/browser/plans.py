@@ -1,6 +1,7 @@
 """Plans for the page, which knows them by name only."""
 
 import os
+from contextlib import suppress
 from typing import Any, Dict, List, Sequence
 
 from mushr_ros_intro.car.model import Car
@@ -29,10 +30,19 @@ def find_plans(folders: Sequence[str]) -> Dict[str, str]:
     return dict(sorted(found.items()))
 
 
+def versions(folders: Sequence[str]) -> Dict[str, float]:
+    """Return the time at which each plan was last written [s since 1970], by the plans' names."""
+    times = {}
+    for name, path in find_plans(folders).items():
+        with suppress(FileNotFoundError):  # it has just been deleted
+            times[name] = os.stat(path).st_mtime
+    return times
+
+
 def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:
     """Check a plan with a car, and on a map (a `Grid`) if there is one; see docs/web.md."""
     result: Dict[str, Any] = {"name": name, "start": None, "rows": [], "faults": [], "path": []}
-    result.update(length=None, duration=None, final_pose=None)
+    result.update(length=None, duration=None, wall=None, final_pose=None)
     try:
         plan = read_plan(path)
     except PlanError as error:
@@ -55,6 +65,7 @@ def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[s
         "faults": _faults(report.faults),
         "length": report.length,
         "duration": plan.duration / NANOSECONDS,
+        "wall": report.rest / NANOSECONDS if report.hit else None,
         "final_pose": report.final_pose,
         "path": [(state.pose.x, state.pose.y) for state in states],
     }

@@ -1,7 +1,7 @@
 """Answer those services of rosapi that list topics and nodes, and return the time."""
 
 import inspect
-from typing import Any, Callable, Dict, Iterable, List, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Set, Tuple
 
 import rosgraph
 import roslib.message
@@ -47,13 +47,13 @@ def topic_types() -> Dict[str, str]:
     return dict(_master("getTopicTypes"))
 
 
-def has_service(service: str) -> bool:
-    """Return whether the master knows a service.
+def services() -> Set[str]:
+    """Return the names of the services that the master knows.
 
     Raises:
         CallError: the master does not answer.
     """
-    return any(service == name for name, _ in _master("getSystemState")[2])
+    return {name for name, _ in _master("getSystemState")[2]}
 
 
 def _of_node(entries: Iterable[Tuple[str, List[str]]], node: str) -> List[str]:

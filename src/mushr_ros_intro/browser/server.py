@@ -35,10 +35,6 @@ _HEADERS = {
 }
 
 
-class ConflictError(ValueError):
-    """A request that is valid, but cannot be carried out now. The text gives the reason."""
-
-
 class Clients(NamedTuple):
     """What to do with the frames of clients."""
 
@@ -62,7 +58,7 @@ Answer = Union[Dict[str, Any], bytes]
 Action = Callable[..., Awaitable[Answer]]
 """Answers a request. Its arguments are the groups of the path, and for POST the JSON of the body.
 
-It raises LookupError if there is no such resource, and `ConflictError`.
+It raises LookupError if there is no such resource, and UserError if it cannot be answered now.
 """
 
 
@@ -175,7 +171,7 @@ class _ActionHandler(_Handler):
             answer = await self._actions[method](*arguments)
         except LookupError as error:
             raise HTTPError(404, str(error.args[0]).replace("%", "%%")) from None
-        except ConflictError as error:
+        except UserError as error:
             raise HTTPError(409, str(error).replace("%", "%%")) from None
         if isinstance(answer, bytes):
             self.set_header("Content-Type", "image/png")

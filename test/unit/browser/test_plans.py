@@ -3,18 +3,24 @@
 import io
 import json
 import math
+import os
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from mushr_ros_intro.browser import plans
+from mushr_ros_intro.browser.car_limits import car_limits
 from mushr_ros_intro.browser.drives import drives
 from mushr_ros_intro.browser.map_image import png
 from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.car.profile import read_profile
 from mushr_ros_intro.classroom import grades
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.replay.judge import Check
 from mushr_ros_intro.world.grid import Grid
+from support.paths import PACKAGE
 
 
 def test_plans_are_found_by_name(tmp_path):
@@ -29,6 +35,29 @@ def test_plans_are_found_by_name(tmp_path):
     expected = {"a": str(one / "a.txt"), "both": str(two / "both.txt")}
     assert plans.find_plans([str(one), str(two)]) == expected
     assert [*plans.find_plans([str(one), str(two)])] == ["a", "both"]
+
+
+def test_versions_of_plans(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("0, 0, 0\n")
+    os.utime(path, (0, 12.5))
+    assert plans.versions([str(tmp_path)]) == {"a": 12.5}
+
+
+@pytest.mark.parametrize(
+    ("profile", "hand", "has_noise"),
+    [
+        (None, (2.0, 0.34), False),
+        ("ideal", (2.0, 0.34), False),
+        ("mushr_nano", (0.9286, 0.3158), True),
+    ],
+)
+def test_what_a_car_can_do(profile, hand, has_noise):
+    """The commands of driving by hand are those of MuSHR's joystick, within the car's limits."""
+    values = read_profile(f"{PACKAGE}/config/cars/{profile}.yaml") if profile else {}
+    speed, steering_angle = hand
+    expected = {"speed": speed, "steering_angle": steering_angle}
+    assert car_limits(Parameters(values)) == {"hand": expected, "has_noise": has_noise}
 
 
 def summary(tmp_path, text, grid=None):
@@ -47,7 +76,7 @@ def test_a_plan(tmp_path):
     ]
     assert answer["faults"] == []
     assert answer["length"] == pytest.approx(12.0)
-    assert answer["duration"] == 21.0
+    assert (answer["duration"], answer["wall"]) == (21.0, None)
     turned = 10.0 * math.tan(0.1) / 0.33
     assert answer["final_pose"] == pytest.approx(
         [3.0 + math.sin(turned) * 0.33 / math.tan(0.1), answer["final_pose"][1], turned], abs=1e-6
@@ -63,6 +92,7 @@ def test_a_plan_with_faults(tmp_path):
     assert answer["faults"][0]["text"].startswith("steering angle")
     assert (answer["start"], answer["rows"], answer["path"]) == (None, [], [])
     assert answer["length"] is answer["duration"] is answer["final_pose"] is None
+    assert answer["wall"] is None
 
 
 def test_a_plan_that_hits_a_wall(tmp_path):
@@ -72,7 +102,8 @@ def test_a_plan_that_hits_a_wall(tmp_path):
     assert [each["line"] for each in answer["faults"]] == [2]
     assert "wall" in answer["faults"][0]["text"]
     assert answer["final_pose"] == pytest.approx([5.62, 0.5, 0.0])
-    assert answer["duration"] == 9.0
+    assert answer["wall"] == pytest.approx(4.62)
+    assert (answer["length"], answer["duration"]) == (pytest.approx(4.62), 9.0)
 
 
 def test_the_image_of_a_map():
@@ -96,6 +127,16 @@ def test_results_of_a_class(tmp_path):
         "driven": poses,
         "predicted": poses,
     }
+
+
+def test_results_that_cannot_be_read(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="file cannot be read: .*Not a directory"):
+        drives(str(tmp_path / "file"))
+    (tmp_path / "report.json").write_text("{")
+    (tmp_path / "trajectory.csv").write_text("")
+    with pytest.raises(UserError, match="cannot be read"):
+        drives(str(tmp_path))
 
 
 def test_results_of_a_node(tmp_path):

@@ -1,0 +1,39 @@
+// Laser scans: which points of the map they show.
+
+const LASER = 0.1227; // from the rear axle ahead to the laser [m]
+const SAME = 1e-6; // stamps that differ by less are the same [s]
+
+/**
+ * The pose [x, y, theta] at a stamp [s], between two of the poses {stamp, pose}. Until there is a
+ * later pose, it is null: the bridge may leave out the very pose at which a scan was taken.
+ */
+export function poseAt(poses, stamp) {
+  const next = poses.findIndex((each) => each.stamp >= stamp - SAME);
+  const after = poses[next];
+  if (next < 0 || (next === 0 && after.stamp > stamp + SAME)) return null;
+  const before = poses[next - 1] ?? after;
+  const span = after.stamp - before.stamp;
+  const part = span ? Math.min(1, (stamp - before.stamp) / span) : 1;
+  const turn = after.pose[2] - before.pose[2];
+  const changes = [
+    after.pose[0] - before.pose[0],
+    after.pose[1] - before.pose[1],
+    Math.atan2(Math.sin(turn), Math.cos(turn)),
+  ];
+  return before.pose.map((value, i) => value + part * changes[i]);
+}
+/** The points [x, y] that a scan (sensor_msgs/LaserScan) from a pose of the car has hit. */
+export function points({ ranges, angle_min: begin, angle_increment }, pose) {
+  const [x, y, theta] = pose;
+  const from = [x + LASER * Math.cos(theta), y + LASER * Math.sin(theta)];
+  const hits = ranges.map((range, i) => {
+    const angle = theta + begin + i * angle_increment;
+    return (
+      range && [
+        from[0] + range * Math.cos(angle),
+        from[1] + range * Math.sin(angle),
+      ]
+    );
+  });
+  return hits.filter(Boolean);
+}
