@@ -5,31 +5,34 @@ A node:   grade.py PLAN... --node PACKAGE FILE [--remap FROM:=TO...]
 A class:  grade.py SUBMISSION... --plans PLAN... --out FOLDER [--points FILE]
 Parts:    grade.py --merge FOLDER... --out FOLDER [--points FILE]
 
+A class may be interrupted: the same command grades only what is missing or has changed.
 The exit status is 0 if all checks passed, 1 if some failed, 2 if the command line or an input is
-wrong, and 3 if a result is missing because grading itself failed.
+wrong, and 3 if a result is missing because grading itself failed or was interrupted.
 """
 
 import argparse
-import json
 import os
-import shutil
+import signal
 import sys
 import tempfile
 import time
-from typing import Iterable, List
+from contextlib import closing
+from typing import Any, Dict, List, Sequence
 
-from mushr_ros_intro.classroom import grades, tables
+from mushr_ros_intro.classroom import services, tables
 from mushr_ros_intro.classroom.arguments import parse_arguments
-from mushr_ros_intro.classroom.grader import grade, job_for, probe, read_setting
+from mushr_ros_intro.classroom.grader import job_for, read_setting
 from mushr_ros_intro.classroom.grades import Grade
+from mushr_ros_intro.classroom.grading import Grading, Options, Task, not_graded, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
-from mushr_ros_intro.classroom.submissions import collect
+from mushr_ros_intro.classroom.progress import Progress
+from mushr_ros_intro.classroom.store import Record, Store, load_all, make_folder
+from mushr_ros_intro.classroom.submissions import Submission, check_authors, collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
-from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.job import ReplayError, Setting, run_job
-from mushr_ros_intro.replay.judge import Check, Tolerances
+from mushr_ros_intro.replay.judge import Tolerances
 from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.replay.workspace import temporary_folder
@@ -43,6 +46,7 @@ def main() -> int:
     """Grade what the command line names; return the exit status."""
     arguments = parse_arguments(sys.argv[1:], __doc__ or "")
     os.environ["ROS_HOSTNAME"] = "localhost"  # works even if the machine's name does not resolve
+    signal.signal(signal.SIGINT, interrupt)
     try:
         if arguments.merge:
             return merge(arguments)
@@ -53,8 +57,14 @@ def main() -> int:
     except OSError as error:
         print(f"grade.py: {error}", file=sys.stderr)
     except KeyboardInterrupt:
-        print("grade.py: interrupted; no results are written", file=sys.stderr)
+        print("grade.py: interrupted", file=sys.stderr)
     return NOT_GRADED
+
+
+def interrupt(*_: Any) -> None:
+    """Interrupt the grading, once: scripts/grade sends the signal of Ctrl-C again."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
@@ -71,20 +81,6 @@ def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
         sandbox=sandbox,
         ros=sandbox.copy_workspaces(),
     )
-
-
-def open_output(folder: str) -> str:
-    """Create the folder of the results, or remove the results of an earlier run; return its path.
-
-    Raises:
-        UserError: it contains something else.
-    """
-    os.makedirs(folder, 0o700, exist_ok=True)
-    entries = set(os.listdir(folder))
-    if entries and not {grades.FOLDER, "index.html"} <= entries:
-        raise UserError(f"--out {folder}: expected a new or empty folder, or an earlier result")
-    shutil.rmtree(os.path.join(folder, grades.FOLDER), ignore_errors=True)
-    return os.path.realpath(folder)
 
 
 def grade_node(arguments: argparse.Namespace) -> int:
@@ -105,135 +101,110 @@ def grade_node(arguments: argparse.Namespace) -> int:
 
 
 def grade_class(arguments: argparse.Namespace) -> int:
-    """Grade submissions; print a line for each, and write the results."""
+    """Grade submissions; print a line for each new result, and write the results."""
     plans = read_plans(arguments.plans, package_folder("plans"))
     check_authors(plans.values(), arguments.inputs)
     points = read_points(arguments.points, list(plans))
-    folder = open_output(arguments.out)
+    store = Store(arguments.out)
+    folder = os.path.realpath(arguments.out)
     paths = [*arguments.inputs, *(plan.path for plan in plans.values())]
     hidden = [each if os.path.isdir(each) else os.path.dirname(each) for each in paths]
     bags = os.path.join(folder, "bags") if arguments.bag else ""
     if bags:
-        os.makedirs(bags, exist_ok=True)
+        make_folder(bags)
     with tempfile.TemporaryDirectory(dir=temporary_folder()) as workspace:
         os.chmod(workspace, 0o711)
         sandbox, missing = make_sandbox(arguments.user, [*hidden, folder], workspace)
-        if missing:
+        if missing and not arguments.rejudge:
             print(missing, file=sys.stderr)
         setting = setting_from(arguments, sandbox)
-        submissions = collect(arguments.inputs, workspace, arguments.file)
-        number, count = arguments.shard
-        chosen = submissions[number - 1 :: count]
-        if len(chosen) != 1 and (arguments.gradescope or arguments.classroom50 or arguments.github):
-            raise UserError(
-                f"{counted(len(chosen), 'submission')} found; a result for Gradescope, "
-                "Classroom 50 or GitHub needs one submission"
-            )
-        probe(next(iter(plans.values())), setting)
+        tasks = [
+            Task(each, plans, "", not arguments.only or each.name in arguments.only)
+            for each in chosen_submissions(arguments, workspace)
+        ]
+        store.set_aside(task.submission.name for task in tasks)
+        is_again = bool(arguments.only)
+        options = Options(arguments.jobs, bags, is_again, arguments.rejudge, missing)
+        names = {os.path.dirname(plan.path): "" for plan in plans.values()}
+        places = {**names, package_folder("."): "mushr_ros_intro/", os.path.expanduser("~"): "~/"}
+        grading = Grading(setting, store, options, shortener(workspace, places))
         began = time.monotonic()
-        results = []
-        for each in grade(chosen, plans, setting, arguments.jobs, bags):
-            results.append(each)
-            print_line(each, points, len(results), len(chosen))
-    print_progress("")
-    grades.store(os.path.join(folder, grades.FOLDER), results)
+        results = run(grading, tasks, points)
     if len(results) == 1:
-        write_special(arguments, results[0], points, time.monotonic() - began)
+        services.write_results(arguments, results[0], points, time.monotonic() - began)
     return finish(arguments.out, results, points, list(plans))
 
 
-def check_authors(plans: Iterable[Plan], submissions: Iterable[str]) -> None:
-    """Refuse a plan in a submission, whose author may have written it.
-
-    The name figure_8 means figure_8.txt in the current directory, if there is one, and that
-    directory may be the checkout of a submission.
-
-    Args:
-        plans: the plans.
-        submissions: the paths of submissions, or of folders with submissions.
+def chosen_submissions(arguments: argparse.Namespace, workspace: str) -> Sequence[Submission]:
+    """Return the submissions of the part that is graded.
 
     Raises:
-        UserError: a plan is in one of these folders, but not in the folder of this package's plans.
+        UserError: there is no such submission, or there must be one and there are several.
     """
-    known = package_folder("plans")
-    folders = [os.path.join(os.path.realpath(each), "") for each in submissions]
-    for path in (os.path.realpath(plan.path) for plan in plans):
-        if os.path.dirname(path) != known and path.startswith(tuple(folders)):
-            raise UserError(
-                f"{path}: this plan is in a submission, whose author may have written it; expected "
-                f"the path of another plan, such as {known}/figure_8.txt"
-            )
+    found = collect(arguments.inputs, workspace, arguments.file)
+    number, count = arguments.shard
+    chosen = found[number - 1 :: count]
+    if len(chosen) != 1 and (arguments.gradescope or arguments.classroom50 or arguments.github):
+        raise UserError(
+            f"{counted(len(chosen), 'submission')} found; a result for Gradescope, "
+            "Classroom 50 or GitHub needs one submission"
+        )
+    names = [each.name for each in chosen]
+    for name in arguments.only:
+        if name not in names:
+            raise UserError(f"--only {name}: expected one of {', '.join(names)}")
+    return chosen
+
+
+def run(grading: Grading, tasks: Sequence[Task], points: Points) -> List[Grade]:
+    """Grade until the end, or until Ctrl-C; return the results in the order of the tasks."""
+    progress = Progress(points, len(tasks))
+    results: Dict[str, Grade] = {}
+    try:
+        with closing(grading.run(tasks)) as graded:
+            for each, is_new in graded:
+                results[each.name] = each
+                progress.add(each, is_new)
+    except KeyboardInterrupt:
+        progress.end()
+        done = f"{len(results)} of {counted(len(tasks), 'submission')}"
+        print(f"interrupted: {done} graded; the same command grades the others", file=sys.stderr)
+    else:
+        progress.end()
+    return [results.get(task.submission.name) or not_graded(task.submission) for task in tasks]
 
 
 def merge(arguments: argparse.Namespace) -> int:
-    """Put results of several runs together."""
-    results: List[Grade] = []
+    """Put results of several runs together; of several results of a submission, use the newest."""
+    records: Dict[str, Record] = {}
     for folder in arguments.merge:
-        try:
-            results += grades.load(os.path.join(folder, grades.FOLDER))
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise UserError(f"{folder}: not the output of grade.py ({error})") from None
-    if not results:
+        for each in load_all(folder):
+            name = each.grade.name
+            if name in records:
+                print(f"{name}: several results; the newest is used", file=sys.stderr)
+            records[name] = max(records.get(name, each), each, key=lambda record: record.time)
+    if not records:
         raise UserError(f"{', '.join(arguments.merge)}: expected at least one result")
-    results.sort(key=lambda each: each.name)
-    names = [each.name for each in results]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise UserError(f"several results for {', '.join(twice)}; expected one for each submission")
+    store = Store(arguments.out)
+    store.set_aside(records)
+    for name in sorted(records):
+        store.save(records[name])
+    results = [records[name].grade for name in sorted(records)]
     plans = list(dict.fromkeys(plan.plan for each in results for plan in each.plans))
-    points = read_points(arguments.points, plans)
-    grades.store(os.path.join(open_output(arguments.out), grades.FOLDER), results)
-    return finish(arguments.out, results, points, plans)
+    return finish(arguments.out, results, read_points(arguments.points, plans), plans)
 
 
 def finish(folder: str, results: List[Grade], points: Points, plans: List[str]) -> int:
     """Write the tables and pages; print a summary; return the exit status."""
     tables.write_results(folder, results, points, plans)
     passed = sum(each.passed for each in results)
-    print(f"{passed} of {counted(len(results), 'submission')} passed; see {folder}/index.html")
-    if any(each.error for each in results):
+    missing = sum(bool(each.error) for each in results)
+    text = f"{passed} of {counted(len(results), 'submission')} passed"
+    text += f", {missing} not graded" if missing else ""
+    print(f"{text}; see {folder}/index.html")
+    if missing:
         return NOT_GRADED
     return PASSED if passed == len(results) else FAILED
-
-
-def write_special(
-    arguments: argparse.Namespace, each: Grade, points: Points, seconds: float
-) -> None:
-    """Write the result of a single submission in the formats of grading services."""
-    formats = {
-        arguments.gradescope: lambda: tables.gradescope(each, points, seconds),
-        arguments.classroom50: lambda: tables.classroom50(each, points, os.environ, time.time()),
-        arguments.github: lambda: tables.github(each, points),
-    }
-    for path, convert in formats.items():
-        if path is not None:
-            with open(path, "w", encoding="ascii") as file:
-                json.dump(convert(), file, indent=2)
-
-
-def print_line(each: Grade, points: Points, number: int, count: int) -> None:
-    """Print the result of a submission, and the progress on a terminal."""
-    print_progress("")
-    state = "passed" if each.passed else "FAILED"
-    text = each.fault.splitlines()[0] if each.fault else ""
-    if each.error:
-        state, text = "ERROR", each.error.splitlines()[0]
-    failed = [f"{plan.plan}: {', '.join(names(plan.checks))}" for plan in each.plans]
-    text = text or "; ".join(each for each in failed if not each.endswith(": "))
-    text = text or "; ".join(each.notes)
-    score = f"{points.score(each):g}/{points.max_score():g}"
-    print(f"{each.name:30s} {state} {score:>7s} {text}"[:200].rstrip(), flush=True)
-    print_progress(f"[{'#' * (40 * number // count):40s}] {number} of {count}")
-
-
-def names(checks: Iterable[Check]) -> List[str]:
-    """Return the names of the checks that failed."""
-    return [check.name for check in checks if not check.passed]
-
-
-def print_progress(text: str) -> None:
-    """Replace the line of progress, which is shown on a terminal only."""
-    if sys.stderr.isatty():
-        print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import math
 
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade, Student
+from mushr_ros_intro.classroom.store import Drive, Key, Record, Store
 from mushr_ros_intro.replay.judge import CHECK_NAMES, Check
 
 ANN = Student("Ann", "17", "ann@x.edu")
@@ -19,6 +20,8 @@ def graded(plan="circle", failed=(), message="as expected", count=0, radius=2.0,
         plan,
         tuple(Check(name, name not in failed, f"{name}: {message}") for name in CHECK_NAMES),
         f"the verdict: {message}",
+        f"the output: {message}",
+        2.5,
         tuple(float(index) for index in range(count)),
         driven,
         tuple((x + offset, y, theta) for x, y, theta in driven),
@@ -28,3 +31,12 @@ def graded(plan="circle", failed=(), message="as expected", count=0, radius=2.0,
 def submission(*plans, name="ann", students=(ANN,), **values):
     """Return the result of a submission."""
     return Grade(name, tuple(students), **{"fault": "", "error": "", **values}, plans=plans)
+
+
+def store(folder, *results):
+    """Write results as grade.py does, without recordings."""
+    key = Key("files", "plan", "options", "package", "tolerances")
+    stored = Store(str(folder))
+    for result in results:
+        drives = {plan.plan: Drive(key, "", plan, {}) for plan in result.plans}
+        stored.save(Record(result, drives, 0.0))

@@ -7,11 +7,10 @@ import signal
 
 import pytest
 
-from mushr_ros_intro.classroom import grades
 from support import browser, web
 from support.cars import plan_named
 from support.geometry import closed_form
-from support.grades import graded, submission
+from support.grades import graded, store, submission
 from support.helpers import node
 
 pytestmark = pytest.mark.full
@@ -39,11 +38,11 @@ CURRENT = "return document.querySelector('#rows [aria-current]')?.rowIndex ?? 0"
 @pytest.fixture(scope="module")
 def sim(tmp_path_factory):
     folder = tmp_path_factory.mktemp("plans")
+    store(folder, submission(graded(count=9)))
     (folder / "faulty.txt").write_text(FAULTY)
     (folder / "colliding.txt").write_text(COLLIDING)
     (folder / "tight.txt").write_text("0, 0, 0\n2.0, 0.34, 1000.0\n")
     (folder / "long.txt").write_text("1, 0, 0\n0.5, 0.3, 0.1\n0.5, 0.3, 1000.0\n")
-    grades.store(str(folder / grades.FOLDER), [submission(graded(count=9))])
     arguments = ("use_sim_time:=true", f"real_time_factor:={FACTOR}")
     found = web.Simulation(folder, *arguments, results=str(folder))
     yield found

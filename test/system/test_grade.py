@@ -8,6 +8,7 @@ import json
 import os
 import pathlib
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -19,7 +20,7 @@ import rosbag
 from roslib.packages import find_node
 
 from support import classroom as submissions
-from support.helpers import Process
+from support.helpers import Process, wait_for
 from support.paths import PACKAGE
 
 PLAN = "0,0,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n"
@@ -55,9 +56,15 @@ def verdicts(arguments):
     folder = dict(zip(arguments, arguments[1:])).get("--out", "")
     texts = []
     for path in sorted(glob.glob(f"{folder}/data/*.json")):
-        with open(path) as file:
-            texts.append(verdicts_of(json.load(file)))
+        texts.append(verdicts_of(load(path)))
     return "\n".join(texts)
+
+
+def load(path):
+    """Return a stored result, with the verdicts on its drives as `plans`."""
+    with open(path) as file:
+        result = json.load(file)
+    return {**result, "plans": [each["grade"] for each in result["drives"].values()]}
 
 
 def verdicts_of(result):
@@ -109,7 +116,7 @@ def grade_class(folder, server):
 def result_of(graded, name):
     path = graded[2] / "data" / f"{name}.json"
     assert path.exists(), graded[1]
-    return json.loads(path.read_text())
+    return load(path)
 
 
 def failed_checks(result):
@@ -246,6 +253,24 @@ def test_bag(parts):
     assert counts["/car/driven_path"] == counts["/car/predicted_path"] == 1
 
 
+@pytest.mark.full
+def test_interrupted(tmp_path):
+    """Ctrl-C keeps what is graded; then the same command grades the rest."""
+    submissions.write(tmp_path / "class", "right", submissions.RIGHT)
+    submissions.write(tmp_path / "class", "silent", submissions.WRONG["silent"][0])
+    (tmp_path / "plan.txt").write_text(PLAN)
+    plan = ("--plans", tmp_path / "plan.txt", "--out", tmp_path / "out", "--patience", 8)
+    command = (find_node("mushr_ros_intro", "grade.py")[0], tmp_path / "class", *plan)
+    with Process(*map(str, command)) as process:
+        wait_for(lambda: "right " in process.output, "the first result")
+        process.send_signal(signal.SIGINT)
+        assert process.wait() == 3, process.output
+        assert "interrupted: 1 of 2 submissions graded; the same command" in process.output
+    assert "? not graded" in (tmp_path / "out" / "submissions" / "silent.html").read_text()
+    output = assert_status(1, tmp_path / "class", *plan)
+    assert "1 result is unchanged" in output and "silent " in output
+
+
 def test_noise():
     """A correct node passes with any seed: the noise is predicted, too."""
     node = ("--node", "mushr_ros_intro", "path_publisher.py", "--car", "mushr_nano")
@@ -296,7 +321,7 @@ def test_no_node_can_run(parts, tmp_path):
         plan = shutil.copy(parts / "plan.txt", name)
         arguments = (package, "--plans", plan, "--out", f"{name}/out")
         output = assert_status(3, *arguments, prefix=command, TMPDIR="/tmp")
-        assert not os.listdir(f"{name}/out")
+        assert os.listdir(f"{name}/out") == ["data"]
     assert "nodes cannot run here, so nothing is graded: " in output
     assert "Permission denied" in output and "Set TMPDIR to a folder" in output
 

@@ -6,7 +6,8 @@ from typing import Any, Dict, Iterator, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.classroom import grades
+from mushr_ros_intro.classroom.grades import MAX_POINTS
+from mushr_ros_intro.classroom.store import FOLDER, load_all
 from mushr_ros_intro.errors import UserError
 
 
@@ -42,15 +43,15 @@ def drives(folder: str) -> Dict[str, Dict[str, Any]]:
         UserError: a folder or a file cannot be read.
     """
     try:
-        return dict(sorted([*_of_class(os.path.join(folder, grades.FOLDER)), *_of_node(folder)]))
+        return dict(sorted([*_of_class(folder), *_of_node(folder)]))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{folder} cannot be read: {error}") from None
 
 
 def _of_class(folder: str) -> Iterator[Tuple[str, Dict[str, Any]]]:
-    if not os.path.isdir(folder):
+    if not os.path.isdir(os.path.join(folder, FOLDER)):
         return
-    for each in grades.load(folder):
+    for each in (record.grade for record in load_all(folder)):
         for plan in each.plans:
             if plan.times:
                 yield (
@@ -77,7 +78,7 @@ def _of_node(folder: str) -> Iterator[Tuple[str, Dict[str, Any]]]:
                 report = json.load(file)
             path = os.path.join(place, "trajectory.csv")
             table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-            chosen = np.unique(np.linspace(0, len(table) - 1, grades.MAX_POINTS).astype(int))
+            chosen = np.unique(np.linspace(0, len(table) - 1, MAX_POINTS).astype(int))
             table = table[chosen].tolist()
             yield (
                 os.path.relpath(place, folder),

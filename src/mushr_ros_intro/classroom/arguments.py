@@ -8,7 +8,10 @@ from typing import Sequence
 
 from mushr_ros_intro.replay.judge import Tolerances
 
-_OF_A_CLASS = ("points", "jobs", "shard", "user", "gradescope", "classroom50", "github")
+_OF_A_CLASS = (
+    *("points", "jobs", "shard", "user", "only", "rejudge"),
+    *("gradescope", "classroom50", "github"),
+)
 """Options that `--node` does not use."""
 
 
@@ -50,6 +53,8 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
         add(f"--{name}-tolerance", type=tolerance, metavar=unit, help="see docs/grading.md")
     add("--jobs", type=int, default=2 * (os.cpu_count() or 1), help="simultaneous replays")
     add("--shard", type=shard, default=(1, 1), metavar="I/N", help="grade part I of N only")
+    add("--only", nargs="+", default=[], metavar="NAME", help="grade these submissions again")
+    add("--rejudge", action="store_true", help="judge stored drives again; drive nothing")
     add("--user", default="", help="run the nodes as this user; default a new one for each replay")
     add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")
     for name in ("gradescope", "classroom50", "github"):

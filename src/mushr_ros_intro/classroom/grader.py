@@ -1,17 +1,15 @@
-"""Grade submissions: build them if necessary, and replay each plan with each of them."""
+"""Prepare replays: find the car, the map and the node; build a submission; try the sandbox."""
 
 import glob
 import os
 import subprocess
 import tempfile
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, List, Optional, Sequence, Tuple
 
 import roslib.packages
 import rospkg
 
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
-from mushr_ros_intro.classroom.grades import Grade, plan_grade
 from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
@@ -23,10 +21,8 @@ from mushr_ros_intro.replay.job import (
     ReplayError,
     Setting,
     in_own_process,
-    run_job,
     sandboxed,
 )
-from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.replay.node_process import SHOWN_LINES
 from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.workspace import environment_of
@@ -113,73 +109,6 @@ def job_for(words: Sequence[str], plan: Plan, setting: Setting) -> Job:
     return Job(" ".join(words), command, plan, setting)
 
 
-def grade(
-    submissions: Sequence[Submission],
-    plans: Dict[str, Plan],
-    setting: Setting,
-    jobs: int,
-    bags: str,
-) -> Iterator[Grade]:
-    """Grade submissions; yield their results in the same order, as soon as they are known.
-
-    Args:
-        submissions: the submissions.
-        plans: the plans by name.
-        setting: the setting.
-        jobs: the number of replays at the same time.
-        bags: the folder for bags of the drives; "" for none.
-    """
-    with ThreadPoolExecutor(jobs) as pool:
-        builds = [pool.submit(_build, each, setting) for each in submissions]
-        replays: List[List[Future[Optional[Judgement]]]] = []
-        for submission, build in zip(submissions, builds):
-            runs = [] if submission.fault else list(plans.values())
-            replays.append(
-                [pool.submit(_replay, submission, build, each, setting, bags) for each in runs]
-            )
-        try:
-            for submission, build, futures in zip(submissions, builds, replays):
-                yield _result(submission, build, dict(zip(plans, futures)))
-        finally:
-            for future in [each for futures in replays for each in futures]:
-                future.cancel()
-
-
-def _replay(
-    submission: Submission, build: "Future[str]", plan: Plan, setting: Setting, bags: str
-) -> Optional[Judgement]:
-    """Replay a plan with a submission; return None if it cannot be built."""
-    if build.result():
-        return None
-    job = Job(
-        submission.name,
-        submission.command,
-        plan,
-        setting,
-        submission.folder,
-        submission.packages,
-        os.path.join(bags, f"{submission.name}.{plan.name}.bag") if bags else "",
-    )
-    return run_job(job)
-
-
-def _result(
-    submission: Submission, build: "Future[str]", futures: Dict[str, "Future[Optional[Judgement]]"]
-) -> Grade:
-    """Return the result of a submission, after waiting for its replays."""
-    error, reports = "", []
-    for name, future in futures.items():
-        try:
-            report = future.result()
-            if report is not None:
-                reports.append(plan_grade(name, report))
-        except (UserError, OSError) as failure:
-            error = error or f"{name}: {failure}"
-    fault = submission.fault or ("" if error else build.result())
-    plans = () if fault or error else tuple(reports)
-    return Grade(submission.name, submission.students, fault, error, plans, submission.notes)
-
-
 def probe(plan: Plan, setting: Setting) -> None:
     """Check that a node of a submission can run in the sandbox, and read and write its files.
 
@@ -236,7 +165,7 @@ def _run(sandbox: Sandbox, command: Sequence[str]) -> Tuple[Optional[int], List[
         sandbox.end_processes()
 
 
-def _build(submission: Submission, setting: Setting) -> str:
+def build(submission: Submission, setting: Setting) -> str:
     """Build the package of a submission if necessary; return why it fails, "" if it does not."""
     if submission.fault or not submission.needs_build:
         return ""
@@ -245,7 +174,7 @@ def _build(submission: Submission, setting: Setting) -> str:
 
 
 def _build_here(submission: Submission, setting: Setting) -> str:
-    """Build the package of a submission in this process; return as for `_build`."""
+    """Build the package of a submission in this process; return as for `build`."""
     package = submission.packages[0]
     build = os.path.join(package, ".build")
     os.mkdir(build)

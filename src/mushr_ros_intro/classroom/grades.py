@@ -1,17 +1,12 @@
-"""The results of grading, as plain values that are stored as JSON."""
+"""The results of grading, as plain values that become JSON."""
 
-import json
 import math
-import os
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from mushr_ros_intro.replay.judge import Check, Judgement
 from mushr_ros_intro.replay.recording import Drive
-
-FOLDER = "data"
-"""The folder of the results, in the output folder of grade.py."""
 
 MAX_POINTS = 500
 """A stored path has at most so many points."""
@@ -34,6 +29,10 @@ class PlanGrade(NamedTuple):
     """In the order of CHECK_NAMES."""
     verdict: str
     """The verdict as printed, in several lines; includes the last output of a failed node."""
+    output: str
+    """The end of the node's output."""
+    seconds: float
+    """The duration of the replay [s of wall-clock time]."""
     times: Tuple[float, ...]
     """Since the first command [s]; empty if there is no drive."""
     driven: Tuple[Tuple[float, float, float], ...]
@@ -69,6 +68,8 @@ class Grade(NamedTuple):
     """In the order of the command line; empty if there is a fault or an error."""
     notes: Tuple[str, ...] = ()
     """What is unusual about the submission, although it can be run."""
+    source: str = ""
+    """The text of the node."""
 
     @property
     def passed(self) -> bool:
@@ -76,8 +77,11 @@ class Grade(NamedTuple):
         return bool(self.plans) and all(plan.passed for plan in self.plans)
 
 
-def plan_grade(name: str, report: Judgement) -> PlanGrade:
-    """Return the verdict of a report on a plan with a name."""
+def plan_grade(name: str, report: Judgement, shorten: Callable[[str], str]) -> PlanGrade:
+    """Return the verdict of a report on a plan with a name.
+
+    `shorten` removes the paths of this machine from a text.
+    """
     drive = report.drive
     chosen = np.unique(np.linspace(0, len(drive.times) - 1, MAX_POINTS).astype(int))
     times, driven, predicted = (
@@ -85,72 +89,31 @@ def plan_grade(name: str, report: Judgement) -> PlanGrade:
     )
     return PlanGrade(
         name,
-        tuple(report.checks),
-        report.verdict,
+        tuple(check._replace(message=shorten(check.message)) for check in report.checks),
+        shorten(report.verdict),
+        shorten(report.recorded.output),
+        round(report.recorded.seconds, 3),
         tuple(times),
         tuple(map(tuple, driven)),
         tuple(map(tuple, predicted)),
     )
 
 
-def to_json(result: Grade) -> Dict[str, Any]:
-    """Return a result as a JSON object."""
-    return {
-        **result._asdict(),
-        "students": [student._asdict() for student in result.students],
-        "plans": [
-            {**plan._asdict(), "checks": [check._asdict() for check in plan.checks]}
-            for plan in result.plans
-        ],
-    }
+def plan_to_json(plan: PlanGrade) -> Dict[str, Any]:
+    """Return a verdict on a drive as a JSON object."""
+    return {**plan._asdict(), "checks": [check._asdict() for check in plan.checks]}
 
 
-def from_json(value: Dict[str, Any]) -> Grade:
-    """Return the result that `to_json` has converted.
+def plan_from_json(value: Dict[str, Any]) -> PlanGrade:
+    """Return the verdict that `plan_to_json` has converted.
 
     Raises:
         KeyError, TypeError: the value is something else.
     """
-    plans = tuple(
-        PlanGrade(
-            **{
-                **plan,
-                "checks": tuple(Check(**check) for check in plan["checks"]),
-                "times": tuple(plan["times"]),
-                "driven": tuple(map(tuple, plan["driven"])),
-                "predicted": tuple(map(tuple, plan["predicted"])),
-            }
-        )
-        for plan in value["plans"]
-    )
-    students = tuple(Student(**student) for student in value["students"])
-    notes = tuple(value["notes"])
-    return Grade(**{**value, "students": students, "plans": plans, "notes": notes})
-
-
-def store(folder: str, results: Iterable[Grade]) -> None:
-    """Write each result to NAME.json in a folder.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    os.makedirs(folder, exist_ok=True)
-    for result in results:
-        path = os.path.join(folder, f"{result.name}.json")
-        with open(path, "w", encoding="ascii") as file:
-            json.dump(to_json(result), file)
-
-
-def load(folder: str) -> List[Grade]:
-    """Return the results that `store` has written, in the order of their names.
-
-    Raises:
-        OSError: a file cannot be read.
-        ValueError, KeyError, TypeError: a file is something else.
-    """
-    results = []
-    for name in sorted(os.listdir(folder)):
-        if name.endswith(".json"):
-            with open(os.path.join(folder, name), encoding="ascii") as file:
-                results.append(from_json(json.load(file)))
-    return results
+    changes = {
+        "checks": tuple(Check(**check) for check in value["checks"]),
+        "times": tuple(value["times"]),
+        "driven": tuple(map(tuple, value["driven"])),
+        "predicted": tuple(map(tuple, value["predicted"])),
+    }
+    return PlanGrade(**{**value, **changes})

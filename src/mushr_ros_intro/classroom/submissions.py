@@ -9,7 +9,7 @@ import re
 import shutil
 import unicodedata
 import zipfile
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Set, Tuple
 
 import yaml
 
@@ -17,6 +17,8 @@ from mushr_ros_intro.classroom.grades import Student
 from mushr_ros_intro.classroom.submission_check import check_submission
 from mushr_ros_intro.classroom.submission_files import Files, SubmissionError
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.paths import package_folder
+from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.workspace import is_junk
 
 MAX_CLASS = 100_000, 10_000_000_000
@@ -94,6 +96,29 @@ def collect(
         finally:
             shutil.rmtree(unpacked, ignore_errors=True)
     return found
+
+
+def check_authors(plans: Iterable[Plan], submissions: Iterable[str]) -> None:
+    """Refuse a plan in a submission, whose author may have written it.
+
+    The name figure_8 means figure_8.txt in the current directory, if there is one, and that
+    directory may be the checkout of a submission.
+
+    Args:
+        plans: the plans.
+        submissions: the paths of submissions, or of folders with submissions.
+
+    Raises:
+        UserError: a plan is in one of these folders, but not in the folder of this package's plans.
+    """
+    known = package_folder("plans")
+    folders = [os.path.join(os.path.realpath(each), "") for each in submissions]
+    for path in (os.path.realpath(plan.path) for plan in plans):
+        if os.path.dirname(path) != known and path.startswith(tuple(folders)):
+            raise UserError(
+                f"{path}: this plan is in a submission, whose author may have written it; expected "
+                f"the path of another plan, such as {known}/figure_8.txt"
+            )
 
 
 def _unique(name: str, taken: Set[str]) -> str:

@@ -15,11 +15,12 @@ from mushr_ros_intro.browser.drives import drives
 from mushr_ros_intro.browser.map_image import png
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import read_profile
-from mushr_ros_intro.classroom import grades
+from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.replay.judge import Check
 from mushr_ros_intro.world.grid import Grid
+from support import grades
 from support.paths import PACKAGE
 
 
@@ -114,10 +115,10 @@ def test_the_image_of_a_map():
 
 def test_results_of_a_class(tmp_path):
     poses = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.1))
-    drive = grades.PlanGrade("circle", (Check("node", True, ""),), "ok", (0.0, 0.1), poses, poses)
+    checks = (Check("node", True, ""),)
+    drive = PlanGrade("circle", checks, "ok", "", 1.0, (0.0, 0.1), poses, poses)
     none = drive._replace(plan="slalom", times=(), driven=(), predicted=())
-    graded = grades.Grade("alice", (), "", "", (drive, none))
-    grades.store(str(tmp_path / grades.FOLDER), [graded])
+    grades.store(tmp_path, Grade("alice", (), "", "", (drive, none)))
     found = drives(str(tmp_path))
     assert [*found] == ["alice/circle"]
     assert found["alice/circle"] == {

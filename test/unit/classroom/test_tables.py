@@ -13,7 +13,8 @@ import pytest
 
 from mushr_ros_intro.classroom.grades import Student
 from mushr_ros_intro.classroom.points import PlanPoints, Points
-from mushr_ros_intro.classroom.tables import classroom50, github, gradescope, write_results
+from mushr_ros_intro.classroom.services import classroom50, github, gradescope
+from mushr_ros_intro.classroom.tables import write_results
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support.grades import graded, submission

@@ -1,0 +1,71 @@
+"""Print the results of a class while it is graded."""
+
+import sys
+import time
+
+from mushr_ros_intro.classroom.grades import Grade
+from mushr_ros_intro.classroom.points import Points
+from mushr_ros_intro.wording import counted
+
+_WIDTH = 200
+"""Longest line of a result."""
+_BAR = 40
+
+
+class Progress:
+    """Prints a line for each new result, and on a terminal how many are left."""
+
+    def __init__(self, points: Points, count: int) -> None:
+        """Begin with no result of `count` submissions."""
+        self._points, self._count = points, count
+        self._began = time.monotonic()
+        self._done = self._new = 0
+
+    def add(self, result: Grade, is_new: bool) -> None:
+        """Count a result; print it if it is new."""
+        self._done += 1
+        self._new += is_new
+        if is_new:
+            self._replace_line("")
+            print(_line(result, self._points), flush=True)
+        bar = "#" * (_BAR * self._done // self._count)
+        self._replace_line(f"[{bar:{_BAR}s}] {self._done} of {self._count}{self._time_left()}")
+
+    def end(self) -> None:
+        """Remove the line of progress; print how many results are not new."""
+        self._replace_line("")
+        if old := self._done - self._new:
+            is_or_are = "is" if old == 1 else "are"
+            print(f"{counted(old, 'result')} {is_or_are} unchanged since an earlier run")
+
+    def _time_left(self) -> str:
+        """Return an estimate of the time that grading will still take, as text."""
+        left = self._count - self._done
+        if not left or not self._new:
+            return ""
+        seconds = (time.monotonic() - self._began) / self._new * left
+        shown = f"{seconds / 60.0:.0f} min" if seconds >= 90.0 else f"{seconds:.0f} s"
+        return f", about {shown} left"
+
+    def _replace_line(self, text: str) -> None:
+        """Replace the line of progress, which is shown on a terminal only."""
+        if sys.stderr.isatty():
+            print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+
+
+def _line(result: Grade, points: Points) -> str:
+    """Return the line of a result: the score, and what failed."""
+    state = "passed" if result.passed else "FAILED"
+    text = result.fault
+    if result.error:
+        state, text = "ERROR", result.error
+    failed = {
+        plan.plan: [check.name for check in plan.checks if check.is_judged and not check.passed]
+        for plan in result.plans
+    }
+    text = text or "; ".join(
+        f"{plan}: {', '.join(names)}" for plan, names in failed.items() if names
+    )
+    text = (text or "; ".join(result.notes)).partition("\n")[0]
+    score = f"{points.score(result):g}/{points.max_score():g}"
+    return f"{result.name:30s} {state} {score:>7s} {text}"[:_WIDTH].rstrip()

@@ -1,0 +1,199 @@
+"""Grade a class with replays that are computed, and with the results of earlier runs."""
+
+import gc
+import json
+import os
+import pathlib
+import tempfile
+
+import pytest
+
+from mushr_ros_intro.classroom import grading
+from mushr_ros_intro.classroom.grader import read_setting
+from mushr_ros_intro.classroom.store import Store, load_all
+from mushr_ros_intro.classroom.submissions import collect
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.replay.job import ReplayError
+from mushr_ros_intro.replay.sandbox import Sandbox
+from support.paths import PACKAGE
+from support.recorded import replay, reported
+from support.submissions import XML, fill
+
+FILES = {"package.xml": XML, "src/path_publisher.py": b"#!/bin/sh\n"}
+"""A node in Python would be compiled, which takes time."""
+
+TEXT = "1.0, 2.0, 0.5\n2.0, 0.1\n1.0, -0.1, 0.5\n1.0, -0.1, 0.25\n"
+
+
+class Course:
+    """A class of three submissions; ``driven`` lists the replays of the last run."""
+
+    def __init__(self, folder, monkeypatch):
+        self.folder, self.out, self.driven = folder, folder / "out", []
+        for name in ("ann", "bob", "eve"):
+            fill(folder / "class" / name, FILES)
+        (folder / "plan.txt").write_text(TEXT)
+        self.options = {"jobs": 1, "bags": "", "is_again": False, "is_rejudged": False}
+        self.options["isolation"] = ""
+        self.setting = {"seed": None, "tolerances": {}}
+        self.fail = {}
+        monkeypatch.setattr(grading, "probe", lambda plan, setting: None)
+        monkeypatch.setattr(grading, "build", lambda submission, setting: "")
+        monkeypatch.setattr(grading, "run_job", self.run_job)
+
+    def run_job(self, job):
+        self.driven.append(job.name)
+        if job.name in self.fail:
+            raise self.fail[job.name]
+        output = f"{job.folder}/src/path_publisher.py: hello"
+        return reported(replay(job.plan, grid=None, output=output))
+
+    def run(self, only=(), stop_after=None):
+        """Grade; return the results by name, and the names of those that are new."""
+        self.driven.clear()
+        gc.collect()  # the store of the last run, with its lock
+        workspace = pathlib.Path(tempfile.mkdtemp(dir=self.folder))
+        found = collect([str(self.folder / "class")], str(workspace))
+        plans = {"plan": read_plan(str(self.folder / "plan.txt"))}
+        others = {"remap": (), "patience": 9.0, "sandbox": Sandbox(), "ros": {}}
+        setting = read_setting(PACKAGE, "ideal", "none", **self.setting, **others)
+        options = grading.Options(**self.options)
+        store = Store(str(self.out))
+        shorten = grading.shortener(str(workspace), {})
+        tasks = [grading.Task(each, plans, "", not only or each.name in only) for each in found]
+        store.set_aside(each.name for each in found)
+        run = grading.Grading(setting, store, options, shorten).run(tasks)
+        results = [each for each, _ in zip(run, range(stop_after or 9))]
+        run.close()
+        return {each.name: each for each, _ in results}, [each.name for each, new in results if new]
+
+
+@pytest.fixture
+def course(tmp_path, monkeypatch):
+    return Course(tmp_path, monkeypatch)
+
+
+def test_only_what_has_changed_is_driven(course, monkeypatch):
+    results, new = course.run()
+    assert sorted(course.driven) == sorted(new) == ["ann", "bob", "eve"]
+    assert all(each.passed for each in results.values())
+    again, new = course.run()
+    assert course.driven == new == [] and again == results
+    with open(course.folder / "class" / "bob" / "src" / "path_publisher.py", "a") as file:
+        file.write("# changed\n")
+    assert (course.run()[1], course.driven) == (["bob"], ["bob"])
+    (course.folder / "class" / "eve" / "extra.txt").touch()
+    assert course.run()[1] == ["eve"]
+    course.setting["seed"] = 3
+    assert len(course.run()[1]) == 3
+    (course.folder / "plan.txt").write_text(f"# a comment\n{TEXT}")
+    course.run()
+    assert len(course.driven) == 3
+    monkeypatch.setattr(grading, "_LIBRARY", str(course.folder / "class"))
+    course.run()
+    assert len(course.driven) == 3
+    course.options["isolation"] = "not isolated"
+    course.run()
+    assert len(course.driven) == 3
+
+
+def test_tolerances_are_judged_without_a_drive(course):
+    results, _ = course.run()
+    course.setting["tolerances"] = {"path": -1.0}
+    strict, new = course.run()
+    assert course.driven == [] and len(new) == 3
+    assert not any(each.passed for each in strict.values())
+    course.setting["tolerances"] = {}
+    assert course.run()[0] == results
+
+
+def test_judge_again(course):
+    """Without a drive, whatever has changed besides the submission and the plan."""
+    results, _ = course.run()
+    course.options["is_rejudged"], course.setting["seed"] = True, 3
+    course.setting["tolerances"] = {"path": -1.0}
+    fill(course.folder / "class" / "eve", {"new.txt": b"new"})
+    strict, _ = course.run()
+    assert course.driven == []
+    assert [strict[name].passed for name in ("ann", "bob")] == [False, False]
+    assert strict["eve"].error.startswith("plan: there is no stored drive of this submission")
+    assert results["ann"].plans[0].driven == strict["ann"].plans[0].driven
+
+
+def test_only_some(course):
+    course.run(only=["bob"])
+    assert course.driven == ["bob"]
+    course.options["is_again"] = True
+    results, new = course.run(only=["bob"])
+    assert course.driven == new == ["bob"]
+    assert results["bob"].passed and results["ann"].error == "it has not been graded yet"
+
+
+def test_what_failed_is_graded_again(course):
+    course.fail = {"ann": ReplayError("no memory")}
+    results, _ = course.run()
+    assert results["ann"].error == "plan: no memory" and results["bob"].passed
+    assert [each.grade.error for each in load_all(str(course.out))] == ["plan: no memory", "", ""]
+    course.fail = {}
+    assert course.run()[0]["ann"].passed and course.driven == ["ann"]
+
+
+def test_an_interrupted_run_is_continued(course):
+    results, _ = course.run(stop_after=1)
+    (first,) = results
+    course.run()
+    assert first not in course.driven and course.driven
+
+
+def test_a_student_who_left(course):
+    course.run()
+    ann = course.folder / "class" / "ann"
+    ann.rename(course.folder / "ann")
+    assert set(course.run()[0]) == {"bob", "eve"}
+    assert [each.grade.name for each in load_all(str(course.out))] == ["bob", "eve"]
+    (course.folder / "ann").rename(ann)
+    assert course.run()[0]["ann"].passed and course.driven == []
+    assert len(load_all(str(course.out))) == 3
+
+
+def test_a_damaged_file_is_graded_again(course):
+    course.run()
+    (course.out / "data" / "ann.json").write_text("{")
+    course.run()
+    assert course.driven == ["ann"]
+    (course.out / "data" / "ann.json").write_text("{}")
+    with pytest.raises(UserError, match="not the output of grade.py"):
+        load_all(str(course.out))
+
+
+def test_paths_are_short(course):
+    assert course.run()[0]["ann"].plans[0].output == "src/path_publisher.py: hello"
+    shorten = grading.shortener("/tmp/x.y", {"/home/ta": "~/", "/home/ta/plans": "", "/": "no"})
+    text = (
+        "/tmp/x.y/ann/src/a.py /tmp/submissions/ann/b /tmp/plans/c.txt /home/ta/d /tmpx /car/odom"
+    )
+    assert shorten(text) == "src/a.py b c.txt ~/d /tmpx /car/odom"
+    assert shorten("/home/ta/plans/secret.txt:2:3") == "secret.txt:2:3"
+
+
+def test_two_processes(tmp_path):
+    store = Store(str(tmp_path / "out"))
+    with pytest.raises(UserError, match="another grade.py writes to this folder"):
+        Store(str(tmp_path / "out"))
+    del store
+    Store(str(tmp_path / "out"))
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can change the owner of files")
+def test_results_belong_to_the_user_of_sudo(course, monkeypatch):
+    monkeypatch.setenv("SUDO_UID", "1234")
+    monkeypatch.setenv("SUDO_GID", "1235")
+    course.out = course.folder / "a" / "out"
+    course.run()
+    files = [course.out.parent, course.out, *course.out.rglob("*")]
+    assert len(files) == 8
+    assert {(each.stat().st_uid, each.stat().st_gid) for each in files} == {(1234, 1235)}
+    assert course.folder.stat().st_uid == 0
+    with open(course.out / "data" / "ann.json") as file:
+        assert json.load(file)["name"] == "ann"
