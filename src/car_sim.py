@@ -6,6 +6,7 @@ from mushr_ros_intro.simulator import sim_clock
 from mushr_ros_intro.simulator.car_sim import CarSim
 
 if __name__ == "__main__":
+    node.check_arguments(CarSim)
     publishes_clock = sim_clock.has_to_publish_clock()
     # A node that publishes /clock must not use /clock as its own time.
     node.main("car_sim", lambda: CarSim(publishes_clock), disable_rostime=publishes_clock)

@@ -90,6 +90,7 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
         description="Check plans before they are driven: what they do, whether the car can do "
         "that, and whether it hits a wall. The exit status is 0 if there are no faults, 1 if "
         "there are, 2 if the program was called wrongly.",
+        epilog="Example: rosrun mushr_ros_intro check_plan.py figure_8 --map sandbox",
     )
     cars = names_in(profiles)
     spread_help = "drive the plan N times, each time with random errors, and print the spread"

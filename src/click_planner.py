@@ -33,24 +33,32 @@ class ClickPlanner:
     end of one more arc; both in the map frame. Publishes the plan so far on ``~path``, latched.
     Services: ``~undo`` removes the last click, ``~clear`` removes all, ``~save`` writes a plan
     file.
+
+    Example: ``rosrun mushr_ros_intro click_planner.py _speed:=0.5``
     """
 
     def __init__(self) -> None:
-        parameters = node.parameters()
-        car_name = parameters.text("car_name", "car").strip("/")
-        init_pose_topic = parameters.text("init_pose_topic", "/initialpose")
-        self._file = PlanFile(parameters, "clicked.txt")
-        car = car_from(simulated_car_parameters(car_name))
-        limit = max(car.steering_limit_left, car.steering_limit_right)
-        limit = DEFAULT_STEERING_LIMIT if math.isinf(limit) else min(limit, MAX_STEERING_ANGLE)
-        limit = parameters.number("max_steering_angle", limit, "rad", 0.001, MAX_STEERING_ANGLE)
+        with node.parameters() as parameters:
+            car_name = parameters.text("car_name", "car", meaning="the car whose limits apply")
+            meaning = "topic of the start pose"
+            init_pose_topic = parameters.text("init_pose_topic", "/initialpose", meaning=meaning)
+            self._file = PlanFile(parameters, "clicked.txt")
+            number = parameters.optional_number
+            meaning = "limit to both sides; by default that of the car, or 0.34 without one"
+            limit = number("max_steering_angle", "rad", 0.001, MAX_STEERING_ANGLE, meaning)
+            wheelbase = number("wheelbase", "m", 0.01, 100.0, "by default that of the car")
+            meaning = "speed of every row, at most the limit of the car"
+            speed = parameters.number("speed", 1.0, "m/s", 0.001, MAX_SPEED, meaning)
+        car = car_from(simulated_car_parameters(car_name.strip("/")))
+        if limit is None:
+            limit = max(car.steering_limit_left, car.steering_limit_right)
+            limit = DEFAULT_STEERING_LIMIT if math.isinf(limit) else min(limit, MAX_STEERING_ANGLE)
         # Without ramps: a plan's rows change speed and steering angle at once.
         self._car = Car(
-            wheelbase=parameters.number("wheelbase", car.wheelbase, "m", 0.01, 100.0),
+            wheelbase=car.wheelbase if wheelbase is None else wheelbase,
             steering_limit_left=min(limit, car.steering_limit_left),
             steering_limit_right=min(limit, car.steering_limit_right),
         )
-        speed = parameters.number("speed", 1.0, "m/s", 0.001, MAX_SPEED)
         self._speed = min(speed, car.speed_limit)
         rospy.loginfo(
             "speed %g m/s, wheelbase %g m, steering from %g to %g rad; plans go to %s",

@@ -122,6 +122,7 @@ def main() -> int:
         prog="doctor.py",
         description="Report why the car does not move, and what to type. The exit status is 0 "
         "without findings, 1 with findings, 2 for wrong arguments.",
+        epilog="Example: rosrun mushr_ros_intro doctor.py --package my_ros_intro",
     )
     parser.add_argument("--car", metavar="NAME", type=car_name, default="car", help="default: car")
     parser.add_argument(

@@ -16,12 +16,16 @@ class KeyboardTeleop:
 
     Publishes on ``mux/ackermann_cmd_mux/input/teleop``, relative to the car's namespace, while a
     key is held, and one stop after that.
+
+    Example: ``rosrun mushr_ros_intro keyboard_teleop.py __ns:=car``
     """
 
     def __init__(self) -> None:
-        parameters = node.parameters()
-        self._speed = parameters.number("speed", 2.0, "m/s", 0.0, 100.0)
-        self._steering_angle = parameters.number("steering_angle", 0.34, "rad", 0.0, 1.5)
+        with node.parameters() as parameters:
+            number = parameters.number
+            self._speed = number("speed", 2.0, "m/s", 0.0, 100.0, "speed of W, of S in reverse")
+            meaning = "steering angle of A, of D to the right"
+            self._steering_angle = number("steering_angle", 0.34, "rad", 0.0, 1.5, meaning)
         self._car_name = rospy.get_namespace().strip("/")
         self._frame = f"{self._car_name}/base_footprint".lstrip("/")
         self._schedule = Schedule()

@@ -10,9 +10,12 @@ from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan
 
 from mushr_ros_intro.geometry import Pose, compose
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.ros import conversions, node
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.world.laser import Beams, Laser, add_noise
+
+RATE = "rate of the scans, at most that of the car's pose"
 
 
 class LaserSim:
@@ -20,24 +23,23 @@ class LaserSim:
 
     Subscribes to ``car_pose`` in the car's namespace and to /map. Publishes ``scan``: each scan is
     taken at a received pose and has its stamp.
+
+    Example: ``rosrun mushr_ros_intro laser_sim.py __ns:=car _noise_std:=0.01``
     """
 
     def __init__(self) -> None:
-        parameters = node.parameters()
-        default = Beams()
-        number, integer = parameters.number, parameters.integer
-        self._beams = Beams(
-            angle_min=number("angle_min", default.angle_min, "rad", -6.3, 6.3),
-            angle_increment=number("angle_increment", default.angle_increment, "rad", 1e-4, 6.3),
-            number=integer("beams", default.number, 1, 62832),
-            range_min=number("range_min", default.range_min, "m", 0.0, 1000.0),
-            range_max=number("range_max", default.range_max, "m", 0.0, 1000.0),
-        )
+        with node.parameters() as parameters:
+            self._beams = _beams_from(parameters)
+            number = parameters.number
+            rate = number("scan_rate", 10.0, "Hz", 0.1, 1e3, RATE)
+            meaning = "distance from the rear axle forward to the laser"
+            offset = number("offset", 0.1227, "m", -10.0, 10.0, meaning)
+            meaning = "standard deviation of the noise of each range"
+            self._noise_std = number("noise_std", 0.0, "m", 0.0, 1e3, meaning)
+            self._seed = parameters.integer("seed", 0, 0, 1e9, "seed of the noise")
         self._beams.check()
-        self._period = from_seconds(1.0 / number("scan_rate", 10.0, "Hz", 0.1, 1000.0))
-        self._mount = Pose(number("offset", 0.1227, "m", -10.0, 10.0), 0.0, 0.0)
-        self._noise_std = number("noise_std", 0.0, "m", 0.0, 1000.0)
-        self._seed = integer("seed", 0, 0, 1e9)
+        self._period = from_seconds(1.0 / rate)
+        self._mount = Pose(offset, 0.0, 0.0)
         rospy.loginfo("%s", parameters)
         prefix = rospy.get_namespace().strip("/")
         self._frame = f"{prefix}/laser_link".lstrip("/")
@@ -82,6 +84,23 @@ class LaserSim:
         self._scan_pub.publish(
             conversions.scan_to_msg(ranges, self._beams, stamp, period, self._frame)
         )
+
+
+def _beams_from(parameters: Parameters) -> Beams:
+    """Return the beams that parameters describe."""
+    default, number = Beams(), parameters.number
+    meaning = "direction of the first beam; 0 is ahead, left is positive"
+    angle_min = number("angle_min", default.angle_min, "rad", -6.3, 6.3, meaning)
+    meaning = "angle between two beams"
+    increment = number("angle_increment", default.angle_increment, "rad", 1e-4, 6.3, meaning)
+    meaning = "number of beams; they cover less than a full turn"
+    return Beams(
+        angle_min,
+        increment,
+        parameters.integer("beams", default.number, 1, 62832, meaning),
+        number("range_min", default.range_min, "m", 0.0, 1e3, "shortest range"),
+        number("range_max", default.range_max, "m", 0.0, 1e3, "longest range"),
+    )
 
 
 if __name__ == "__main__":

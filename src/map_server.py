@@ -20,13 +20,17 @@ class MapServer:
     """The map server as a node.
 
     Publishes ``map`` and ``map_metadata``, both latched, and offers the service ``static_map``.
+    Replaces the map server that is running.
+
+    Example: ``rosrun mushr_ros_intro map_server.py _map_file:=rooms``
     """
 
     def __init__(self) -> None:
-        parameters = node.parameters()
-        expected = "the name or the path of a map, such as _map_file:=sandbox"
-        path, grid = read(parameters.text("map_file", expected=expected))
-        frame = parameters.text("frame_id", conversions.MAP_FRAME)
+        with node.parameters() as parameters:
+            expected = "the name or the path of a map, such as _map_file:=sandbox"
+            name = parameters.text("map_file", expected=expected)
+            frame = parameters.text("frame_id", conversions.MAP_FRAME, meaning="frame of the map")
+        path, grid = read(name)
         self._msg = conversions.grid_to_msg(grid, ros_time.now(), frame)
 
         self._metadata_pub = rospy.Publisher("map_metadata", MapMetaData, queue_size=1, latch=True)

@@ -9,12 +9,15 @@ from tf.transformations import quaternion_from_euler
 from mushr_ros_intro.drive.car_pose import CarPose
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.drive.drive_monitor import DriveMonitor
-from mushr_ros_intro.drive.preview_publisher import Preview
+from mushr_ros_intro.drive.preview_publisher import Preview, preview_options
 from mushr_ros_intro.drive.timetable import Timetable
 from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Row
 from mushr_ros_intro.ros import connections, conversions, node, ros_time
+
+ACTIVE_TOPIC = "topic ~active of the mux; if another input drives the car, the drive ends"
+TIMEOUT = "timeout for subscribers, for the start pose, and for /clock"
 
 
 class PathPublisher:
@@ -22,30 +25,37 @@ class PathPublisher:
 
     Publishes the start pose on ``~init_pose_topic`` (geometry_msgs/PoseWithCovarianceStamped) and
     the commands on ``~control_topic`` (ackermann_msgs/AckermannDriveStamped). Waits until the car
-    reports the start pose on /CAR_NAME/car_pose. Checks the plan before the drive; see `Preview`.
+    reports the start pose on /CAR_NAME/car_pose. Checks the plan before the drive.
     Stops the car at the end, on Ctrl-C, on an error, and if ``~active_topic`` shows that another
     input drives.
+
+    Example: ``rosrun mushr_ros_intro path_publisher.py _plan_file:=figure_8``
     """
 
     def __init__(self) -> None:
-        parameters = node.parameters()
-        car_name = parameters.text("car_name", "car").strip("/")
-        control_topic = f"/{car_name}/mux/ackermann_cmd_mux/input/navigation"
-        control_topic = parameters.text("control_topic", control_topic)
-        init_pose_topic = parameters.text("init_pose_topic", "/initialpose")
-        self.timeout = parameters.number("subscriber_timeout", 10.0, "s", 0.0, 1e6)
-        self.countdown = parameters.number("countdown", 0.0, "s", 0.0, 1e4)
-        self.places_car = parameters.flag("send_init_pose", True)
-        self.loop = parameters.flag("loop", False)
-        name = parameters.text("plan_file", expected="a plan, such as _plan_file:=figure_8")
+        with node.parameters() as parameters:
+            text, flag, number = parameters.text, parameters.flag, parameters.number
+            name = text("plan_file", expected="a plan, such as _plan_file:=figure_8")
+            car_name = text("car_name", "car", meaning="the car to drive").strip("/")
+            control_topic = f"/{car_name}/mux/ackermann_cmd_mux/input/navigation"
+            control_topic = text("control_topic", control_topic, meaning="topic of the commands")
+            init_pose_topic = text(
+                "init_pose_topic", "/initialpose", meaning="topic of the start pose"
+            )
+            active_topic = parameters.optional_text("active_topic", ACTIVE_TOPIC)
+            self.places_car = flag("send_init_pose", True, "place the car at the start pose")
+            self.loop = flag("loop", False, "repeat the plan until killed")
+            self.countdown = number(
+                "countdown", 0.0, "s", 0.0, 1e4, "wait before the first command"
+            )
+            self.timeout = number("subscriber_timeout", 10.0, "s", 0.0, 1e6, TIMEOUT)
+            options = preview_options(parameters)
         plan = read_plan(find_file(name, package_folder("plans"), ".txt"))
-        self.preview = Preview(plan, parameters, car_name, self.places_car)
+        self.preview = Preview(plan, options, car_name, self.places_car)
         self.plan = self.preview.plan  # its speeds are limited to ~max_speed
 
         self.frame = f"{car_name}/base_footprint"
-        self.pub_controls = CommandPublisher(
-            control_topic, parameters.optional_text("active_topic")
-        )
+        self.pub_controls = CommandPublisher(control_topic, active_topic)
         self.pub_init_pose = rospy.Publisher(
             init_pose_topic, PoseWithCovarianceStamped, queue_size=10, tcp_nodelay=True
         )

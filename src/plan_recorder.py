@@ -23,13 +23,16 @@ class PlanRecorder:
     Subscribes to the mux's output, to the car's pose and to ``~init_pose_topic``: a new initial
     pose begins a new recording. Services: ``~save`` writes the drive so far into a plan file,
     ``~clear`` begins a new recording. At shutdown the node saves what is not saved yet.
+
+    Example: ``rosrun mushr_ros_intro plan_recorder.py _name:=my_drive.txt``
     """
 
     def __init__(self) -> None:
-        parameters = node.parameters()
-        car_name = parameters.text("car_name", "car").strip("/")
-        init_pose_topic = parameters.text("init_pose_topic", "/initialpose")
-        self._file = PlanFile(parameters, "recorded.txt")
+        with node.parameters() as parameters:
+            car_name = parameters.text("car_name", "car", meaning="the car to record").strip("/")
+            meaning = "topic of the initial pose"
+            init_pose_topic = parameters.text("init_pose_topic", "/initialpose", meaning=meaning)
+            self._file = PlanFile(parameters, "recorded.txt")
         car = car_from(simulated_car_parameters(car_name))
         self._command_timeout = car.command_timeout
 

@@ -1,17 +1,5 @@
 #!/usr/bin/python3
-"""Test node: check that something ends at a pose, or passes it. For .test files of any package.
-
-Parameters, all private:
-    topic: of geometry_msgs/PoseStamped, PoseWithCovarianceStamped or nav_msgs/Odometry; or
-    frame, child_frame: of a transform: the pose of child_frame in frame
-    x, y: the expected position [m]
-    theta: the expected heading [rad]; if not set, any heading is right
-    position_tolerance: [m], default 0.05
-    angle_tolerance: [rad], default 0.05
-    passes: true: the pose must be reached at least once; false (default): at the end
-    test_duration: time from the first pose to the end, by the stamps [s], default 5.0
-    wait_time: how long to wait for the first pose [s of wall-clock time], default 20.0
-"""
+"""Test node: check that something ends at a pose, or passes it. For .test files of any package."""
 
 import math
 import unittest
@@ -46,7 +34,8 @@ class PoseTest(unittest.TestCase):
         self._series = Series()
         self._error = ""  # set by a callback to make the test fail
         try:
-            self._configure(node.parameters())
+            with node.parameters() as parameters:
+                self._configure(parameters)
         except UserError as error:
             self.fail(str(error))
 
@@ -56,21 +45,27 @@ class PoseTest(unittest.TestCase):
         Raises:
             UserError: a parameter is wrong.
         """
-        self._patience = parameters.number("wait_time", 20.0, "s", 0.0, 1e6)
-        self._wanted = Pose(
-            parameters.number("x", math.nan, "m", -1e6, 1e6),
-            parameters.number("y", math.nan, "m", -1e6, 1e6),
-            parameters.number("theta", 0.0, "rad", -1e6, 1e6),
-        )
-        self._position = parameters.number("position_tolerance", 0.05, "m", 0.0, 1e6)
-        angle = parameters.number("angle_tolerance", 0.05, "rad", 0.0, 1e6)
-        self._angle = angle if rospy.has_param("~theta") else math.pi
-        self._passes = parameters.flag("passes", False)
-        self._duration = parameters.number("test_duration", 5.0, "s", 0.0, 1e6)
-        self._topic = parameters.optional_text("topic")
+        number = parameters.number
+        self._topic = parameters.optional_text("topic", "topic with a pose, or else a transform:")
         if self._topic is None:
-            self._frame = parameters.text("frame", expected="a frame, or the parameter ~topic")
-            self._child = parameters.text("child_frame", expected="a frame")
+            expected = "a frame, or the parameter ~topic"
+            self._frame = parameters.text("frame", None, expected, "parent frame of the transform")
+            self._child = parameters.text("child_frame", None, "a frame", "its child frame")
+        meaning = "expected position"
+        x, y = (number(name, math.nan, "m", -1e6, 1e6, meaning) for name in ("x", "y"))
+        meaning = "expected heading; by default any heading is right"
+        theta = parameters.optional_number("theta", "rad", -1e6, 1e6, meaning)
+        self._wanted = Pose(x, y, theta or 0.0)
+        self._position = number("position_tolerance", 0.05, "m", 0.0, 1e6)
+        angle = number("angle_tolerance", 0.05, "rad", 0.0, 1e6)
+        self._angle = math.pi if theta is None else angle
+        meaning = "whether the pose must be reached once; otherwise at the end"
+        self._passes = parameters.flag("passes", False, meaning)
+        meaning = "time from the first pose to the end, by the stamps"
+        self._duration = number("test_duration", 5.0, "s", 0.0, 1e6, meaning)
+        meaning = "timeout for the first pose, in wall-clock time"
+        self._patience = number("wait_time", 20.0, "s", 0.0, 1e6, meaning)
+        if self._topic is None:
             self._source = f"a transform from {self._frame} to {self._child}"
         else:
             self._topic = rospy.resolve_name(self._topic)
@@ -147,6 +142,17 @@ class PoseTest(unittest.TestCase):
             self._error = f"{self._source}: {error}"
 
 
+def read_parameters() -> None:
+    """Read the parameters of the test node.
+
+    Subscribes to the topic ``~topic``, or else looks up a transform.
+
+    Example: ``<test test-name="end" pkg="mushr_ros_intro" type="posetest.py">`` in a .test file
+    """
+    PoseTest().setUp()
+
+
 if __name__ == "__main__":
+    node.check_arguments(read_parameters, "--gtest_output=", "--text", "--cov")
     node.init_node("posetest")
     rostest.rosrun("mushr_ros_intro", "posetest", PoseTest)

@@ -5,6 +5,9 @@ The parameters are private, and are documented in replay.test. The results are w
 file with one test case for each check. The verdict is also published on ~verdict
 (std_msgs/String, latched). rostest hides the output of test nodes, so another node,
 replay_check.py --show, prints it on the terminal.
+
+Example: rostest mushr_ros_intro replay.test plan_file:=figure_8
+    publisher:="my_ros_intro path_publisher.py"
 """
 
 import argparse

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Open rviz with the package's view of a car: view.py CAR_NAME.
+"""Open rviz with the package's view of a car.
 
 rviz/default.rviz is the view of the car named "car". For another car its names are replaced in the
 text, because rviz can remap topics but not frames.
@@ -9,6 +9,8 @@ import os
 import sys
 
 from mushr_ros_intro.paths import package_folder
+
+USAGE = "usage: view.py CAR_NAME [options of rviz]"
 
 
 def view_of(car_name: str, text: str) -> str:
@@ -22,8 +24,11 @@ def view_of(car_name: str, text: str) -> str:
 
 def main() -> None:
     """Replace this program by rviz."""
-    if len(sys.argv) < 2 or ":=" in sys.argv[1]:
-        sys.exit("usage: view.py CAR_NAME [options of rviz]")
+    if {"-h", "--help"} & set(sys.argv[1:2]):
+        print(USAGE, __doc__.partition("\n")[0], "Example: view.py car --fullscreen", sep="\n")
+        return
+    if len(sys.argv) < 2 or sys.argv[1].startswith("-") or ":=" in sys.argv[1]:
+        sys.exit(USAGE)
     car_name = sys.argv[1].strip("/")
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         sys.exit(

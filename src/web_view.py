@@ -35,19 +35,37 @@ STATE_PERIOD = 1.0
 
 
 class WebView:
-    """The server as a node; see docs/web.md."""
+    """The server as a node.
+
+    Serves the page, and gives clients of rosbridge's protocol the topics and services of ROS. They
+    can publish the topics of the page only: the start pose, clicked points, commands of teleop.
+
+    Example: ``rosrun mushr_ros_intro web_view.py _port:=9090``
+    """
 
     def __init__(self) -> None:
-        parameters = node.parameters()
-        self._car_name = parameters.text("car_name", "car").strip("/")
-        self._init_pose_topic = parameters.text("init_pose_topic", "/initialpose")
-        self._address = parameters.text("address", "127.0.0.1")
-        self._port = parameters.integer("port", 9090, 1, 65535)
-        self._hosts = (parameters.optional_text("hosts") or "").split()
-        self._origins = (parameters.optional_text("origins") or "").split()
-        self._token = parameters.optional_text("token") or secrets.token_urlsafe()
-        self._folders = [package_folder("plans"), parameters.folder("folder", ".")]
-        self._results = parameters.optional_text("results") and parameters.folder("results", "")
+        with node.parameters() as parameters:
+            text, optional = parameters.text, parameters.optional_text
+            self._car_name = text("car_name", "car", meaning="the car to show").strip("/")
+            meaning = "topic of the initial pose"
+            self._init_pose_topic = text("init_pose_topic", "/initialpose", meaning=meaning)
+            meaning = "address of the network interface; 0.0.0.0 is all of them"
+            self._address = text("address", "127.0.0.1", meaning=meaning)
+            self._port = parameters.integer("port", 9090, 1, 65535, "port of the server")
+            meaning = "other names of this machine, separated by spaces"
+            self._hosts = (optional("hosts", meaning) or "").split()
+            meaning = "other pages that may use the server, such as http://example.org"
+            self._origins = (optional("origins", meaning) or "").split()
+            token = optional("token", "token for pages of other servers; by default a new one")
+            folder = parameters.folder(
+                "folder", ".", "folder of your plans; . is the directory of your shell"
+            )
+            meaning = "a folder that grade.py has written, to play back the drives"
+            self._results = optional("results", meaning)
+            if self._results:
+                self._results = parameters.folder("results", "", meaning)
+        self._token = token or secrets.token_urlsafe()
+        self._folders = [package_folder("plans"), folder]
         self._prefix = rospy.get_namespace().rstrip("/")
         self._seen: Dict[str, Any] = {}
         self._state = ""

@@ -22,7 +22,7 @@ from support.helpers import PATIENCE, Process, Recording, RosTestCase, wait_for
 from support.messages import MUX, TELEOP
 from support.world import launch
 
-NODE = (*roslib.packages.find_node("mushr_ros_intro", "keyboard_teleop.py"), "__ns:=/car")
+NODE = (roslib.packages.find_node("mushr_ros_intro", "keyboard_teleop.py")[0], "__ns:=/car")
 
 FORWARD = (2.0, 0.0)
 FORWARD_LEFT = (2.0, float32(0.34))

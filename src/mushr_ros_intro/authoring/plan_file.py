@@ -27,8 +27,11 @@ class PlanFile:
     """
 
     def __init__(self, parameters: Parameters, default_name: str) -> None:
-        self.folder = parameters.folder("folder", ".")
-        self._name = parameters.file_name("name", default_name)
+        self.folder = parameters.folder(
+            "folder", ".", "folder of the plans; . is the directory of your shell"
+        )
+        meaning = "file name; if the file exists, a number is added to the name"
+        self._name = parameters.file_name("name", default_name, meaning)
         self._saved: Optional[Plan] = None
         self._last = ""  # path and size of that plan
 

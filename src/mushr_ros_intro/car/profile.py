@@ -9,6 +9,23 @@ from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.yaml_file import read_mapping
 
+_NUMBERS = (
+    ("wheelbase", "m", 0.01, 100.0, "distance between the axles"),
+    ("track", "m", 0.01, 100.0, "distance between the left and the right wheels"),
+    ("wheel_radius", "m", 0.001, 10.0, "radius of the wheels"),
+    ("speed_limit", "m/s", 0.001, math.inf, "highest speed, forward and in reverse"),
+    ("steering_limit_left", "rad", 0.0, math.inf, "largest steering angle to the left"),
+    ("steering_limit_right", "rad", 0.0, math.inf, "the same to the right, positive, too"),
+    ("acceleration", "m/s^2", 0.01, math.inf, "highest rate of change of the speed"),
+    ("steering_rate", "rad/s", 0.01, math.inf, "highest rate of change of the steering angle"),
+    ("speed_gain", "", 0.1, 10.0, "driven speed, relative to the command"),
+    ("steering_gain", "", 0.1, 10.0, "driven steering angle, relative to the command"),
+    ("steering_offset", "rad", -0.5, 0.5, "added to the steering angle of each command"),
+    ("speed_noise", "m/s", 0.0, 10.0, "standard deviation per command"),
+    ("steering_noise", "rad", 0.0, 1.0, "standard deviation per command"),
+)
+"""The numbers of a car: name, unit, range, and meaning."""
+
 
 def names_in(folder: str) -> List[str]:
     """Return the names of the profiles in a folder, sorted."""
@@ -30,24 +47,16 @@ def car_from(parameters: Parameters) -> Car:
     Raises:
         UserError: a parameter is of the wrong type or out of range.
     """
-    ideal, number = Car(), parameters.number
-    has_noise = parameters.flag("noise", False)
-    timeout = number("command_timeout", ideal.command_timeout / NANOSECONDS, "s", 0.001, 10.0)
-    car = Car(
-        wheelbase=number("wheelbase", ideal.wheelbase, "m", 0.01, 100.0),
-        track=number("track", ideal.track, "m", 0.01, 100.0),
-        wheel_radius=number("wheel_radius", ideal.wheel_radius, "m", 0.001, 10.0),
-        command_timeout=from_seconds(timeout),
-        speed_limit=number("speed_limit", ideal.speed_limit, "m/s", 0.001, math.inf),
-        steering_limit_left=number("steering_limit_left", math.inf, "rad", 0.0, math.inf),
-        steering_limit_right=number("steering_limit_right", math.inf, "rad", 0.0, math.inf),
-        acceleration=number("acceleration", ideal.acceleration, "m/s^2", 0.01, math.inf),
-        steering_rate=number("steering_rate", ideal.steering_rate, "rad/s", 0.01, math.inf),
-        speed_gain=number("speed_gain", ideal.speed_gain, "", 0.1, 10.0),
-        steering_gain=number("steering_gain", ideal.steering_gain, "", 0.1, 10.0),
-        steering_offset=number("steering_offset", ideal.steering_offset, "rad", -0.5, 0.5),
-        speed_noise=number("speed_noise", ideal.speed_noise, "m/s", 0.0, 10.0),
-        steering_noise=number("steering_noise", ideal.steering_noise, "rad", 0.0, 1.0),
-        seed=parameters.integer("seed", ideal.seed, 0, 1e9),
-    )
+    ideal = Car()
+    has_noise = parameters.flag("noise", False, "add random errors to the commands")
+    values = {
+        name: parameters.number(name, getattr(ideal, name), unit, low, high, meaning)
+        for name, unit, low, high, meaning in _NUMBERS
+    }
+    default = ideal.command_timeout / NANOSECONDS
+    meaning = "how long a command is valid after its stamp"
+    timeout = parameters.number("command_timeout", default, "s", 0.001, 10.0, meaning)
+    meaning = "seed of the errors; the same seed gives the same errors"
+    seed = parameters.integer("seed", ideal.seed, 0, 1e9, meaning)
+    car = Car(command_timeout=from_seconds(timeout), seed=seed, **values)
     return car if has_noise else car._replace(speed_noise=0.0, steering_noise=0.0, seed=0)

@@ -35,7 +35,12 @@ def tolerance(text: str) -> float:
 def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespace:
     """Return the command line; exit with status 2 if it is wrong."""
     form = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser("grade.py", description=description, formatter_class=form)
+    example = (
+        "Example: rosrun mushr_ros_intro grade.py figure_8 --node my_ros_intro path_publisher.py"
+    )
+    parser = argparse.ArgumentParser(
+        "grade.py", description=description, epilog=example, formatter_class=form
+    )
     add = parser.add_argument
     add("inputs", nargs="*", metavar="PLAN or SUBMISSION")
     add("--node", nargs=2, metavar=("PACKAGE", "FILE"), help="the node, as for rosrun")

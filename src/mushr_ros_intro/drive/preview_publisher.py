@@ -51,6 +51,36 @@ class Prediction(NamedTuple):
     """Whether the parameters of the car are known, and it has no noise."""
 
 
+class PreviewOptions(NamedTuple):
+    """Parameters of the node that drives a plan."""
+
+    profile: str
+    """Name of a car in config/cars; empty: the simulated car."""
+    max_speed: float
+    """[m/s]"""
+    is_strict: bool
+    shows_spread: bool
+
+
+def preview_options(parameters: Parameters) -> PreviewOptions:
+    """Read the parameters for the check and the prediction.
+
+    Raises:
+        UserError: a parameter is invalid.
+    """
+    meaning = "car of the check and prediction, a name in config/cars; empty: the simulated car"
+    profile = parameters.optional_text("car", meaning) or ""
+    if profile:
+        parameters.choice("car", names_in(package_folder("config/cars")))
+    meaning = "faster rows are slowed down, with a warning"
+    return PreviewOptions(
+        profile,
+        parameters.number("max_speed", math.inf, "m/s", 0.001, math.inf, meaning),
+        parameters.flag("strict", False, "do not drive a plan that has faults"),
+        parameters.flag("spread", False, "publish the spread of drives with random errors"),
+    )
+
+
 class Preview:
     """The check and the prediction of a plan before the drive.
 
@@ -59,17 +89,17 @@ class Preview:
     topics are latched.
     """
 
-    def __init__(self, plan: Plan, parameters: Parameters, car_name: str, is_placed: bool) -> None:
+    def __init__(self, plan: Plan, options: PreviewOptions, car_name: str, is_placed: bool) -> None:
         """Advertise the topics, and limit the speeds of the plan.
 
         Args:
             plan: the plan.
-            parameters: the parameters car, max_speed, strict and spread of the node.
+            options: parameters of the node.
             car_name: the name of the car.
             is_placed: whether the car is placed at the start pose.
 
         Raises:
-            UserError: a parameter is invalid.
+            UserError: the profile of the car cannot be read.
         """
         rospy.loginfo(
             "plan %s: %s, %g s, %.2f m",
@@ -80,17 +110,14 @@ class Preview:
         )
         self._car_name = car_name
         self._is_placed = is_placed
-        self._is_strict = parameters.flag("strict", False)
-        self._shows_spread = parameters.flag("spread", False)
+        self._is_strict = options.is_strict
+        self._shows_spread = options.shows_spread
         self._profile: Optional[Parameters] = None
-        self._profile_name = parameters.optional_text("car") or "car"
-        if parameters.optional_text("car"):
-            profiles = package_folder("config/cars")
-            name = parameters.choice("car", names_in(profiles))
-            path = os.path.join(profiles, f"{name}.yaml")
+        self._profile_name = options.profile or "car"
+        if options.profile:
+            path = os.path.join(package_folder("config/cars"), f"{options.profile}.yaml")
             self._profile = Parameters(read_profile(path), "~car: ")
-        max_speed = parameters.number("max_speed", math.inf, "m/s", 0.001, math.inf)
-        self.plan, changes = slowed(plan, max_speed)
+        self.plan, changes = slowed(plan, options.max_speed)
         """The plan with its speeds limited to ~max_speed."""
         _warn(changes)
         self._pub_path = rospy.Publisher(

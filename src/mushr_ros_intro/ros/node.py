@@ -1,14 +1,16 @@
 """Run a node: initialisation, errors, signals, and the exit status."""
 
+import inspect
 import os
 import signal
 import sys
+import textwrap
 import threading
 import time
 import traceback
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
-from typing import Any, Callable, ContextManager, List, NoReturn, Optional, Tuple
+from typing import Any, Callable, ContextManager, Iterator, List, NoReturn, Optional, Tuple
 
 import rosgraph
 import rospy
@@ -16,7 +18,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import Description, Parameters
 from mushr_ros_intro.ros import rospy_fixes
 from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
@@ -34,6 +36,13 @@ A SimpleQueue, because no other queue may be used in a signal handler.
 _read: List[Parameters] = []
 """The private parameters of this node."""
 
+_description: Optional[Description] = None
+"""What the node declares, while its parameters are described and not read."""
+
+
+class _DescribedError(Exception):
+    """The end of the declarations of a node whose parameters are described."""
+
 
 def main(name: str, node_class: Callable[[], Any], **options: Any) -> NoReturn:
     """Run a node, and end the process.
@@ -50,6 +59,7 @@ def main(name: str, node_class: Callable[[], Any], **options: Any) -> NoReturn:
             may raise rospy.ROSInterruptException if the node is shut down.
         options: for rospy.init_node.
     """
+    check_arguments(node_class)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _: _ends.put((f"signal {received}", None)))
     init_node(name, disable_signals=True, **options)
@@ -144,18 +154,69 @@ def _is_master_online() -> bool:
         return False
 
 
-def parameters() -> Parameters:
-    """Return the private parameters of this node.
+def check_arguments(node_class: Callable[[], Any], *known: str) -> None:
+    """Answer --help, and refuse arguments that rospy would ignore, before the node registers.
+
+    Args:
+        node_class: see `main`; its docstring describes the topics.
+        known: the beginnings of other arguments that the program accepts.
+
+    Raises:
+        SystemExit: there is such an argument.
+    """
+    program = os.path.basename(sys.argv[0])
+    for each in sys.argv[1:]:
+        if each in ("-h", "--help"):
+            print(f"{program}: {help_text(node_class)}")
+            sys.exit()
+        is_remapping = ":=" in each and not each.startswith("-")
+        if not is_remapping and not each.startswith(known):
+            expected = "_PARAMETER:=VALUE, FROM:=TO for a topic, or --help"
+            print(f"{program}: unknown argument '{each}'; expected {expected}", file=sys.stderr)
+            sys.exit(2)
+
+
+def help_text(node_class: Callable[[], Any]) -> str:
+    """Return the purpose, the topics and the parameters of a node.
+
+    Args:
+        node_class: see `main`. The first paragraph of its module's docstring is the purpose. The
+            docstring of the class describes the topics, and ends with an example.
+    """
+    global _description
+    _description = Description()
+    with suppress(_DescribedError):
+        node_class()
+    declared, _description = _description.declared, None
+    purpose = (inspect.getdoc(sys.modules[node_class.__module__]) or "").partition("\n\n")[0]
+    topics = (inspect.getdoc(node_class) or "").replace("``", "").split("\n\n")[1:]
+    how = "Parameters: _NAME:=VALUE on the command line, <param> in a launch file."
+    paragraphs = [purpose, *(textwrap.fill(each, 100) for each in topics), how]
+    lines = [each.text(name) for name, each in declared.items()]
+    return "\n".join(["\n\n".join(paragraphs), *lines])
+
+
+@contextmanager
+def parameters(name: str = "~") -> Iterator[Parameters]:
+    """Give the parameters of this node to a block, which reads them and does nothing else.
+
+    Args:
+        name: of the node; by default this one.
 
     Raises:
         UserError: an argument such as plan_file:=... has the name of a parameter of an earlier run.
     """
-    values = rospy.get_param("~", {})
+    if _description is not None:
+        yield _description
+        raise _DescribedError
+    values = rospy.get_param(name, {})
+    if not isinstance(values, dict):
+        raise UserError(f"parameter {name} is {values!r}; expected the parameters of the node")
     for argument in sys.argv[1:]:
         if argument.partition(":=")[0] in values:
             raise UserError(f"'{argument}' sets no parameter; expected _{argument}")
     _read.append(Parameters(values))
-    return _read[-1]
+    yield _read[-1]
 
 
 def offer_service(name: str, lock: ContextManager[Any], act: Callable[[], str]) -> None:

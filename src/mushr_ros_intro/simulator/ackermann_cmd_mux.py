@@ -10,9 +10,9 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
 from mushr_ros_intro.car.model import Command
-from mushr_ros_intro.ros import conversions, ros_time
+from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.ros.connections import wait_until_connected
-from mushr_ros_intro.simulator.mux import Input, Mux, parse_config
+from mushr_ros_intro.simulator.mux import Input, Mux, read_config
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, PresentTime
 
 LATE_AFTER = COMMAND_PERIOD // 2
@@ -38,12 +38,15 @@ class AckermannCmdMux:
     input ``input/navigation`` of /car/mux/ackermann_cmd_mux is the topic
     /car/mux/ackermann_cmd_mux/input/navigation. Publishes the name of the input that drives on
     ``active`` below its name, and a stop when the last live input expires.
+
+    Example: ``roslaunch mushr_ros_intro sim.launch`` starts it with config/ackermann_cmd_mux.yaml
     """
 
     def __init__(self, name: str = "") -> None:
         """Subscribe to the inputs; `name` is the name of the node if it is empty."""
+        with node.parameters(name or "~") as parameters:
+            config = read_config(parameters)
         self._name = name or rospy.get_name()
-        config = parse_config(rospy.get_param(self._name, {}))
         self._lock = threading.Lock()
         self._is_live = threading.Event()
         self._mux = Mux()

@@ -28,26 +28,36 @@ from mushr_ros_intro.stamps import (
 from mushr_ros_intro.world.footprint import World, is_free
 from mushr_ros_intro.world.grid import Grid
 
+FACTOR = "speed of simulated time relative to wall-clock time; 0 is lock-step"
+
 
 class CarSim:
     """The simulated car as a node.
 
     Subscribes, relative to the car's namespace, to ``initialpose`` and
-    ``mux/ackermann_cmd_mux/output``, and to /map. For what it publishes see `StatePublisher`.
+    ``mux/ackermann_cmd_mux/output``, and to /map. Publishes ``car_pose``, ``odom``,
+    ``joint_states``, ``driven_path``, ``~collision``, /tf, and /clock in simulated time. Services:
+    ``~reset``; with /clock also ``~pause``, ``~resume`` and ``~step``.
+
+    Example: ``roslaunch mushr_ros_intro sim.launch car:=mushr_nano x:=1.0``
     """
 
-    def __init__(self, publishes_clock: bool) -> None:
+    def __init__(self, publishes_clock: bool = False) -> None:
         """Set up the node; if `publishes_clock`, it publishes /clock."""
-        parameters = node.parameters()
-        self._car = car_from(parameters)
-        pose_rate = parameters.number("pose_rate", 50.0, "Hz", 0.1, 1000.0)
+        with node.parameters() as parameters:
+            number, limit = parameters.number, MAX_COORDINATE
+            self._start = Pose(
+                number("x", 0.0, "m", -limit, limit, "start pose"),
+                number("y", 0.0, "m", -limit, limit, "start pose"),
+                number("theta", 0.0, "rad", -1e3, 1e3, "start pose"),
+            )
+            self._car = car_from(parameters)
+            pose_rate = number("pose_rate", 50.0, "Hz", 0.1, 1000.0, "rate of all topics")
+            factor = number("real_time_factor", 1.0, "", 0.0, 1e6, FACTOR)
+            meaning = "the car is ready only when it has received a map"
+            self._expects_map = parameters.flag("expects_map", False, meaning)
+            profile = parameters.optional_text("profile", "name of the car, for the log")
         pose_period = from_seconds(1.0 / pose_rate)
-        factor = parameters.number("real_time_factor", 1.0, "", 0.0, 1e6)
-        self._start = Pose(
-            parameters.number("x", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE),
-            parameters.number("y", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE),
-            parameters.number("theta", 0.0, "rad", -1e3, 1e3),
-        )
         # The lock of the state and the clock; notified of events and service calls.
         self._changed = threading.Condition()
         self.clock = (
@@ -55,10 +65,8 @@ class CarSim:
             if publishes_clock
             else sim_clock.FollowedClock(pose_period, self._changed)
         )
-        profile = parameters.optional_text("profile") or "without a profile"
-        values = (profile, self._car, pose_rate, self.clock.description)
+        values = (profile or "without a profile", self._car, pose_rate, self.clock.description)
         rospy.loginfo("car %s: %s; pose rate %g Hz; time: %s", *values)
-        self._expects_map = parameters.flag("expects_map", False)
         self._stamp_tolerance = SIMULATED_STAMP_TOLERANCE if publishes_clock else STAMP_TOLERANCE
         self._now = self.clock.read()
         self._history = History(self._car, at_rest(self._now, self._start))

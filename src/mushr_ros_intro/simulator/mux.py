@@ -84,21 +84,27 @@ class Mux(NamedTuple):
 
 
 def parse_config(raw: Any) -> Config:
+    """Read a configuration; see `read_config`."""
+    return read_config(_parameters(raw, "~", "subscribers", "publisher"))
+
+
+def read_config(parameters: Parameters) -> Config:
     """Read a configuration in the format of MuSHR's ackermann_cmd_mux.
 
     Args:
-        raw: ``{"subscribers": [{"name", "topic", "timeout" [s], "priority", "short_desc"}, ...],
-            "publisher": topic}``; short_desc is optional.
+        parameters: ``{"publisher": topic, "subscribers": [{"name", "topic", "timeout" [s],
+            "priority", "short_desc"}, ...]}``; short_desc is optional.
 
     Raises:
         UserError: keys are missing or unknown, values have the wrong type, two inputs have
             the same name, topic or priority, or an input has the topic of the publisher.
     """
-    parameters = _parameters(raw, "~", "subscribers", "publisher")
-    publisher = parameters.text("publisher", expected="a topic")
-    entries = raw.get("subscribers")
-    if not isinstance(entries, list) or not entries:
-        raise parameters.error("subscribers", "a list of inputs")
+    parameters.check_names("subscribers", "publisher")
+    publisher = parameters.text(
+        "publisher", expected="a topic", meaning="topic of the forwarded commands"
+    )
+    meaning = "each with name, topic, timeout [s], priority and short_desc"
+    entries = parameters.items("subscribers", "a list of inputs", meaning)
     inputs = [_input(entry, f"~subscribers[{number}]/") for number, entry in enumerate(entries, 1)]
     for one, other in itertools.combinations(inputs, 2):
         for field in ("name", "topic", "priority"):
@@ -130,7 +136,5 @@ def _parameters(raw: Any, prefix: str, *known: str) -> Parameters:
     if not isinstance(raw, dict):
         raise UserError(f"parameter {prefix} is {raw!r}; expected {expected}")
     parameters = Parameters(raw, prefix)
-    for key in raw:
-        if key not in known:
-            raise parameters.error(key, expected)
+    parameters.check_names(*known)
     return parameters

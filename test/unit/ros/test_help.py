@@ -1,0 +1,102 @@
+"""Test the answers to --help, and that unknown arguments are refused."""
+
+import importlib
+import os
+import re
+import sys
+
+import pytest
+
+from mushr_ros_intro.ros import node
+from mushr_ros_intro.simulator.ackermann_cmd_mux import AckermannCmdMux
+from mushr_ros_intro.simulator.car_sim import CarSim
+from support import helpers
+from support.paths import PACKAGE
+
+NODES = {
+    "path_publisher.py": "PathPublisher",
+    "car_sim.py": CarSim,
+    "ackermann_cmd_mux.py": AckermannCmdMux,
+    "map_server.py": "MapServer",
+    "laser_sim.py": "LaserSim",
+    "keyboard_teleop.py": "KeyboardTeleop",
+    "click_planner.py": "ClickPlanner",
+    "plan_recorder.py": "PlanRecorder",
+    "web_view.py": "WebView",
+    "posetest.py": "read_parameters",
+}
+
+NO_MASTER = {"ROS_MASTER_URI": "http://localhost:1"}
+
+
+def class_of(program, monkeypatch):
+    """Return what `node.check_arguments` gets from a program."""
+    if not isinstance(NODES[program], str):
+        return NODES[program]
+    monkeypatch.syspath_prepend(f"{PACKAGE}/src")
+    return getattr(importlib.import_module(program[:-3]), NODES[program])
+
+
+def documented(program):
+    """Return the names of the parameters of a program in docs/."""
+    page, heading = {
+        "web_view.py": ("web", "## web_view.py"),
+        "posetest.py": ("grading", "## Test nodes"),
+    }.get(program, ("nodes", f"## {program}"))
+    with open(f"{PACKAGE}/docs/{page}.md") as file:
+        text = file.read()
+    section = text.partition(f"\n{heading}\n")[2].partition("\n## ")[0]
+    cells = re.findall(r"^\| (`~[^|]*) \|", section, re.M)
+    return {name for cell in cells for name in re.findall(r"`~(\w+)`", cell)}
+
+
+def test_every_node_is_here():
+    others = {"check_plan.py", "doctor.py", "grade.py", "replay_check.py", "view.py"}  # no nodes
+    assert {name for name in os.listdir(f"{PACKAGE}/src") if name.endswith(".py")} - others == set(
+        NODES
+    )
+
+
+@pytest.mark.parametrize("program", NODES)
+def test_help(program, monkeypatch):
+    """It names the purpose, the topics, an example, and every documented parameter."""
+    text = node.help_text(class_of(program, monkeypatch))
+    purpose, *_, example, parameters = text.split("\n\n")
+    assert purpose.endswith(".") and "Subscribes" in text or "Publishes" in text or "topics" in text
+    assert re.match(r"Example: (rosrun|roslaunch|<test)", example)
+    assert set(re.findall(r"^  (\w+)$", parameters, re.M)) == documented(program)
+    assert "\n    \n" not in parameters, "each parameter has a meaning"
+
+
+def test_range_and_default(monkeypatch):
+    text = node.help_text(class_of("keyboard_teleop.py", monkeypatch))
+    assert text.endswith(
+        "  steering_angle\n"
+        "    steering angle of A, of D to the right; a number from 0 to 1.5 rad; default 0.34"
+    )
+    text = node.help_text(class_of("map_server.py", monkeypatch))
+    assert "_map_file:=sandbox; required\n" in text
+    text = node.help_text(class_of("click_planner.py", monkeypatch))
+    assert "\n    by default that of the car; a number from 0.01 to 100 m\n" in text
+
+
+def test_a_program_answers_before_it_needs_a_master():
+    with helpers.node("map_server.py", "--help", "_map_file:=sandbox", **NO_MASTER) as process:
+        assert process.wait() == 0, process.output
+    assert process.output.startswith("map_server.py: Serve a map from a YAML file")
+
+
+@pytest.mark.parametrize("argument", ["--strict", "-x", "figure_8", "_loop", "--loop:=true", ""])
+def test_unknown_arguments(argument, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["/a/node.py", "_loop:=true", argument])
+    with pytest.raises(SystemExit) as caught:
+        node.check_arguments(CarSim)
+    assert caught.value.code == 2
+    expected = f"node.py: unknown argument '{argument}'; expected _PARAMETER:=VALUE, FROM:=TO for "
+    assert capsys.readouterr().err.startswith(expected)
+
+
+def test_known_arguments(monkeypatch):
+    arguments = ["__name:=a", "_x:=-1", "/tf:=/tf_old", "--gtest_output=xml:a.xml"]
+    monkeypatch.setattr(sys, "argv", ["node.py", *arguments])
+    node.check_arguments(CarSim, "--gtest_output=")
