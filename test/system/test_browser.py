@@ -173,7 +173,7 @@ def at_rest(page):
 
     def stands():
         pose = page.run("return window.mushr.pose")
-        if {**first, "stamp": pose["stamp"]} != pose:
+        if pose != {**first, "stamp": pose["stamp"]}:
             first.update(pose)
         return pose["stamp"] > first["stamp"] + 1.0
 
