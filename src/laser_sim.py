@@ -37,12 +37,11 @@ class LaserSim:
             meaning = "standard deviation of the noise of each range"
             self._noise_std = number("noise_std", 0.0, "m", 0.0, 1e3, meaning)
             self._seed = parameters.integer("seed", 0, 0, 1e9, "seed of the noise")
+            self._frame = node.frame_prefix(parameters) + "laser_link"
         self._beams.check()
         self._period = from_seconds(1.0 / rate)
         self._mount = Pose(offset, 0.0, 0.0)
         rospy.loginfo("%s", parameters)
-        prefix = rospy.get_namespace().strip("/")
-        self._frame = f"{prefix}/laser_link".lstrip("/")
 
         self._laser: Optional[Laser] = None
         self._slot = 0

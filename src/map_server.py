@@ -32,12 +32,13 @@ class MapServer:
             frame = parameters.text("frame_id", conversions.MAP_FRAME, meaning="frame of the map")
         path, grid = read(name)
         self._msg = conversions.grid_to_msg(grid, ros_time.now(), frame)
+        # First, because nodes of courses call the service without waiting for it.
+        self._service = rospy.Service("static_map", GetMap, self._on_request)
 
         self._metadata_pub = rospy.Publisher("map_metadata", MapMetaData, queue_size=1, latch=True)
         self._map_pub = rospy.Publisher("map", OccupancyGrid, queue_size=1, latch=True)
         self._metadata_pub.publish(self._msg.info)
         self._map_pub.publish(self._msg)
-        self._service = rospy.Service("static_map", GetMap, self._on_request)
         cells = f"{grid.width} x {grid.height} cells of {grid.resolution:g} m"
         rospy.loginfo(f"map {path}: {cells}, in the frame {frame}")
 
@@ -63,8 +64,13 @@ def read(name: str) -> Tuple[str, Grid]:
 def check_command_line() -> None:
     """End the program if the map on the command line is not valid.
 
-    This is before the node is registered, which ends the map server that is running.
+    FILE, as with ROS's map_server, means _map_file:=FILE. This is before the node is registered,
+    which ends the map server that is running.
     """
+    sys.argv[1:] = [
+        each if ":=" in each or each.startswith("-") else f"_map_file:={each}"
+        for each in sys.argv[1:]
+    ]
     name = load_command_line_node_params(sys.argv).get("map_file")
     if isinstance(name, str):
         try:

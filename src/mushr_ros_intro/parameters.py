@@ -115,6 +115,11 @@ class Parameters:
         is_text = isinstance(value, str) and bool(value.strip())
         return str(self._checked(name, value, is_text, expected or "text that is not empty"))
 
+    def any_text(self, name: str, default: str, shown: str, meaning: str) -> str:
+        """Return text, which may be empty; `shown` describes the default."""
+        value = self._get(name, default, meaning, "", shown)
+        return str(self._checked(name, value, isinstance(value, str), "text"))
+
     def optional_text(self, name: str, meaning: str = "") -> Optional[str]:
         """Return text, or None if the parameter is missing or empty."""
         is_empty = self._get(name, "", meaning, "", "") == ""

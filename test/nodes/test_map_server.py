@@ -62,6 +62,9 @@ class TestMapServer(RosTestCase):
             self.assertEqual((msg.info.width, msg.info.height), (1000, 1000))
             self.assertEqual(msg.header.frame_id, "map")
             self.assertTrue(other.running)
+        with node("map_server.py", "__ns:=file", os.path.join(FIXTURES, "maps", "asymmetric.yaml")):
+            by_file = Recording("/file/map", OccupancyGrid)
+            self.assertEqual(tuple(wait_for(lambda: by_file.last, "the map").data), CELLS)
         folder = FIXTURES
         command = "rosrun mushr_ros_intro map_server.py __name:=by_path __ns:=third"
         with Process("bash", "-c", f"cd '{folder}' && {command} _map_file:=maps/asymmetric.yaml"):
@@ -96,8 +99,8 @@ class TestMapServer(RosTestCase):
         cases = (
             (
                 "car:=nano",
-                "no such car; expected one of ideal, mushr_nano, mushr_nano_master, mushr_tx2, "
-                "racecar_mit\n",
+                "no such car; expected one of ideal, mushr_nano, mushr_nano_master, mushr_sim, "
+                "mushr_tx2, racecar_mit\n",
             ),
             ("map:=sandbx", "no such file; did you mean sandbox? (searched: "),
         )

@@ -61,6 +61,9 @@ def test_text():
 def test_optional_text_and_choice():
     assert read("optional_text", "a") == "a"
     assert read("optional_text", "") is None
+    assert read("any_text", "", "default", "", "") == ""
+    assert Parameters({}).any_text("name", "default", "", "") == "default"
+    assert "expected text" in refusal("any_text", 3, "default", "", "")
     assert Parameters({}).optional_text("name") is None
     assert "expected text" in refusal("optional_text", 3)
     assert read("choice", "b", ["a", "b"]) == "b"

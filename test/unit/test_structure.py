@@ -43,6 +43,7 @@ WITH_ROS = {
         "ackermann_cmd_mux",
         "car_parameters",
         "car_sim",
+        "mushr_interface",
         "sim_clock",
         "state_publisher",
     },
@@ -50,7 +51,7 @@ WITH_ROS = {
 """The modules of each product that import rospy, messages or another library of ROS."""
 
 IN_LIBRARY = re.compile(rf"{PACKAGE}(\.\w+)+")
-ROS = re.compile(r"(ros[a-z]*|genpy|tf|tf2_\w+|\w+_msgs|std_srvs)(\.|$)")
+ROS = re.compile(r"(ros[a-z]*|genpy|tf|tf2_\w+|\w+_msgs|std_srvs|mushr_sim)(\.|$)")
 
 
 def modules():

@@ -7,6 +7,7 @@ import math
 from typing import NamedTuple, Optional, Tuple, Union
 
 from mushr_ros_intro.geometry import Pose, compose, curvature, inverse
+from mushr_ros_intro.plan.plan import MAX_STEERING_ANGLE
 from mushr_ros_intro.stamps import NANOSECONDS
 
 
@@ -71,9 +72,13 @@ class Car(NamedTuple):
 
     def within_limits(self, speed: float, steering_angle: float) -> Tuple[float, float]:
         """Return the nearest speed [m/s] and steering angle [rad] that the car accepts."""
+        left, right = (
+            min(limit, MAX_STEERING_ANGLE)
+            for limit in (self.steering_limit_left, self.steering_limit_right)
+        )
         return (
             max(-self.speed_limit, min(self.speed_limit, speed)),
-            max(-self.steering_limit_right, min(self.steering_limit_left, steering_angle)),
+            max(-right, min(left, steering_angle)),
         )
 
     def response(self, speed: float, steering_angle: float) -> Tuple[float, float]:

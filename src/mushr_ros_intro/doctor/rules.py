@@ -11,6 +11,7 @@ from mushr_ros_intro.doctor.facts import (
     Publisher,
     Topic,
 )
+from mushr_ros_intro.plan.plan import MAX_STEERING_ANGLE
 from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER, CallFault
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
 
@@ -332,8 +333,8 @@ def _values(sender: Publisher) -> List[Finding]:
         return []
     return [
         Finding(
-            f"{sender.node} sends steering angles up to {largest:g} rad; a right angle or more is "
-            "refused",
+            f"{sender.node} sends steering angles up to {largest:g} rad; the car steers at "
+            f"most {MAX_STEERING_ANGLE:g} rad",
             "If they are degrees, use math.radians; or are drive.speed and drive.steering_angle "
             "swapped?",
         )

@@ -140,7 +140,10 @@ def _why_not_at(pose: Pose) -> str:
     """Return the likely reason why a car does not report its start pose, with the remedy."""
     names = []
     with suppress(rosgraph.MasterException, OSError):
-        names = registered_nodes(_REPOSITION, "subscribers")
+        # car_sim can be placed on both topics.
+        placed = registered_nodes("/initialpose", "subscribers")
+        both = {each for each in placed if each.endswith("/car_sim")}
+        names = [n for n in registered_nodes(_REPOSITION, "subscribers") if n not in both]
     if not names:
         return (
             "Is the start pose inside a wall, is the clock held, or does another node place the "

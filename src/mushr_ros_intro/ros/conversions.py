@@ -2,7 +2,7 @@
 
 import functools
 import math
-from typing import Any, Callable, Iterable, Tuple, TypeVar
+from typing import Any, Callable, Iterable, Tuple, TypeVar, Union
 
 import genpy
 import numpy as np
@@ -113,14 +113,15 @@ def pose_from_msg(msg: PoseMsg) -> Pose:
     return Pose(position.x, position.y, yaw)
 
 
-def initial_pose_from_msg(msg: PoseWithCovarianceStamped) -> InitialPose:
+def initial_pose_from_msg(msg: Union[PoseWithCovarianceStamped, PoseStamped]) -> InitialPose:
     """Return the initial pose of a message, with the message's stamp.
 
     Raises:
         MessageError: the pose is unusable, or not in the map frame.
     """
     _check_frame(msg.header, "pose")
-    return InitialPose(msg.header.stamp.to_nsec(), pose_from_msg(msg.pose.pose))
+    pose = pose_from_msg(getattr(msg.pose, "pose", msg.pose))
+    return InitialPose(msg.header.stamp.to_nsec(), pose)
 
 
 def point_from_msg(msg: PointStamped) -> Tuple[float, float]:
@@ -150,8 +151,7 @@ def command_from_msg(msg: AckermannDriveStamped) -> Command:
     """Return the command of a message, with the message's stamp.
 
     Raises:
-        MessageError: a number is not finite, the speed is above MAX_SPEED, or the steering angle is
-            a right angle or more.
+        MessageError: a number is not finite, or the speed is above MAX_SPEED.
     """
     drive = msg.drive
     numbers = tuple(getattr(drive, name) for name in drive.__slots__)
@@ -159,10 +159,6 @@ def command_from_msg(msg: AckermannDriveStamped) -> Command:
         raise MessageError(f"command {numbers} is not finite; expected finite numbers")
     if abs(drive.speed) > MAX_SPEED:
         raise MessageError(f"speed is {drive.speed:g} m/s; expected at most {MAX_SPEED:g} m/s")
-    if abs(drive.steering_angle) >= math.pi / 2:
-        raise MessageError(
-            f"steering angle {drive.steering_angle:g} is a right angle or more; expected radians"
-        )
     return Command(
         msg.header.stamp.to_nsec(),
         drive.speed,
@@ -225,12 +221,13 @@ def joint_states_to_msg(state: State, wheel_angles: Wheels, car: Car) -> JointSt
     return JointState(header=header, name=names, position=[*wheel_angles, left, right])
 
 
-def transforms_to_msg(state: State, odom_frame: str, base_frame: str) -> TFMessage:
-    """Return the transforms from the map to `odom_frame` and from there to `base_frame`."""
-    frames = (
-        (MAP_FRAME, odom_frame, state.map_from_odom),
-        (odom_frame, base_frame, state.odom_pose),
-    )
+def transforms_to_msg(
+    state: State, odom_frame: str, base_frame: str, with_map: bool = True
+) -> TFMessage:
+    """Return the transforms from the map, if wanted, to `odom_frame` and then to `base_frame`."""
+    frames = [(odom_frame, base_frame, state.odom_pose)]
+    if with_map:
+        frames.insert(0, (MAP_FRAME, odom_frame, state.map_from_odom))
     msgs = []
     for parent, child, pose in frames:
         translation = Vector3(pose.x, pose.y, 0.0)

@@ -219,6 +219,13 @@ def parameters(name: str = "~") -> Iterator[Parameters]:
     yield _read[-1]
 
 
+def frame_prefix(read: Parameters) -> str:
+    """Return the prefix of the frames of this node's car, by default the name of its namespace."""
+    namespace = rospy.get_namespace().strip("/")
+    default = f"{namespace}/" if namespace else ""
+    return read.any_text("frame_prefix", default, "CAR_NAME/", "precedes the names of the frames")
+
+
 def offer_service(name: str, lock: ContextManager[Any], act: Callable[[], str]) -> None:
     """Offer a std_srvs/Trigger service.
 

@@ -25,7 +25,7 @@ from mushr_ros_intro.stamps import (
     effective_stamp,
     from_seconds,
 )
-from mushr_ros_intro.world.footprint import World, is_free
+from mushr_ros_intro.world.footprint import POINT, Footprint, World, is_free
 from mushr_ros_intro.world.grid import Grid
 
 FACTOR = "speed of simulated time relative to wall-clock time; 0 is lock-step"
@@ -57,6 +57,13 @@ class CarSim:
             meaning = "the car is ready only when it has received a map"
             self._expects_map = parameters.flag("expects_map", False, meaning)
             profile = parameters.optional_text("profile", "name of the car, for the log")
+            meaning = "what walls stop: the car's body, or the point at its rear axle"
+            is_point = parameters.choice("collision", ("body", "point"), "body", meaning) == "point"
+            prefix = node.frame_prefix(parameters)
+            meaning = "publish the transform from the map to the odometry"
+            with_map = parameters.flag("publish_map_to_odom", True, meaning)
+            meaning = "offer the topics and services of MuSHR's simulator, too"
+            has_mushr_interface = parameters.flag("mushr_interface", False, meaning)
         pose_period = from_seconds(1.0 / pose_rate)
         # The lock of the state and the clock; notified of events and service calls.
         self._changed = threading.Condition()
@@ -67,11 +74,17 @@ class CarSim:
         )
         values = (profile or "without a profile", self._car, pose_rate, self.clock.description)
         rospy.loginfo("car %s: %s; pose rate %g Hz; time: %s", *values)
+        self._footprint = POINT if is_point else Footprint()
         self._stamp_tolerance = SIMULATED_STAMP_TOLERANCE if publishes_clock else STAMP_TOLERANCE
         self._now = self.clock.read()
         self._history = History(self._car, at_rest(self._now, self._start))
         self._world: Optional[World] = None
-        self._publisher = StatePublisher(self._car, self._now, loses_states=not publishes_clock)
+        self._publisher = StatePublisher(
+            self._car, self._now, not publishes_clock, prefix, with_map
+        )
+        self._publish: sim_clock.Publish = self._publisher.publish
+        if has_mushr_interface:
+            self._publish = self._offer_mushr_interface(prefix)
         node.offer_service("~reset", self._changed, self._reset)
         self._subscribe()
 
@@ -101,7 +114,20 @@ class CarSim:
         # A node that receives the car's pose can rely on the car receiving commands.
         wait_until_connected(self._command_sub, "publishers")
         self._publisher.announce(self._is_ready)
-        self.clock.run(self._evaluate, self._publisher.publish)
+        self.clock.run(self._evaluate, self._publish)
+
+    def _offer_mushr_interface(self, prefix: str) -> sim_clock.Publish:
+        """Offer the interface of MuSHR's simulator, too; return the function that publishes."""
+        # Only here, because plain car_sim needs none of MuSHR's packages.
+        from mushr_ros_intro.simulator.mushr_interface import MushrInterface
+
+        interface = MushrInterface(self._car, prefix, self.add)
+
+        def publish(states: List[State]) -> None:
+            self._publisher.publish(states)
+            interface.publish(states)
+
+        return publish
 
     def _is_ready(self) -> bool:
         """Return whether the mux is connected, and whether a map, if expected, is in use."""
@@ -120,7 +146,7 @@ class CarSim:
 
     def use_map(self, grid: Grid) -> None:
         """Use a map from now on."""
-        world = World(grid)
+        world = World(grid, self._footprint)
         is_free(*world, self._start)  # fills the map's caches before the lock is taken
         with self._changed:
             now = self._read_clock()
@@ -135,10 +161,12 @@ class CarSim:
     @conversions.ignore_bad_messages
     def on_message(self, msg: rospy.Message, read: Callable[[rospy.Message], Event]) -> None:
         """Add a command or an initial pose to the history; it applies at its stamp."""
-        topic = msg._connection_header["topic"]
-        event = read(msg)
+        self.add(read(msg), msg._connection_header["topic"])
+
+    def add(self, event: Event, topic: str) -> Optional[int]:
+        """Add an event from a topic or service; return its stamp [ns], None if it is rejected."""
         if not self._accepts(event, topic):
-            return
+            return None
         with self._changed:
             now = self._read_clock()
             stamp = effective_stamp(event.stamp, now)
@@ -155,6 +183,7 @@ class CarSim:
                 f"most {STAMP_TOLERANCE / NANOSECONDS:g} s. The message is applied on arrival; "
                 "synchronise the clocks of the machines",
             )
+        return stamp
 
     def _accepts(self, event: Event, topic: str) -> bool:
         """Return whether the car accepts an event; log a rejected event or a limited command."""

@@ -40,12 +40,14 @@ class StatePublisher:
     if it touches a wall, otherwise no pose. For rviz: ``driven_path``; see `DrivenPath`.
     """
 
-    def __init__(self, car: Car, now: int, loses_states: bool) -> None:
+    def __init__(self, car: Car, now: int, loses_states: bool, prefix: str, with_map: bool) -> None:
         """Advertise the topics.
 
         Args:
             car: the car.
             now: the present [ns].
+            prefix: of the frames.
+            with_map: whether /tf contains the transform from the map to the odometry.
             loses_states: whether a slow subscriber loses old states rather than getting them late.
         """
         self.world: Optional[World] = None
@@ -55,14 +57,17 @@ class StatePublisher:
         self._wheel_angles = Wheels(0.0, 0.0, 0.0, 0.0)
         self._announced: Optional[Contact] = None
         self._is_on_map = True
-        prefix = rospy.get_namespace().strip("/")
-        frames = f"{prefix}/odom".lstrip("/"), f"{prefix}/base_footprint".lstrip("/")
+        frames = f"{prefix}odom", f"{prefix}base_footprint"
         topics = (
             ("car_pose", PoseStamped, conversions.car_pose_to_msg),
             ("odom", Odometry, lambda state: conversions.odometry_to_msg(state, car, *frames)),
             ("joint_states", JointState, self._joint_states),
             # Not tf2_ros.TransformBroadcaster: it publishes the same, and needs 7 MB.
-            ("/tf", TFMessage, lambda state: conversions.transforms_to_msg(state, *frames)),
+            (
+                "/tf",
+                TFMessage,
+                lambda state: conversions.transforms_to_msg(state, *frames, with_map),
+            ),
         )
         queue_size = 1 if loses_states else 10_000
         self._publishers = [

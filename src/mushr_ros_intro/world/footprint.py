@@ -35,6 +35,10 @@ class Footprint(NamedTuple):
     """Distance from the middle to each side [m]."""
 
 
+POINT = Footprint(1e-6, 1e-6, 1e-6)
+"""The rear axle alone, as in MuSHR's simulator. A point without size can be between two cells."""
+
+
 class World(NamedTuple):
     """The obstacles, and the shape of the car among them."""
 

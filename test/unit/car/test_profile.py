@@ -16,7 +16,9 @@ from support.cars import CARS, PROFILES
 
 
 def test_profiles():
-    assert set(CARS) == {"ideal", "mushr_nano", "mushr_nano_master", "mushr_tx2", "racecar_mit"}
+    assert set(CARS) == {
+        *("ideal", "mushr_nano", "mushr_nano_master", "mushr_sim", "mushr_tx2", "racecar_mit")
+    }
     assert CARS["ideal"] == Car() == car_from(Parameters({}))
     assert [name for name, car in CARS.items() if car.is_ideal] == ["ideal"]
     for limited in (Car(acceleration=1.0), Car(speed_noise=0.1), Car(steering_noise=0.1)):
@@ -35,20 +37,23 @@ def test_profiles():
 
 
 @pytest.mark.parametrize(
-    "name, erpm_gain, servo_gain, servo_offset",
+    "name, erpm_gain, servo_gain, servo_offset, max_erpm",
     [
-        ("mushr_nano", -3500.0, 0.95, 0.55),
-        ("mushr_nano_master", -3500.0, 0.8, 0.5),
-        ("mushr_tx2", -2000.0, 1.2135, 0.55),
-        ("racecar_mit", 4614.0, -1.2135, 0.5304),
+        ("mushr_nano", -3500.0, 0.95, 0.55, 3250.0),
+        ("mushr_nano_master", -3500.0, 0.8, 0.5, 3250.0),
+        ("mushr_tx2", -2000.0, 1.2135, 0.55, 3250.0),
+        ("mushr_sim", 4614.0, -1.2135, 0.5304, 30500.0),
+        ("racecar_mit", 4614.0, -1.2135, 0.5304, 3250.0),
     ],
 )
-def test_limits_are_those_of_the_motor_controller(name, erpm_gain, servo_gain, servo_offset):
+def test_limits_are_those_of_the_motor_controller(
+    name, erpm_gain, servo_gain, servo_offset, max_erpm
+):
     """In MuSHR's vesc.yaml erpm and servo are gain * command + offset, and then clipped."""
     car = CARS[name]
     servo = sorted((servo - servo_offset) / servo_gain for servo in (0.15, 0.85))
     assert (-car.steering_limit_right, car.steering_limit_left) == pytest.approx(servo, abs=1e-4)
-    assert car.speed_limit == pytest.approx(3250.0 / abs(erpm_gain), abs=1e-4)
+    assert car.speed_limit == pytest.approx(max_erpm / abs(erpm_gain), abs=1e-4)
     # throttle_interpolator changes erpm by at most `step`, and does so `step` times per second.
     step = abs(erpm_gain) * 2.5 / 75.0
     assert car.acceleration == pytest.approx(step * step / abs(erpm_gain), abs=1e-4)

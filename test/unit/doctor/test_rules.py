@@ -189,7 +189,7 @@ def test_master(master, problem, remedy):
         ),
         (
             {"inputs": inputs(PLAN._replace(steering_angles=(0.0, -20.0))), "moves": False},
-            "/path_publisher sends steering angles up to 20 rad; a right angle or more is refused",
+            "/path_publisher sends steering angles up to 20 rad; the car steers at most 1.57 rad",
             "If they are degrees, use math.radians; or are drive.speed and drive.steering_angle",
         ),
         (

@@ -102,8 +102,6 @@ def test_what_is_not_finite_is_refused(value):
     [
         ("speed", 1e30, "speed is 1e+30 m/s; expected at most 1000 m/s"),
         ("speed", -1001.0, "speed is -1001 m/s; expected at most 1000 m/s"),
-        ("steering_angle", math.pi / 2, "steering angle 1.5708 is a right angle or more"),
-        ("steering_angle", -30.0, "steering angle -30 is a right angle or more; expected radians"),
     ],
 )
 def test_a_command_out_of_range_is_refused(field, value, expected):

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from mushr_ros_intro.geometry import Pose, compose, drive_arc
-from mushr_ros_intro.world.footprint import TOUCH, Footprint, free_distance, is_free, on_map
+from mushr_ros_intro.world.footprint import (
+    POINT,
+    TOUCH,
+    Footprint,
+    free_distance,
+    is_free,
+    on_map,
+)
 from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.map_file import read_map
 from support.paths import PACKAGE
@@ -33,6 +40,12 @@ def grid_of(rows, resolution):
 
 ROOM = grid_of(["########", "#      #", "#      #", "#      #", "########"], 0.5)
 """Free from 0.5 to 3.5 m in x, and from 0.5 to 2.0 m in y."""
+
+
+@pytest.mark.parametrize("y", [1.0, 1.25])
+def test_a_point_is_stopped_between_two_cells_and_in_a_cell(y):
+    path = Pose(1.0, y, 0.0)
+    assert free_distance(ROOM, POINT, lambda s: drive_arc(path, s, 0.0), 9.0) == pytest.approx(2.5)
 
 
 def free_arc(grid, footprint, pose, bend, distance):

@@ -1,0 +1,136 @@
+"""The topics and the services of MuSHR's simulator that car_sim does not have by itself.
+
+The packages vesc_msgs and mushr_sim are needed for these only, so only car_sim imports this
+module, and only with the parameter ``~mushr_interface``.
+"""
+
+import threading
+from typing import Callable, List, Optional
+
+import rospy
+from geometry_msgs.msg import PointStamped, PoseStamped
+from mushr_sim.srv import CarPose, CarPoseRequest
+from nav_msgs.msg import Odometry
+from std_msgs.msg import Float64, Header
+from vesc_msgs.msg import VescState, VescStateStamped
+
+from mushr_ros_intro.car.model import Car, Event, InitialPose, State
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.ros import conversions
+
+REPOSITION = "/mushr_sim/reposition"
+"""The name of the service and of the topic that place a car."""
+
+_TIMEOUT = 5.0
+"""How long the service waits until the car reports its pose [s of wall-clock time]."""
+
+Accept = Callable[[Event, str], Optional[int]]
+"""Adds an event from a topic or service. Returns its stamp [ns], None if it was rejected."""
+
+
+class MushrInterface:
+    """The interface of MuSHR's simulator to one car.
+
+    Publishes ``/mushr_sim/CAR/odom``, with the true pose in the map, and in the car's namespace
+    ``vesc/sensors/core`` and ``vesc/sensors/servo_position_command``. Subscribes to
+    /mushr_sim/reposition and to ``clicked_point``, which place the car, and offers the service
+    /mushr_sim/reposition.
+    """
+
+    def __init__(self, car: Car, prefix: str, accept: Accept) -> None:
+        """Set up the topics and the service.
+
+        Args:
+            car: the car.
+            prefix: of the car's frames.
+            accept: adds an initial pose.
+        """
+        self._car, self._accept = car, accept
+        self._name = rospy.get_namespace().strip("/")
+        self._frames = f"{prefix}odom", f"{prefix}base_link"
+        number = Parameters(rospy.get_param("vesc", {}), "vesc/").number
+        self._erpm_gain = number("speed_to_erpm_gain", 4614.0, "", -1e6, 1e6)
+        self._erpm_offset = number("speed_to_erpm_offset", 0.0, "", -1e6, 1e6)
+        self._servo_gain = number("steering_angle_to_servo_gain", -1.2135, "", -10.0, 10.0)
+        self._servo_offset = number("steering_angle_to_servo_offset", 0.5304, "", -10.0, 10.0)
+        rospy.set_param("vesc/chassis_length", car.wheelbase)
+        rospy.set_param("vesc/wheelbase", car.track)  # MuSHR gives this name to the width
+        self._reported = threading.Condition()
+        self._stamp = 0  # of the newest published state [ns]
+        topics = (
+            (f"/mushr_sim/{self._name}/odom", Odometry, self._true_odometry),
+            ("vesc/sensors/core", VescStateStamped, self._motor_state),
+            ("vesc/sensors/servo_position_command", Float64, self._servo_position),
+        )
+        self._publishers = [
+            (rospy.Publisher(topic, kind, queue_size=10, tcp_nodelay=True), convert)
+            for topic, kind, convert in topics
+        ]
+        for topic, kind, read in (
+            (REPOSITION, PoseStamped, conversions.initial_pose_from_msg),
+            ("clicked_point", PointStamped, _initial_pose_from_point),
+        ):
+            rospy.Subscriber(topic, kind, self._on_message, read, tcp_nodelay=True)
+        rospy.Service(REPOSITION, CarPose, self._on_request)
+
+    def publish(self, states: List[State]) -> None:
+        """Publish states on every topic that has a subscriber; they have been reported."""
+        for state in states:
+            for publisher, convert in self._publishers:
+                if publisher.get_num_connections():
+                    publisher.publish(convert(state))
+        with self._reported:
+            self._stamp = states[-1].stamp
+            self._reported.notify_all()
+
+    def _true_odometry(self, state: State) -> Odometry:
+        """Return the true pose, which is in the map, in MuSHR's form."""
+        msg = conversions.odometry_to_msg(state, self._car, *self._frames)
+        msg.pose.pose = conversions.pose_to_msg(state.pose)
+        return msg
+
+    def _motor_state(self, state: State) -> VescStateStamped:
+        """Return the state of the motor controller: the electrical speed of the motor."""
+        speed = self._erpm_gain * state.speed + self._erpm_offset
+        header = Header(stamp=conversions.time_from(state.stamp))
+        return VescStateStamped(header, VescState(speed=speed))
+
+    def _servo_position(self, state: State) -> Float64:
+        """Return the position of the steering servo."""
+        return Float64(self._servo_gain * state.steering_angle + self._servo_offset)
+
+    @conversions.ignore_bad_messages
+    def _on_message(self, msg: rospy.Message, read: Callable[[rospy.Message], Event]) -> None:
+        """Place the car."""
+        self._accept(read(msg), msg._connection_header["topic"])
+
+    def _on_request(self, request: CarPoseRequest) -> bool:
+        """Place the car; return whether it reports its new pose."""
+        try:
+            if request.car_name != self._name:
+                raise conversions.MessageError(
+                    f"there is no car '{request.car_name}'; expected '{self._name}'"
+                )
+            pose = conversions.pose_to_msg(Pose(request.x, request.y, request.theta))
+            event = conversions.initial_pose_from_msg(PoseStamped(pose=pose))
+        except conversions.MessageError as error:
+            rospy.logwarn("%s: %s", REPOSITION, error)
+            return False
+        stamp = self._accept(event, REPOSITION)
+        if stamp is None:
+            return False
+        with self._reported:
+            is_there = self._reported.wait_for(lambda: self._stamp >= stamp, _TIMEOUT)
+        if not is_there:
+            rospy.logwarn(
+                "%s: the car did not report its pose within %g s; is the clock held?",
+                *(REPOSITION, _TIMEOUT),
+            )
+        return is_there
+
+
+def _initial_pose_from_point(msg: PointStamped) -> InitialPose:
+    """Return an initial pose at a point, with the heading 0."""
+    x, y = conversions.point_from_msg(msg)
+    return InitialPose(msg.header.stamp.to_nsec(), Pose(x, y, 0.0))
