@@ -1,15 +1,12 @@
 """What the page needs to know about a car."""
 
+import os
 from typing import Any, Dict
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.parameters import Parameters
-
-SPEED = 2.0
-"""Of driving by hand [m/s]; this and the angle are those of config/keyboard_teleop.yaml."""
-
-STEERING_ANGLE = 0.34
-"""Of driving by hand [rad]."""
+from mushr_ros_intro.paths import package_folder
+from mushr_ros_intro.yaml_file import read_mapping
 
 
 def car_limits(parameters: Parameters) -> Dict[str, Any]:
@@ -22,8 +19,10 @@ def car_limits(parameters: Parameters) -> Dict[str, Any]:
         UserError: a parameter is of the wrong type or out of range.
     """
     car = car_from(parameters.with_values(noise=True))
-    angles = STEERING_ANGLE, car.steering_limit_left, car.steering_limit_right
+    path = os.path.join(package_folder("config"), "keyboard_teleop.yaml")
+    hand = read_mapping(path, "the keys speed and steering_angle")
+    angles = hand["steering_angle"], car.steering_limit_left, car.steering_limit_right
     return {
-        "hand": {"speed": min(SPEED, car.speed_limit), "steering_angle": min(angles)},
+        "hand": {"speed": min(hand["speed"], car.speed_limit), "steering_angle": min(angles)},
         "has_noise": bool(car.speed_noise or car.steering_noise),
     }
