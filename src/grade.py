@@ -21,7 +21,6 @@ from typing import Any, Dict, List, Sequence
 
 from mushr_ros_intro.classroom import services, tables
 from mushr_ros_intro.classroom.arguments import parse_arguments
-from mushr_ros_intro.classroom.grader import job_for, read_setting
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.grading import Grading, Options, Task, not_graded, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
@@ -35,6 +34,7 @@ from mushr_ros_intro.replay.job import ReplayError, Setting, run_job
 from mushr_ros_intro.replay.judge import Tolerances
 from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
+from mushr_ros_intro.replay.setting import job_for, read_setting
 from mushr_ros_intro.replay.workspace import temporary_folder
 from mushr_ros_intro.wording import counted
 

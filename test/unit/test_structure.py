@@ -35,8 +35,7 @@ WITHOUT_ROS = {"preview", "car", "world", "plan", ""}
 
 WITH_ROS = {
     "browser": {"bridge", "map", "messages", "plan_drive", "rosapi"},
-    "classroom": {"grader"},
-    "replay": {"bag", "guarded_master", "workspace", "world"},
+    "replay": {"bag", "guarded_master", "setting", "workspace", "world"},
     "drive": {"car_pose", "command_publisher", "drive_monitor", "preview_publisher", "timetable"},
     "doctor": {"network", "observation"},
     "simulator": {

@@ -1,19 +1,11 @@
-"""Prepare replays: find the car, the map and the node; build a submission; try the sandbox."""
+"""Prepare the replays of a class: build a submission; try the sandbox."""
 
-import glob
 import os
 import subprocess
 import tempfile
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
-import roslib.packages
-import rospkg
-
-from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.classroom.submissions import Submission
-from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.job import (
     MAX_OVERHEAD,
@@ -26,8 +18,6 @@ from mushr_ros_intro.replay.job import (
 from mushr_ros_intro.replay.node_process import SHOWN_LINES
 from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.workspace import environment_of
-from mushr_ros_intro.world.map_file import read_map
-from mushr_ros_intro.yaml_file import read_mapping
 
 TIMEOUT = 120.0
 """For the build of one submission, and for the probe [s of wall-clock time]."""
@@ -39,74 +29,6 @@ for path in (__file__, sys.argv[-1].split(":=")[1]):
     open(path).close()
 open(os.path.join(os.environ["HOME"], "probe"), "w").close()
 """
-
-
-def read_setting(
-    package: str, car: str, map_name: str, seed: Optional[int], **others: Any
-) -> Setting:
-    """Return the setting with a car and a map of this package.
-
-    Args:
-        package: the folder of this package.
-        car: the name of a profile.
-        map_name: the name or the path of a map, or "none".
-        seed: drive with the noise of the profile and with this seed; None: without noise.
-        others: the other fields.
-
-    Raises:
-        UserError: there is no such car or map.
-    """
-    config = os.path.join(package, "config")
-    cars = names_in(os.path.join(config, "cars"))
-    if car not in cars:
-        raise UserError(f"car is '{car}'; expected one of {', '.join(cars)}")
-    parameters = {
-        **read_profile(os.path.join(config, "car_sim.yaml")),
-        **read_profile(os.path.join(config, "cars", f"{car}.yaml")),
-        **({} if seed is None else {"noise": True, "seed": seed}),
-    }
-    car_from(Parameters(parameters, f"car {car}: "))  # raises an error here, not in each replay
-    mux = read_mapping(os.path.join(config, "ackermann_cmd_mux.yaml"), "inputs")
-    grid = None
-    if map_name != "none":
-        grid = read_map(find_file(map_name, os.path.join(package, "maps"), ".yaml"))
-    return Setting(car, parameters, mux, grid, **others)
-
-
-def find_executable(package: str, name: str) -> str:
-    """Return the path of a node.
-
-    Raises:
-        UserError: there is no such package, or no such executable in it.
-    """
-    try:
-        found = roslib.packages.find_node(package, name)
-    except rospkg.ResourceNotFound:
-        raise UserError(
-            f"there is no package '{package}' (rospack find {package}). "
-            "Is its workspace sourced (source devel/setup.bash)?"
-        ) from None
-    if not found:
-        folder = rospkg.RosPack().get_path(package)
-        files = glob.glob(f"{glob.escape(folder)}/**/{glob.escape(name)}", recursive=True)
-        hint = f". It is not executable; type: chmod +x {files[0]}" if files else ""
-        raise UserError(f"there is no node '{name}' in the package '{package}'{hint}")
-    return str(found[0])
-
-
-def job_for(words: Sequence[str], plan: Plan, setting: Setting) -> Job:
-    """Return the replay of a plan with an installed node.
-
-    Args:
-        words: the package, the name of the executable, and arguments.
-        plan: the plan.
-        setting: the setting.
-
-    Raises:
-        UserError: there is no such node.
-    """
-    command = (find_executable(*words[:2]), *words[2:])
-    return Job(" ".join(words), command, plan, setting)
 
 
 def probe(plan: Plan, setting: Setting) -> None:

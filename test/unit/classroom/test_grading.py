@@ -9,13 +9,13 @@ import tempfile
 import pytest
 
 from mushr_ros_intro.classroom import grading
-from mushr_ros_intro.classroom.grader import read_setting
 from mushr_ros_intro.classroom.store import Store, load_all
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.replay.job import ReplayError
 from mushr_ros_intro.replay.sandbox import Sandbox
+from mushr_ros_intro.replay.setting import read_setting
 from support.paths import PACKAGE
 from support.recorded import replay, reported
 from support.submissions import XML, fill
