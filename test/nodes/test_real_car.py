@@ -135,7 +135,7 @@ class TestRealCar(RosTestCase):
             ),
             (
                 *(name, [f"_plan_file:={in_wall}", soon, "/map:=/broken_map"]),
-                *("not checked against the map on /broken_map: ", "was not at the start pose"),
+                *("the map on /broken_map cannot be read: ", "was not at the start pose"),
             ),
         )
         broken.unregister()

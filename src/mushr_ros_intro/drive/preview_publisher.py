@@ -133,11 +133,13 @@ class Preview:
         """Check the plan, log its faults, publish the predicted path, and return the prediction.
 
         Raises:
-            UserError: the plan has faults and ~strict is set, or a parameter of the car is invalid.
+            UserError: ~strict is set and the plan has faults or walls cannot be checked, or a
+                parameter of the car is invalid.
         """
-        profile = self._profile or simulated_car_parameters(self._car_name, must_run=True)
+        simulated = simulated_car_parameters(self._car_name, must_run=True)
+        profile = self._profile or simulated
         car = car_from(profile)
-        grid = _read_map() if self._is_placed else None
+        grid = read_walls(simulated, self._is_placed, self._is_strict)
         report, states = predict(self.plan, self._profile_name, car, grid)
         if report.faults and self._is_strict:
             faults = "\n".join(fault_lines(report.faults))
@@ -211,20 +213,49 @@ def _has_noise(car: Car) -> bool:
     return bool(car.speed_noise or car.steering_noise)
 
 
-def _read_map() -> Optional[Grid]:
-    """Return the map on /map, or None if no node publishes one."""
+def read_walls(simulated: Parameters, is_placed: bool, is_strict: bool) -> Optional[Grid]:
+    """Return the map on /map; None, with a message in the log, if walls cannot be checked.
+
+    Args:
+        simulated: the parameters of the simulated car; empty if none runs.
+        is_placed: whether the car is placed at the start pose.
+        is_strict: whether to refuse a plan whose faults are not known.
+
+    Raises:
+        UserError: walls cannot be checked, there may be some, and `is_strict` is set.
+    """
+    problem = "the car is not placed at the start pose of the plan"
+    if is_placed:
+        try:
+            return read_map()
+        except UserError as error:
+            problem = str(error)
+    may_have_walls = simulated.flag("expects_map", False) if simulated else is_placed
+    if may_have_walls and is_strict:
+        raise UserError(
+            f"~strict is set, but walls cannot be checked: {problem}; the plan is not driven"
+        )
+    log = rospy.logwarn if may_have_walls else rospy.loginfo
+    log("walls are not checked: %s", problem)
+    return None
+
+
+def read_map() -> Grid:
+    """Return the map on /map.
+
+    Raises:
+        UserError: no node publishes one that can be read.
+    """
     topic = rospy.resolve_name("/map")
     if not is_published(topic):
-        rospy.loginfo("no node publishes a map on %s, so walls are not checked", topic)
-        return None
+        raise UserError(f"no node publishes a map on {topic}")
     try:
         msg = rospy.wait_for_message(topic, numpy_msg(OccupancyGrid), CONNECTION_TIMEOUT)
         return conversions.grid_from_msg(msg)
     except rospy.ROSInterruptException:
         raise
     except (rospy.ROSException, rosgraph.MasterException, conversions.MessageError) as error:
-        rospy.logwarn("the plan is not checked against the map on %s: %s", topic, error)
-    return None
+        raise UserError(f"the map on {topic} cannot be read: {error}") from None
 
 
 def _warn(faults: Sequence[Fault]) -> None:

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.drive.preview_publisher import predict
+from mushr_ros_intro.drive import preview_publisher
+from mushr_ros_intro.drive.preview_publisher import predict, read_walls
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.world.grid import Grid
@@ -49,3 +52,45 @@ def test_with_a_wall_or_noise_a_plan_is_simulated_twice(car, grid, begun):
     assert bool(report.hit) == (grid is ROOM)
     assert states[-1].pose != report.final_pose
     assert states[-1].stamp == PLAN.duration
+
+
+NO_CAR, WITH_MAP, WITHOUT_MAP = (
+    Parameters(values) for values in ({}, {"expects_map": True}, {"expects_map": False})
+)
+NOT_PLACED = "the car is not placed at the start pose of the plan"
+NO_MAP = "no node publishes a map on /map"
+
+
+@pytest.mark.parametrize(
+    ("simulated", "is_placed", "problem", "level"),
+    [
+        (WITH_MAP, True, NO_MAP, "warn"),
+        (WITH_MAP, False, NOT_PLACED, "warn"),
+        (WITHOUT_MAP, True, NO_MAP, "info"),
+        (NO_CAR, True, NO_MAP, "warn"),
+        (NO_CAR, False, NOT_PLACED, "info"),  # an actual car
+    ],
+)
+def test_walls_that_cannot_be_checked(monkeypatch, simulated, is_placed, problem, level):
+    """A warning, and a refusal with strict, unless the car is known to have no walls."""
+
+    def read_no_map():
+        raise UserError(NO_MAP)
+
+    logged = []
+    monkeypatch.setattr(preview_publisher, "read_map", read_no_map)
+    for each in ("info", "warn"):
+        log = lambda text, *values, each=each: logged.append((each, text % values))  # noqa: E731
+        monkeypatch.setattr(preview_publisher.rospy, f"log{each}", log)
+    assert read_walls(simulated, is_placed, is_strict=False) is None
+    assert logged == [(level, f"walls are not checked: {problem}")]
+    if level == "info":
+        assert read_walls(simulated, is_placed, is_strict=True) is None
+    else:
+        with pytest.raises(UserError, match=f"walls cannot be checked: {problem}; the plan is not"):
+            read_walls(simulated, is_placed, is_strict=True)
+
+
+def test_a_map_that_can_be_read(monkeypatch):
+    monkeypatch.setattr(preview_publisher, "read_map", lambda: ROOM)
+    assert read_walls(WITH_MAP, is_placed=True, is_strict=True) is ROOM
