@@ -1,7 +1,7 @@
 """The results of grading, as plain values that become JSON."""
 
 import math
-from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -39,6 +39,8 @@ class PlanGrade(NamedTuple):
     """The poses of the car at these times: x, y, theta [m, m, rad]."""
     predicted: Tuple[Tuple[float, float, float], ...]
     """The predicted poses at these times: x, y, theta [m, m, rad]."""
+    pictures: Mapping[str, str] = {}
+    """Pictures of the drive as SVG, by name; see `replay.pictures.as_texts`."""
 
     @property
     def passed(self) -> bool:

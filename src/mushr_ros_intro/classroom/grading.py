@@ -3,12 +3,13 @@
 import multiprocessing
 import os
 import re
+import signal
 import time
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from typing import Callable, Dict, Generator, Iterator, NamedTuple, Optional, Sequence, Tuple
 
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.classroom.grader import build, probe
+from mushr_ros_intro.classroom.grader import build, draw, probe
 from mushr_ros_intro.classroom.grades import Grade, plan_grade
 from mushr_ros_intro.classroom.store import (
     Drive,
@@ -91,6 +92,13 @@ class Grading:
         self._setting, self._store, self._options = setting, store, options
         self._shorten = shorten
         self._car = car_from(Parameters(setting.parameters))
+        # matplotlib is slow and not thread-safe. Ctrl-C is for this process only.
+        self._artists = ProcessPoolExecutor(
+            os.cpu_count(),
+            multiprocessing.get_context("forkserver"),
+            signal.signal,
+            (signal.SIGINT, signal.SIG_IGN),
+        )
         grid = setting.grid
         world = grid and (grid.cells.tobytes(), grid.cells.shape, grid.resolution, grid.origin)
         fields = (setting.car, setting.parameters, setting.mux, setting.remap, setting.patience)
@@ -139,7 +147,8 @@ class Grading:
                 for future in futures:
                     future.cancel()
                 for process in multiprocessing.active_children():
-                    process.kill()  # only if this was interrupted; the nodes end, too
+                    process.kill()  # if this was interrupted, the nodes end, too
+                self._artists.shutdown()
 
     def _compare(self, progress: _Progress) -> None:
         """Find the stored drives that are still valid, and what is needed besides them."""
@@ -220,7 +229,9 @@ class Grading:
         texts = {"outcome": recorded.outcome, "output": recorded.output, "title": judgement.title}
         short = {name: self._shorten(text) for name, text in texts.items()}
         values = {**recorded_to_json(recorded), **short}
-        return Drive(key, "", plan_grade(name, judgement, self._shorten), values)
+        grade = plan_grade(name, judgement, self._shorten)
+        pictures = self._artists.submit(draw, grade.drive).result()
+        return Drive(key, "", grade._replace(pictures=pictures), values)
 
     def _finish(self, progress: _Progress) -> Tuple[Grade, bool]:
         """Return the result of a submission, and whether it is new; store a new one."""

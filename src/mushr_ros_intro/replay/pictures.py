@@ -3,7 +3,7 @@
 A drive has at least one pose. Tolerances, titles and the map are shown if they are given.
 """
 
-from typing import Optional
+from typing import Dict, Optional
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -71,3 +71,9 @@ def thumbnail(drive: Drive) -> Figure:
         axes.plot(*getattr(drive, name)[:, :2].T, style, color=color)
     axes.plot(*drive.driven[-1, :2], "s", color=DRIVEN, ms=4)
     return figure
+
+
+def as_texts(drive: Drive) -> Dict[str, str]:
+    """Return the pictures of a drive as SVG, by the names of the functions that draw them."""
+    functions = (locations, distances, thumbnail)
+    return {each.__name__: drawing.as_svg(each(drive)).decode() for each in functions}

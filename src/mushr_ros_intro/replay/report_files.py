@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 from typing import Any, Dict
 
 import numpy as np
@@ -13,13 +14,11 @@ from mushr_ros_intro.replay.judge import Judgement
 def write_report(folder: str, judgement: Judgement, arguments: Dict[str, Any]) -> None:
     """Write report.json, trajectory.csv, locations.png and distances.png into `folder`.
 
-    report.json also contains `arguments`.
+    report.json also contains `arguments`. Without matplotlib, print that there are no pictures.
 
     Raises:
         OSError: a file cannot be written.
     """
-    from mushr_ros_intro.replay import pictures  # matplotlib is slow to import
-
     os.makedirs(folder, exist_ok=True)
     path = judgement.drive
     content = {
@@ -43,10 +42,17 @@ def write_report(folder: str, judgement: Judgement, arguments: Dict[str, Any]) -
     csv = os.path.join(folder, "trajectory.csv")
     np.savetxt(csv, table, formats, ",", header=names, comments="")
 
+    try:
+        # matplotlib is slow to import
+        from mushr_ros_intro.replay.pictures import distances, locations
+    except ImportError as error:
+        text = f"{folder}: no pictures ({error}); install python3-matplotlib"
+        print(text, file=sys.stderr)
+        return
     title, tolerances, grid = _title(judgement), judgement.tolerances, judgement.recorded.grid
-    figure = pictures.locations(path, title, tolerances.position, grid)
+    figure = locations(path, title, tolerances.position, grid)
     figure.savefig(os.path.join(folder, "locations.png"))
-    figure = pictures.distances(path, title, tolerances.path)
+    figure = distances(path, title, tolerances.path)
     figure.savefig(os.path.join(folder, "distances.png"))
 
 

@@ -5,6 +5,7 @@ import json
 import os
 import pathlib
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -30,7 +31,7 @@ class Course:
     """A class of three submissions; ``driven`` lists the replays of the last run."""
 
     def __init__(self, folder, monkeypatch):
-        self.folder, self.out, self.driven = folder, folder / "out", []
+        self.folder, self.out, self.driven, self.drawn = folder, folder / "out", [], 0
         for name in ("ann", "bob", "eve"):
             fill(folder / "class" / name, FILES)
         (folder / "plan.txt").write_text(TEXT)
@@ -41,6 +42,8 @@ class Course:
         monkeypatch.setattr(grading, "probe", lambda plan, setting: None)
         monkeypatch.setattr(grading, "build", lambda submission, setting: "")
         monkeypatch.setattr(grading, "run_job", self.run_job)
+        monkeypatch.setattr(grading, "draw", self.draw)
+        monkeypatch.setattr(grading, "ProcessPoolExecutor", lambda *_: ThreadPoolExecutor(1))
 
     def run_job(self, job):
         self.driven.append(job.name)
@@ -49,9 +52,14 @@ class Course:
         output = f"{job.folder}/src/path_publisher.py: hello"
         return reported(replay(job.plan, grid=None, output=output))
 
+    def draw(self, drive):
+        self.drawn += 1
+        return {"thumbnail": f"<svg>{len(drive.times)}</svg>"}
+
     def run(self, only=(), stop_after=None):
         """Grade; return the results by name, and the names of those that are new."""
         self.driven.clear()
+        self.drawn = 0
         gc.collect()  # the store of the last run, with its lock
         workspace = pathlib.Path(tempfile.mkdtemp(dir=self.folder))
         found = collect([str(self.folder / "class")], str(workspace))
@@ -79,7 +87,8 @@ def test_only_what_has_changed_is_driven(course, monkeypatch):
     assert sorted(course.driven) == sorted(new) == ["ann", "bob", "eve"]
     assert all(each.passed for each in results.values())
     again, new = course.run()
-    assert course.driven == new == [] and again == results
+    assert course.driven == new == [] and course.drawn == 0 and again == results
+    assert list(results["ann"].plans[0].pictures) == ["thumbnail"]
     with open(course.folder / "class" / "bob" / "src" / "path_publisher.py", "a") as file:
         file.write("# changed\n")
     assert (course.run()[1], course.driven) == (["bob"], ["bob"])

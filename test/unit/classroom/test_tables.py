@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from mushr_ros_intro.classroom.grader import draw
 from mushr_ros_intro.classroom.grades import Student
 from mushr_ros_intro.classroom.points import PlanPoints, Points
 from mushr_ros_intro.classroom.services import classroom50, github, gradescope
@@ -123,6 +124,7 @@ def pictures(page):
     ],
 )
 def test_pictures(tmp_path, plan, count):
+    plan = plan._replace(pictures=draw(plan.drive))
     index, pages = written(tmp_path, submission(plan))
     thumbnail, large = list(pictures(index)), list(pictures(pages["ann.html"]))
     assert (len(thumbnail), len(large)) == (min(count, 1), count)
@@ -132,9 +134,11 @@ def test_pictures(tmp_path, plan, count):
 
 def test_without_matplotlib(tmp_path, monkeypatch):
     """An autograder has none; its pages are not seen, but it must grade."""
-    monkeypatch.setitem(sys.modules, "mushr_ros_intro.preview.drawing", None)
-    index, _ = written(tmp_path, submission(graded(count=2)))
-    assert "no picture: import of mushr_ros_intro.preview.drawing halted" in index.text
+    monkeypatch.setitem(sys.modules, "mushr_ros_intro.replay.pictures", None)
+    plan = graded(count=2)
+    assert draw(plan.drive) == plan.pictures == {}
+    index, _ = written(tmp_path, submission(plan))
+    assert "no picture: matplotlib was missing when this was graded" in index.text
 
 
 def test_text_of_a_submission_is_escaped(tmp_path):

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import sys
 
 import pytest
 
@@ -54,3 +55,12 @@ def test_a_drive(tmp_path):
     assert {name: rows[-1][name] for name in ("x", "y", "theta")} == report["final_pose"]
     for name in ("distances.png", "locations.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG"), name
+
+
+def test_without_matplotlib(tmp_path, monkeypatch, capsys):
+    """The small container has none."""
+    monkeypatch.setitem(sys.modules, "mushr_ros_intro.replay.pictures", None)
+    written(tmp_path, replay())
+    assert sorted(path.name for path in tmp_path.iterdir()) == FILES[2:]
+    said = capsys.readouterr().err
+    assert said.startswith(f"{tmp_path}: no pictures (") and "install python3-matplotlib" in said
