@@ -23,8 +23,9 @@ try:
     import rospkg
 
     from mushr_ros_intro.doctor.facts import Facts, Finding
+    from mushr_ros_intro.doctor.listener import sign_off
     from mushr_ros_intro.doctor.network import network_findings
-    from mushr_ros_intro.doctor.observation import Observer, sign_off
+    from mushr_ros_intro.doctor.observation import Observer
     from mushr_ros_intro.doctor.programs import program_findings
     from mushr_ros_intro.doctor.rules import diagnose, health, hints
     from mushr_ros_intro.ros.commands import as_typed

@@ -7,7 +7,7 @@ import logging
 import os
 import secrets
 from contextlib import suppress
-from typing import Any, Dict, List
+from typing import Any, Dict
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -17,9 +17,9 @@ from mushr_ros_intro.browser import drives, plans, rosapi
 from mushr_ros_intro.browser.bridge import Bridge
 from mushr_ros_intro.browser.car_limits import car_limits
 from mushr_ros_intro.browser.map import WebMap
+from mushr_ros_intro.browser.plan_actions import PlanActions
 from mushr_ros_intro.browser.plan_drive import PlanDrive
 from mushr_ros_intro.browser.server import Action, Clients, Rules, serve
-from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import package_folder
@@ -118,12 +118,12 @@ class WebView:
 
     def _actions(self) -> Dict[str, Dict[str, Action]]:
         """Return what the server answers, by path and method."""
+        parameters = {"car_name": self._car_name, "init_pose_topic": self._init_pose_topic}
+        plan_actions = PlanActions(self._bridge, self._map, self._drive, self._folders, parameters)
         return {
             r"/map\.json": {"GET": self._map.get_numbers},
             r"/map\.png": {"GET": self._map.get_png},
-            r"/plans": {"GET": self._get_plans},
-            r"/plans/(.+)": {"GET": self._get_plan},
-            r"/drive": {"POST": self._start_drive, "DELETE": self._stop_drive},
+            **plan_actions.actions(),
             r"/results": {"GET": self._get_results},
             r"/results/(.+)": {"GET": self._get_result},
         }
@@ -165,41 +165,6 @@ class WebView:
 
     def _on_drive(self) -> None:
         self._bridge.call_soon(self._offer_state)
-
-    async def _get_plans(self) -> Dict[str, List[str]]:
-        return {"plans": [*await self._bridge.in_thread(plans.find_plans, self._folders)]}
-
-    async def _get_plan(self, name: str) -> Dict[str, Any]:
-        path = await self._path(name)
-        return await self._bridge.in_thread(self._check, name, path)
-
-    def _check(self, name: str, path: str) -> Dict[str, Any]:
-        car = car_from(simulated_car_parameters(self._car_name, must_run=True))
-        return plans.describe(name, path, "car", car, self._map.grid)
-
-    async def _path(self, name: Any) -> str:
-        """Return the path of a plan; raise a LookupError if there is none with this name."""
-        paths = await self._bridge.in_thread(plans.find_plans, self._folders)
-        if not isinstance(name, str) or name not in paths:
-            raise LookupError(f"there is no plan {name!r}; expected one of {', '.join(paths)}")
-        return paths[name]
-
-    async def _start_drive(self, body: Any) -> Dict[str, Any]:
-        options = body if isinstance(body, dict) else {}
-        path = await self._path(options.get("plan"))
-        parameters = {
-            "plan_file": path,
-            "car_name": self._car_name,
-            "init_pose_topic": self._init_pose_topic,
-            "spread": bool(options.get("spread")),
-            "loop": bool(options.get("loop")),
-        }
-        await self._bridge.in_thread(self._drive.start, options["plan"], parameters)
-        return {}
-
-    async def _stop_drive(self) -> Dict[str, Any]:
-        await self._bridge.in_thread(self._drive.stop)
-        return {}
 
     async def _get_results(self) -> Dict[str, Any]:
         if not self._results:

@@ -37,7 +37,7 @@ WITH_ROS = {
     "browser": {"bridge", "map", "messages", "plan_drive", "rosapi"},
     "replay": {"bag", "guarded_master", "setting", "workspace", "world"},
     "drive": {"car_pose", "command_publisher", "drive_monitor", "preview_publisher", "timetable"},
-    "doctor": {"network", "observation"},
+    "doctor": {"listener", "network", "observation"},
     "simulator": {
         "ackermann_cmd_mux",
         "car_parameters",

@@ -1,10 +1,13 @@
 """Facts about a running system that the doctor judges, and the findings that it reports."""
 
 from dataclasses import dataclass, field
-from typing import Dict, List, NamedTuple, Optional, Tuple
+from typing import Dict, Iterable, List, NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.ros.xmlrpc_client import CallFault
 from mushr_ros_intro.simulator.mux import IDLE
+
+MANUAL_INPUTS = ("safety", "teleop")
+"""The inputs of the mux for people. The nodes that publish there are silent most of the time."""
 
 
 class Finding(NamedTuple):
@@ -131,3 +134,30 @@ class Facts:
             for each in topic.senders
             if name != "default" or any(each.speeds)
         ]
+
+    @property
+    def manual_senders(self) -> List[Publisher]:
+        """The publishers by which people drive and from which commands were received."""
+        topics = (self.inputs[each] for each in MANUAL_INPUTS if each in self.inputs)
+        return [each for topic in topics for each in topic.senders]
+
+    @property
+    def control_topic(self) -> str:
+        """The topic for a plan's commands: the input navigation, or else the first input."""
+        topics = {name: each.name for name, each in self.inputs.items()}
+        return topics.get("navigation", next(iter(topics.values()), self.output.name))
+
+    @property
+    def car_argument(self) -> str:
+        """The argument of the launch files that names the car."""
+        return "" if self.car == "car" else f" car_name:={self.car}"
+
+
+def names(publishers: Iterable[Publisher], separator: str = " and ") -> str:
+    """Return the names of nodes as text, each once."""
+    return listed((each.node for each in publishers), separator)
+
+
+def listed(words: Iterable[str], separator: str = " and ") -> str:
+    """Return names as text, each once."""
+    return separator.join(dict.fromkeys(words))
