@@ -40,7 +40,8 @@ class History:
         apply in the order of arrival. The history begins LENGTH before the latest `now`.
         An event from before its beginning applies at its beginning.
         """
-        event = event._replace(stamp=max(event.stamp, self._states[0].stamp))
+        if event.stamp < self._states[0].stamp:
+            event = event._replace(stamp=self._states[0].stamp)
         first = bisect.bisect_left(self._keys, (event.stamp, False))
         later = self._events[first:]
         if event.has_stamp:

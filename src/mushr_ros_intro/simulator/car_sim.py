@@ -170,7 +170,8 @@ class CarSim:
         with self._changed:
             now = self._read_clock()
             stamp = effective_stamp(event.stamp, now)
-            applied = event._replace(stamp=stamp, has_stamp=stamp == event.stamp)
+            has_stamp = stamp == event.stamp
+            applied = event if has_stamp else event._replace(stamp=stamp, has_stamp=False)
             self._history.add(applied, now)
             self.clock.on_event(applied)
         # MuSHR sends stops with one old stamp while no input drives.
