@@ -49,8 +49,14 @@ class Car(NamedTuple):
     """The seed of the noise."""
 
     def __str__(self) -> str:
-        units = ("m/s", "rad left", "rad right", "m/s^2", "rad/s")
-        limits = [f"{limit:g} {unit}" for limit, unit in zip(self[4:9], units) if limit < math.inf]
+        limits = (
+            (self.speed_limit, "m/s"),
+            (self.steering_limit_left, "rad left"),
+            (self.steering_limit_right, "rad right"),
+            (self.acceleration, "m/s^2"),
+            (self.steering_rate, "rad/s"),
+        )
+        shown = ", ".join(f"{limit:g} {unit}" for limit, unit in limits if limit < math.inf)
         gains = ""
         if (self.speed_gain, self.steering_gain, self.steering_offset) != (1.0, 1.0, 0.0):
             gains = (
@@ -59,16 +65,10 @@ class Car(NamedTuple):
             )
         noise = f"{self.speed_noise:g} m/s, {self.steering_noise:g} rad, seed {self.seed}"
         return (
-            f"wheelbase {self.wheelbase:g} m; limits: {', '.join(limits) or 'none'}; {gains}noise: "
+            f"wheelbase {self.wheelbase:g} m; limits: {shown or 'none'}; {gains}noise: "
             f"{noise if self.speed_noise or self.steering_noise else 'off'}; "
             f"command timeout {self.command_timeout / NANOSECONDS:g} s"
         )
-
-    @property
-    def is_ideal(self) -> bool:
-        """Whether the car follows each command at once and exactly."""
-        ideal = Car()
-        return self[4:-1] == ideal[4:-1]
 
     def within_limits(self, speed: float, steering_angle: float) -> Tuple[float, float]:
         """Return the nearest speed [m/s] and steering angle [rad] that the car accepts."""

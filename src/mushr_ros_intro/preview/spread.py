@@ -221,7 +221,7 @@ def _advanced(
         mean_speed, speed = _ramped(speed, speeds, car.acceleration * dt)
         mean_angle, angle = _ramped(angle, angles, car.steering_rate * dt)
         distance = mean_speed * dt
-        half_turn = 0.5 * distance * np.tan(mean_angle) / car.wheelbase  # see `bicycle.drive_arc`
+        half_turn = 0.5 * distance * np.tan(mean_angle) / car.wheelbase  # see `geometry.drive_arc`
         chord = distance * np.sinc(half_turn / math.pi)
         x = x + chord * np.cos(theta + half_turn)
         y = y + chord * np.sin(theta + half_turn)

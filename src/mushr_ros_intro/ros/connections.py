@@ -179,14 +179,17 @@ def _serves(name: str, topic: str) -> bool:
     return False
 
 
-def receivers(uri: str, patience: float, caller: str, topic: str) -> Set[str]:
+def receivers(uri: str, timeout: float, caller: str, topic: str) -> Set[str]:
     """Return the names of the nodes to which a node publishes a topic, as it reports.
 
     Args and raises: as for `ask`.
     """
-    links = ask(uri, patience, caller, "getBusInfo")
-    # Each link has a number, the other node, the direction, the transport, the topic, ...
-    return {each[1] for each in links if each[2:5:2] == ["o", topic]}
+    links = ask(uri, timeout, caller, "getBusInfo")
+    return {
+        other
+        for _number, other, direction, _transport, link_topic, *_ in links
+        if direction == "o" and link_topic == topic
+    }
 
 
 def reannounce(end: Any, role: str) -> None:

@@ -29,12 +29,12 @@ class CallError(RuntimeError):
         self.fault = fault
 
 
-def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) -> Any:
+def ask(uri: str, timeout: float, caller: str, method: str, *arguments: Any) -> Any:
     """Call a method of the master or of a node, and return its value.
 
     Args:
         uri: the address of the master or the node.
-        patience: timeout for connecting and for each read [s].
+        timeout: for connecting and for each read [s].
         caller: the name of the calling node.
         method: a method of the Master API or the Slave API of ROS.
         arguments: the method's arguments after the caller's name.
@@ -44,12 +44,10 @@ def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) ->
             that was called.
     """
     try:
-        server = xmlrpc.client.ServerProxy(uri, transport=_Transport(patience))
+        server = xmlrpc.client.ServerProxy(uri, transport=_Transport(timeout))
         code, message, value = getattr(server, method)(caller, *arguments)
     except (socket.timeout, TimeoutError):
-        raise CallError(
-            f"{uri}: no response within {patience:g} s", CallFault.NO_RESPONSE
-        ) from None
+        raise CallError(f"{uri}: no response within {timeout:g} s", CallFault.NO_RESPONSE) from None
     except socket.gaierror:
         raise CallError(f"{uri}: unknown host", CallFault.UNKNOWN_HOST) from None
     except OSError as error:
@@ -72,12 +70,12 @@ def ask(uri: str, patience: float, caller: str, method: str, *arguments: Any) ->
 class _Transport(xmlrpc.client.Transport):
     """An XML-RPC connection with a timeout."""
 
-    def __init__(self, patience: float) -> None:
+    def __init__(self, timeout: float) -> None:
         super().__init__()
-        self._patience = patience
+        self._timeout = timeout
 
     def make_connection(self, host: Any) -> http.client.HTTPConnection:
         """Return a connection to a host, with the timeout set."""
         connection = super().make_connection(host)
-        connection.timeout = self._patience
+        connection.timeout = self._timeout
         return connection

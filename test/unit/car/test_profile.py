@@ -20,9 +20,6 @@ def test_profiles():
         *("ideal", "mushr_nano", "mushr_nano_master", "mushr_sim", "mushr_tx2", "racecar_mit")
     }
     assert CARS["ideal"] == Car() == car_from(Parameters({}))
-    assert [name for name, car in CARS.items() if car.is_ideal] == ["ideal"]
-    for limited in (Car(acceleration=1.0), Car(speed_noise=0.1), Car(steering_noise=0.1)):
-        assert not limited.is_ideal
     keys = {tuple(values) for values in PROFILES.values()}
     assert len(keys) == 1  # a second profile on the parameter server replaces every key
     noisy = car_from(Parameters({**PROFILES["mushr_nano"], "noise": True, "seed": 7}))
