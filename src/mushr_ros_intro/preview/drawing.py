@@ -63,15 +63,7 @@ def draw_headings(axes: Any, poses: np.ndarray, color: str, label: str = "") -> 
     style = {"scale": 30, "width": 0.005, "color": color, "zorder": 4}
     axes.quiver(x, y, np.cos(theta), np.sin(theta), **style)
     if label:
-        _add_arrow_key(axes, color, label)
-
-
-def draw_vectors(axes: Any, begins: np.ndarray, ends: np.ndarray, color: str, label: str) -> None:
-    """Draw arrows to scale between pairs of points; points are x [m] and y [m], N x 2."""
-    style = {"scale_units": "xy", "scale": 1, "width": 0.003, "zorder": 4}
-    axes.quiver(*begins.T, *(ends - begins).T, color=color, **style)
-    axes.update_datalim(ends)
-    _add_arrow_key(axes, color, label)
+        axes.plot([], [], marker=r"$\rightarrow$", ms=14, ls="", color=color, label=label)
 
 
 def finish_map(axes: Any, key: Any, grid: Optional[Grid]) -> None:
@@ -111,7 +103,3 @@ def _draw_walls(axes: Any, grid: Grid) -> None:
     axes.imshow(shown, extent=sides * grid.resolution, origin="lower", transform=pose, **style)
     if occupied.any():
         axes.plot([], [], "s", color="black", label="wall")
-
-
-def _add_arrow_key(axes: Any, color: str, label: str) -> None:
-    axes.plot([], [], marker=r"$\rightarrow$", ms=14, ls="", color=color, label=label)

@@ -19,7 +19,6 @@ from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import PlanError, as_float32
 from mushr_ros_intro.preview import prediction
-from mushr_ros_intro.preview.drawing import ERROR, draw_vectors, finish_map, new_figure
 from mushr_ros_intro.preview.limits import slowed
 from mushr_ros_intro.preview.plot import draw
 from mushr_ros_intro.preview.report import check
@@ -531,13 +530,3 @@ def test_the_legend_has_what_is_drawn():
     assert [text.get_text() for text in key.get_legend().get_texts()] == [
         *("predicted path", "predicted start", "predicted end", "heading between two rows"),
     ]
-
-
-def test_vectors_are_drawn_to_scale():
-    _, (axes, key) = new_figure(4.0, 3.0, 1.0)
-    draw_vectors(axes, np.zeros((2, 2)), np.array([[3.0, 0.0], [0.0, 2.0]]), ERROR, "error")
-    finish_map(axes, key, None)
-    assert [text.get_text() for text in key.get_legend().get_texts()] == ["error"]
-    (arrows,) = axes.collections
-    assert (arrows.U.tolist(), arrows.V.tolist()) == ([3.0, 0.0], [0.0, 2.0])
-    assert axes.dataLim.get_points().tolist() == [[0.0, 0.0], [3.0, 2.0]]
