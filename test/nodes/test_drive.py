@@ -98,7 +98,7 @@ class TestDrive(RosTestCase):
     def test_a_line_per_row_and_second(self):
         for name, (_, rows) in self.plans.items():
             seconds = sum(math.ceil(row[2]) for row in rows)
-            lines = re.findall(rf"row \d+ of {len(rows)}: .* s left", self.outputs[name])
+            lines = re.findall(r"line \d+ of \d+: .* s left", self.outputs[name])
             self.assertEqual(len(lines), seconds, name)
             self.assertIn("difference", self.outputs[name])
 

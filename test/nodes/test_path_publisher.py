@@ -49,7 +49,7 @@ class TestPathPublisher(RosTestCase):
         seconds = (last.header.stamp - first.header.stamp).to_sec()
         end = closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)])
         self.assert_rests_at(end)
-        stopped = r"stopped in row 1 of 1 at \((.*) m, (.*) m, (.*) rad\)"
+        stopped = r"stopped in line 2 of 2 at \((.*) m, (.*) m, (.*) rad\)"
         self.assertRegex(publisher.output, stopped)
         printed = re.search(stopped, publisher.output).groups()
         self.assert_pose(tuple(map(float, printed)), end, 1e-4)
@@ -65,7 +65,7 @@ class TestPathPublisher(RosTestCase):
             publisher.send_signal(signal.SIGINT)
             publisher.wait()
         self.assertIn("plan.txt: 2 rows, 0.55 s, 0.55 m", publisher.output)
-        self.assertIn("lap 2, row 2 of 2: -1 m/s, 0.1 rad; 0.30 s left", publisher.output)
+        self.assertIn("lap 2, line 3 of 3: -1 m/s, 0.1 rad; 0.30 s left", publisher.output)
         commands = [m.header.stamp.to_nsec() for m in self.commands.messages]
         lap = [0, 100, 200, 250, 350, 450, 550]  # [ms], the last one is the stop
         placements = [m.header.stamp.to_nsec() for m in self.placements.messages]
@@ -109,7 +109,7 @@ class TestPathPublisher(RosTestCase):
             warning = "the car no longer reports its pose on /second/car_pose"
             wait_for(lambda: warning in publisher.output, "a warning")
             self.assertEqual(publisher.wait(), 1)
-        self.assertIn("/second/car_pose since row 1 of 1, so it is not known", publisher.output)
+        self.assertIn("/second/car_pose since line 2 of 2, so it is not known", publisher.output)
         self.assertNotIn("has been driven", publisher.output)
 
     def test_the_car_is_restarted(self):

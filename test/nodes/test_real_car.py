@@ -69,9 +69,9 @@ class TestRealCar(RosTestCase):
         wall = "the car hits a wall at t = 2.3 s, (49.0, 0.0); it stops there"
         warnings = WARNINGS.findall(output)
         self.assertEqual(warnings[:-1], [f"{plan}:3:1: {each}" for each in (fast, wall)])
-        self.assertIn("the car stopped at a wall in row 2 of 2 at (49.0200 m", warnings[-1])
+        self.assertIn("the car stopped at a wall in line 3 of 3 at (49.0200 m", warnings[-1])
         at_wall = re.compile(
-            r"FATAL.* the car stopped at a wall in row 2 of 2 at \((.*) m, 0.0000 m, 0.0000 rad\)"
+            r"FATAL.* the car stopped at a wall in line 3 of 3 at \((.*) m, 0.0000 m, 0.0000 rad\)"
         )
         self.assertAlmostEqual(float(at_wall.search(output)[1]), AT_WALL, delta=1e-4)
         end = planar(wait_for(self.prediction, "the predicted path").poses[-1].pose)
@@ -241,5 +241,5 @@ class TestRealCar(RosTestCase):
             self.assertEqual(process.wait(), 1)
         self.assertEqual(process.output.count("FATAL"), 1)
         self.assertIn("the node that published /killed is no longer connected", process.output)
-        self.assertIn("the drive ended in row 1 of 1; the last reported pose is", process.output)
+        self.assertIn("the drive ended in line 2 of 2; the last reported pose is", process.output)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")

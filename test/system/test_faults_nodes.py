@@ -94,7 +94,7 @@ class TestNodeFaults(DrivenCarTestCase):
                 if name == MUX:
                     self.assertEqual(plan.wait(), 1)
                 else:
-                    restarted = "row 1 of 1: the car has been restarted"
+                    restarted = "line 2 of 2: the car has been restarted"
                     wait_for(lambda text=restarted: text in plan.output, "a warning")
                 wait_for(lambda n=name, k=killed: pid_of(n) not in (None, k), f"a new {name}")
             self.assertNotIn("Traceback", plan.output)
@@ -175,7 +175,7 @@ class TestNodeFaults(DrivenCarTestCase):
         path = self.plan("1,-1,0.5\n0.5,0.2,6\n")
         self.output.clear()
         with driver(path, ROS_MASTER_URI=slow.uri) as plan:
-            wait_for(lambda: "row 1 of 1" in plan.output, "the plan to be driven")
+            wait_for(lambda: "line 2 of 2" in plan.output, "the plan to be driven")
             slow.delay = 3.0
             wait_for(lambda: slow.late_answers, "a late answer")
             slow.delay = 0.0  # at its end, a node calls the master some ten times
@@ -206,7 +206,7 @@ class TestNodeFaults(DrivenCarTestCase):
             # The car is slow, so a late message does not change the printed digits.
             path = self.plan(f"1,-1,0.5\n0.02,0.2,{seconds}\n")
             with driver(path, **environment) as plan:
-                wait_for(lambda: "row 1 of 1" in plan.output, "the plan to be driven")
+                wait_for(lambda: "line 2 of 2" in plan.output, "the plan to be driven")
                 yield core, plan, environment
             for each in nodes:
                 each.send_signal(signal.SIGINT)

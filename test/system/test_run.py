@@ -90,7 +90,7 @@ class Run:
 
 def test_a_drive(tmp_path):
     with Run(tmp_path, 1.5) as script:
-        script.wait_for_text("row 1 of 1")
+        script.wait_for_text("line 2 of 2")
         addresses = script.listening()
         assert script.process.wait(PATIENCE) == 0, script.log.read_text()
     assert len(addresses) > 8  # two for each node, and the master
@@ -106,7 +106,7 @@ def test_a_drive(tmp_path):
     "number, moment",
     [
         pytest.param(signal.SIGTERM, "starting", marks=pytest.mark.full),
-        (signal.SIGINT, "row 1 of 1"),
+        (signal.SIGINT, "line 2 of 2"),
     ],
 )
 def test_interrupted(tmp_path, number, moment):

@@ -86,11 +86,11 @@ class Timetable:
                 self._log_progress(row, due)
 
     def position(self, instant: int) -> str:
-        """Return the lap and the row at an instant [ns], such as "row 3 of 22"."""
-        count = len(self._row_ends)
-        number = 1 + bisect_right(self._row_ends, instant - self.start)
+        """Return the lap and the line of the plan's file at an instant [ns]: "line 4 of 23"."""
+        rows = self._plan.rows
+        index = bisect_right(self._row_ends, instant - self.start)
         lap = f"lap {self._lap}, " if self._has_laps else ""
-        return f"{lap}row {min(number, count)} of {count}"
+        return f"{lap}line {rows[min(index, len(rows) - 1)].line} of {rows[-1].line}"
 
     def wait_until(self, due: int) -> None:
         """Sleep until a command that is due at `due` [ns] has to be sent.

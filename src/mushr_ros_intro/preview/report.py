@@ -62,7 +62,7 @@ class Report(NamedTuple):
         return self.steps[-1].pose
 
     @property
-    def closing_gap(self) -> Tuple[float, float]:
+    def start_to_end(self) -> Tuple[float, float]:
         """The distance [m] and the signed angle [rad] from the start pose to the final pose."""
         start, end = self.plan.start, self.final_pose
         return start.distance_to(end), math.remainder(end.theta - start.theta, math.tau)

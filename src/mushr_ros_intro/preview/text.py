@@ -20,7 +20,7 @@ def as_text(report: Report, spread: Optional[Spread] = None) -> Iterator[str]:
     yield f"{plan.path}: {counted(len(plan.rows), 'row')}, on the {report.car_name} car{on_map}"
     yield from verdict(report.faults)
     yield ""
-    yield "    row   speed  steering  duration  distance     turn         x         y    theta"
+    yield "   line   speed  steering  duration  distance     turn         x         y    theta"
     yield "            m/s       rad         s         m      rad         m         m      rad"
     x, y, theta = plan.start
     yield f"  start {'':43} {x:9.3f} {y:9.3f} {theta:8.3f}"
@@ -28,7 +28,7 @@ def as_text(report: Report, spread: Optional[Spread] = None) -> Iterator[str]:
     count = min(len(plan.rows), len(report.steps))
     for index in range(count):
         if not half <= index < count - half:
-            yield _table_line(f"{index + 1:7}", _row(report, index))
+            yield _table_line(f"{plan.rows[index].line:7}", _row(report, index))
         elif index == half:
             yield f"    ... {count - 2 * half} more rows ..."
     if count < len(plan.rows):
@@ -67,7 +67,7 @@ def _table_line(name: str, row: Dict[str, Any]) -> str:
 def _summary(report: Report) -> Iterator[str]:
     """Yield the lines below the table of rows."""
     plan, end = report.plan, report.final_pose
-    gap, turned = report.closing_gap
+    gap, turned = report.start_to_end
     left, right, bottom, top = report.box
     driven, seconds = report.rest / NANOSECONDS, plan.duration / NANOSECONDS
     until = f"{driven:.2f} of " if driven < seconds else ""
@@ -148,7 +148,7 @@ def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
     """
     plan = report.plan
     rows = [_row(report, index) for index in range(len(report.steps))]
-    gap, turned = report.closing_gap
+    gap, turned = report.start_to_end
     left, right, bottom, top = report.box
     values: Dict[str, Any] = {
         "plan": plan.path,
@@ -159,7 +159,7 @@ def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
         "length": report.length,
         "duration": min(plan.duration, report.rest) / NANOSECONDS,
         "final_pose": report.final_pose._asdict(),
-        "closing_gap": {"distance": gap, "turn": turned},
+        "start_to_end": {"distance": gap, "turn": turned},
         "bounding_box": {"x": [left, right], "y": [bottom, top]},
         "turning_radius": None if math.isinf(report.radius) else report.radius,
         "ends_at_rest": report.hit is None and plan.rows[-1].speed == 0.0,

@@ -12,7 +12,7 @@ from mushr_ros_intro.stamps import COMMAND_PERIOD, MAX_LEAD, STAMP_TOLERANCE
 SECOND = 1_000_000_000
 MS = SECOND // 1000
 BEGIN = 5 * SECOND
-PLAN = parse_plan(b"0,0,0\n1,0,0.25\n2,0,0.1\n3,0,0.05\n", "plan.txt")
+PLAN = parse_plan(b"# 3 rows\n0,0,0\n1,0,0.25\n2,0,0.1\n3,0,0.05\n", "plan.txt")
 
 
 pytestmark = pytest.mark.usefixtures("set_clock")
@@ -81,7 +81,7 @@ def test_a_clock_that_jumps_ends_the_plan(offset, set_clock):
         next(timetable.instants(PLAN.rows[0]))
 
 
-def test_the_position_names_the_lap_and_the_row(set_clock):
+def test_the_position_names_the_lap_and_the_line_of_the_file(set_clock):
     timetable = Timetable(PLAN, has_laps=True)
     for lap in (1, 2):
         timetable.begin()
@@ -89,4 +89,4 @@ def test_the_position_names_the_lap_and_the_row(set_clock):
         set_clock(timetable.end)
         instants = [250 * MS - 1, 250 * MS, 350 * MS, 500 * MS]
         positions = [timetable.position(timetable.start + instant) for instant in instants]
-        assert positions == [f"lap {lap}, row {row} of 3" for row in (1, 2, 3, 3)]
+        assert positions == [f"lap {lap}, line {line} of 5" for line in (3, 4, 5, 5)]

@@ -82,7 +82,7 @@ def test_the_figures_of_figure_8():
     radius = 0.33 / math.tan(as_float32(0.09))
     assert report.length == pytest.approx(44.0, abs=SAME)
     assert report.radius == pytest.approx(radius, abs=SAME)
-    assert report.closing_gap == pytest.approx((math.hypot(1.547709, 1.180325), 0.0), abs=1e-6)
+    assert report.start_to_end == pytest.approx((math.hypot(1.547709, 1.180325), 0.0), abs=1e-6)
     x, y = -radius * math.sin(0.785), radius * math.cos(0.785)  # the centre of the first lobe
     left, right, bottom, top = report.box
     assert (left, top) == pytest.approx((x - radius, y + radius), abs=BOX)
@@ -155,16 +155,16 @@ def test_noise_is_left_out():
 
 
 def test_the_table():
-    text = list(as_text(checked("1, 2, 0\n2.0, 0, 1.5\n-1, 0\n")))
+    text = list(as_text(checked("# a plan\n1, 2, 0\n2.0, 0, 1.5\n-1, 0\n")))
     assert text == [
         "my.txt: 2 rows, on the ideal car",
         "no faults",
         "",
-        "    row   speed  steering  duration  distance     turn         x         y    theta",
+        "   line   speed  steering  duration  distance     turn         x         y    theta",
         "            m/s       rad         s         m      rad         m         m      rad",
         "  start                                                 1.000     2.000    0.000",
-        "      1    2.00    0.0000      1.50     3.000    0.000     4.000     2.000    0.000",
-        "      2   -1.00    0.0000      1.00     1.000    0.000     3.000     2.000    0.000",
+        "      3    2.00    0.0000      1.50     3.000    0.000     4.000     2.000    0.000",
+        "      4   -1.00    0.0000      1.00     1.000    0.000     3.000     2.000    0.000",
         "",
         "length          4.00 m",
         "duration        2.5 s",
