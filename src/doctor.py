@@ -27,7 +27,7 @@ try:
     from mushr_ros_intro.doctor.network import network_findings
     from mushr_ros_intro.doctor.observation import Observer
     from mushr_ros_intro.doctor.programs import program_findings
-    from mushr_ros_intro.doctor.rules import diagnose, health, hints
+    from mushr_ros_intro.doctor.rules import diagnose, health, hints, left_parameters
     from mushr_ros_intro.ros.commands import as_typed
 
     missing = ""
@@ -148,7 +148,8 @@ def main() -> int:
         return 128 + signal.SIGINT
     package = "" if arguments.package == PACKAGE else arguments.package
     found = [*package_findings(arguments.package), *network, *diagnose(facts, package)]
-    for line in [str(each) for each in found] or [health(facts), *hints(facts)]:
+    lines = [str(each) for each in found] or [health(facts), *hints(facts)]
+    for line in [*lines, *left_parameters(facts)]:
         print(as_typed(line))
     return 1 if found else 0
 

@@ -3,7 +3,7 @@
 import signal
 import subprocess
 import threading
-from typing import Any, Callable, Dict, List, Optional
+from typing import Any, Callable, Dict, Optional
 
 import rosgraph
 import rospy
@@ -62,7 +62,7 @@ class PlanDrive:
             if responds(name):
                 raise UserError(f"{name} is running already; end it in its terminal first")
             rospy.set_param(name, parameters)  # replaces those of earlier runs
-            command: List[str] = [self._program, f"__ns:={self._namespace}"]
+            command = [self._program, f"__ns:={self._namespace}", "__name:=path_publisher"]
             try:
                 self._process = subprocess.Popen(command, start_new_session=True)
             except OSError as error:

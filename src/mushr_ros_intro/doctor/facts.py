@@ -1,7 +1,7 @@
 """Facts about a running system that the doctor judges, and the findings that it reports."""
 
 from dataclasses import dataclass, field
-from typing import Dict, Iterable, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.ros.xmlrpc_client import CallFault
 from mushr_ros_intro.simulator.mux import IDLE
@@ -107,6 +107,8 @@ class Facts:
     """The same for topics of initial poses; only those whose name is like that of the car's."""
     lacks_map: bool = False
     """Whether the car was started with a map, but no node publishes it."""
+    left_parameters: Dict[str, Dict[str, Any]] = field(default_factory=dict)
+    """By node: the parameters of a node started by hand that are not in its command line."""
     other_cars: Tuple[str, ...] = ()
     """The names of the other cars that run."""
     active: str = IDLE

@@ -5,7 +5,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
-from typing import Any, Dict, Iterable, List, Optional, Sequence, Set, Tuple
+from typing import AbstractSet, Any, Dict, Iterable, List, Optional, Sequence, Tuple
 
 import rosgraph.network
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from mushr_ros_intro.doctor.facts import Clock, Facts, Master, Publisher, Topic
 from mushr_ros_intro.doctor.listener import Listener
 from mushr_ros_intro.doctor.network import is_local, resolve, run_in_parallel
-from mushr_ros_intro.doctor.processes import abandoned_nodes
+from mushr_ros_intro.doctor.processes import abandoned_nodes, left_parameters
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.ros_time import wait_for
@@ -45,7 +45,7 @@ class _Graph:
     subscribers: Dict[str, List[str]]
     services: List[str]
     dead: Dict[str, CallFault]
-    pids: Set[int]
+    pids: Dict[str, int]
     """The process ids of the nodes that can be reached."""
 
     def live(self, nodes: Dict[str, List[str]], topic: str) -> List[str]:
@@ -146,9 +146,12 @@ class Observer:
         contacts = [msg.poses for _, msg, _ in heard.messages(self._collision, PoseArray)]
         touches = bool(contacts and contacts[-1])
         abandoned: List[str] = []
+        left: Dict[str, Dict[str, Any]] = {}
         if facts.master.is_local:
             pid = self._ask(self._uri, "getPid")
-            abandoned = abandoned_nodes(self._uri, pid, graph.pids)
+            abandoned = abandoned_nodes(self._uri, pid, graph.pids.values())
+            senders = {each.node for topic in topics.values() for each in topic.publishers}
+            left = self._left_parameters(graph, senders.union(*strays.values()))
         return replace(
             facts,
             inputs={"output": output._replace(publishers=bypassing), **topics},
@@ -158,7 +161,9 @@ class Observer:
             abandoned=tuple(abandoned),
             strays=strays,
             stray_poses=stray_poses,
-            lacks_map=bool(self._parameter(f"/{self._car}/car_sim/expects_map"))
+            left_parameters=left,
+            lacks_map=f"/{self._car}/car_sim" in output.subscribers
+            and bool(self._parameter(f"/{self._car}/car_sim/expects_map"))
             and not graph.live(graph.publishers, "/map"),
             other_cars=other_cars,
             active=_input(actives[-1], inputs) if actives else IDLE,
@@ -184,11 +189,21 @@ class Observer:
 
         jobs = [lambda node=node: ping(node) for node in nodes]
         results = run_in_parallel(jobs, 1.5 * self._call_timeout)
-        pids = dict(zip(nodes, results))
-        dead = {node: pid.fault for node, pid in pids.items() if isinstance(pid, CallError)}
-        reached = {pid for pid in results if isinstance(pid, int)}
+        found = dict(zip(nodes, results))
+        dead = {node: pid.fault for node, pid in found.items() if isinstance(pid, CallError)}
+        pids = {node: pid for node, pid in found.items() if isinstance(pid, int)}
         names = [name for name, _ in services]
-        return _Graph(dict(publishers), dict(subscribers), names, dead, reached)
+        return _Graph(dict(publishers), dict(subscribers), names, dead, pids)
+
+    def _left_parameters(self, graph: _Graph, nodes: AbstractSet[str]) -> Dict[str, Dict[str, Any]]:
+        """Return what `left_parameters` does for each node for which there are any."""
+        found = {}
+        for node in sorted(nodes & graph.pids.keys()):
+            parameters = self._parameter(node)
+            if isinstance(parameters, dict):
+                left = left_parameters(graph.pids[node], self._uri, parameters)
+                found.update({node: left} if left else {})
+        return found
 
     def _read_inputs(self) -> Dict[str, str]:
         """Return the topics of the mux's inputs by name, by falling priority."""

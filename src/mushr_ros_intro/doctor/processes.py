@@ -1,9 +1,9 @@
-"""Find the nodes of this machine that are not registered at the current master."""
+"""Read about nodes of this machine from their processes."""
 
 import glob
 import os
 from contextlib import suppress
-from typing import Container, List
+from typing import Any, Container, Dict, List, Mapping
 
 from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER
 
@@ -33,17 +33,46 @@ def abandoned_nodes(uri: str, master: int, registered: Container[int]) -> List[s
     return found
 
 
+def left_parameters(pid: int, uri: str, parameters: Mapping[str, Any]) -> Dict[str, Any]:
+    """Return the parameters of a node that are not in its command line.
+
+    There are none if it was not started by hand: if roslaunch has started it with a name, if it
+    is no process of this user, or if it has another ROS_MASTER_URI.
+
+    Args:
+        pid: the process id of the node, if it runs on this machine.
+        uri: the address of the master.
+        parameters: its private parameters at the master.
+    """
+    folder = f"/proc/{pid}"
+    with suppress(OSError):
+        words = _strings(f"{folder}/cmdline")
+        if _has_master(folder, uri) and not any(word.startswith("__name:=") for word in words):
+            given = {word[1:].split(":=")[0].split("/")[0] for word in words if ":=" in word}
+            return {name: value for name, value in parameters.items() if name not in given}
+    return {}
+
+
 def _node_name(folder: str, uri: str) -> str:
     """Return the name of the node that a process is; empty if it is none of the master at `uri`."""
     words = _strings(f"{folder}/cmdline")
     names = [word[len("__name:=") :] for word in words if word.startswith("__name:=")]
     if not names and os.path.basename(words[0]) == "rviz":
         names = ["rviz"]
-    environment = dict(word.split("=", 1) for word in _strings(f"{folder}/environ") if "=" in word)
-    its_uri = environment.get("ROS_MASTER_URI", DEFAULT_MASTER)
-    if not names or its_uri.rstrip("/") != uri.rstrip("/"):
+    if not names or not _has_master(folder, uri):
         return ""
-    return f"{environment.get('ROS_NAMESPACE', '').rstrip('/')}/{names[0]}"
+    return f"{_environment(folder).get('ROS_NAMESPACE', '').rstrip('/')}/{names[0]}"
+
+
+def _has_master(folder: str, uri: str) -> bool:
+    """Return whether a process uses the master at `uri`."""
+    its_uri = _environment(folder).get("ROS_MASTER_URI", DEFAULT_MASTER)
+    return its_uri.rstrip("/") == uri.rstrip("/")
+
+
+def _environment(folder: str) -> Dict[str, str]:
+    """Return the environment variables of a process."""
+    return dict(word.split("=", 1) for word in _strings(f"{folder}/environ") if "=" in word)
 
 
 def _strings(path: str) -> List[str]:

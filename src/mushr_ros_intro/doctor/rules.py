@@ -74,6 +74,16 @@ def hints(facts: Facts) -> List[str]:
     ]
 
 
+def left_parameters(facts: Facts) -> List[str]:
+    """Return a hint for each node that may use parameters of an earlier run."""
+    return [
+        f"hint: {node} also has parameters that are not in its command line, from an earlier run "
+        f"or from rosparam: {', '.join(f'{name} = {value}' for name, value in left.items())}. "
+        f"To delete them, stop the node, type: rosparam delete {node}, and start it again"
+        for node, left in facts.left_parameters.items()
+    ]
+
+
 def _doubles(facts: Facts) -> List[Finding]:
     """Find two simulators of one car, or two muxes."""
     receivers = {node for topic in facts.inputs.values() for node in topic.subscribers}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from mushr_ros_intro.doctor.facts import Clock, Facts, Master, Publisher, Topic
-from mushr_ros_intro.doctor.rules import diagnose, health, hints
+from mushr_ros_intro.doctor.rules import diagnose, health, hints, left_parameters
 from mushr_ros_intro.ros.xmlrpc_client import CallFault
 
 S = 1_000_000_000
@@ -296,6 +296,14 @@ def test_hints():
     assert hints(HEALTHY) == []
     (hint,) = hints(replace(HEALTHY, inputs=inputs(PLAN._replace(stamps=(NOW, 0)))))
     assert hint.startswith("hint: the commands of /path_publisher have no stamp")
+
+
+def test_parameters_of_earlier_runs():
+    assert left_parameters(HEALTHY) == []
+    left = {"/path_publisher": {"control_topic": "/nav", "loop": True}}
+    (hint,) = left_parameters(replace(HEALTHY, left_parameters=left))
+    assert "an earlier run or from rosparam: control_topic = /nav, loop = True. To delete" in hint
+    assert "type: rosparam delete /path_publisher, and start it again" in hint
 
 
 def test_the_first_finding_is_a_second_node_that_drives_the_car():
