@@ -9,6 +9,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped
 from mushr_sim.srv import CarPose
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Log
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from tf2_msgs.msg import TFMessage
 from vesc_msgs.msg import VescStateStamped
@@ -88,20 +89,41 @@ class TestMushrInterface(RosTestCase):
         self.assertTrue(self.reposition("car", 1.0, 2.0, 0.0).success)
         odometry = Recording("/mushr_sim/car/odom", Odometry).connected()
         motor = Recording("/car/vesc/sensors/core", VescStateStamped).connected()
+        joints = Recording("/car/joint_states", JointState).connected()
         servo = Recording("/car/vesc/sensors/servo_position_command", Float64).connected()
         commands = publisher(OUTPUT, AckermannDriveStamped)
         begin = rospy.Time.now() + LEAD
         for number in range(7):
             commands.publish(command(at(begin, 0.1 * number), 1.0, 2.66))
-        msg = odometry.after(at(begin, 0.6))
+
+        def both():
+            """Return an odometry message after the commands, and the pose with its stamp."""
+            poses = {each.header.stamp: each for each in self.poses.messages}
+            late = [m for m in odometry.messages if m.header.stamp > at(begin, 0.6)]
+            return next(((m, poses[m.header.stamp]) for m in late if m.header.stamp in poses), None)
+
+        msg, pose = wait_for(both, "a pose and an odometry message of one instant")
         self.assertEqual((msg.header.frame_id, msg.child_frame_id), ("odom", "base_link"))
-        pose = next(each for each in self.poses.messages if each.header.stamp == msg.header.stamp)
         self.assertEqual(planar(msg.pose.pose), planar(pose.pose))
         self.assertGreater(msg.pose.pose.position.x, 1.1)
         self.assertAlmostEqual(msg.twist.twist.linear.x, 1.0)
         self.assertAlmostEqual(max(each.state.speed for each in motor.messages), 4614.0)
+        self.assert_rates_are_those_of_the_angles(joints.messages)
         limit = 0.2472  # of mushr_tx2, to the left
         self.assertAlmostEqual(min(each.data for each in servo.messages), 0.5304 - 1.2135 * limit)
+
+    def assert_rates_are_those_of_the_angles(self, messages):
+        """Fail unless the steering turns at the published rates from message to message."""
+        rates = []
+        for before, after in zip(messages, messages[1:]):
+            if after.header.seq != before.header.seq + 1:
+                continue  # a busy subscriber loses messages
+            seconds = (after.header.stamp - before.header.stamp).to_sec()
+            for joint in (4, 5):
+                rates.append(after.velocity[joint])
+                turned = after.position[joint] - before.position[joint]
+                self.assertAlmostEqual(turned, rates[-1] * seconds)
+        self.assertGreater(max(rates), 1.0)  # [rad/s]; the limit of this car is 3.2
 
     def test_lengths(self):
         """Those of the profile, not those of the launch file."""

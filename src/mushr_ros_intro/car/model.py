@@ -45,6 +45,10 @@ class Car(NamedTuple):
     """Standard deviation of the speed [m/s], drawn for each command to drive."""
     steering_noise: float = 0.0
     """Standard deviation of the steering angle [rad], drawn for each command to drive."""
+    odom_distance_noise: float = 0.0
+    """Standard deviation of the measured distance [m] after 1 m; it grows with the square root."""
+    odom_heading_noise: float = 0.0
+    """Standard deviation of the measured heading [rad] after 1 m; it grows with the square root."""
     seed: int = 0
     """The seed of the noise."""
 
@@ -63,12 +67,21 @@ class Car(NamedTuple):
                 f"gains: speed {self.speed_gain:g}, steering {self.steering_gain:g}; "
                 f"steering offset {self.steering_offset:g} rad; "
             )
-        noise = f"{self.speed_noise:g} m/s, {self.steering_noise:g} rad, seed {self.seed}"
+        noise = "off"
+        if (self.speed_noise, self.steering_noise) != (0.0, 0.0) or self.has_odom_noise:
+            noise = (
+                f"{self.speed_noise:g} m/s, {self.steering_noise:g} rad, of the odometry after 1 m "
+                f"{self.odom_distance_noise:g} m, {self.odom_heading_noise:g} rad, seed {self.seed}"
+            )
         return (
-            f"wheelbase {self.wheelbase:g} m; limits: {shown or 'none'}; {gains}noise: "
-            f"{noise if self.speed_noise or self.steering_noise else 'off'}; "
+            f"wheelbase {self.wheelbase:g} m; limits: {shown or 'none'}; {gains}noise: {noise}; "
             f"command timeout {self.command_timeout / NANOSECONDS:g} s"
         )
+
+    @property
+    def has_odom_noise(self) -> bool:
+        """Whether the odometry has random errors."""
+        return (self.odom_distance_noise, self.odom_heading_noise) != (0.0, 0.0)
 
     def within_limits(self, speed: float, steering_angle: float) -> Tuple[float, float]:
         """Return the nearest speed [m/s] and steering angle [rad] that the car accepts."""

@@ -23,6 +23,8 @@ _NUMBERS = (
     ("steering_offset", "rad", -0.5, 0.5, "added to the steering angle of each command"),
     ("speed_noise", "m/s", 0.0, 10.0, "standard deviation per command"),
     ("steering_noise", "rad", 0.0, 1.0, "standard deviation per command"),
+    ("odom_distance_noise", "m", 0.0, 10.0, "standard deviation of the odometry after 1 m"),
+    ("odom_heading_noise", "rad", 0.0, 10.0, "standard deviation of the odometry after 1 m"),
 )
 """The numbers of a car: name, unit, range, and meaning."""
 
@@ -48,7 +50,9 @@ def car_from(parameters: Parameters) -> Car:
         UserError: a parameter is of the wrong type or out of range.
     """
     ideal = Car()
-    has_noise = parameters.flag("noise", False, "add random errors to the commands")
+    has_noise = parameters.flag(
+        "noise", False, "add random errors to the commands and to the odometry"
+    )
     values = {
         name: parameters.number(name, getattr(ideal, name), unit, low, high, meaning)
         for name, unit, low, high, meaning in _NUMBERS
@@ -59,4 +63,12 @@ def car_from(parameters: Parameters) -> Car:
     meaning = "seed of the errors; the same seed gives the same errors"
     seed = parameters.integer("seed", ideal.seed, 0, 1e9, meaning)
     car = Car(command_timeout=from_seconds(timeout), seed=seed, **values)
-    return car if has_noise else car._replace(speed_noise=0.0, steering_noise=0.0, seed=0)
+    if has_noise:
+        return car
+    return car._replace(
+        speed_noise=0.0,
+        steering_noise=0.0,
+        odom_distance_noise=0.0,
+        odom_heading_noise=0.0,
+        seed=0,
+    )

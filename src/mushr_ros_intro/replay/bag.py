@@ -5,6 +5,7 @@ from typing import Sequence
 import rosbag
 
 from mushr_ros_intro.car.model import Command, State, at_rest
+from mushr_ros_intro.car.odometry import Odometer
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.ros import conversions
@@ -38,11 +39,12 @@ def write_bag(path: str, judgement: Judgement, states: Sequence[State]) -> None:
         add("/car/predicted_path", conversions.path_to_msg(predicted, begin), begin)
         driven = conversions.path_to_msg([s._replace(stamp=s.stamp - begin) for s in states], begin)
         add("/car/driven_path", driven, begin)
+        odometer = Odometer(judgement.recorded.car)
         for state in states:
+            measured = odometer.read(state)
             add("/car/car_pose", conversions.car_pose_to_msg(state), state.stamp)
-            add("/tf", conversions.transforms_to_msg(state, *FRAMES), state.stamp)
-            odometry = conversions.odometry_to_msg(state, judgement.recorded.car, *FRAMES)
-            add("/car/odom", odometry, state.stamp)
+            add("/tf", conversions.transforms_to_msg(measured.state, *FRAMES), state.stamp)
+            add("/car/odom", conversions.odometry_to_msg(measured, *FRAMES), state.stamp)
         for sent in judgement.recorded.sent:
             command = Command(sent.time, sent.speed, sent.steering_angle)
             msg = conversions.command_to_msg(command, FRAMES[1])

@@ -2,7 +2,7 @@
 
 import functools
 import math
-from typing import Any, Callable, Iterable, Tuple, TypeVar, Union
+from typing import Any, Callable, Iterable, Sequence, Tuple, TypeVar, Union
 
 import genpy
 import numpy as np
@@ -26,7 +26,16 @@ from std_msgs.msg import ColorRGBA, Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from mushr_ros_intro.car.model import Car, Command, InitialPose, State, Wheels, front_wheel_angles
+from mushr_ros_intro.car.model import (
+    Car,
+    Command,
+    InitialPose,
+    State,
+    Wheels,
+    front_wheel_angles,
+    wheel_rates,
+)
+from mushr_ros_intro.car.odometry import Odometry as Measured
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.plan import MAX_COORDINATE, MAX_SPEED
 from mushr_ros_intro.stamps import NANOSECONDS
@@ -203,22 +212,42 @@ def ellipses_to_msg(ellipses: Iterable[Tuple[Pose, float, float]], stamp: int) -
     return MarkerArray(markers)
 
 
-def odometry_to_msg(state: State, car: Car, odom_frame: str, base_frame: str) -> Odometry:
+def odometry_to_msg(measured: Measured, odom_frame: str, base_frame: str) -> Odometry:
     """Return the car's odometry: the pose in `odom_frame`, the twist in `base_frame`."""
+    state = measured.state
     msg = Odometry(header=_header(state.stamp, odom_frame), child_frame_id=base_frame)
     msg.pose.pose = pose_to_msg(state.odom_pose)
     msg.twist.twist.linear.x = state.speed
-    msg.twist.twist.angular.z = state.turn_rate(car)
+    msg.twist.twist.angular.z = measured.turn_rate
+    # The rows and columns are x, y, z, and the rotations about them.
+    for row, values in zip((0, 6, 30), measured.pose_covariance.tolist()):
+        for column, value in zip((0, 1, 5), values):
+            msg.pose.covariance[row + column] = value
+    msg.twist.covariance[0], msg.twist.covariance[35] = measured.twist_variances
     return msg
 
 
-def joint_states_to_msg(state: State, wheel_angles: Wheels, car: Car) -> JointState:
-    """Return the angles of MuSHR's six joints: four wheels [rad], and the steering of two."""
+def joint_states_to_msg(
+    state: State, wheel_angles: Wheels, steering_rates: Sequence[float], car: Car
+) -> JointState:
+    """Return the angles and rates of MuSHR's six joints: four wheels, and the steering of two.
+
+    Args:
+        state: of the car.
+        wheel_angles: how far each wheel has turned [rad].
+        steering_rates: at which the left and the right front wheel are steered [rad/s].
+        car: the car.
+    """
     left, right = front_wheel_angles(state.steering_angle, car)
     names = [f"{each}_wheel_throttle" for each in Wheels._fields]
     names += ["front_left_wheel_steer", "front_right_wheel_steer"]
     header = Header(stamp=time_from(state.stamp))
-    return JointState(header=header, name=names, position=[*wheel_angles, left, right])
+    return JointState(
+        header=header,
+        name=names,
+        position=[*wheel_angles, left, right],
+        velocity=[*wheel_rates(state, car), *steering_rates],
+    )
 
 
 def transforms_to_msg(

@@ -121,11 +121,11 @@ class CarSim:
         # Only here, because plain car_sim needs none of MuSHR's packages.
         from mushr_ros_intro.simulator.mushr_interface import MushrInterface
 
-        interface = MushrInterface(self._car, prefix, self.add)
+        interface = MushrInterface(self._car, prefix, self.add, self._publisher)
 
         def publish(states: List[State]) -> None:
             self._publisher.publish(states)
-            interface.publish(states)
+            interface.on_reported(states)
 
         return publish
 

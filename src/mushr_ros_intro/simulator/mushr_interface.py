@@ -15,9 +15,11 @@ from std_msgs.msg import Float64, Header
 from vesc_msgs.msg import VescState, VescStateStamped
 
 from mushr_ros_intro.car.model import Car, Event, InitialPose, State
+from mushr_ros_intro.car.odometry import Odometry as Measured
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.simulator.state_publisher import StatePublisher
 
 REPOSITION = "/mushr_sim/reposition"
 """The name of the service and of the topic that place a car."""
@@ -38,13 +40,14 @@ class MushrInterface:
     /mushr_sim/reposition.
     """
 
-    def __init__(self, car: Car, prefix: str, accept: Accept) -> None:
+    def __init__(self, car: Car, prefix: str, accept: Accept, publisher: StatePublisher) -> None:
         """Set up the topics and the service.
 
         Args:
             car: the car.
             prefix: of the car's frames.
             accept: adds an initial pose.
+            publisher: of the states.
         """
         self._car, self._accept = car, accept
         self._name = rospy.get_namespace().strip("/")
@@ -58,15 +61,9 @@ class MushrInterface:
         rospy.set_param("vesc/wheelbase", car.track)  # MuSHR gives this name to the width
         self._reported = threading.Condition()
         self._stamp = 0  # of the newest published state [ns]
-        topics = (
-            (f"/mushr_sim/{self._name}/odom", Odometry, self._true_odometry),
-            ("vesc/sensors/core", VescStateStamped, self._motor_state),
-            ("vesc/sensors/servo_position_command", Float64, self._servo_position),
-        )
-        self._publishers = [
-            (rospy.Publisher(topic, kind, queue_size=10, tcp_nodelay=True), convert)
-            for topic, kind, convert in topics
-        ]
+        publisher.add(f"/mushr_sim/{self._name}/odom", Odometry, self._true_odometry)
+        publisher.add("vesc/sensors/core", VescStateStamped, self._motor_state)
+        publisher.add("vesc/sensors/servo_position_command", Float64, self._servo_position)
         for topic, kind, read in (
             (REPOSITION, PoseStamped, conversions.initial_pose_from_msg),
             ("clicked_point", PointStamped, _initial_pose_from_point),
@@ -74,31 +71,28 @@ class MushrInterface:
             rospy.Subscriber(topic, kind, self._on_message, read, tcp_nodelay=True)
         rospy.Service(REPOSITION, CarPose, self._on_request)
 
-    def publish(self, states: List[State]) -> None:
-        """Publish states on every topic that has a subscriber; they have been reported."""
-        for state in states:
-            for publisher, convert in self._publishers:
-                if publisher.get_num_connections():
-                    publisher.publish(convert(state))
+    def on_reported(self, states: List[State]) -> None:
+        """Answer the service: these states have been reported."""
         with self._reported:
             self._stamp = states[-1].stamp
             self._reported.notify_all()
 
-    def _true_odometry(self, state: State) -> Odometry:
+    def _true_odometry(self, state: State, _: Measured) -> Odometry:
         """Return the true pose, which is in the map, in MuSHR's form."""
-        msg = conversions.odometry_to_msg(state, self._car, *self._frames)
+        exact = Measured(state, state.turn_rate(self._car))
+        msg = conversions.odometry_to_msg(exact, *self._frames)
         msg.pose.pose = conversions.pose_to_msg(state.pose)
         return msg
 
-    def _motor_state(self, state: State) -> VescStateStamped:
+    def _motor_state(self, state: State, measured: Measured) -> VescStateStamped:
         """Return the state of the motor controller: the electrical speed of the motor."""
-        speed = self._erpm_gain * state.speed + self._erpm_offset
+        speed = self._erpm_gain * measured.state.speed + self._erpm_offset
         header = Header(stamp=conversions.time_from(state.stamp))
         return VescStateStamped(header, VescState(speed=speed))
 
-    def _servo_position(self, state: State) -> Float64:
+    def _servo_position(self, _: State, measured: Measured) -> Float64:
         """Return the position of the steering servo."""
-        return Float64(self._servo_gain * state.steering_angle + self._servo_offset)
+        return Float64(self._servo_gain * measured.state.steering_angle + self._servo_offset)
 
     @conversions.ignore_bad_messages
     def _on_message(self, msg: rospy.Message, read: Callable[[rospy.Message], Event]) -> None:

@@ -4,7 +4,7 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
-from typing import Callable, Deque, List, Optional
+from typing import Callable, Deque, List, Optional, Tuple
 
 import rospy
 from geometry_msgs.msg import PoseArray, PoseStamped
@@ -12,7 +12,9 @@ from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
-from mushr_ros_intro.car.model import Car, Contact, State, Wheels, wheel_rates
+from mushr_ros_intro.car.model import Car, Contact, State, Wheels, front_wheel_angles, wheel_rates
+from mushr_ros_intro.car.odometry import Odometer
+from mushr_ros_intro.car.odometry import Odometry as Measured
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.commands import as_typed
@@ -28,6 +30,9 @@ _DRAWN_POSES = 2000
 
 _DRAWN_PERIOD = 0.1
 """Shortest time between two messages with the driven path [s of wall-clock time]."""
+
+Convert = Callable[[State, Measured], rospy.Message]
+"""Returns the message with a state of the car and its measured odometry."""
 
 READY_POLL_PERIOD = 0.1
 """Period at which it is checked whether the car is ready [s of wall-clock time]."""
@@ -55,37 +60,40 @@ class StatePublisher:
         self._car = car
         self._wheels_stamp = now
         self._wheel_angles = Wheels(0.0, 0.0, 0.0, 0.0)
+        self._front_angles = front_wheel_angles(0.0, car)
+        self._odometer = Odometer(car)
         self._announced: Optional[Contact] = None
         self._is_on_map = True
         frames = f"{prefix}odom", f"{prefix}base_footprint"
-        topics = (
-            ("car_pose", PoseStamped, conversions.car_pose_to_msg),
-            ("odom", Odometry, lambda state: conversions.odometry_to_msg(state, car, *frames)),
-            ("joint_states", JointState, self._joint_states),
-            # Not tf2_ros.TransformBroadcaster: it publishes the same, and needs 7 MB.
-            (
-                "/tf",
-                TFMessage,
-                lambda state: conversions.transforms_to_msg(state, *frames, with_map),
-            ),
+        self._queue_size = 1 if loses_states else 10_000
+        self._publishers: List[Tuple[rospy.Publisher, Convert]] = []
+        self.add("car_pose", PoseStamped, lambda state, _: conversions.car_pose_to_msg(state))
+        self.add("odom", Odometry, lambda _, odom: conversions.odometry_to_msg(odom, *frames))
+        self.add("joint_states", JointState, lambda state, _: self._joint_states(state))
+        # Not tf2_ros.TransformBroadcaster: it publishes the same, and needs 7 MB.
+        self.add(
+            "/tf",
+            TFMessage,
+            lambda _, odom: conversions.transforms_to_msg(odom.state, *frames, with_map),
         )
-        queue_size = 1 if loses_states else 10_000
-        self._publishers = [
-            (rospy.Publisher(topic, kind, queue_size=queue_size, tcp_nodelay=True), convert)
-            for topic, kind, convert in topics
-        ]
         self._collision_pub = rospy.Publisher("~collision", PoseArray, queue_size=10, latch=True)
         self._collision_pub.publish(conversions.poses_to_msg([], now))
         self._driven_path = DrivenPath()
         self._last: Optional[State] = None  # the last one that was published
 
+    def add(self, topic: str, kind: type, convert: Convert) -> None:
+        """Publish each state on a topic, too, in the form that `convert` returns."""
+        publisher = rospy.Publisher(topic, kind, queue_size=self._queue_size, tcp_nodelay=True)
+        self._publishers.append((publisher, convert))
+
     def publish(self, states: List[State]) -> None:
         """Publish states on every topic that has a subscriber."""
         for state in states:
             self._draw(state)
+            measured = self._odometer.read(state)
             for publisher, convert in self._publishers:
                 if publisher.get_num_connections():
-                    publisher.publish(convert(state))
+                    publisher.publish(convert(state, measured))
             self._last = state
             self._announce_contact(state)
 
@@ -96,7 +104,13 @@ class StatePublisher:
         rates = wheel_rates(state, self._car)
         angles = (a + rate * seconds for a, rate in zip(self._wheel_angles, rates))
         self._wheel_angles = Wheels(*angles)
-        return conversions.joint_states_to_msg(state, self._wheel_angles, self._car)
+        before, self._front_angles = (
+            self._front_angles,
+            front_wheel_angles(state.steering_angle, self._car),
+        )
+        changes = (a - b for a, b in zip(self._front_angles, before))
+        steering_rates = [change / seconds if seconds > 0.0 else 0.0 for change in changes]
+        return conversions.joint_states_to_msg(state, self._wheel_angles, steering_rates, self._car)
 
     def _draw(self, state: State) -> None:
         """Extend the driven path; it begins anew when the car is placed."""

@@ -14,6 +14,8 @@ from mushr_ros_intro.geometry import ORIGIN
 from mushr_ros_intro.parameters import Parameters
 from support.cars import CARS, PROFILES
 
+NOISES = ("speed_noise", "steering_noise", "odom_distance_noise", "odom_heading_noise")
+
 
 def test_profiles():
     assert set(CARS) == {
@@ -23,14 +25,16 @@ def test_profiles():
     keys = {tuple(values) for values in PROFILES.values()}
     assert len(keys) == 1  # a second profile on the parameter server replaces every key
     noisy = car_from(Parameters({**PROFILES["mushr_nano"], "noise": True, "seed": 7}))
-    assert noisy == CARS["mushr_nano"]._replace(speed_noise=0.013, steering_noise=0.01, seed=7)
+    noises = (0.013, 0.01, 0.01, 0.01)
+    assert noisy == CARS["mushr_nano"]._replace(**dict(zip(NOISES, noises)), seed=7)
     assert str(Car()) == "wheelbase 0.33 m; limits: none; noise: off; command timeout 0.2 s"
     assert str(noisy) == (
         "wheelbase 0.3 m; limits: 0.9286 m/s, 0.3158 rad left, 0.4211 rad right, 3.8889 m/s^2, "
-        "3.2 rad/s; noise: 0.013 m/s, 0.01 rad, seed 7; command timeout 0.2 s"
+        "3.2 rad/s; noise: 0.013 m/s, 0.01 rad, of the odometry after 1 m 0.01 m, 0.01 rad, "
+        "seed 7; command timeout 0.2 s"
     )
     assert "; gains: speed 0.9, steering 1; steering offset 0 rad; " in str(Car(speed_gain=0.9))
-    assert CARS["mushr_nano"].speed_noise == CARS["mushr_nano"].steering_noise == 0.0
+    assert [getattr(CARS["mushr_nano"], each) for each in NOISES] == [0.0] * 4
 
 
 @pytest.mark.parametrize(
@@ -75,6 +79,8 @@ def test_limits_are_those_of_the_motor_controller(
         ("seed", 1.5, "a whole number"),
         ("speed_noise", math.inf, "from 0 to 10 m/s"),
         ("steering_noise", 2.0, "from 0 to 1 rad"),
+        ("odom_distance_noise", -0.1, "from 0 to 10 m"),
+        ("odom_heading_noise", math.nan, "from 0 to 10 rad"),
     ],
 )
 def test_a_bad_parameter(name, value, expected):

@@ -10,12 +10,15 @@ from geometry_msgs.msg import Point, PointStamped, PoseWithCovarianceStamped, Qu
 from geometry_msgs.msg import Pose as PoseMsg
 from hypothesis import given
 from hypothesis import strategies as st
+from mushr_sim.srv import CarPose
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from rospy.numpy_msg import numpy_msg
+from vesc_msgs.msg import VescState, VescStateStamped
 from visualization_msgs.msg import Marker
 
 from mushr_ros_intro.car.model import Car, Command, InitialPose, Wheels, at_rest
 from mushr_ros_intro.car.motion import advance, apply
+from mushr_ros_intro.car.odometry import Odometry
 from mushr_ros_intro.geometry import Pose, compose
 from mushr_ros_intro.plan.plan import as_float32
 from mushr_ros_intro.ros import conversions
@@ -56,6 +59,10 @@ def pose_msg(**fields):
 
 def test_the_messages_are_the_real_ones():
     assert AckermannDriveStamped._md5sum == "1fd5d7f58889cefd44d29f6653240d0c"
+    # Those of github.com/prl-mushr: vesc and mushr_sim, branches noetic.
+    assert VescState._md5sum == "81214bb4c1945e7c159bd76ec397ac04"
+    assert VescStateStamped._md5sum == "3a2b3a0e5b5f10ce6bbf973d767cdc4d"
+    assert CarPose._md5sum == "d3607be278658b1796ac5e670eba6ac0"
 
 
 @given(stamps, st.floats(-1e3, 1e3), st.floats(-1.57, 1.57), st.tuples(*[st.floats(-9, 9)] * 2))
@@ -185,7 +192,8 @@ def test_ellipses():
 def test_pose_odometry_and_transforms_tell_the_same():
     state = moving()
     pose = conversions.car_pose_to_msg(state)
-    odom = conversions.odometry_to_msg(state, Car(), "car/odom", "car/base_footprint")
+    measured = Odometry(state, state.turn_rate(Car()), 1.0 + np.arange(9).reshape(3, 3), (0.1, 0.2))
+    odom = conversions.odometry_to_msg(measured, "car/odom", "car/base_footprint")
     transforms = conversions.transforms_to_msg(state, "car/odom", "car/base_footprint")
     first, second = transforms.transforms
     for msg in (pose, odom, first, second):
@@ -210,10 +218,15 @@ def test_pose_odometry_and_transforms_tell_the_same():
     twist = odom.twist.twist
     assert twist.linear.x == 1.5 and twist.linear.y == 0.0
     assert twist.angular.z == pytest.approx(1.5 * math.tan(-0.4) / 0.33, abs=1e-14)
+    covariance = np.reshape(odom.pose.covariance, (6, 6))
+    assert covariance[:2, :2].tolist() == [[1, 2], [4, 5]]
+    assert covariance[5, [0, 1, 5]].tolist() == [7, 8, 9] and covariance[0, 5] == 3
+    assert np.count_nonzero(covariance) == 9
+    assert np.diag(np.reshape(odom.twist.covariance, (6, 6))).tolist() == [0.1, 0, 0, 0, 0, 0.2]
 
 
 def test_joint_states_are_mushrs():
-    msg = conversions.joint_states_to_msg(moving(), Wheels(1.0, 2.0, 3.0, 4.0), Car())
+    msg = conversions.joint_states_to_msg(moving(), Wheels(1.0, 2.0, 3.0, 4.0), (5, 6), Car())
     joints = dict(zip(msg.name, msg.position))
     assert len(joints) == 6
     throttles = [
@@ -224,6 +237,11 @@ def test_joint_states_are_mushrs():
     assert throttles == [1.0, 2.0, 3.0, 4.0]
     assert msg.header.stamp.to_nsec() == STAMP
     assert joints["front_right_wheel_steer"] < -0.4 < joints["front_left_wheel_steer"] < 0.0
+    rates = dict(zip(msg.name, msg.velocity))
+    # The middle of the axle drives 1.5 m/s, and the car turns to the right.
+    left, right = rates["back_left_wheel_throttle"], rates["back_right_wheel_throttle"]
+    assert (left + right) / 2 == pytest.approx(1.5 / 0.0488) and left > right
+    assert (rates["front_left_wheel_steer"], rates["front_right_wheel_steer"]) == (5, 6)
 
 
 def sample_grid():
