@@ -225,7 +225,7 @@ CHEATS = {
         before('while True: print("x" * 1000000)'),
         "MB of output",
     ),
-    # Without effect. The files of the test are in /var; a search of / takes seconds of CPU time.
+    # Without effect:
     "signals": (
         midway(
             each_of(
@@ -248,11 +248,12 @@ CHEATS = {
                 [
                     """
                     import os
-                    for folder, _, names in os.walk("/var"):
-                        for name in names:
-                            if name == "secret_PORT.txt":
-                                open(os.path.join(folder, name)).close()
-                                os._exit(0)
+                    if os.listdir("FOLDER"):
+                        os._exit(0)
+                    """,
+                    """
+                    import mushr_ros_intro, os  # the package with the solution
+                    os._exit(0)
                     """,
                     """
                     import os, socket
@@ -278,7 +279,7 @@ CHEATS = {
         after(
             """
             import os
-            for folder in ("/tmp", "/var/tmp", "/dev/shm", os.environ["HOME"], "/mnt", "/run", "/"):
+            for folder in ("/tmp", "/var/tmp", "/dev/shm", "/dev", "/mnt", "/run", "/", "FOLDER"):
                 for number in range(100):
                     try:
                         with open(f"{folder}/fill{number}", "wb") as file:
@@ -289,13 +290,7 @@ CHEATS = {
             if child == 0:
                 os.setsid()
                 time.sleep(3)
-            for folder, _, names in os.walk("/var"):
-                for name in names:
-                    if name.endswith((".json", ".csv", ".html")):
-                        try:
-                            open(os.path.join(folder, name), "w").write('{"passed": true}')
-                        except OSError:
-                            pass
+            open("FOLDER/writable.json", "w").write('{"passed": true}')
             """
         ),
         "",
@@ -333,15 +328,16 @@ CHEATS = {
 """Nodes that cheat, and a part of their verdict; "" if the cheat has no effect.
 
 A cheat that reaches something that it must not reach ends the node before its first command. PORT
-stands for the port of a server of the test.
+stands for the port of a server of the test, FOLDER for the folder of the plans and results.
 """
 
 
-def cheat(name, port):
+def cheat(name, port, folder):
     """Return the source of a cheat, which drives two rows only, so that it fails without effect."""
     source = CHEATS[name][0]
     assert source.count(_PLAN) == 1
-    return source.replace(_PLAN, _PLAN + _SHORT).replace("PORT", str(port))
+    source = source.replace("PORT", str(port)).replace("FOLDER", str(folder))
+    return source.replace(_PLAN, _PLAN + _SHORT)
 
 
 def write(folder, name, source, cmake=""):
@@ -370,7 +366,7 @@ def write_class(folder, count):
     nodes = {
         **CORRECT,
         **{name: source for name, (source, _) in {**WRONG, **BROKEN}.items()},
-        **{f"cheat_{name}": cheat(name, 1) for name in CHEATS},
+        **{f"cheat_{name}": cheat(name, 1, "/root") for name in CHEATS},
     }
     nodes.update((f"right_{number}", RIGHT) for number in range(count - len(nodes)))
     for name, source in nodes.items():

@@ -49,6 +49,7 @@ def probe(plan: Plan, setting: Setting) -> None:
     fault = in_own_process(_probe_here, job, seconds=TIMEOUT + MAX_OVERHEAD)
     if fault:
         user = f"user {setting.sandbox.user}" if setting.sandbox.user else "users without a name"
+        user = user if setting.sandbox.is_root else "you"
         raise ReplayError(
             f"nodes cannot run here, so nothing is graded: {fault}\n"
             f"Nodes run as {user} in {setting.sandbox.folder}, and use a copy of the workspaces. "
@@ -71,7 +72,7 @@ def _run(sandbox: Sandbox, command: Sequence[str]) -> Tuple[Optional[int], List[
     Returns:
         Its exit status, or None if it did not end in time, and the lines of its output.
     """
-    sandbox.enter_network()
+    sandbox.enter()
     try:
         done = subprocess.run(
             command,

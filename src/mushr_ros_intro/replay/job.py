@@ -4,6 +4,7 @@ import ctypes
 import multiprocessing
 import multiprocessing.popen_forkserver  # threads that first import it together may fail
 import os
+import resource
 import shutil
 import signal
 import tempfile
@@ -19,7 +20,7 @@ from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.replay.bag import write_bag
 from mushr_ros_intro.replay.judge import Judgement, default_tolerances, judge
-from mushr_ros_intro.replay.node_process import MAX_OUTPUT, NodeProcess
+from mushr_ros_intro.replay.node_process import NodeProcess
 from mushr_ros_intro.replay.recording import Recorded
 from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.workspace import environment_of
@@ -47,6 +48,9 @@ MAX_DELAY = 3.0
 
 The limit is a multiple of the patience. A node that starts hundreds of processes waits for itself.
 """
+
+MAX_MEMORY = 2_000_000_000
+"""Limit on the memory of a replay's own process, which receives what a node sends [bytes]."""
 
 MAX_OVERHEAD = 60.0
 """Longest time of a replay before and after the drive [s of wall-clock time]."""
@@ -157,6 +161,7 @@ def _call_and_send(
 ) -> None:
     """Call a function; send its result, and the description of an error or an empty text."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    resource.setrlimit(resource.RLIMIT_DATA, (MAX_MEMORY, MAX_MEMORY))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends this one
     with open(os.devnull, "r+b") as null:
         for number in (0, 1, 2):
@@ -181,10 +186,10 @@ def _run_here(job: Job) -> Judgement:
     """
     began, setting, sandbox = time.monotonic(), job.setting, job.setting.sandbox
     car = car_from(Parameters(setting.parameters))
-    sandbox.enter_network()
+    sandbox.enter()
     world = ReplayWorld(setting.parameters, setting.mux, setting.grid)
     with tempfile.TemporaryDirectory(dir=sandbox.folder or None) as folder:
-        process = NodeProcess(sandboxed(job, folder))
+        process = NodeProcess(sandboxed(job, folder), sandbox.has_namespaces)
         world.follow(process.activity)
         try:
             outcome = _watch(process, world, job)
@@ -243,8 +248,8 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
     while not process.has_ended:
         if not world.is_alive:
             return f"the node has shut down {CAR}"
-        if process.prints_too_much:
-            return f"the node printed more than {MAX_OUTPUT / 1e6:g} MB of output"
+        if excess := process.excess():
+            return excess
         silence = time.monotonic() - world.last_message
         if sent and sent[-1].time - sent[0].time > limit:
             return (

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import signal
 import subprocess
 import threading
@@ -22,6 +23,12 @@ IDLE_SHARE = 0.1
 
 MAX_OUTPUT = 50_000_000
 """A node that prints more has failed [bytes]."""
+
+MAX_MEMORY = 1_500_000_000
+"""A node has failed if all its processes together use more memory [bytes]."""
+
+MAX_THREADS = 250
+"""A node that starts more has failed."""
 
 
 def _read(path: str) -> str:
@@ -56,6 +63,12 @@ def delay_of(threads: Iterable[str]) -> float:
     return total / NANOSECONDS
 
 
+def _memory_of(process: int) -> int:
+    """Return the memory that a process uses, without that of files [bytes]; raise OSError."""
+    sizes = re.findall(r"^Rss(?:Anon|Shmem):\s*(\d+) kB$", _read(f"/proc/{process}/status"), re.M)
+    return 1024 * sum(map(int, sizes))
+
+
 class Sample(NamedTuple):
     """What the node and this process have done so far."""
 
@@ -86,11 +99,12 @@ def receiving_activity() -> Optional[int]:
 class NodeProcess:
     """The process of the node in a replay, with all processes of its group."""
 
-    def __init__(self, command: List[str]) -> None:
+    def __init__(self, command: List[str], has_namespaces: bool = False) -> None:
         """Start the node.
 
         Args:
             command: the program and its arguments, which include the environment.
+            has_namespaces: whether it is bwrap, which runs the node in a process group of its own.
 
         Raises:
             UserError: the program cannot be started.
@@ -105,6 +119,7 @@ class NodeProcess:
             )
         except OSError as error:
             raise UserError(f"{command[0]} cannot be started ({error.strerror})") from None
+        self._has_namespaces = has_namespaces
         self._output = b""
         self._printed = 0
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -116,10 +131,16 @@ class NodeProcess:
             self._output = (self._output + chunk)[-KEPT_OUTPUT:]
             self._printed += len(chunk)
 
-    @property
-    def prints_too_much(self) -> bool:
-        """Whether the node has printed more than MAX_OUTPUT."""
-        return self._printed > MAX_OUTPUT
+    def excess(self) -> str:
+        """Return which limit the node has exceeded; empty if none."""
+        if self._printed > MAX_OUTPUT:
+            return f"the node printed more than {MAX_OUTPUT / 1e6:g} MB of output"
+        with contextlib.suppress(OSError):  # a process has ended
+            if sum(1 for _ in self._threads()) > MAX_THREADS:
+                return f"the node started more than {MAX_THREADS} processes and threads"
+            if sum(map(_memory_of, [self._process.pid, *self._children()])) > MAX_MEMORY:
+                return f"the node used more than {MAX_MEMORY / 1e6:g} MB of memory"
+        return ""
 
     @property
     def has_ended(self) -> bool:
@@ -158,17 +179,23 @@ class NodeProcess:
                 yield folder
                 processes += _read(f"{folder}/children").split()
 
+    def _children(self) -> List[int]:
+        """Return the numbers of all child processes, and of theirs, in the order of `_threads`."""
+        processes = (int(folder.split("/")[2]) for folder in self._threads())
+        return [each for each in dict.fromkeys(processes) if each != self._process.pid]
+
     def end(self) -> None:
         """End the node, its child processes, and all processes of its group."""
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGINT)
+        with contextlib.suppress(OSError):
+            processes = [self._process.pid, *self._children()]
+            # The first process in bwrap's namespace ignores the signal.
+            os.killpg(processes[int(self._has_namespaces)], signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(3.0)
         with contextlib.suppress(OSError):
             # Also those that have left the group. The first process waits for its child process.
-            for process in {int(folder.split("/")[2]) for folder in self._threads()}:
-                if process != self._process.pid:
-                    os.kill(process, signal.SIGKILL)
+            for process in self._children():
+                os.kill(process, signal.SIGKILL)
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(1.0)
         with contextlib.suppress(ProcessLookupError):
@@ -182,6 +209,8 @@ class NodeProcess:
         if status == 0:
             return ""
         self._reader.join(1.0)
+        if self._has_namespaces and status > 128:  # so bwrap reports a signal
+            status = 128 - status
         how = f"ended with exit status {status}"
         if status < 0:
             how = f"was killed by signal {signal.Signals(-status).name}"

@@ -1,111 +1,92 @@
-"""Run a node that is not trusted: another user, limits, and namespaces of Linux.
+"""Run a node that is not trusted: bubblewrap, another user, and limits.
 
-The tools are those of util-linux, which every Debian has: unshare, mount, setpriv, prlimit, choom.
+The tools are bwrap, and those of util-linux, which every Debian has: setpriv, prlimit, choom.
 """
 
-import ctypes
-import fcntl
+import glob
+import multiprocessing
 import os
 import pwd
-import socket
-import struct
 import subprocess
-from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
+import tempfile
+from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.replay import workspace
+from mushr_ros_intro.paths import package_folder
+from mushr_ros_intro.replay import system_calls, workspace
+from mushr_ros_intro.replay.node_process import MAX_MEMORY
 
 FIRST_USER = 60_000
 USERS = 5_000
-"""Each replay runs as another user without a name, from this range of numbers."""
+"""If root grades, each replay runs as another user without a name, from this range of numbers."""
 
 LIMITS = {
-    "--data": 1_500_000_000,  # memory of a process [bytes]
-    "--nproc": 200,  # processes and threads of the user
+    "--data": MAX_MEMORY,  # of a process [bytes]
     "--fsize": 20_000_000,  # size of a file [bytes]
     "--nofile": 512,  # open files of a process
     "--cpu": 120,  # time of a process [s]
     "--core": 0,  # size of a core dump [bytes]
 }
 
-_CLONE_NEWNET = 0x40000000
-_SIOCSIFFLAGS = 0x8914
-_IFF_UP = 1
+MAX_PROCESSES = 200
+"""Processes and threads of the user of a replay."""
 
-# Arguments: the number of visible paths; for each its path, its new place, and ro or rw; the number
-# of hidden folders; these folders; the command. First, the visible paths are mounted below /mnt,
-# because they may be in a folder that is hidden.
-_MOUNT = """
-set -eu
-mount -t tmpfs -o size=1m tmpfs /mnt
-count=$1; shift
-for i in $(seq "$count"); do
-  if [ -d "$1" ]; then mkdir "/mnt/$i"; else : >"/mnt/$i"; fi
-  mount --bind "$1" "/mnt/$i"
-  mount -o "remount,bind,nosuid,nodev,$3" "/mnt/$i"
-  eval "place_$i=\\$2"
-  shift 3
-done
-for folder in /tmp /var/tmp /dev/shm; do
-  mount -t tmpfs -o "mode=1777,size=64m,nr_inodes=10k,nosuid,nodev" tmpfs "$folder"
-done
-mkdir -m 1777 /tmp/home
-for i in $(seq "$count"); do
-  eval "place=\\$place_$i"
-  if [ -d "/mnt/$i" ]; then mkdir -p "$place"; else mkdir -p "${place%/*}"; : >"$place"; fi
-  mount --move "/mnt/$i" "$place"
-done
-umount /mnt
-hidden=$1; shift
-for i in $(seq "$hidden"); do
-  # A folder in a hidden folder is not there any more. /tmp has been replaced.
-  case "$1/" in
-  /tmp/*) ;;
-  *) [ ! -d "$1" ] || mount -t tmpfs -o mode=700,size=4k tmpfs "$1" ;;
-  esac
-  shift
-done
-mount -o remount,bind,ro /
-exec "$@"
-"""
+_FILES = 64_000_000
+"""Size of all files in /tmp, and of all in /dev/shm [bytes]."""
 
-# Ends the node if this process dies.
-_DIE_TOGETHER = ("setpriv", "--pdeathsig", "KILL")
+_VISIBLE = (
+    *("/bin", "/lib", "/lib32", "/lib64", "/libx32", "/sbin", "/usr", "/opt/ros"),
+    *("/etc/alternatives", "/etc/debian_version", "/etc/fonts", "/etc/group", "/etc/hosts"),
+    *("/etc/ld.so.cache", "/etc/ld.so.conf", "/etc/ld.so.conf.d", "/etc/localtime"),
+    *("/etc/matplotlibrc", "/etc/nsswitch.conf", "/etc/os-release", "/etc/passwd"),
+    *("/etc/protocols", "/etc/python3", "/etc/ros", "/etc/services", "/etc/timezone"),
+)
+"""What a node sees of the system. Not all of it exists on every system."""
+
+_PACKAGE = (
+    *("lib/mushr_ros_intro", "lib/python3/dist-packages/mushr_ros_intro"),
+    *("share/mushr_ros_intro", "share/doc/ros-mushr-ros-intro"),
+)
+"""Where this package is in /usr if it is installed; it contains solutions."""
 
 _WORKSPACES = "/tmp/ros"
-"""Where a node with namespaces sees the copies of the user's workspaces."""
+"""Where a node in namespaces sees the copies of the user's workspaces."""
 
-_NAMESPACES = ("unshare", "--mount", "--pid", "--ipc", "--fork", "--kill-child", "--mount-proc")
+# The arguments of bwrap are in a file, because a node can read its command line.
+_BWRAP = 'exec bwrap --args 3 --seccomp 4 "$@" 3<"$0/arguments" 4<"$0/filter"'
+_OPEN_FOLDERS = 'chmod 1777 /tmp /tmp/home /dev/shm && exec "$@"'  # bwrap makes them for root only
 
 
 class Sandbox(NamedTuple):
     """How nodes are isolated from the rest of the system."""
 
     is_root: bool = False
-    """Whether this process may change its user."""
+    """Whether nodes run as another user."""
     user: Optional[int] = None
     """The user of all nodes; None: a different one for each replay."""
     has_namespaces: bool = False
     """Whether a node gets namespaces of its own."""
     hidden: Tuple[str, ...] = ()
-    """Folders that a node cannot see."""
+    """Folders that a node cannot see, even if they are in a folder of the system."""
     folder: str = ""
-    """The folder for all that nodes may see; "" for the usual temporary folder."""
+    """The folder for all that nodes may see; "" if the nodes are trusted."""
+    has_size: bool = False
+    """Whether bwrap can limit the size of folders; Debian 11's cannot."""
 
-    def enter_network(self) -> None:
-        """Move this process, which must have one thread, into a network of its own.
+    def enter(self) -> None:
+        """Prepare this process, which must have one thread, to run programs of `wrap`.
 
-        The network contains only the loopback interface. The programs of `wrap` share it.
+        It gets a network with only the loopback interface, which the programs share.
 
         Raises:
             OSError: the system refuses.
         """
-        if self.has_namespaces:
-            libc = ctypes.CDLL(None, use_errno=True)
-            if libc.unshare(_CLONE_NEWNET) != 0:
-                raise OSError(ctypes.get_errno(), "unshare(CLONE_NEWNET)")
-            with socket.socket() as loopback:
-                fcntl.ioctl(loopback, _SIOCSIFFLAGS, struct.pack("16sh", b"lo", _IFF_UP))
+        if self.folder:
+            system_calls.join_new_keyring()
+            if self.has_namespaces:
+                system_calls.enter_network()
+            else:
+                system_calls.make_filter().load()
 
     def wrap(
         self,
@@ -121,41 +102,70 @@ class Sandbox(NamedTuple):
         Args:
             command: the program, with its arguments.
             environment: of the program.
-            home: a folder for the program, which is not used if there are namespaces.
+            home: an empty folder: for the program, or in namespaces, for bwrap only.
             plan: the path of the plan; "" if there is none.
             folder: the folder of the submission; "" if it is not in a folder of its own.
             writable: whether the program may write to `folder`.
         """
         moved = self._moves(plan, folder) if self.has_namespaces else {}
-        home = "/tmp/home" if self.has_namespaces else home
 
         def move(text: str) -> str:
             for path in sorted(moved, key=len, reverse=True):
                 text = text.replace(path, moved[path])
             return text
 
+        tools = ["setpriv", "--pdeathsig", "KILL"]  # the node ends if this process dies
+        limits = [f"{name}={value}" for name, value in LIMITS.items()]
+        if self.is_root:
+            user = str(self.current_user)
+            tools += ["--reuid", user, "--regid", user, "--clear-groups"]
+            tools += ["--no-new-privs", "--bounding-set=-all", "--inh-caps=-all"]
+            limits.append(f"--nproc={MAX_PROCESSES}")
+        if self.folder:
+            tools += ["choom", "-n", "1000", "--", "prlimit", *limits, "--"]
+        if self.has_namespaces:
+            if self.is_root:
+                tools = ["sh", "-c", _OPEN_FOLDERS, "sh", *tools]
+            modes = {
+                path: "--bind" if writable and path == folder else "--ro-bind" for path in moved
+            }
+            arguments = [each for path in moved for each in (modes[path], path, moved[path])]
+            with open(os.path.join(home, "arguments"), "w", encoding="utf-8") as file:
+                file.writelines(f"{each}\0" for each in [*self._arguments(), *arguments])
+            with open(os.path.join(home, "filter"), "wb") as binary:
+                system_calls.make_filter().export_bpf(binary)
+            tools = ["sh", "-c", _BWRAP, home, *tools]
+            home = "/tmp/home"
         # With the default, rospy warns: it gives a new folder the owner of HOME, which is root.
         values = {**environment, "HOME": home, "TMPDIR": home, "ROS_LOG_DIR": home}
         assignments = [f"{name}={move(value)}" for name, value in values.items()]
-        inner = ["env", "-i", *assignments, *map(move, command)]
-        if not self.is_root:
-            return [*_DIE_TOGETHER, *inner]
-        user = str(self.current_user)
-        limits = [f"{name}={value}" for name, value in LIMITS.items()]
-        inner = [
-            # Changing the user cancels --kill-child of unshare, so --pdeathsig is needed here, too.
-            *(*_DIE_TOGETHER, "--reuid", user, "--regid", user, "--clear-groups"),
-            *("--no-new-privs", "--bounding-set=-all", "--inh-caps=-all"),
-            *("choom", "-n", "1000", "--", "prlimit", *limits, "--", *inner),
-        ]
-        without_preload = ["env", "-u", "LD_PRELOAD"]  # nodes may not reach this library
-        if not self.has_namespaces:
-            return [*without_preload, *inner]
-        modes = {path: "rw" if writable and path == folder else "ro" for path in moved}
-        triples = [each for path in moved for each in (path, moved[path], modes[path])]
-        arguments = [str(len(moved)), *triples, str(len(self.hidden)), *self.hidden]
-        tools = [*without_preload, *_DIE_TOGETHER, *_NAMESPACES]
-        return [*tools, "--", "sh", "-c", _MOUNT, "sh", *arguments, *inner]
+        # bwrap has the same environment, because a node can read it. No library is preloaded.
+        return ["env", "-i", *assignments, *tools, *map(move, command)]
+
+    def _arguments(self) -> Iterator[str]:
+        """Yield the arguments of bwrap that are the same for all programs."""
+        yield from ("--unshare-pid", "--unshare-ipc", "--unshare-uts", "--unshare-cgroup-try")
+        yield from ("--die-with-parent", "--new-session")
+        if self.is_root:
+            yield from ("--cap-drop", "ALL")
+            for name in ("SETGID", "SETPCAP", "SETUID"):  # setpriv drops them
+                yield from ("--cap-add", f"CAP_{name}")
+        for path in ("/etc", "/opt"):  # otherwise, only root may enter them
+            yield from ("--dir", path)
+        for path in _VISIBLE:
+            yield from ("--ro-bind-try", path, path)
+        visible = tuple(f"{each}/" for each in _VISIBLE)
+        for path in self.hidden:
+            if os.path.isdir(path) and path.startswith(visible):
+                yield from ("--tmpfs", path)
+        yield from ("--proc", "/proc", "--dev", "/dev", "--remount-ro", "/dev")
+        size = ("--size", str(_FILES)) if self.has_size else ()
+        for path in ("/tmp", "/dev/shm"):
+            yield from (*size, "--tmpfs", path)
+        for name in ("home", "plans", "submissions"):
+            yield from ("--dir", f"/tmp/{name}")
+        yield from ("--dir", "/var", "--chdir", "/tmp/home")
+        yield from ("--symlink", "/tmp", "/var/tmp", "--remount-ro", "/")
 
     @property
     def _workspaces(self) -> str:
@@ -167,7 +177,7 @@ class Sandbox(NamedTuple):
         Raises:
             OSError: a file cannot be copied.
         """
-        if not self.is_root:
+        if not self.is_root and not self.has_namespaces:
             return workspace.inherited()
         os.mkdir(self._workspaces)
         place = _WORKSPACES if self.has_namespaces else self._workspaces
@@ -175,7 +185,7 @@ class Sandbox(NamedTuple):
 
     def _moves(self, plan: str, folder: str) -> Dict[str, str]:
         """Return the paths that a node needs, and where it sees them; arguments as for `wrap`."""
-        moved = {self._workspaces: _WORKSPACES}
+        moved = {self._workspaces: _WORKSPACES} if os.path.isdir(self._workspaces) else {}
         if plan:
             moved[plan] = f"/tmp/plans/{os.path.basename(plan)}"
         if folder:
@@ -204,9 +214,9 @@ def make_sandbox(user: str, hidden: Sequence[str], folder: str) -> Tuple[Sandbox
         folder: an empty folder that all users can reach, for all that nodes may see.
 
     Raises:
-        UserError: there is no such user, or it is root.
+        UserError: there is no such user, it is root, or only root could use it.
     """
-    number = None
+    number, is_root = None, os.geteuid() == 0
     if user:
         try:
             number = pwd.getpwnam(user).pw_uid
@@ -214,20 +224,38 @@ def make_sandbox(user: str, hidden: Sequence[str], folder: str) -> Tuple[Sandbox
             raise UserError(f"--user is '{user}'; expected the name of a user") from None
         if number == 0:
             raise UserError("--user is root; expected a user without privileges")
-    if os.geteuid() != 0:
-        return Sandbox(folder=folder), (
-            "not isolated: the nodes run as the user of this program, so a node can read hidden "
-            "plans and change results. To isolate them, run this program as root (sudo)"
+    own = [f"{each}/{path}" for each in ("/usr", *glob.glob("/opt/ros/*")) for path in _PACKAGE]
+    own.append(package_folder("."))
+    folders = {os.path.realpath(each) for each in [*hidden, *own, folder]} - {"/"}
+    sandbox = Sandbox(is_root, number, True, tuple(sorted(folders)), folder)
+    with multiprocessing.Pool(1) as pool:  # another process, because it enters a network
+        has_size, refusal = pool.apply(_try, [sandbox])
+    if not refusal:
+        return sandbox._replace(has_size=has_size), ""
+    sandbox = sandbox._replace(has_namespaces=False)
+    if is_root:
+        return sandbox, (
+            f"partly isolated: the system refuses namespaces ({refusal}). Each node runs as "
+            "another user, but can use the network, and read what all users can read. Keep hidden "
+            "plans and solutions unreadable for other users"
         )
-    folders = {os.path.realpath(each) for each in [*hidden, folder]} - {"/"}
-    sandbox = Sandbox(True, number, True, tuple(sorted(folders)), folder)
-    probe = "mount -t tmpfs tmpfs /mnt && mount -o remount,bind,ro /"
-    command = [*_NAMESPACES, "--net", "--", "sh", "-c", probe]
-    done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
-    if done.returncode == 0:
-        return sandbox, ""
-    reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
-    return sandbox._replace(has_namespaces=False), (
-        f"partly isolated: the system refuses namespaces ({reason}). Each node runs as another "
-        "user, but can use the network. Keep hidden plans unreadable for other users"
+    return sandbox, (
+        f"not isolated: the system refuses namespaces ({refusal}). The nodes run as the user of "
+        "this program, so a node can read hidden plans and solutions, and change results. To "
+        "isolate them, allow namespaces, or run this program as root (sudo)"
     )
+
+
+def _try(sandbox: Sandbox) -> Tuple[bool, str]:
+    """Return whether bwrap limits the size of folders; why namespaces are refused, "" if not."""
+    usage = subprocess.run(["bwrap", "--help"], stdout=subprocess.PIPE, text=True, check=False)
+    sandbox = sandbox._replace(has_size="--size" in usage.stdout)
+    try:
+        sandbox.enter()
+    except OSError as error:
+        return False, str(error)
+    with tempfile.TemporaryDirectory(dir=sandbox.folder) as home:
+        command = sandbox.wrap(["true"], {"PATH": os.environ["PATH"]}, home)
+        done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
+    reasons = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
+    return sandbox.has_size, reasons[-1] if done.returncode else ""

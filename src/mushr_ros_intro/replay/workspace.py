@@ -94,8 +94,8 @@ def _is_reachable(folder: str) -> bool:
 def copy_workspaces(folder: str, place: str, hidden: Sequence[str]) -> Dict[str, str]:
     """Copy the user's workspaces; return the environment variables for ROS that use the copies.
 
-    Of this package, only the modules are copied, not the nodes. Files in a workspace that are not
-    readable for all users are not copied.
+    Nothing of this package is copied, because its nodes and examples are solutions. Files in a
+    workspace that are not readable for all users are not copied.
 
     Args:
         folder: an existing folder for the copies.
@@ -107,7 +107,7 @@ def copy_workspaces(folder: str, place: str, hidden: Sequence[str]) -> Dict[str,
     """
     copies: Dict[str, str] = {}
 
-    def copy(source: str, part: str = "", left_out: Callable[[str], bool] = is_junk) -> None:
+    def copy(source: str, left_out: Callable[[str], bool] = is_junk) -> None:
         number = str(len(copies))
 
         def ignore(path: str, names: List[str]) -> List[str]:
@@ -118,9 +118,8 @@ def copy_workspaces(folder: str, place: str, hidden: Sequence[str]) -> Dict[str,
                 if left_out(each) or paths[each] in hidden or not _is_readable(paths[each])
             ]
 
-        target = os.path.join(folder, number, part)
         # Follow links, because catkin's workspaces consist of links to other places.
-        shutil.copytree(os.path.join(source, part), target, False, ignore, _copy_file)
+        shutil.copytree(source, os.path.join(folder, number), False, ignore, _copy_file)
         copies[source] = os.path.join(place, number)
 
     def translate(text: str) -> str:
@@ -129,16 +128,13 @@ def copy_workspaces(folder: str, place: str, hidden: Sequence[str]) -> Dict[str,
 
     ros = inherited()
     for prefix in _own_paths(ros, "CMAKE_PREFIX_PATH"):
-        copy(prefix, left_out="__pycache__".__eq__)
-    packages, modules = [], []
+        copy(prefix, left_out={"__pycache__", "mushr_ros_intro"}.__contains__)
+    packages = []
     found = rospkg.RosPack(_own_paths(ros, "ROS_PACKAGE_PATH"))
     for name in found.list():
         listed = found.get_path(name)
         source = os.path.dirname(os.path.realpath(os.path.join(listed, "package.xml")))
-        if name == "mushr_ros_intro":
-            modules.append(os.path.join(source, "src"))
-            copy(modules[-1], name)
-        elif source not in hidden:
+        if name != "mushr_ros_intro" and source not in hidden:
             packages.append(source)
             copy(source)
             copies[listed] = copies[source]
@@ -149,8 +145,8 @@ def copy_workspaces(folder: str, place: str, hidden: Sequence[str]) -> Dict[str,
                 _replace(os.path.join(path, name), translate)
     system = [each for each in _paths(ros, "ROS_PACKAGE_PATH") if each.startswith(SYSTEM)]
     ros["ROS_PACKAGE_PATH"] = os.pathsep.join([*packages, *system])
-    modules += _module_paths(packages)
-    ros["PYTHONPATH"] = os.pathsep.join([*modules, *_paths(ros, "PYTHONPATH")])
+    modules = [*_module_paths(packages), *_paths(ros, "PYTHONPATH")]
+    ros["PYTHONPATH"] = os.pathsep.join(modules)
     return {name: translate(value) for name, value in ros.items()}
 
 

@@ -7,6 +7,7 @@ import threading
 
 import pytest
 
+from mushr_ros_intro.replay import node_process
 from mushr_ros_intro.replay.node_process import (
     MAX_OUTPUT,
     NodeProcess,
@@ -53,7 +54,41 @@ def test_ends():
 
 def test_too_much_output():
     process = NodeProcess(["head", "-c", str(MAX_OUTPUT + 1), "/dev/zero"])
-    wait_for(lambda: process.prints_too_much, "all output")
+    wait_for(lambda: process.excess(), "all output")
+    assert process.excess() == "the node printed more than 50 MB of output"
+    process.end()
+
+
+SHARES = """
+import mmap, os, time
+memory = mmap.mmap(-1, 50_000_000)
+os.fork()
+memory[:] = bytes(len(memory))
+time.sleep(300)
+"""
+"""Shared memory is no data of a process, so that the limit of the operating system ignores it."""
+
+STARTS = """
+import threading, time
+for _ in range(30):
+    threading.Thread(target=time.sleep, args=[300], daemon=True).start()
+time.sleep(300)
+"""
+
+
+@pytest.mark.parametrize(
+    ("code", "name", "limit", "message"),
+    [
+        (SHARES, "MAX_MEMORY", 60_000_000, "used more than 60 MB of memory"),
+        (STARTS, "MAX_THREADS", 20, "started more than 20 processes and threads"),
+    ],
+)
+def test_limits(monkeypatch, code, name, limit, message):
+    """The limits hold for all processes of the node together."""
+    monkeypatch.setattr(node_process, name, limit)
+    process = NodeProcess([sys.executable, "-c", code])
+    wait_for(lambda: process.excess(), "a limit")
+    assert message in process.excess()
     process.end()
 
 

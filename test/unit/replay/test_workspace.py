@@ -28,6 +28,7 @@ def test_copies(tmp_path, monkeypatch):
     write(package / ".git" / "config")
     (package / "nowhere").symlink_to("/nowhere")
     write(devel / ".catkin")
+    write(devel / "lib" / "mushr_ros_intro" / "path_publisher.py")
     modules = devel / "lib" / "python3" / "dist-packages"
     write(modules / "course_msgs" / "__init__.py")
     text = "set(course_SOURCE_PREFIX {0})\nset(course_DEVEL_PREFIX {1})\nset(other {0}_2)\n"
@@ -55,7 +56,6 @@ def test_copies(tmp_path, monkeypatch):
     assert set(found) == {
         *(".catkin", config, "lib/python3/dist-packages/course_msgs/__init__.py"),
         *("package.xml", "setup.py", "src/course/__init__.py", "scripts/node"),
-        "mushr_ros_intro/__init__.py",
     }
     for path in copies.rglob("*"):
         mode = stat.S_IMODE(path.stat().st_mode)
@@ -66,11 +66,10 @@ def test_copies(tmp_path, monkeypatch):
     assert found[config].read_text() == text.format(source, built).replace(
         f"{source}_2", f"{package}_2"
     )
-    own = f"/place/{number['mushr_ros_intro/__init__.py']}"
     assert {name: ros[name] for name in VARIABLES} == {
         "CMAKE_PREFIX_PATH": f"{built}:/usr",
         "LD_LIBRARY_PATH": f"{built}/lib",
-        "PYTHONPATH": f"{own}:{source}/src:{built}/lib/python3/dist-packages:/usr/lib/x",
+        "PYTHONPATH": f"{source}/src:{built}/lib/python3/dist-packages:/usr/lib/x",
         "ROS_PACKAGE_PATH": f"{source}:/usr/share",
     }
 

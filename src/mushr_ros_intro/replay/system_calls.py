@@ -1,0 +1,129 @@
+"""What isolation needs of Linux and has no command: network, keyring, forbidden system calls."""
+
+import ctypes
+import errno
+import fcntl
+import os
+import socket
+import struct
+from typing import Any, List
+
+_CLONE_NEWNET = 0x40000000
+_CLONE_NEWUSER = 0x10000000
+_NAMESPACES = (0x80, *(1 << bit for bit in (17, *range(25, 31))))
+"""All flags CLONE_NEW... of clone(2) and unshare(2)."""
+
+_KEYCTL_JOIN_SESSION_KEYRING = 1
+_SIOCSIFFLAGS = 0x8914
+_IFF_UP = 1
+
+FORBIDDEN = {
+    errno.EPERM: (
+        *("add_key", "keyctl", "request_key"),  # keys outlive a replay
+        *("process_vm_readv", "process_vm_writev", "ptrace"),  # other processes
+        *("mount", "setns", "unshare"),
+        *("bpf", "perf_event_open", "userfaultfd"),  # often had faults
+    ),
+    # Programs use something else if the kernel does not have these.
+    errno.ENOSYS: (
+        "clone3",  # its flags are in memory, where a filter cannot read them
+        "io_uring_setup",  # opens sockets past the filter
+        *("memfd_create", "shmget"),  # memory that belongs to no process
+    ),
+}
+"""The system calls that a node may not use, and the error that it gets."""
+
+
+def make_filter() -> Any:
+    """Return the filter of system calls for nodes, a seccomp.SyscallFilter.
+
+    It also forbids new namespaces, and sockets other than those of Unix, IP and netlink, such as
+    AF_VSOCK, which reaches the host of a virtual machine.
+    """
+    import seccomp  # only to isolate nodes; python3-seccomp may be missing
+
+    made = seccomp.SyscallFilter(seccomp.ALLOW)
+    for error, names in FORBIDDEN.items():
+        for name in names:
+            made.add_rule(seccomp.ERRNO(error), name)
+    for flag in _NAMESPACES[1:]:  # clone(2) has no CLONE_NEWTIME
+        given = seccomp.Arg(0, seccomp.MASKED_EQ, flag, flag)
+        made.add_rule(seccomp.ERRNO(errno.EPERM), "clone", given)
+    other = seccomp.Arg(0, seccomp.GT, socket.AF_NETLINK)
+    made.add_rule(seccomp.ERRNO(errno.EAFNOSUPPORT), "socket", other)
+    return made
+
+
+def join_new_keyring() -> None:
+    """Give this process a session keyring of its own, in which another process finds nothing.
+
+    A system that refuses this refuses it to nodes, too.
+    """
+    import seccomp
+
+    number = seccomp.resolve_syscall(seccomp.Arch(), "keyctl")
+    _libc().syscall(number, _KEYCTL_JOIN_SESSION_KEYRING, None)
+
+
+def enter_network() -> None:
+    """Move this process, which must have one thread, into a network of its own.
+
+    The network contains only the loopback interface. Without the right to do this, the process also
+    gets a user namespace of its own, with the same users.
+
+    Raises:
+        OSError: the system refuses.
+    """
+    try:
+        _call(_libc().unshare(_CLONE_NEWNET), "a new network")
+    except PermissionError:
+        _enter_user_namespace()
+    with socket.socket() as loopback:
+        fcntl.ioctl(loopback, _SIOCSIFFLAGS, struct.pack("16sh", b"lo", _IFF_UP))
+
+
+def _enter_user_namespace() -> None:
+    """Enter new namespaces for users and network; raise OSError if the system refuses."""
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:  # only a process outside of the new namespace may map several users
+        try:
+            os.close(writer)
+            os.read(reader, 1)  # until this end of the pipe is closed
+            _map_users(os.getppid())
+            os._exit(0)
+        finally:
+            os._exit(1)
+    result = _libc().unshare(_CLONE_NEWUSER | _CLONE_NEWNET)
+    error = ctypes.get_errno()
+    os.close(writer)
+    os.close(reader)
+    status = os.waitpid(child, 0)[1]
+    ctypes.set_errno(error)
+    _call(result, "a new user namespace")
+    if status:
+        raise PermissionError(errno.EPERM, "users cannot be mapped")
+
+
+def _map_users(process: int) -> None:
+    """Map each user that this process may use to itself, for another process."""
+    for kind, own in (("uid", os.geteuid()), ("gid", os.getegid())):
+        with open(f"/proc/self/{kind}_map", encoding="ascii") as file:
+            known = [line.split() for line in file]
+        lines: List[str] = [f"{first} {first} {count}" for first, _, count in known]
+        if os.geteuid() != 0:
+            lines = [f"{own} {own} 1"]
+            with open(f"/proc/{process}/setgroups", "w", encoding="ascii") as file:
+                file.write("deny")
+        with open(f"/proc/{process}/{kind}_map", "w", encoding="ascii") as file:
+            file.write("\n".join(lines))
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _call(result: int, what: str) -> None:
+    """Raise OSError if a function of the C library returned -1."""
+    if result == -1:
+        raise OSError(ctypes.get_errno(), f"{what}: {os.strerror(ctypes.get_errno())}")
