@@ -6,7 +6,7 @@ file with one test case for each check. The verdict is also published on ~verdic
 (std_msgs/String, latched). rostest hides the output of test nodes, so another node,
 replay_check.py --show, prints it on the terminal.
 
-Example: rostest mushr_ros_intro replay.test plan_file:=figure_8
+Example: rostest mushr_ros_intro replay.test plan_file:=test_drive
     publisher:="my_ros_intro path_publisher.py"
 """
 

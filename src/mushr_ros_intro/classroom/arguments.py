@@ -36,7 +36,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     """Return the command line; exit with status 2 if it is wrong."""
     form = argparse.RawDescriptionHelpFormatter
     example = (
-        "Example: rosrun mushr_ros_intro grade.py figure_8 --node my_ros_intro path_publisher.py"
+        "Example: rosrun mushr_ros_intro grade.py test_drive --node my_ros_intro path_publisher.py"
     )
     parser = argparse.ArgumentParser(
         "grade.py", description=description, epilog=example, formatter_class=form

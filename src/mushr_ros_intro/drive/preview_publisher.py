@@ -248,7 +248,7 @@ def read_map() -> Grid:
     """
     topic = rospy.resolve_name("/map")
     if not is_published(topic):
-        raise UserError(f"no node publishes a map on {topic}")
+        raise UserError(f"no node publishes a map on {topic}; map_server.py does")
     try:
         msg = rospy.wait_for_message(topic, numpy_msg(OccupancyGrid), CONNECTION_TIMEOUT)
         return conversions.grid_from_msg(msg)

@@ -2,6 +2,7 @@
 
 import glob
 import os
+import shlex
 from typing import Any, Optional, Sequence
 
 import roslib.packages
@@ -53,7 +54,7 @@ def find_executable(package: str, name: str) -> str:
     """Return the path of a node.
 
     Raises:
-        UserError: there is no such package, or no such executable in it.
+        UserError: there is no such package, no such executable in it, or it cannot be started.
     """
     try:
         found = roslib.packages.find_node(package, name)
@@ -67,7 +68,15 @@ def find_executable(package: str, name: str) -> str:
         files = glob.glob(f"{glob.escape(folder)}/**/{glob.escape(name)}", recursive=True)
         hint = f". It is not executable; type: chmod +x {files[0]}" if files else ""
         raise UserError(f"there is no node '{name}' in the package '{package}'{hint}")
-    return str(found[0])
+    path = str(found[0])
+    with open(path, "rb") as file:
+        line = file.readline(1000)
+    if line.startswith(b"#!") and line.endswith(b"\r\n"):
+        raise UserError(
+            f"{path} has Windows line ends (CRLF), so its first line does not work. "
+            rf"Type: sed -i 's/\r$//' {shlex.quote(path)}"
+        )
+    return path
 
 
 def job_for(words: Sequence[str], plan: Plan, setting: Setting) -> Job:

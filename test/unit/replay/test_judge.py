@@ -8,7 +8,7 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.replay.judge import compare, default_tolerances
 from mushr_ros_intro.replay.recording import START_TOLERANCE
-from support import recorded
+from support import cars, recorded
 from support.geometry import float32
 from support.recorded import BEGIN, COMMANDS, ROWS, STOP, TENTH, commands, judged, map_of, replay
 
@@ -175,6 +175,43 @@ def test_a_symmetric_plan_does_not_tell_two_mistakes_apart():
     sent = commands([(2.0, -0.1, 1.0), (2.0, 0.1, 1.0), STOP])
     failed, _ = judged(replay(plan, sent))
     assert failed["commands"].endswith("turns left, or the rows are in reverse order")
+
+
+def backwards(rows):
+    return rows[::-1]
+
+
+def mirrored(rows):
+    return [(speed, -angle, seconds) for speed, angle, seconds in rows]
+
+
+def in_degrees(rows):
+    return [(speed, math.degrees(angle), seconds) for speed, angle, seconds in rows]
+
+
+def swapped(rows):
+    return [(angle, speed, seconds) for speed, angle, seconds in rows]
+
+
+def without_reverse(rows):
+    return [(abs(speed), angle, seconds) for speed, angle, seconds in rows]
+
+
+@pytest.mark.parametrize(
+    ("mistake", "end"),
+    [
+        (backwards, ". The rows are in the wrong order"),
+        (mirrored, ". All steering angles have the wrong sign; positive turns left"),
+        (in_degrees, ". All steering angles are in degrees; expected radians"),
+        (swapped, ". Speed and steering angle are swapped in all commands"),
+        (without_reverse, "row 4 (1 s): received 1 m/s, 0.3 rad; expected -1 m/s, 0.3 rad"),
+    ],
+)
+def test_the_plan_of_the_documentation_tells_mistakes_apart(mistake, end):
+    plan = cars.plan_named("test_drive")
+    rows = [(row.speed, row.steering_angle, 1.0) for row in plan.rows]
+    failed, _ = judged(replay(plan, commands([*mistake(rows), STOP])))
+    assert failed["commands"].endswith(end)
 
 
 def test_what_was_not_judged_is_said():

@@ -1,0 +1,37 @@
+"""Find the node of a replay."""
+
+import os
+
+import pytest
+
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.replay.setting import find_executable
+
+
+@pytest.fixture
+def node(tmp_path, monkeypatch):
+    """Return the path of a node in a package that ROS finds."""
+    (tmp_path / "package.xml").write_text("<package><name>student</name></package>")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{tmp_path}:{os.environ['ROS_PACKAGE_PATH']}")
+    path = tmp_path / "drive.py"
+    path.write_bytes(b"#!/usr/bin/python3\nimport rospy\r\n")
+    path.chmod(0o755)
+    return path
+
+
+def test_a_node_is_found(node):
+    assert find_executable("student", "drive.py") == str(node)
+
+
+def test_a_first_line_with_a_windows_line_end(node):
+    node.write_bytes(b"#!/usr/bin/env python3\r\nimport rospy\r\n")
+    with pytest.raises(
+        UserError, match=r"has Windows line ends .* Type: sed -i 's/\\r\$//' /.*/dr"
+    ):
+        find_executable("student", "drive.py")
+
+
+def test_a_node_that_is_not_executable(node):
+    node.chmod(0o644)
+    with pytest.raises(UserError, match="It is not executable; type: chmod"):
+        find_executable("student", "drive.py")
