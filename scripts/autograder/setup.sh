@@ -4,11 +4,11 @@ set -eu
 umask 022
 package=/opt/mushr_ros_intro
 
-# Nodes run as users without rights, who must not read /autograder/source: it contains hidden plans.
+# Nodes run as users without rights. They must not read /autograder/source, which contains hidden plans, and
+# need nothing of this package.
 rm -rf "$package"
 cp -r /autograder/source/mushr_ros_intro "$package"
 "$package/scripts/setup"
-chmod -R a+rX "$package"
 # Otherwise each run in a new container would compile the modules again.
 /usr/bin/python3 -m compileall -q "$package/src" "$package/build/.workspace/devel/lib"
-chmod o= /autograder/source
+chmod o= /autograder/source "$package"

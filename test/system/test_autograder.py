@@ -31,7 +31,7 @@ SPY = submissions.before(
                 open(os.path.join(folder, name), "a").close()
             except OSError:
                 pass
-    os._exit(3)
+    os._exit(4 if os.access("/opt/mushr_ros_intro", os.R_OK) else 3)
     """
 )
 ALL = {"open: node": 1, "open: path": 2, "secret: node": 1, "secret: path": 4}

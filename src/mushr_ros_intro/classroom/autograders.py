@@ -17,11 +17,15 @@ from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
 
 FILES = (
-    *("CMakeLists.txt", "LICENSE", "package.xml", "setup.py"),
+    *("LICENSE", "package.xml", "setup.py", "src/grade.py"),
     *("scripts/grade", "scripts/loopback.c", "scripts/packages", "scripts/setup"),
 )
-FOLDERS = ("config", "src", "underlay")
-"""What of this package is needed for grading; scripts/setup builds it without tests."""
+FOLDERS = ("config", "src/mushr_ros_intro", "underlay/ackermann_msgs")
+LEFT_OUT = ("authoring", "browser", "doctor", "drive", "__pycache__", ".*")
+"""What of this package is needed for grading, and what of its folders is not.
+
+The rest is not in the zip, above all path_publisher.py and the examples, which are solutions.
+"""
 
 SOURCE = "/autograder/source"
 """Where Gradescope unpacks the zip."""
@@ -66,7 +70,7 @@ def fill(folder: str, options: Options, package: str) -> str:
     points = read_points(options.points, list(plans))
     _check(options, names_in(os.path.join(package, "config", "cars")))
     copy = os.path.join(folder, "mushr_ros_intro")
-    for each in ("plans", "mushr_ros_intro/maps", "mushr_ros_intro/scripts"):
+    for each in ("plans", "mushr_ros_intro/maps"):
         os.makedirs(os.path.join(folder, each))
     map_name = "none"
     if options.map != "none":
@@ -75,10 +79,12 @@ def fill(folder: str, options: Options, package: str) -> str:
     for name, plan in plans.items():
         shutil.copyfile(plan.path, os.path.join(folder, "plans", f"{name}.txt"))
     for each in FILES:
+        os.makedirs(os.path.dirname(os.path.join(copy, each)), exist_ok=True)
         shutil.copy(os.path.join(package, each), os.path.join(copy, each))
     for each in FOLDERS:
-        ignored = shutil.ignore_patterns("__pycache__", ".*")
+        ignored = shutil.ignore_patterns(*LEFT_OUT)
         shutil.copytree(os.path.join(package, each), os.path.join(copy, each), ignore=ignored)
+    _copy_build_file(package, copy)
     for each in ("setup.sh", "run_autograder"):
         shutil.copy(os.path.join(package, "scripts", "autograder", each), folder)
 
@@ -111,6 +117,17 @@ def _check(options: Options, cars: Sequence[str]) -> None:
             raise UserError(f"--remap is '{each}'; expected FROM:=TO, such as control:=/cmd")
     if not re.fullmatch(r"[^-/\s][^/\n]*", options.file):
         raise UserError(f"--file is '{options.file}'; expected a file name without a folder")
+
+
+def _copy_build_file(package: str, copy: str) -> None:
+    """Copy CMakeLists.txt without the programs that are not in the copy of the package."""
+    with open(os.path.join(package, "CMakeLists.txt"), encoding="utf-8") as file:
+        text = file.read()
+    for program in re.findall(r"^ +(src/\w+\.py)\n", text, re.MULTILINE):
+        if not os.path.exists(os.path.join(copy, program)):
+            text = text.replace(f"    {program}\n", "")
+    with open(os.path.join(copy, "CMakeLists.txt"), "w", encoding="utf-8") as file:
+        file.write(text)
 
 
 def _copy_map(path: str, folder: str) -> str:

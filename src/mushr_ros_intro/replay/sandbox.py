@@ -236,8 +236,8 @@ def make_sandbox(user: str, hidden: Sequence[str], folder: str) -> Tuple[Sandbox
     if is_root:
         return sandbox, (
             f"partly isolated: the system refuses namespaces ({refusal}). Each node runs as "
-            "another user, but can use the network, and read what all users can read. Keep hidden "
-            "plans and solutions unreadable for other users"
+            "another user, but can use the network, and read what all users can read. Protect the "
+            f"folders of hidden plans and solutions: chmod go= {package_folder('.')}"
         )
     return sandbox, (
         f"not isolated: the system refuses namespaces ({refusal}). The nodes run as the user of "

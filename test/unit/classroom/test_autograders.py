@@ -1,7 +1,9 @@
 """Make autograders with wrong arguments and files; see also test/system/test_autograder.py."""
 
 import os
+import re
 import subprocess
+import zipfile
 
 import pytest
 
@@ -43,3 +45,17 @@ def test_fault(folder, arguments, reason):
     assert reason in done.stdout
     assert (folder / "autograder.zip").read_text() == "an older one"
     assert not [each for each in os.listdir(folder) if each.startswith(".")]
+
+
+def test_no_solution(folder):
+    """The zip contains no node that drives, and the programs that CMakeLists.txt names."""
+    done = make(folder, "--plans", "open.txt")
+    assert done.returncode == 0, done.stdout
+    with zipfile.ZipFile(folder / "autograder.zip") as archive:
+        files = {each for each in archive.namelist() if not each.endswith("/")}
+        build = archive.read("mushr_ros_intro/CMakeLists.txt").decode()
+    nodes = {each for each in files if re.fullmatch(r"mushr_ros_intro/src/\w+\.py", each)}
+    assert {f"mushr_ros_intro/{each}" for each in re.findall(r"src/\w+\.py", build)} == nodes
+    assert nodes == {"mushr_ros_intro/src/grade.py"}
+    names = "path_publisher|listing|examples|test_|/drive/|/authoring/|/browser/"
+    assert not [each for each in files if re.search(names, each)]
