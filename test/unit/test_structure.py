@@ -18,6 +18,7 @@ LIBRARY = os.path.join(CHECKOUT, "src", PACKAGE)
 FLOORS = (
     {"browser"},
     {"classroom"},
+    {"comparison"},
     {"replay", "drive", "authoring", "doctor"},
     {"simulator"},
     {"preview", "ros"},
@@ -36,6 +37,7 @@ WITHOUT_ROS = {"preview", "car", "world", "plan", ""}
 WITH_ROS = {
     "browser": {"bridge", "map", "messages", "plan_drive", "rosapi"},
     "replay": {"bag", "guarded_master", "setting", "workspace", "world"},
+    "comparison": {"bag_file"},
     "drive": {"car_pose", "command_publisher", "drive_monitor", "preview_publisher", "timetable"},
     "doctor": {"listener", "network", "observation"},
     "simulator": {

@@ -121,7 +121,7 @@ class Recording:
         if begin is None:
             return None
         commands = [each for each in self._commands if begin <= each.stamp < before]
-        rows = _rows(commands, self._timeout)
+        rows = rows_from(commands, self._timeout)
         return Plan("", self._poses[self._count_until(begin) - 1][1], rows) if rows else None
 
     def _can_begin(self, command: Command) -> bool:
@@ -137,7 +137,7 @@ def _drives(command: Command) -> bool:
     return command.speed != 0.0 or command.steering_angle != 0.0
 
 
-def _rows(commands: Sequence[Command], timeout: int) -> Tuple[Row, ...]:
+def rows_from(commands: Sequence[Command], timeout: int) -> Tuple[Row, ...]:
     """Return the rows of commands that are sorted by stamp and valid for `timeout` [ns] each."""
     rows: List[Row] = []
 

@@ -1,0 +1,94 @@
+#!/usr/bin/python3
+"""Compare recorded drives with their prediction, and fit the parameters of the car."""
+
+import argparse
+import json
+import os
+import signal
+import sys
+from typing import Any, Dict
+
+from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.comparison import diagnosis
+from mushr_ros_intro.comparison.bag_file import Source, read_bag
+from mushr_ros_intro.comparison.comparison import compare
+from mushr_ros_intro.comparison.drive_log import with_rows_of
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.paths import find_file, package_folder
+from mushr_ros_intro.plan.parse import read_plan
+
+_MUX = "/car/mux/ackermann_cmd_mux"
+
+
+def main() -> int:
+    """Compare the drives on the command line; return the exit status."""
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end quietly if the output is cut off
+    try:
+        return run()
+    except UserError as error:
+        print(f"compare_drive.py: {error}", file=sys.stderr)
+        return 2
+
+
+def run() -> int:
+    """Compare the drives, and print the result; return 0.
+
+    Raises:
+        UserError: the program was called wrongly, or there is no drive to compare.
+    """
+    plans, profiles = map(package_folder, ("plans", "config/cars"))
+    arguments = parse_arguments(profiles)
+    options = Parameters(vars(arguments), "--")
+    pose_offset = options.number("pose_offset", 0.0, "m", -10.0, 10.0)
+    profile = find_file(arguments.car, profiles, ".yaml")
+    car_name = os.path.splitext(os.path.basename(profile))[0]
+    car = car_from(Parameters({**read_profile(profile), "noise": True}, f"{profile}: "))
+    frames = tuple(arguments.tf) if arguments.tf else None
+    source = Source(arguments.commands, arguments.pose, frames)
+    logs = [read_bag(path, source, car.command_timeout) for path in arguments.bags]
+    if arguments.plan:
+        plan = read_plan(find_file(arguments.plan, plans, ".txt"))
+        logs = [with_rows_of(log, plan) for log in logs]
+
+    from mushr_ros_intro.comparison.fit import fit  # scipy is slow to import
+
+    result = fit(logs, car, pose_offset)
+    values: Dict[str, Any] = {"fit": diagnosis.fit_as_json(result), "drives": []}
+    for index, (log, delay) in enumerate(zip(logs, result.delays)):
+        found = compare(log, car, delay.value, pose_offset)
+        fitted = compare(log, result.car, delay.value, pose_offset)
+        last = diagnosis.sentence(found, result, fitted, index)
+        if not arguments.json:
+            print(*diagnosis.as_text(found, car_name), "", sep="\n")
+            print(*diagnosis.fit_text(result, car), "", last, sep="\n")
+        values["drives"].append({**diagnosis.as_json(found, car_name), "verdict": last})
+    if arguments.json:
+        json.dump(values, sys.stdout, allow_nan=False)
+        print()
+    return 0
+
+
+def parse_arguments(profiles: str) -> argparse.Namespace:
+    """Return the arguments of the command line; exit with status 2 if they are wrong."""
+    parser = argparse.ArgumentParser(
+        prog="compare_drive.py",
+        description="Compare recorded drives with their prediction, and fit the parameters of the "
+        "car. The exit status is 0 if there is a result, 2 if there is none.",
+        epilog="Example: rosrun mushr_ros_intro compare_drive.py drive.bag --plan figure_8",
+    )
+    add = parser.add_argument
+    cars = ", ".join(names_in(profiles))
+    add("bags", metavar="BAG", nargs="+", help="a recorded drive")
+    add("--plan", metavar="PLAN", help="the plan that was driven: a path, or a name in plans/")
+    add("--car", metavar="CAR", default="ideal", help=f"path of a profile, or one of {cars}")
+    add("--commands", metavar="TOPIC", default=f"{_MUX}/output", help="default: %(default)s")
+    add("--pose", metavar="TOPIC", default="/car/car_pose", help="default: %(default)s")
+    add("--tf", metavar=("MAP", "BASE"), nargs=2, help="the pose is that of BASE in MAP, from /tf")
+    add("--pose_offset", metavar="M", default=0.0, help="of the pose, from the rear axle, forward")
+    add("--json", action="store_true", help="print JSON")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

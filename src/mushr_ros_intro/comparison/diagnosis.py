@@ -1,0 +1,225 @@
+"""Describe what makes a drive differ from its prediction, as text and as JSON."""
+
+import math
+from typing import Any, Dict, Iterator, List
+
+import numpy as np
+
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.comparison.comparison import Comparison, compare
+from mushr_ros_intro.comparison.fitted_car import PARAMETERS, RATES, Fit, Value
+from mushr_ros_intro.plan.plan import shortest_decimal
+from mushr_ros_intro.preview.text import SHOWN_ROWS
+from mushr_ros_intro.stamps import NANOSECONDS
+from mushr_ros_intro.wording import counted
+
+_SHARE = 0.05
+"""A fitted parameter is named if the error grows by this share of its size without it."""
+
+_SIGNIFICANT = 3.0
+"""A fitted parameter is named if it has changed by more than so many standard errors."""
+
+_NO_NOISE = 1e-3
+"""Smaller random errors of the positions are not those of a localisation [m]."""
+
+
+def sentence(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> str:
+    """Return what dominates the error of a drive.
+
+    Args:
+        found: the drive beside the prediction.
+        fit: to all drives.
+        fitted: the same drive beside the prediction for the fitted car.
+        index: of the drive.
+    """
+    misfit = fit.misfits[index]
+    if misfit.is_found:
+        name = f"row {misfit.row + 1} ({misfit.what})"
+        return (
+            f"no car of this model drives like that: {name} is {misfit.size:.1f} standard errors "
+            "away from the best fit. Do not use the fit. Perhaps the tyres slip, the car touches "
+            "something, or the poses are wrong"
+        )
+    texts = [_cause(name, fit.values[name], found) for name in causes(found, fit, fitted)]
+    unknown = [name for name, value in fit.values.items() if not value.is_fitted]
+    rest = f"; the drive does not tell {' and '.join(unknown)}" if unknown else ""
+    if not texts:
+        return (
+            f"the fit explains none of the error of {found.rms:.3f} m (rms): it is within the "
+            f"random errors{rest}"
+        )
+    *most, last = texts
+    joined = f"{', '.join(most)} and {last}" if most else last
+    return (
+        f"the car {joined}; a prediction with this car is {fitted.rms:.3f} m (rms) from the drive, "
+        f"in place of {found.rms:.3f} m{rest}"
+    )
+
+
+def causes(found: Comparison, fit: Fit, fitted: Comparison) -> List[str]:
+    """Return the fitted parameters that explain the error, the most important one first.
+
+    The error is that of the fitted car with one parameter set back.
+    """
+    effects = []
+    for name, value in fit.values.items():
+        if abs(value.change) > _SIGNIFICANT:
+            car = fit.car._replace(**{name: getattr(found.car, name)})
+            rms = compare(found.log, car, found.delay, found.pose_offset).rms
+            if rms > fitted.rms + _SHARE * found.rms:
+                effects.append((rms, name))
+    return [name for _, name in sorted(effects, reverse=True)]
+
+
+def _cause(name: str, value: Value, found: Comparison) -> str:
+    """Return the text of one cause."""
+    before = getattr(found.car, name)
+    of = "predicted" if found.limited_rows or before != getattr(Car(), name) else "commanded"
+    if name == "steering_offset":
+        change = value.value - before
+        return f"steers {abs(change):.3f} rad to the {'left' if change > 0.0 else 'right'}"
+    if name in RATES:
+        what = "changes its speed" if name == "acceleration" else "turns its front wheels"
+        unit = next(each.unit for each in PARAMETERS if each.name == name)
+        now = f"at {value.value:.3g}" if value.error < math.inf else f"above {value.low:.3g}"
+        return f"{what} {now} {unit} and not at {before:.3g} {unit}"
+    change = 100.0 * (value.value / before - 1.0)
+    if name == "speed_gain":
+        return f"is {abs(change):.1f} % {'faster' if change > 0.0 else 'slower'} than {of}"
+    return f"steers {abs(change):.1f} % {'more' if change > 0.0 else 'less'} than {of}"
+
+
+def as_text(found: Comparison, car_name: str) -> Iterator[str]:
+    """Yield the lines of a comparison."""
+    log = found.log
+    begin = counted(found.standing, "pose") if found.standing else "no pose"
+    yield (
+        f"{log.name}: {counted(len(found.rows), 'row')}, "
+        f"{counted(len(found.times), 'pose')} during the drive, {begin} before it; "
+        f"predicted for the {car_name} car"
+    )
+    yield from (f"note: {note}" for note in log.notes)
+    if found.limited_rows:
+        yield (
+            f"note: {counted(len(found.limited_rows), 'row')}, the first is row "
+            f"{found.limited_rows[0] + 1}, exceed the limits of the {car_name} car; predicted is "
+            "what it does within its limits"
+        )
+    yield f"delay from a command to the pose: {found.delay:.3f} s (also that of the clocks)"
+    yield ""
+    yield "  row   speed steering     end     distance          turn           driven to      error"
+    yield "          m/s      rad       s   plan driven    plan driven      x      y  theta      m"
+    half = SHOWN_ROWS // 2
+    for index, row in enumerate(found.rows):
+        if not half <= index < len(found.rows) - half:
+            x, y, theta = (round(value, 3) + 0.0 for value in row.driven)
+            theta = math.remainder(theta, math.tau)
+            yield (
+                f"{index + 1:5}{shortest_decimal(row.speed):8.2f}"
+                f"{shortest_decimal(row.steering_angle):9.4f}{row.end:8.2f}"
+                f"{row.distance[0]:7.3f}{row.distance[1]:7.3f}{row.turn[0]:8.3f}{row.turn[1]:7.3f}"
+                f"{x:7.3f}{y:7.3f}{theta:7.3f}{row.error:7.3f}"
+            )
+        elif index == half:
+            yield f"  ... {len(found.rows) - 2 * half} more rows ..."
+    yield ""
+    yield from _errors(found)
+
+
+def _errors(found: Comparison) -> Iterator[str]:
+    """Yield the lines on the errors of a comparison."""
+    sizes, (along, across) = found.sizes, found.errors[-1].tolist()
+    largest = int(np.argmax(sizes))
+    predicted = found.predicted[-1]
+    yield (
+        f"largest error   {sizes[largest]:.3f} m, {found.times[largest]:.2f} s after the first "
+        "command"
+    )
+    yield (
+        f"final error     {sizes[-1]:.3f} m: {abs(along):.3f} m "
+        f"{'too far' if along > 0.0 else 'short'}, {abs(across):.3f} m to the "
+        f"{'left' if across > 0.0 else 'right'}; heading {found.final_turn:+.3f} rad"
+    )
+    yield (
+        f"predicted end   x {predicted[0]:.3f} m, y {predicted[1]:.3f} m, "
+        f"theta {math.remainder(predicted[2], math.tau):.3f} rad"
+    )
+    far = found.distances[-1]
+    yield f"error (rms)     {found.rms:.3f} m over {far:.2f} m"
+
+
+def fit_text(fit: Fit, car: Car) -> Iterator[str]:
+    """Yield the lines of a fit."""
+    yield "parameter            before     fitted   standard error"
+    for each in PARAMETERS:
+        value = fit.values[each.name]
+        before = getattr(car, each.name)
+        line = f"{each.name:17}{before:10.4g} "
+        if not value.is_fitted:
+            line += f"   unknown   {_reason(value)}"
+        elif math.isinf(value.error):
+            line += f"  no limit   (above {value.low:.3g} {each.unit})"
+        else:
+            line += f"{value.value:10.4f}{value.error:11.4f}  {each.unit}"
+        yield line.rstrip()
+    for delay in fit.delays:
+        known = f"{delay.value:10.4f}{delay.error:11.4f}  s"
+        yield f"{'delay':17}{0.0:10.4g} {known if delay.is_fitted else '   unknown'}"
+    noise = fit.noise
+    yield (
+        f"random errors: pose {noise.position:.3f} m and {noise.heading:.3f} rad; of each command, "
+        f"speed {noise.speed:.3f} m/s and steering {noise.steering_angle:.3f} rad"
+    )
+    if noise.position < _NO_NOISE:
+        yield (
+            "note: the poses have no random errors. If they come from wheel speeds or commands, "
+            "as MuSHR's car_pose does, they cannot show a wrong gain: use a localisation that "
+            "measures the car from outside, or on a map"
+        )
+    if not all(value.is_fitted for value in fit.values.values()):
+        yield "plans/identification.txt drives so that all parameters can be fitted"
+
+
+def _reason(value: Value) -> str:
+    """Return why a parameter was not fitted."""
+    if value.confused_with:
+        return f"these drives cannot tell it from {', '.join(value.confused_with)}"
+    return "these drives say too little about it"
+
+
+def as_json(found: Comparison, car_name: str) -> Dict[str, Any]:
+    """Return a comparison as values for JSON; lengths in m, angles in rad, times in s."""
+    return {
+        "drive": found.log.name,
+        "notes": list(found.log.notes),
+        "car": car_name,
+        "delay": found.delay,
+        "duration": found.log.plan.duration / NANOSECONDS,
+        "rows": [row._asdict() for row in found.rows],
+        "time": found.times.tolist(),
+        "predicted": found.predicted.tolist(),
+        "driven": found.driven.tolist(),
+        "distance": found.distances.tolist(),
+        "error_along": found.errors[:, 0].tolist(),
+        "error_across": found.errors[:, 1].tolist(),
+        "largest_error": float(found.sizes.max()),
+        "final_error": float(found.sizes[-1]),
+        "rms_error": found.rms,
+    }
+
+
+def fit_as_json(fit: Fit) -> Dict[str, Any]:
+    """Return a fit as values for JSON."""
+    values: Dict[str, Any] = {
+        name: {
+            "value": value.value if math.isfinite(value.value) else None,
+            "standard_error": value.error if math.isfinite(value.error) else None,
+            "fitted": value.is_fitted,
+            "confused_with": list(value.confused_with),
+        }
+        for name, value in fit.values.items()
+    }
+    values["delay"] = [delay.value for delay in fit.delays]
+    values["noise"] = fit.noise._asdict()
+    values["misfits"] = [each._asdict() if each.is_found else None for each in fit.misfits]
+    return values

@@ -1,0 +1,104 @@
+"""The parameters of a car that a fit finds, and the result of a fit."""
+
+import math
+from typing import Any, Dict, NamedTuple, Sequence, Tuple
+
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.comparison.pose_filter import Noise
+
+
+class Parameter(NamedTuple):
+    """A parameter of a car that can be fitted."""
+
+    name: str
+    unit: str
+    enough: float
+    """If the standard error of the fitted number is larger than this, the drive says nothing."""
+    step: float
+    """For the numerical derivative."""
+    low: float
+    high: float
+
+
+PARAMETERS = (
+    Parameter("speed_gain", "", 0.05, 1e-3, 0.2, 5.0),
+    Parameter("steering_gain", "", 0.1, 1e-3, 0.2, 5.0),
+    Parameter("steering_offset", "rad", 0.02, 1e-4, -0.4, 0.4),
+    # Fitted are the inverses of the last two, which are 0 for a car that follows at once.
+    Parameter("acceleration", "m/s^2", 0.1, 1e-3, 0.0, 10.0),
+    Parameter("steering_rate", "rad/s", 0.1, 1e-3, 0.0, 10.0),
+)
+
+DELAY = Parameter("delay", "s", 0.1, 1e-3, -3.0, 3.0)
+
+RATES = ("acceleration", "steering_rate")
+"""The parameters of which the inverse is fitted."""
+
+
+class Value(NamedTuple):
+    """The fitted value of a parameter."""
+
+    value: float
+    error: float = 0.0
+    """Its standard error; infinite for a rate that may be infinite, too."""
+    low: float = 0.0
+    """For a rate with an infinite error: what it exceeds."""
+    is_fitted: bool = True
+    """Otherwise the value is the one before the fit, because the drives say nothing about it."""
+    change: float = 0.0
+    """The difference from the value before the fit, in standard errors."""
+    confused_with: Tuple[str, ...] = ()
+    """If it is not fitted: the parameters with the same effect on these drives."""
+
+
+class Misfit(NamedTuple):
+    """The row in which a drive differs most from the fitted car."""
+
+    row: int
+    """Index of the row."""
+    what: str
+    """"distance", "sideways" or "turn"."""
+    size: float
+    """The mean difference, in standard errors of it."""
+    limit: float
+    """Random errors exceed this size in 0.1 % of all drives."""
+
+    @property
+    def is_found(self) -> bool:
+        """Whether the drive does not fit the model of the car."""
+        return self.size > self.limit
+
+
+class Fit(NamedTuple):
+    """The result of a fit."""
+
+    car: Car
+    """The car before the fit with the fitted values."""
+    values: Dict[str, Value]
+    """By the names of the parameters."""
+    delays: Tuple[Value, ...]
+    """From a command to its effect on the pose, of each drive [s]."""
+    noise: Noise
+    """The random errors of the measured poses and of the car."""
+    misfits: Tuple[Misfit, ...]
+    """Of each drive."""
+
+
+def car_with(car: Car, numbers: Sequence[float]) -> Car:
+    """Return a car with fitted numbers, one for each of PARAMETERS."""
+    values: Dict[str, Any] = {
+        each.name: (math.inf if number <= 0.0 else 1.0 / number) if each.name in RATES else number
+        for each, number in zip(PARAMETERS, numbers)
+    }
+    return car._replace(**values)
+
+
+def fitted_value(number: float, before: float, error: float, is_rate: bool) -> Value:
+    """Return a value, given the fitted number, which is the inverse of a rate."""
+    change = (number - before) / error
+    if not is_rate:
+        return Value(number, error, change=change)
+    value = math.inf if number <= 0.0 else 1.0 / number
+    if number < 2.0 * error:
+        return Value(value, math.inf, 1.0 / (max(0.0, number) + 2.0 * error), change=change)
+    return Value(value, error / number**2, change=change)

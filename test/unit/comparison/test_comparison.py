@@ -1,0 +1,85 @@
+"""The comparison of a drive with its prediction, against values computed by hand."""
+
+import math
+import random
+
+import pytest
+
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.comparison import diagnosis
+from mushr_ros_intro.comparison.comparison import compare
+from support.cars import plan_of
+from support.geometry import closed_form
+from support.recorded_drive import driven
+
+NEAR = 1e-6
+"""[m, rad] Poses without noise; float32 speeds and angles."""
+
+EXACT = {"position": 0.0, "heading": 0.0, "delay": 0.0}
+
+
+def compared(text, car, **options):
+    log = driven(plan_of(text), car, random.Random(1), **{**EXACT, **options})
+    return compare(log, Car(), 0.0)
+
+
+def test_a_slow_car_on_a_straight_line_falls_short():
+    found = compared("1, 2, 0\n0.5, 0, 4\n-0.5, 0, 2", Car(speed_gain=0.9))
+    there, back = found.rows
+    assert there.distance == pytest.approx((2.0, 1.8), abs=NEAR)
+    assert back.distance == pytest.approx((-1.0, -0.9), abs=NEAR)
+    assert there.driven == pytest.approx((2.8, 2.0, 0.0), abs=NEAR)
+    assert there.error == pytest.approx(0.2, abs=NEAR)
+    assert back.error == pytest.approx(0.1, abs=NEAR)
+    assert found.errors[-1] == pytest.approx([-0.1, 0.0], abs=NEAR)
+    assert found.sizes.max() == pytest.approx(0.2, abs=NEAR)
+    assert found.distances[-1] == pytest.approx(3.0, abs=NEAR)
+    text = "\n".join(diagnosis.as_text(found, "ideal"))
+    assert "final error     0.100 m: 0.100 m short" in text
+    assert "largest error   0.200 m, 4.00 s after" in text
+
+
+def test_a_car_that_steers_to_the_left_is_left_of_the_path():
+    car = Car(steering_offset=0.02)
+    found = compared("0, 0, 0.7\n1, 0.1, 1", car)
+    rows = [(1.0, 0.1, 1.0)]
+    expected = closed_form((0.0, 0.0, 0.7), rows)
+    true = closed_form((0.0, 0.0, 0.7), [(1.0, 0.12, 1.0)])
+    assert found.rows[0].predicted == pytest.approx(expected, abs=NEAR)
+    assert found.rows[0].driven == pytest.approx(true, abs=NEAR)
+    assert found.rows[0].turn == pytest.approx((expected[2] - 0.7, true[2] - 0.7), abs=NEAR)
+    x, y = true[0] - expected[0], true[1] - expected[1]
+    across = y * math.cos(expected[2]) - x * math.sin(expected[2])
+    assert across > 0.0
+    assert found.errors[-1][1] == pytest.approx(across, abs=NEAR)
+    assert found.final_turn == pytest.approx(true[2] - expected[2], abs=NEAR)
+
+
+def test_the_heading_may_pass_pi():
+    found = compared("0, 0, 3\n1, 0.3, 6", Car())
+    assert found.rms < NEAR
+    assert found.rows[0].turn[1] == pytest.approx(6.0 * math.tan(0.3) / 0.33, abs=1e-5)
+
+
+def test_the_reported_point_may_be_in_front_of_the_rear_axle():
+    """The poses are those of the rear axle, so the point is 0.3 m in front of another axle."""
+    log = driven(plan_of("0, 0, 0\n1, 0, 2"), Car(), random.Random(1), **EXACT)
+    found = compare(log, Car(), 0.0, pose_offset=0.3)
+    assert found.plan.start.x == pytest.approx(-0.3, abs=NEAR)
+    assert found.rms < NEAR
+
+
+def test_rows_beyond_the_limits_are_noted():
+    car = Car(speed_limit=0.8)
+    log = driven(plan_of("0, 0, 0\n0.5, 0, 1\n1, 0, 1"), car, random.Random(1), **EXACT)
+    found = compare(log, car, 0.0)
+    assert found.limited_rows == (1,)
+    assert "1 row, the first is row 2, exceed" in "\n".join(diagnosis.as_text(found, "slow"))
+
+
+def test_a_recording_that_ends_before_the_plan():
+    log = driven(plan_of("0, 0, 0\n0.5, 0, 3\n0.5, 0.1, 3"), Car(), random.Random(1), **EXACT)
+    count = sum(log.stamps < 4_000_000_000)
+    found = compare(log._replace(stamps=log.stamps[:count], poses=log.poses[:count]), Car(), 0.0)
+    assert len(found.rows) == 1
+    assert found.rms < NEAR

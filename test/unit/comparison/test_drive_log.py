@@ -1,0 +1,125 @@
+"""The drive in recorded messages, and what is refused."""
+
+import random
+
+import numpy as np
+import pytest
+
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.comparison.drive_log import drive_log, start_pose, with_rows_of
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
+from support.cars import plan_of
+from support.recorded_drive import received
+
+CAR = Car()
+PLAN = plan_of("1, 2, 0.5\n0.5, 0.1, 2\n0.5, -0.1, 2")
+
+NEAR = 1e-9
+"""[m, rad] Poses without noise differ by rounding errors only."""
+
+
+def messages(plan=PLAN, **options):
+    """Return the commands and the poses of a drive without errors."""
+    exact = {"position": 0.0, "heading": 0.0, "delay": 0.0, **options}
+    return received(plan, CAR, random.Random(1), **exact)
+
+
+def log_of(commands, poses):
+    return drive_log("a.bag", commands, poses, CAR.command_timeout)
+
+
+def test_commands_become_rows_and_times_count_from_the_first_one():
+    log = log_of(*messages())
+    assert [row[:3] for row in log.plan.rows] == [row[:3] for row in PLAN.rows]
+    assert log.stamps[0] == -2 * NANOSECONDS
+    start, count = start_pose(log, 0)
+    assert start == pytest.approx(PLAN.start, abs=NEAR)
+    assert count > 1
+    assert not log.notes
+
+
+@pytest.mark.parametrize("shift", [-3600.5, 12.0])
+def test_stamps_of_another_clock_are_corrected(shift):
+    commands, poses = messages()
+    stamps = [stamp + from_seconds(shift) for stamp in poses.stamps]
+    log = log_of(commands, poses._replace(stamps=stamps))
+    assert np.array_equal(log.stamps, log_of(commands, poses).stamps)
+    (note,) = log.notes
+    assert f"{shift:+.3f} s from the clock" in note
+
+
+def test_messages_without_stamps_count_when_they_arrive():
+    commands, poses = messages()
+    zeros = [0] * len(poses.stamps)
+    log = log_of(commands, poses._replace(stamps=zeros))
+    assert np.array_equal(log.stamps, log_of(commands, poses).stamps)
+
+
+def test_a_car_that_is_placed_before_the_drive():
+    commands, poses = messages()
+    values = [Pose(9.0, 9.0, 0.0), *poses.values[1:]]
+    log = log_of(commands, poses._replace(values=values))
+    assert len(log.stamps) == len(poses.stamps) - 1
+
+
+def part(messages, count):
+    """Return the first messages only."""
+    return messages._replace(
+        arrivals=messages.arrivals[:count],
+        stamps=messages.stamps[:count],
+        values=messages.values[:count],
+    )
+
+
+def test_what_is_refused():
+    commands, poses = messages()
+    still = commands._replace(values=[(0.0, 0.1)] * len(commands.values))
+    jump = [
+        Pose(x + 2.0 * (index > 30), y, theta) for index, (x, y, theta) in enumerate(poses.values)
+    ]
+    for wrong, expected in [
+        ((part(commands, 0), poses), "/commands has 0 commands, and none of them moves the car"),
+        ((still, poses), "41 commands, and none of them moves the car"),
+        ((commands, part(poses, 0)), "/pose has 0 poses after the first command"),
+        ((commands, part(poses, 30)), "/pose has 9 poses after the first command"),
+        ((commands, poses._replace(values=jump)), "the pose on /pose jumps by 2.04"),
+    ]:
+        with pytest.raises(UserError, match=f"^a.bag: .*{expected}.*; expected"):
+            log_of(*wrong)
+
+
+def test_poses_that_stop_during_the_drive():
+    commands, poses = messages(plan_of("0, 0, 0\n0.5, 0, 8"))
+    keep = [index for index in range(len(poses.stamps)) if not 45 < index < 75]
+    arrivals, stamps, values = (
+        [each[index] for index in keep] for each in (poses.arrivals, poses.stamps, poses.values)
+    )
+    poses = poses._replace(arrivals=arrivals, stamps=stamps, values=values)
+    with pytest.raises(UserError, match="no pose for 3.0 s from 2.5 s after the first command"):
+        log_of(commands, poses)
+
+
+def test_rows_of_the_plan():
+    log = with_rows_of(log_of(*messages()), PLAN)
+    assert log.plan.rows == PLAN.rows
+
+
+def test_a_plan_with_rows_that_were_slowed_down():
+    log = with_rows_of(log_of(*messages()), plan_of("0, 0, 0\n5, 0.1, 2\n0.5, -0.1, 2"))
+    assert [row.speed for row in log.plan.rows] == [0.5, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("0.5, 0.2, 2\n0.5, -0.1, 2", r"my.txt:2:1: .* 0.5 m/s and 0.2 rad, but the commands in"),
+        ("0.4, 0.1, 2\n0.5, -0.1, 2", r"my.txt:2:1: "),
+        ("0.5, 0.1, 2\n0.5, -0.1, 2\n0.5, 0, 2", "my.txt:4:1: .* ended 5.00 s after"),
+        ("0.5, 0.1, 2", "the commands last 4.0 s, and my.txt 2.0 s"),
+    ],
+)
+def test_a_plan_that_was_not_driven(text, expected):
+    with pytest.raises(UserError, match=expected):
+        with_rows_of(log_of(*messages()), plan_of(f"0, 0, 0\n{text}"))

@@ -1,0 +1,99 @@
+"""The fit finds the parameters of simulated cars, and tells what it cannot find."""
+
+import random
+
+import pytest
+
+from mushr_ros_intro.comparison import diagnosis
+from mushr_ros_intro.comparison.comparison import compare
+from mushr_ros_intro.comparison.fit import fit
+from support.cars import CARS, plan_named, plan_of
+from support.recorded_drive import driven
+
+NANO = CARS["mushr_nano"]
+NOISE = {"speed_noise": 0.013, "steering_noise": 0.01}
+
+STANDARD_ERRORS = 3.5
+"""Random errors exceed this in one of 2000 cases; the seeds are fixed."""
+
+HIDDEN = {"speed_gain": 0.94, "steering_gain": 1.08, "steering_offset": 0.021}
+
+
+def verdict(log, result, car=NANO):
+    (delay,) = result.delays
+    found, fitted = (compare(log, each, delay.value) for each in (car, result.car))
+    return diagnosis.sentence(found, result, fitted, 0), found, fitted
+
+
+@pytest.fixture(scope="module")
+def identified():
+    """Return the log of a drive of identification.txt by a car with hidden parameters, and its fit.
+
+    The clocks of the commands and of the poses differ by 0.4 s.
+    """
+    car = NANO._replace(seed=5, **HIDDEN, **NOISE)
+    log = driven(plan_named("identification"), car, random.Random(5), delay=0.45)
+    return log, fit([log], NANO)
+
+
+def test_hidden_parameters_are_found(identified):
+    _, result = identified
+    for name, true in HIDDEN.items():
+        value = result.values[name]
+        assert value.is_fitted
+        assert value.error < 0.012, name
+        assert abs(value.value - true) < STANDARD_ERRORS * value.error, name
+    assert abs(result.delays[0].value - 0.45) < STANDARD_ERRORS * result.delays[0].error
+    assert result.noise.position == pytest.approx(0.02, rel=0.2)
+    assert result.noise.heading == pytest.approx(0.02, rel=0.2)
+    assert not result.misfits[0].is_found
+
+
+def test_the_sentence_names_what_dominates(identified):
+    text, found, fitted = verdict(*identified)
+    assert "steers 0.02" in text
+    assert "rad to the left" in text
+    assert "% slower than commanded" in text
+    assert fitted.rms < 0.2 * found.rms
+
+
+def test_a_straight_line_says_nothing_about_the_steering_gain():
+    plan = plan_of("0, 0, 0\n0.5, 0, 4")
+    log = driven(plan, NANO._replace(seed=1, **HIDDEN, **NOISE), random.Random(1), rate=6.0)
+    result = fit([log], NANO)
+    assert result.values["speed_gain"].is_fitted
+    assert not result.values["steering_gain"].is_fitted
+    assert result.car.steering_gain == NANO.steering_gain
+    assert "the drive does not tell steering_gain" in verdict(log, result)[0]
+    text = "\n".join(diagnosis.fit_text(result, NANO))
+    assert "identification.txt" in text
+
+
+def test_a_car_as_in_its_profile_has_random_errors():
+    plan = plan_of("0, 0, 0\n0.5, 0.2, 2\n0.5, -0.2, 2")
+    log = driven(plan, NANO._replace(seed=2, **NOISE), random.Random(2), rate=5.0)
+    text, _, _ = verdict(log, fit([log], NANO))
+    assert "within the random errors" in text
+
+
+def test_a_drive_that_no_car_of_the_model_drives_is_a_misfit():
+    """The car of the third row slips: it drives half as far as the others."""
+    plan = plan_of("0, 0, 0\n0.6, 0.1, 2\n0.6, -0.1, 2\n0.6, 0.1, 2\n0.6, -0.1, 2")
+    slipping = plan._replace(
+        rows=tuple(
+            row._replace(speed=0.5 * row.speed) if index == 2 else row
+            for index, row in enumerate(plan.rows)
+        )
+    )
+    log = driven(slipping, NANO._replace(seed=3, **NOISE), random.Random(3), rate=5.0)
+    log = log._replace(plan=plan)
+    result = fit([log], NANO)
+    text, _, _ = verdict(log, result)
+    assert text.startswith("no car of this model drives like that: row 3 (distance)")
+    assert "random errors" not in text
+
+
+def test_poses_without_noise_may_be_computed_from_the_commands():
+    plan = plan_of("0, 0, 0\n0.5, 0.2, 3")
+    log = driven(plan, NANO, random.Random(4), rate=8.0, position=0.0, heading=0.0, delay=0.0)
+    assert "cannot show a wrong gain" in "\n".join(diagnosis.fit_text(fit([log], NANO), NANO))
