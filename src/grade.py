@@ -21,12 +21,13 @@ from typing import Any, Dict, List, Sequence
 
 from mushr_ros_intro.classroom import services, tables
 from mushr_ros_intro.classroom.arguments import parse_arguments
+from mushr_ros_intro.classroom.assignment import Plans, choose
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.grading import Grading, Options, Task, not_graded, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.progress import Progress
-from mushr_ros_intro.classroom.store import Record, Store, load_all, make_folder
-from mushr_ros_intro.classroom.submissions import Submission, check_authors, collect
+from mushr_ros_intro.classroom.store import Store, load_newest, make_folder
+from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
@@ -102,58 +103,41 @@ def grade_node(arguments: argparse.Namespace) -> int:
 
 def grade_class(arguments: argparse.Namespace) -> int:
     """Grade submissions; print a line for each new result, and write the results."""
-    plans = read_plans(arguments.plans, package_folder("plans"))
-    check_authors(plans.values(), arguments.inputs)
-    points = read_points(arguments.points, list(plans))
+    plans = Plans(arguments)
+    points = read_points(arguments.points, plans.names)
     store = Store(arguments.out)
     folder = os.path.realpath(arguments.out)
-    paths = [*arguments.inputs, *(plan.path for plan in plans.values())]
-    hidden = [each if os.path.isdir(each) else os.path.dirname(each) for each in paths]
+    inputs = [each if os.path.isdir(each) else os.path.dirname(each) for each in arguments.inputs]
     bags = os.path.join(folder, "bags") if arguments.bag else ""
     if bags:
         make_folder(bags)
     with tempfile.TemporaryDirectory(dir=temporary_folder()) as workspace:
         os.chmod(workspace, 0o711)
-        sandbox, missing = make_sandbox(arguments.user, [*hidden, folder], workspace)
+        sandbox, missing = make_sandbox(
+            arguments.user, [*inputs, *plans.folders, folder], workspace
+        )
         if missing and not arguments.rejudge:
             print(missing, file=sys.stderr)
         setting = setting_from(arguments, sandbox)
+        found = collect(arguments.inputs, workspace, arguments.file)
         tasks = [
-            Task(each, plans, "", not arguments.only or each.name in arguments.only)
-            for each in chosen_submissions(arguments, workspace)
+            plans.task(each, not arguments.only or each.name in arguments.only)
+            for each in choose(arguments, found)
         ]
         store.set_aside(task.submission.name for task in tasks)
         is_again = bool(arguments.only)
         options = Options(arguments.jobs, bags, is_again, arguments.rejudge, missing)
-        names = {os.path.dirname(plan.path): "" for plan in plans.values()}
-        places = {**names, package_folder("."): "mushr_ros_intro/", os.path.expanduser("~"): "~/"}
+        places = {
+            **dict.fromkeys(plans.folders, ""),
+            package_folder("."): "mushr_ros_intro/",
+            os.path.expanduser("~"): "~/",
+        }
         grading = Grading(setting, store, options, shortener(workspace, places))
         began = time.monotonic()
         results = run(grading, tasks, points)
     if len(results) == 1:
         services.write_results(arguments, results[0], points, time.monotonic() - began)
-    return finish(arguments.out, results, points, list(plans))
-
-
-def chosen_submissions(arguments: argparse.Namespace, workspace: str) -> Sequence[Submission]:
-    """Return the submissions of the part that is graded.
-
-    Raises:
-        UserError: there is no such submission, or there must be one and there are several.
-    """
-    found = collect(arguments.inputs, workspace, arguments.file)
-    number, count = arguments.shard
-    chosen = found[number - 1 :: count]
-    if len(chosen) != 1 and (arguments.gradescope or arguments.classroom50 or arguments.github):
-        raise UserError(
-            f"{counted(len(chosen), 'submission')} found; a result for Gradescope, "
-            "Classroom 50 or GitHub needs one submission"
-        )
-    names = [each.name for each in chosen]
-    for name in arguments.only:
-        if name not in names:
-            raise UserError(f"--only {name}: expected one of {', '.join(names)}")
-    return chosen
+    return finish(arguments.out, results, points, plans.names)
 
 
 def run(grading: Grading, tasks: Sequence[Task], points: Points) -> List[Grade]:
@@ -176,15 +160,7 @@ def run(grading: Grading, tasks: Sequence[Task], points: Points) -> List[Grade]:
 
 def merge(arguments: argparse.Namespace) -> int:
     """Put results of several runs together; of several results of a submission, use the newest."""
-    records: Dict[str, Record] = {}
-    for folder in arguments.merge:
-        for each in load_all(folder):
-            name = each.grade.name
-            if name in records:
-                print(f"{name}: several results; the newest is used", file=sys.stderr)
-            records[name] = max(records.get(name, each), each, key=lambda record: record.time)
-    if not records:
-        raise UserError(f"{', '.join(arguments.merge)}: expected at least one result")
+    records = load_newest(arguments.merge)
     store = Store(arguments.out)
     store.set_aside(records)
     for name in sorted(records):

@@ -9,7 +9,7 @@ from typing import Sequence
 from mushr_ros_intro.replay.judge import Tolerances
 
 _OF_A_CLASS = (
-    *("points", "jobs", "shard", "user", "only", "rejudge"),
+    *("plans_for", "points", "jobs", "shard", "user", "only", "rejudge"),
     *("gradescope", "classroom50", "github"),
 )
 """Options that `--node` does not use."""
@@ -46,6 +46,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--node", nargs=2, metavar=("PACKAGE", "FILE"), help="the node, as for rosrun")
     add("--file", default="path_publisher.py", help="the node in each submission")
     add("--plans", nargs="+", metavar="PLAN", help="names in plans/, or paths")
+    add("--plans-for", metavar="FOLDER", help="a plan for each student, made by make_plans")
     add("--out", metavar="FOLDER", help="write the results to this folder")
     add("--bag", action="store_true", help="also write each drive as a bag")
     add("--points", metavar="FILE", help="points per check and plan; default one point each")
@@ -83,10 +84,12 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
     """
     is_class = not arguments.node and not arguments.merge
     if arguments.node and of_a_class:
-        return f"--{of_a_class[0]} needs submissions; --node grades one installed node"
+        option = of_a_class[0].replace("_", "-")
+        return f"--{option} needs submissions; --node grades one installed node"
     if arguments.node and (arguments.plans or not arguments.inputs):
         return "expected PLAN... --node PACKAGE FILE"
-    if is_class and not (arguments.inputs and arguments.plans and arguments.out):
+    plans = arguments.plans or arguments.plans_for
+    if is_class and not (arguments.inputs and plans and arguments.out):
         return "expected PLAN... --node PACKAGE FILE, or SUBMISSION... --plans PLAN... --out FOLDER"
     if (arguments.merge or arguments.bag) and not arguments.out:
         return "expected --out FOLDER"

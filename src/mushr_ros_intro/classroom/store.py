@@ -8,8 +8,9 @@ import fcntl
 import hashlib
 import json
 import os
+import sys
 from contextlib import suppress
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Set
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Set
 
 import numpy as np
 
@@ -137,6 +138,25 @@ def load_all(folder: str) -> List[Record]:
         return [_read(os.path.join(folder, FOLDER, each)) for each in names]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{folder}: not the output of grade.py ({error})") from None
+
+
+def load_newest(folders: Sequence[str]) -> Dict[str, Record]:
+    """Return the results in several output folders by name; of several results, the newest.
+
+    Print which submissions have several results.
+
+    Raises:
+        UserError: a file cannot be read, or there is no result.
+    """
+    records: Dict[str, Record] = {}
+    for each in (record for folder in folders for record in load_all(folder)):
+        name = each.grade.name
+        if name in records:
+            print(f"{name}: several results; the newest is used", file=sys.stderr)
+        records[name] = max(records.get(name, each), each, key=lambda record: record.time)
+    if not records:
+        raise UserError(f"{', '.join(folders)}: expected at least one result")
+    return records
 
 
 def _read(path: str) -> Record:

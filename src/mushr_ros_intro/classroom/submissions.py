@@ -88,7 +88,7 @@ def collect(
             if not sources:
                 raise UserError(f"{path} contains no submission; {_EXPECTED}")
             for source in sources:
-                name = _unique(source.name, taken)
+                name = unique_name(source.name, taken)
                 files = Files(os.path.join(workspace, name))
                 found.append(_submission(source, name, files, node))
         except OSError as error:
@@ -121,7 +121,7 @@ def check_authors(plans: Iterable[Plan], submissions: Iterable[str]) -> None:
             )
 
 
-def _unique(name: str, taken: Set[str]) -> str:
+def unique_name(name: str, taken: Set[str]) -> str:
     """Return a file name that is not taken yet, and take it."""
     text = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     base = re.sub(r"[^A-Za-z0-9._-]+", "_", text).strip("._-")[:100] or "submission"

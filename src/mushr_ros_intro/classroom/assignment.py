@@ -1,0 +1,74 @@
+"""Find out what is graded: the chosen submissions, and the plans that each of them drives."""
+
+import argparse
+import os
+from typing import Dict, List, Optional, Sequence
+
+from mushr_ros_intro.classroom.grading import Task
+from mushr_ros_intro.classroom.own_plans import TABLE, OwnPlans
+from mushr_ros_intro.classroom.submissions import Submission, check_authors
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.paths import package_folder
+from mushr_ros_intro.plan.parse import read_plans
+from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.wording import counted
+
+
+class Plans:
+    """The plans that the command line names."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        """Read the plans.
+
+        Raises:
+            UserError: a plan is missing, has faults, or is in a submission.
+        """
+        self._common = read_plans(arguments.plans or [], package_folder("plans"))
+        self._own: Optional[OwnPlans] = None
+        self.names = list(self._common)
+        self._all = list(self._common.values())
+        if arguments.plans_for:
+            self._own = OwnPlans(arguments.plans_for)
+            if self._own.name in self.names:
+                text = f"there are two plans with the name '{self._own.name}'"
+                raise UserError(f"--plans-for {arguments.plans_for}: {text}; rename the folder")
+            self.names.append(self._own.name)
+            self._all += self._own.plans
+        check_authors(self._all, arguments.inputs)
+
+    @property
+    def folders(self) -> List[str]:
+        """The folders of the plans."""
+        return sorted({os.path.dirname(plan.path) for plan in self._all})
+
+    def task(self, submission: Submission, is_chosen: bool) -> Task:
+        """Return the grading of a submission; it fails if there is no plan for its students."""
+        plans: Dict[str, Plan] = dict(self._common)
+        error = ""
+        if self._own and (plan := self._own.find(submission)):
+            plans[self._own.name] = plan
+        elif self._own:
+            names = [each for student in submission.students for each in student if each]
+            shown = ", ".join(names or [submission.name])
+            error = f"{self._own.name}/{TABLE} has no plan for {shown}; add a line"
+        return Task(submission, plans, error, is_chosen)
+
+
+def choose(arguments: argparse.Namespace, found: Sequence[Submission]) -> Sequence[Submission]:
+    """Return the submissions of the part that is graded.
+
+    Raises:
+        UserError: there is no such submission, or there must be one and there are several.
+    """
+    number, count = arguments.shard
+    chosen = found[number - 1 :: count]
+    if len(chosen) != 1 and (arguments.gradescope or arguments.classroom50 or arguments.github):
+        raise UserError(
+            f"{counted(len(chosen), 'submission')} found; a result for Gradescope, "
+            "Classroom 50 or GitHub needs one submission"
+        )
+    names = [each.name for each in chosen]
+    for name in arguments.only:
+        if name not in names:
+            raise UserError(f"--only {name}: expected one of {', '.join(names)}")
+    return chosen

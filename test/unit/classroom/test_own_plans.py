@@ -1,0 +1,141 @@
+"""Check the plans of students: as difficult as the given plan, never symmetric, on free places."""
+
+import csv
+import math
+import os
+import runpy
+import sys
+
+import pytest
+
+from mushr_ros_intro.classroom import own_plans
+from mushr_ros_intro.classroom.arguments import parse_arguments
+from mushr_ros_intro.classroom.assignment import Plans
+from mushr_ros_intro.classroom.grades import Student
+from mushr_ros_intro.classroom.submissions import Submission
+from mushr_ros_intro.plan.parse import read_plan
+from support.geometry import closed_form
+from support.paths import CHECKOUT
+
+LIKE = "0,0,0.5\n1.0,0.1,2\n2.0,-0.1\n2.0,-0.1,2\n1.5,0.2,2\n1.0,0,1\n"
+CLASS = "Student,ID,SIS Login ID,Section\n  Points Possible,,,\nAnn,17,ann7,1\nBob,18,,1\nEve,,,\n"
+
+
+def make(folder, *arguments, like=LIKE, students=CLASS):
+    """Run make_plans in this process; return the exit status."""
+    (folder / "like.txt").write_text(like)
+    (folder / "class.csv").write_text(students)
+    files = ("--like", folder / "like.txt", "--students", folder / "class.csv")
+    words = ["make_plans", *files, "--out", folder / "plans", *arguments]
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as ended:
+        patch.setattr(sys, "argv", [*map(str, words)])
+        patch.setattr(sys, "path", [*sys.path])
+        runpy.run_path(os.path.join(CHECKOUT, "scripts", "make_plans"), run_name="__main__")
+    return ended.value.code
+
+
+def texts(folder):
+    return {path.name: path.read_text() for path in (folder / "plans").iterdir()}
+
+
+def parts(rows):
+    """Return speed, absolute angle and duration of all rows, in an order that does not matter."""
+    return sorted((row.speed, abs(row.steering_angle), row.duration) for row in rows)
+
+
+def test_plans(tmp_path, capsys):
+    assert make(tmp_path, "--seed", 7) == 0
+    assert "3 plans of 12.00 m and 8 s, with 3 different orders of rows" in capsys.readouterr().out
+    like = read_plan(str(tmp_path / "like.txt"))
+    with open(tmp_path / "plans" / "plans.csv", newline="") as file:
+        table = list(csv.DictReader(file))
+    assert [(row["Name"], row["IDs"], row["Plan"]) for row in table] == [
+        ("Ann", "17; ann7", "Ann.txt"),
+        ("Bob", "18", "Bob.txt"),
+        ("Eve", "", "Eve.txt"),
+    ]
+    for row in table:
+        plan = read_plan(str(tmp_path / "plans" / row["Plan"]))
+        assert parts(plan.rows) == parts(like.rows) and plan.start != like.start
+        commands = [(*each[:2], each.duration) for each in plan.rows]
+        back = commands[::-1]
+        assert commands not in (back, [(speed, -angle, time) for speed, angle, time in back])
+        end = closed_form(plan.start, [(*each[:2], each.duration / 1e9) for each in plan.rows])
+        assert float(row["x [m]"]) == pytest.approx(end[0], abs=1e-4)
+        assert float(row["y [m]"]) == pytest.approx(end[1], abs=1e-4)
+        turned = float(row["theta [rad]"]) - end[2]
+        assert math.remainder(turned, math.tau) == pytest.approx(0.0, abs=1e-4)
+
+
+def test_the_seed_and_the_student_determine_the_plan(tmp_path):
+    made = []
+    for number, (seed, students) in enumerate(
+        [(7, CLASS), (7, CLASS), (8, CLASS), (7, CLASS.replace("Eve,,,\n", ""))]
+    ):
+        (tmp_path / str(number)).mkdir()
+        assert make(tmp_path / str(number), "--seed", seed, students=students) == 0
+        made.append(texts(tmp_path / str(number)))
+    assert made[0] == made[1]
+    assert made[0]["Ann.txt"] == made[3]["Ann.txt"] and len(made[3]) == 3
+    for name in ("Ann.txt", "Bob.txt", "Eve.txt"):
+        assert made[0][name] != made[2][name]
+    assert (
+        made[0]["Ann.txt"]
+        == (  # the same in all versions of Python
+            "# x [m], y [m], theta [rad]\n1.4, -1.0, -3.1\n"
+            "# speed [m/s], steering angle [rad], duration [s]\n"
+            "1.0, 0.0, 1.0\n1.0, -0.1, 2.0\n2.0, 0.1, 1.0\n2.0, 0.1, 2.0\n1.5, 0.2, 2.0\n"
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "files", "said"),
+    [
+        ((), {"like": "0,0,0\n1,0.1\n1,-0.1\n"}, "like.txt: every other order of its rows is symm"),
+        (
+            (),
+            {"like": "0,0,0\n1,x\n"},
+            "like.txt:2:3: steering angle is 'x', which is not a number",
+        ),
+        (
+            ("--map", "rooms"),
+            {"like": LIKE + "6,0,9\n"},
+            "like.txt: found no plan for 17 in 20 att",
+        ),
+        (("--car", "mushr_nano"), {"like": "0,0,0\n90,0\n"}, "like.txt:2:1: "),
+        (
+            (),
+            {"students": "a,b\n1,2\n"},
+            "class.csv:1: expected the names of columns, one of: name",
+        ),
+        ((), {"students": "name\n"}, "class.csv: expected at least one student"),
+        ((), {"students": "name,id\nAnn,1\nBob,1\n"}, "class.csv:3: the student 1 occurs twice"),
+        ((), {"students": "name;section\nAnn;1\n;2\n"}, "class.csv:3: the student has neither"),
+    ],
+)
+def test_bad_input(tmp_path, capsys, monkeypatch, arguments, files, said):
+    monkeypatch.setattr(own_plans, "ATTEMPTS", 20)
+    assert make(tmp_path, "--seed", 7, *arguments, **files) == 2
+    assert capsys.readouterr().err.startswith(f"make_plans: {tmp_path}/{said}")
+    assert not (tmp_path / "plans").exists()
+
+
+def test_each_submission_has_its_own_plan(tmp_path):
+    assert make(tmp_path, "--seed", 7, students=CLASS + "Bob,19,,\n") == 0
+    words = [str(tmp_path / "class"), "--plans-for", str(tmp_path / "plans"), "--out", "out"]
+    plans = Plans(parse_arguments([*words, "--plans", "slalom"], ""))
+    assert plans.names == ["slalom", "plans"]
+    for name, students, found in (
+        ("x", [("someone", "17", "")], "Ann"),
+        ("x", [("", "", "ann7"), ("Eve", "", "")], "Ann"),
+        ("eve", [], "Eve"),
+        ("x", [("bob", "18", "")], "Bob"),
+        ("x", [("bob", "", "")], None),  # there are two
+    ):
+        students = tuple(Student(*each) for each in students)
+        task = plans.task(Submission(name, students, "", (), "", (), (), False), True)
+        if found:
+            assert os.path.basename(task.plans["plans"].path) == f"{found}.txt" and not task.error
+        else:
+            assert task.error == "plans/plans.csv has no plan for bob; add a line"
