@@ -67,9 +67,8 @@ def apply(state: State, event: Event, car: Car, world: Optional[World] = None) -
         return halted(state, event.stamp)._replace(steering_angle=0.0, drive_commands=0)
     last = state.command
     is_counted = last is not None and last.stamp == event.stamp and last.speed != 0.0
-    if event.speed != 0.0 and not is_counted:
-        state = state._replace(drive_commands=state.drive_commands + 1)
-    state = state._replace(command=event)
+    number = state.drive_commands + int(event.speed != 0.0 and not is_counted)
+    state = state._replace(command=event, drive_commands=number)
     if last is None or not changes_nothing(event, last, car.command_timeout):
         motion = _motion(state, event, car, world)
         state = state._replace(moved=event.stamp, motion=motion)
@@ -105,12 +104,8 @@ def _motion(state: State, command: Command, car: Car, world: Optional[World]) ->
     while True:
         is_valid = here.begin < timeout
         speed, angle = _ramps(here, driving if is_valid else braking)
-        piece = here._replace(
-            speed=speed.begin,
-            acceleration=speed.rate,
-            steering_angle=angle.begin,
-            steering_rate=angle.rate,
-            collision=None,
+        piece = Piece(
+            here.begin, here.pose, speed.begin, speed.rate, angle.begin, angle.rate, collision=None
         )
         direction = piece.direction
         if direction in (0.0, hit_direction) or is_blocked(here, piece, direction, car, world):

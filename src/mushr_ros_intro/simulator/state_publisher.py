@@ -16,7 +16,7 @@ from mushr_ros_intro.car.model import Car, Contact, State, Wheels, front_wheel_a
 from mushr_ros_intro.car.odometry import Odometer
 from mushr_ros_intro.car.odometry import Odometry as Measured
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros import conversions, rospy_fixes
 from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.ros.ros_time import SHUTDOWN_POLL_PERIOD
 from mushr_ros_intro.stamps import NANOSECONDS
@@ -88,12 +88,13 @@ class StatePublisher:
 
     def publish(self, states: List[State]) -> None:
         """Publish states on every topic that has a subscriber."""
+        pairs = [(state, self._odometer.read(state)) for state in states]
+        for publisher, convert in self._publishers:
+            if publisher.get_num_connections():
+                messages = [convert(state, measured) for state, measured in pairs]
+                rospy_fixes.publish_together(publisher, messages)
         for state in states:
             self._draw(state)
-            measured = self._odometer.read(state)
-            for publisher, convert in self._publishers:
-                if publisher.get_num_connections():
-                    publisher.publish(convert(state, measured))
             self._last = state
             self._announce_contact(state)
 

@@ -4,12 +4,13 @@ import socket
 import struct
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 from rospy.exceptions import TransportException
 from rospy.impl.tcpros_base import TCPROSTransport, TCPROSTransportProtocol
 
-from mushr_ros_intro.ros.rospy_fixes import DirectConnection
+from mushr_ros_intro.ros.rospy_fixes import DirectConnection, publish_together
 from support.helpers import wait_for
 
 
@@ -107,3 +108,20 @@ def test_the_error_of_a_subscriber_that_has_ended(ends):
             return True
 
     wait_for(fails, "the error")
+
+
+def test_messages_that_are_published_together_are_one_packet(ends, monkeypatch):
+    connection, _ = ends
+    sent = []
+
+    def send(data, flags):
+        sent.append((data, bool(flags & socket.MSG_MORE)))
+        return len(data)
+
+    monkeypatch.setattr(connection._connection, "socket", SimpleNamespace(send=send))
+    implementation = SimpleNamespace(connections=[connection])
+    publisher = SimpleNamespace(impl=implementation, publish=connection.write_data)
+    for _ in range(2):
+        publish_together(publisher, [b"one", b"two", b"three"])
+        connection.write_data(b"alone")
+    assert sent == 2 * [(b"one", True), (b"two", True), (b"three", False), (b"alone", False)]
