@@ -99,14 +99,26 @@ class Terminal:
         return Process("env", "-i", *environment, "bash", "-c", line)
 
 
+def make_workspace(home, *arguments):
+    """Run scripts/make_workspace; return its output."""
+    done = subprocess.run(
+        [f"{CHECKOUT}/scripts/make_workspace", *arguments],
+        cwd=home,
+        env={"HOME": str(home), "PATH": f"{home}/bin:/usr/bin:/bin"},
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+        timeout=10 * PATIENCE,
+    )
+    return done.stdout
+
+
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
     """Return a home with a workspace that scripts/make_workspace has created."""
     tmp_path = tmp_path_factory.mktemp("home")
     add_programs(tmp_path / "bin", ("python",), 'exec /usr/bin/python3 "$@"')
-    environment = {"HOME": str(tmp_path), "PATH": f"{tmp_path}/bin:/usr/bin:/bin"}
-    command = [f"{CHECKOUT}/scripts/make_workspace"]
-    subprocess.run(command, env=environment, check=True, timeout=10 * PATIENCE)
+    make_workspace(tmp_path)
     return tmp_path
 
 
@@ -158,12 +170,14 @@ def test_the_tutorial(home):
 def test_a_course(home):
     """Packages of a course that includes mushr_sim; its node has relative topics and no stamps."""
     for name in ("course", "introduction"):
-        copy_package(f"{FIXTURES}/course/{name}", f"{home}/catkin_ws/src/{name}")
+        copy_package(f"{FIXTURES}/course/{name}", f"{home}/a course/{name}")
+    (home / "a course" / "introduction" / "lost.py").write_text("#!/usr/bin/python3\n")
+    output = make_workspace(home, "--course", "a course")
+    assert "setup: the course: course introduction \n" in output, output
+    assert "1 files begin with #!" in output and "introduction/lost.py" in output, output
     plan = home / "plan.txt"
     plan.write_text("1,2,0.5\n2.0,0\n1.0,0\n")
     terminal = Terminal(home, free_port())
-    output, status = terminal.type("cd ~/catkin_ws", "catkin_make")
-    assert status == 0, output
     output, status = terminal.type("rostest introduction exercise.test.xml")
     assert status == 0 and "RESULT: SUCCESS" in output, output
     with terminal.start("roslaunch course simulation.launch.xml") as simulation:
