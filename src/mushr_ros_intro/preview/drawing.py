@@ -20,11 +20,28 @@ drives, and of errors, their tolerances and faults. A wall is black, an unknown 
 
 _MARGIN = 0.5  # [m] around everything, and a tenth of its size
 
+_LEFT, _RIGHT, _BELOW, _ABOVE, _BETWEEN = 0.9, 0.2, 0.55, 0.4, 0.5  # [in] around the axes
+
 
 def new_figure(width: float, *heights: float) -> Tuple[Figure, np.ndarray]:
-    """Return a figure, and its axes one below the other; width and heights are in inches."""
-    figure = Figure(figsize=(width, sum(heights)), constrained_layout=True)
-    grid = {"height_ratios": heights}
+    """Return a figure, and its axes one below the other.
+
+    The margins are fixed: a drawing takes three times as long if matplotlib computes them.
+
+    Args:
+        width: of the figure [in].
+        heights: of the axes, without their labels [in].
+    """
+    total = _ABOVE + sum(heights) + _BETWEEN * (len(heights) - 1) + _BELOW
+    figure = Figure(figsize=(width, total))
+    grid = {
+        "height_ratios": heights,
+        "left": _LEFT / width,
+        "right": 1.0 - _RIGHT / width,
+        "bottom": _BELOW / total,
+        "top": 1.0 - _ABOVE / total,
+        "hspace": _BETWEEN * len(heights) / sum(heights),
+    }
     return figure, figure.subplots(len(heights), 1, squeeze=False, gridspec_kw=grid)[:, 0]
 
 
@@ -83,7 +100,8 @@ def finish_map(axes: Any, key: Any, grid: Optional[Grid]) -> None:
     if grid is not None:
         _draw_walls(axes, grid)
     key.axis("off")
-    key.legend(*axes.get_legend_handles_labels(), loc="center", ncol=3, fontsize="small")
+    place = {"loc": "upper center", "borderaxespad": 0.0}
+    key.legend(*axes.get_legend_handles_labels(), ncol=3, fontsize="small", **place)
 
 
 def _draw_walls(axes: Any, grid: Grid) -> None:

@@ -34,7 +34,7 @@ def write(path: str, report: Report, spread: Optional[Spread], grid: Optional[Gr
 
 def draw(report: Report, spread: Optional[Spread], grid: Optional[Grid]) -> Figure:
     """Return a drawing of a report, the spread and the map, if any."""
-    figure, (above, key, *below) = drawing.new_figure(8.0, 6.2, 0.8, 1.6, 1.8)
+    figure, (above, key, *below) = drawing.new_figure(8.0, 5.4, 0.3, 1.2, 1.2)
     if spread is not None and any(spread.errors):
         _draw_spread(above, spread)
     _draw_path(above, report)

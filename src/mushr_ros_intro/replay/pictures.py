@@ -24,7 +24,7 @@ def locations(
 
     The tolerance is of the final position [m].
     """
-    figure, (axes, key) = drawing.new_figure(8.0, 7.4, 0.6)
+    figure, (axes, key) = drawing.new_figure(8.0, 6.4, 0.2)
     for name, color, style in _STYLES:
         poses = getattr(drive, name)
         drawing.draw_path(axes, poses, color, name, style)
@@ -43,7 +43,7 @@ def distances(drive: Drive, title: str = "", tolerance: Optional[float] = None) 
 
     The tolerance is of the path [m].
     """
-    figure, (above, below) = drawing.new_figure(8.0, 3.0, 3.0)
+    figure, (above, below) = drawing.new_figure(8.0, 2.4, 2.4)
     for name, color, style in _STYLES:
         away = getattr(drive, name)[:, :2] - drive.predicted[0, :2]
         above.plot(drive.times, np.hypot(*away.T), style, color=color, label=name)
