@@ -143,10 +143,17 @@ class Recording:
     def __init__(self, topic, kind):
         self.topic = rospy.resolve_name(topic)
         self._messages = []
-        self.subscriber = rospy.Subscriber(topic, kind, self._messages.append, tcp_nodelay=True)
+        self._changed = threading.Condition()
+        self.subscriber = rospy.Subscriber(topic, kind, self._add, tcp_nodelay=True)
+
+    def _add(self, message):
+        with self._changed:
+            self._messages.append(message)
+            self._changed.notify_all()
 
     def clear(self):
-        self._messages.clear()
+        with self._changed:
+            self._messages.clear()
 
     def end(self):
         self.subscriber.unregister()
@@ -165,43 +172,57 @@ class Recording:
             raise LoggedAssertionError(f"no connection with a publisher of {self.topic}")
         return self
 
+    def first(self, is_wanted, what, patience=PATIENCE):
+        """Wait for a message for which `is_wanted` is true, and return the first one.
+
+        `is_wanted` sees each message once. Without one after `patience` [s], fail.
+        """
+        deadline = time.monotonic() + patience
+        seen = 0
+        with self._changed:
+            while True:
+                for message in self._messages[seen:]:
+                    if is_wanted(message):
+                        return message
+                seen = len(self._messages)
+                if not self._changed.wait(deadline - time.monotonic()):
+                    raise LoggedAssertionError(
+                        f"waited {patience:g} s for {what} on {self.topic}"
+                    )
+
     def after(self, stamp, patience=PATIENCE):
         """Wait for a message with a later stamp than `stamp`; return the first one."""
-
-        def find():
-            return next((m for m in self.messages if m.header.stamp > stamp), None)
-
-        return wait_for(find, f"a message on {self.topic} after {stamp.to_sec():.3f}", patience)
+        what = f"a message after {stamp.to_sec():.3f}"
+        return self.first(lambda message: message.header.stamp > stamp, what, patience)
 
     def shows(self, pose, since):
         """Wait until the car reports `pose` (x, y, theta) with a stamp of at least `since`."""
 
-        def is_there():
-            if not self.last or self.last.header.stamp < since:
+        def is_there(message):
+            if message.header.stamp < since:
                 return False
-            x, y, theta = planar(self.last.pose)
+            x, y, theta = planar(message.pose)
             is_near = math.hypot(x - pose[0], y - pose[1]) < POSITION_TOLERANCE
             return is_near and angle_between(theta, pose[2]) < ANGLE_TOLERANCE
 
-        wait_for(is_there, f"the car of {self.topic} to be at {pose}")
+        self.first(is_there, f"the pose {pose}")
 
     def pose_at_rest(self, since):
         """Wait until the car reports one pose (x, y, theta) for 0.3 s after `since`; return it.
 
         0.3 s is longer than the car obeys a command.
         """
+        begin = None
 
-        def find():
-            messages = [m for m in self.messages if m.header.stamp >= since]
-            if not messages:
-                return None
-            tail = messages[-1].header.stamp - rospy.Duration(0.3)
-            if tail < since:
-                return None
-            poses = {planar(m.pose) for m in messages if m.header.stamp >= tail}
-            return poses if len(poses) == 1 else None
+        def is_at_rest(message):
+            nonlocal begin
+            if message.header.stamp < since:
+                return False
+            if begin is None or planar(begin.pose) != planar(message.pose):
+                begin = message
+            return message.header.stamp >= begin.header.stamp + rospy.Duration(0.3)
 
-        return wait_for(find, f"the car of {self.topic} to stand still").pop()
+        return planar(self.first(is_at_rest, "one pose for 0.3 s").pose)
 
 
 def publisher(topic, kind):
