@@ -3,12 +3,12 @@
 import contextlib
 import os
 import signal
-import sys
+import tempfile
 
 import pytest
 import rosgraph
 
-from support.helpers import Process, free_port, node, wait_for
+from support.helpers import ForkedProcess, Process, free_port, node, wait_for
 
 PREAMBLE = """
 import linecache, os, signal, sys, threading, time, xmlrpc.client
@@ -91,10 +91,14 @@ def master():
         yield uri
 
 
+@contextlib.contextmanager
 def start(run, master, **environment):
-    """Start a node with a method run."""
-    program = f"{PREAMBLE}{run}\nnode.main('made', Made)"
-    return Process(sys.executable, "-c", program, ROS_MASTER_URI=master, **environment)
+    """Run a node with a method run; yield its process."""
+    with tempfile.NamedTemporaryFile("w", suffix=".py") as file:
+        file.write(f"{PREAMBLE}{run}\nnode.main('made', Made)")
+        file.flush()
+        with ForkedProcess(file.name, ROS_MASTER_URI=master, **environment) as process:
+            yield process
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
@@ -135,7 +139,7 @@ def test_nodes_that_do_not_end_are_ended(master):
     """One sleeps; one does what rospy does if the master ends while a node registers a topic."""
     sleep = "time.sleep(60.0)"
     locked = "rospy.topics.get_topic_manager().lock.acquire()\n        rospy.spin()"
-    run = "    def run(self):\n        print('runs', flush=True)\n        "
+    run = "    def run(self):\n        node.SHUTDOWN_TIMEOUT = 1.0\n        print('runs', flush=True)\n        "
     with running_master() as (_, uri), contextlib.ExitStack() as stack:
         programs = ((run + sleep, master), (run + locked, uri))
         started = [stack.enter_context(start(*each)) for each in programs]
@@ -144,7 +148,7 @@ def test_nodes_that_do_not_end_are_ended(master):
             process.send_signal(signal.SIGINT)
         for process in started:
             assert process.wait() == 1, process.output
-            assert "made: the node did not end within 14 s" in process.output
+            assert "made: the node did not end within 1 s" in process.output
 
 
 @pytest.mark.parametrize(
