@@ -2,6 +2,8 @@
 
 import os
 
+import pytest
+
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Command, InitialPose
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
@@ -28,6 +30,16 @@ ROUNDING = 1e-12
 
 def plan_named(name):
     return read_plan(os.path.join(PLANS, f"{name}.txt"))
+
+
+def _each_plan():
+    for name in PLAN_NAMES:
+        is_long = plan_named(name).duration > 10 * SECOND
+        yield pytest.param(name, marks=pytest.mark.full) if is_long else name
+
+
+EACH_PLAN = list(_each_plan())
+"""The parameters of a test of each plan; long plans are driven with scripts/test --all only."""
 
 
 def plan_of(text):

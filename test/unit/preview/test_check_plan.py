@@ -27,7 +27,7 @@ from mushr_ros_intro.preview.text import as_json, as_text
 from mushr_ros_intro.world.footprint import World
 from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.map_file import read_map
-from support.cars import CARS, PLAN_NAMES, plan_named, plan_of
+from support.cars import CARS, EACH_PLAN, plan_named, plan_of
 from support.helpers import Process
 from support.paths import FIXTURES, PACKAGE
 
@@ -66,7 +66,7 @@ def walled(free_to=5.0):
 
 
 @pytest.mark.parametrize("car", CARS)
-@pytest.mark.parametrize("name", PLAN_NAMES)
+@pytest.mark.parametrize("name", EACH_PLAN)
 def test_the_report_agrees_with_the_prediction(name, car):
     report, quiet = report_on(name, car), CARS[car]
     states = prediction.states_at(report.plan, quiet, [step.end for step in report.steps[:-1]])
@@ -94,9 +94,9 @@ def test_the_figures_of_figure_8():
 
 @given(
     st.lists(
-        st.tuples(st.floats(-2, 2), st.floats(-0.6, 0.6), st.sampled_from([0.1, 0.25, 1, 7.3])),
+        st.tuples(st.floats(-2, 2), st.floats(-0.6, 0.6), st.sampled_from([0.1, 0.25, 1, 2.3])),
         min_size=1,
-        max_size=5,
+        max_size=3,
     ),
     st.sampled_from([CARS["ideal"], CARS["mushr_tx2"]]),
 )
@@ -105,7 +105,7 @@ def test_the_figures_of_figure_8():
 def test_the_box_is_that_of_the_path(rows, car):
     text = "1, 2, 3\n" + "".join("{:.6f}, {:.6f}, {}\n".format(*row) for row in rows)
     report = checked(text, car)
-    instants = [*range(0, report.rest, 5_000_000), report.rest]
+    instants = [*range(0, report.rest, 10_000_000), report.rest]
     poses = [state.pose for state in prediction.states_at(report.plan, car, instants)]
     (left, bottom, _), (right, top, _) = np.min(poses, axis=0), np.max(poses, axis=0)
     assert report.box == pytest.approx((left, right, bottom, top), abs=BOX)

@@ -11,7 +11,7 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview import spread as module
 from mushr_ros_intro.preview.spread import Errors, ellipse, sample, spread
-from support.cars import PLAN_NAMES, plan_named, plan_of
+from support.cars import EACH_PLAN, plan_named, plan_of
 
 ROUNDING = 1e-11
 """[m, rad] Between one arc per row and one per command, in doubles."""
@@ -22,7 +22,7 @@ RAMPS = 0.003
 SIGMAS = 5.0
 """Standard errors that a mean of random numbers may be off: by chance 1 in 2 million is."""
 
-RUNS = 20_000
+RUNS = 5_000
 
 IDEAL = Car()
 NANO = Car(
@@ -63,7 +63,7 @@ def assert_is(values, mean, deviation):
 
 
 @pytest.mark.parametrize("car", CARS)
-@pytest.mark.parametrize("name", PLAN_NAMES)
+@pytest.mark.parametrize("name", EACH_PLAN)
 def test_without_errors_every_car_is_where_the_single_car_is(name, car):
     plan = plan_named(name)
     ends = np.cumsum([row.duration for row in plan.rows])[:-1].tolist()

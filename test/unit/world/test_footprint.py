@@ -114,7 +114,7 @@ def test_is_free_against_crossing_edges(share, resolution, origin):
     grid = Grid(cells, resolution, origin)
     size = np.array([17, 11]) * resolution
     seen = {True: 0, False: 0}
-    for _ in range(150):
+    for _ in range(80):
         x, y = dice.uniform(-0.5, size + 0.5)
         pose = compose(origin, Pose(x, y, dice.uniform(-4.0, 4.0)))
         surely = hits_by_edges(grid, grown(CAR, -CLEAR_CUT), pose)
@@ -122,7 +122,7 @@ def test_is_free_against_crossing_edges(share, resolution, origin):
             continue
         assert is_free(grid, CAR, pose) == (not surely), pose
         seen[surely] += 1
-    assert min(seen.values()) > 10
+    assert min(seen.values()) > 5
 
 
 def test_a_pole_between_the_corners():
@@ -222,7 +222,7 @@ def test_the_path_is_free_up_to_the_hit_and_not_further(seed):
         got = free_arc(grid, CAR, pose, bend, distance)
         assert 0.0 <= got / distance <= 1.0
         assert is_free(grid, CAR, drive_arc(pose, got, bend))
-        for share in np.linspace(0.0, 1.0, 200).tolist():
+        for share in np.linspace(0.0, 1.0, 50).tolist():
             assert is_free(grid, grown(CAR, -CUT), drive_arc(pose, share * got, bend))
         if got != distance:
             hits += 1
@@ -265,7 +265,7 @@ def test_off_the_map():
     # A car outside the map hits the wall, too.
     got = free_arc(ROOM, SHORT, Pose(-2.0, 1.0, 0.0), 0.0, 10.0)
     assert abs(got - (2.0 - 0.3)) < NARROWED
-    assert free_arc(ROOM, SHORT, Pose(5.0, 1.0, 0.0), 0.0, 1e4) == 1e4
+    assert free_arc(ROOM, SHORT, Pose(5.0, 1.0, 0.0), 0.0, 1e3) == 1e3
 
 
 def test_every_map_is_free_at_its_origin_for_the_default_footprint():

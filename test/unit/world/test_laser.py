@@ -161,7 +161,14 @@ def test_off_the_map():
     assert laser.scan(Pose(0.5, 0.5, 0.0))[0] == pytest.approx(2.5, abs=EXACT)
 
 
-@pytest.mark.parametrize("shape, cell", [((1, 1), 0), ((10_000, 10_000), 0), ((300, 300), 100)])
+@pytest.mark.parametrize(
+    "shape, cell",
+    [
+        ((1, 1), 0),
+        ((300, 300), 100),
+        pytest.param((10_000, 10_000), 0, marks=pytest.mark.full),
+    ],
+)
 def test_maps_of_extreme_size_or_full_of_walls(shape, cell):
     """Neither the laser nor the collisions need more than the map around the car."""
     grid = Grid(np.full(shape, cell, np.int8), 0.05)
