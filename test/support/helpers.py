@@ -186,9 +186,7 @@ class Recording:
                         return message
                 seen = len(self._messages)
                 if not self._changed.wait(deadline - time.monotonic()):
-                    raise LoggedAssertionError(
-                        f"waited {patience:g} s for {what} on {self.topic}"
-                    )
+                    raise LoggedAssertionError(f"waited {patience:g} s for {what} on {self.topic}")
 
     def after(self, stamp, patience=PATIENCE):
         """Wait for a message with a later stamp than `stamp`; return the first one."""

@@ -98,7 +98,9 @@ def driven(car, plan, world):
 
 def apart(some, others):
     """Return the largest difference between the poses and speeds of states [m, rad, m/s]."""
-    one, other = (np.array([(*each.pose, each.speed) for each in group]) for group in (some, others))
+    one, other = (
+        np.array([(*each.pose, each.speed) for each in group]) for group in (some, others)
+    )
     return np.abs(one - other).max()
 
 

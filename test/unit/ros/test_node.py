@@ -139,7 +139,11 @@ def test_nodes_that_do_not_end_are_ended(master):
     """One sleeps; one does what rospy does if the master ends while a node registers a topic."""
     sleep = "time.sleep(60.0)"
     locked = "rospy.topics.get_topic_manager().lock.acquire()\n        rospy.spin()"
-    run = "    def run(self):\n        node.SHUTDOWN_TIMEOUT = 1.0\n        print('runs', flush=True)\n        "
+    run = """
+    def run(self):
+        node.SHUTDOWN_TIMEOUT = 1.0
+        print('runs', flush=True)
+        """
     with running_master() as (_, uri), contextlib.ExitStack() as stack:
         programs = ((run + sleep, master), (run + locked, uri))
         started = [stack.enter_context(start(*each)) for each in programs]
