@@ -161,21 +161,24 @@ def test_off_the_map():
     assert laser.scan(Pose(0.5, 0.5, 0.0))[0] == pytest.approx(2.5, abs=EXACT)
 
 
-@pytest.mark.parametrize(
-    "shape, cell",
-    [
-        ((1, 1), 0),
-        ((300, 300), 100),
-        pytest.param((10_000, 10_000), 0, marks=pytest.mark.full),
-    ],
-)
-def test_maps_of_extreme_size_or_full_of_walls(shape, cell):
-    """Neither the laser nor the collisions need more than the map around the car."""
+def assert_seen_from_the_middle(shape, cell):
+    """Check laser and collisions on a map of `shape` with equal cells."""
     grid = Grid(np.full(shape, cell, np.int8), 0.05)
     middle = Pose(0.05 * shape[1] / 2, 0.05 * shape[0] / 2, 0.3)
     assert is_free(*World(grid), middle) == (cell == 0)
     expected = -math.inf if cell else math.inf
     assert (Laser(grid, FEW).scan(middle) == expected).all()
+
+
+@pytest.mark.parametrize("shape, cell", [((1, 1), 0), ((3_000, 3_000), 0), ((300, 300), 100)])
+def test_large_maps_and_maps_full_of_walls(shape, cell):
+    """Neither the laser nor the collisions need more than the map around the car."""
+    assert_seen_from_the_middle(shape, cell)
+
+
+@pytest.mark.full
+def test_a_map_of_a_hundred_million_cells():
+    assert_seen_from_the_middle((10_000, 10_000), 0)
 
 
 @pytest.mark.parametrize("count", [1, 2, 90, 719])
