@@ -16,6 +16,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between, closed_form
 from support.helpers import Process, Recording, failures_in, free_port, rostest_results, wait_for
+from support.listing_page import states
 from support.messages import COMMAND_TIMEOUT, NAVIGATION, OUTPUT
 from support.paths import PACKAGE, PLANS
 
@@ -179,3 +180,18 @@ def test_is_a_students():
     assert plans == ["figure_8.txt", "straight_line.txt"]
     same = filecmp.cmpfiles(os.path.join(EXAMPLE, "plans"), PLANS, plans, shallow=False)
     assert same == (plans, [], [])
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("heading", states())
+def test_each_change_of_the_page(environment, tmp_path, heading):
+    """The program of docs/listing.md passes all checks after each of its changes."""
+    node = tmp_path / "path_publisher.py"
+    node.write_text(states()[heading])
+    node.chmod(0o755)
+    (tmp_path / "package.xml").write_text("<package><name>typed</name></package>")
+    packages = os.pathsep.join((str(tmp_path), os.environ["ROS_PACKAGE_PATH"]))
+    grade = ("rosrun", "mushr_ros_intro", "grade.py", "test_drive")
+    with Process(*grade, "--node", "typed", node.name, ROS_PACKAGE_PATH=packages) as process:
+        assert process.wait() == 0, process.output
+    assert "all checks passed" in process.output
