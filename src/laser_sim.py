@@ -60,7 +60,6 @@ class LaserSim:
 
     @conversions.ignore_bad_messages
     def _on_map(self, msg: OccupancyGrid) -> None:
-        """Use this map for the following scans."""
         grid = conversions.grid_from_msg(msg)
         self._laser = Laser(grid, self._beams)
         rospy.loginfo("scanning in a map of %d x %d cells", grid.width, grid.height)
@@ -86,7 +85,6 @@ class LaserSim:
 
 
 def _beams_from(parameters: Parameters) -> Beams:
-    """Return the beams that parameters describe."""
     default, number = Beams(), parameters.number
     meaning = "direction of the first beam; 0 is ahead, left is positive"
     angle_min = number("angle_min", default.angle_min, "rad", -6.3, 6.3, meaning)

@@ -47,7 +47,6 @@ class MapServer:
         rospy.spin()
 
     def _on_request(self, _: GetMapRequest) -> GetMapResponse:
-        """Return the map."""
         return GetMapResponse(map=self._msg)
 
 
@@ -64,8 +63,8 @@ def read(name: str) -> Tuple[str, Grid]:
 def check_command_line() -> None:
     """End the program if the map on the command line is not valid.
 
-    FILE, as with ROS's map_server, means _map_file:=FILE. This is before the node is registered,
-    which ends the map server that is running.
+    FILE, as with ROS's map_server, means _map_file:=FILE. The check comes before the registration
+    of the node, because the master then ends the map server that is running.
     """
     sys.argv[1:] = [
         each if ":=" in each or each.startswith("-") else f"_map_file:={each}"

@@ -71,7 +71,7 @@ def drive_arc(pose: Pose, distance: float, curvature: float) -> Pose:
     theta + h. The straight line is the limit for h = 0.
 
     Args:
-        pose: the pose at the begin of the arc.
+        pose: the pose at the beginning of the arc.
         distance: length of the arc [m], negative in reverse.
         curvature: curvature of the arc [1/m], left positive.
     """

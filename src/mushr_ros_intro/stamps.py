@@ -24,8 +24,8 @@ MAX_LEAD = STAMP_TOLERANCE - COMMAND_PERIOD
 """Time by which the stamp of the initial pose is ahead of the simulated clock [ns].
 
 If the car is already at the start pose, only the stamp of its report shows that it has received the
-initial pose. So the initial pose needs a later stamp than all earlier reports. This is the largest
-lead for which STAMP_TOLERANCE also holds for the first command.
+initial pose. So the initial pose needs a later stamp than all earlier reports. The first command is
+due one period after it, and its stamp must not be ahead by more than STAMP_TOLERANCE.
 """
 
 SETTLING = 2 * COMMAND_PERIOD

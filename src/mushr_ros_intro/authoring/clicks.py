@@ -15,7 +15,8 @@ from mushr_ros_intro.preview.prediction import rest
 from mushr_ros_intro.stamps import from_seconds
 
 _EPSILON = 1e-9
-"""A point closer to the car is at the car [m]; closer to its axle line, it is beside it [rad]."""
+"""Tolerances: a point at a smaller distance is where the car is [m]. A point at a smaller angle
+behind the line of the axle is beside the car, which then drives forward [rad]."""
 
 
 def arc_to(pose: Pose, point: Tuple[float, float]) -> Tuple[float, float]:

@@ -23,8 +23,8 @@ AT_REST = 1e-3
 class Recording:
     """The commands of one drive, and the pose at which it begins.
 
-    The drive begins with the first command after a reported pose that is not a plain stop (speed
-    and steering angle zero). Its start pose is the last one reported at or before that command.
+    The drive begins with the first command that is not a plain stop (speed and steering angle
+    zero) and before which a pose was reported. The last such pose is the start pose.
 
     Args:
         command_timeout: how long a command is valid after its stamp [ns].
@@ -115,7 +115,7 @@ class Recording:
     def plan(self, before: float = math.inf) -> Optional[Plan]:
         """Return the plan of the commands stamped before an instant [ns]; None if it has no rows.
 
-        In its last row the car drives: standing at the end is left out.
+        Rows at the end in which the car stands are left out.
         """
         begin = self.begin
         if begin is None:

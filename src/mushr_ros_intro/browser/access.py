@@ -1,8 +1,9 @@
 """Decide which programs and pages may use the server.
 
 Any page that a browser shows can send requests to a server on the same machine. The browser adds
-the header Origin, which names the page's server. The header Host names the server that the page
-asked for: if a page's own host name is switched to this machine (DNS rebinding), it is that name.
+the header Origin, which names the page's server. The header Host contains the host name in the
+address of the request. A page can switch its own host name to this machine (DNS rebinding). Then
+Host contains that name, which is not a name of this server.
 """
 
 import hmac

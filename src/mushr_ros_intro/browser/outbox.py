@@ -11,7 +11,7 @@ from typing import Deque, Dict, Union
 from mushr_ros_intro.browser.protocol import COMPRESSIONS, Id, Message, Request
 
 DEFAULT_QUEUE_LENGTH = 20
-"""How many messages of a topic wait for a client that does not say how many."""
+"""How many messages of a topic wait for a client that sets no queue_length."""
 
 MAX_QUEUE_LENGTH = 1000
 """How many messages of a topic wait at most, whatever the client asks for."""
@@ -31,9 +31,9 @@ class _Queue:
         """When the first message may be sent [s of the monotonic clock]."""
 
     def update(self) -> None:
-        """Apply the subscriptions. The client gets each message once, as the most demanding asks.
+        """Apply the subscriptions; of several, the shortest period and the longest queue count.
 
-        So the period is the shortest, and the queue is the longest.
+        The client gets each message once.
         """
         requests = self.requests.values()
         self.period = min(request.throttle_rate for request in requests) / 1000.0

@@ -31,11 +31,11 @@ _OPTIONS: Dict[str, Dict[str, type]] = {
     "subscribe": {"type": str, "throttle_rate": float, "queue_length": float, "compression": str},
     "call_service": {"args": dict, "type": str},
 }
-"""Other fields that are used; null is as good as none. All further fields are ignored."""
+"""Optional fields; null means that the field is missing. All further fields are ignored."""
 
 
 Id = Union[str, float, None]
-"""What a client gives to a request, to recognise the answer."""
+"""A client adds it to a request, and the answer repeats it."""
 
 
 class ProtocolError(ValueError):
@@ -49,14 +49,14 @@ class Request(NamedTuple):
     id: Id = None
     topic: str = ""
     type: str = ""
-    """A message type; empty if the client leaves it open."""
+    """A message type; empty if the client does not name one."""
     msg: Dict[str, Any] = {}
     service: str = ""
     args: Dict[str, Any] = {}
     throttle_rate: float = 0.0
     """The shortest time between two messages [ms]."""
     queue_length: float = 0.0
-    """How many messages wait at most; 0 leaves it to the server."""
+    """How many messages wait at most; 0 means a default of the server."""
     compression: str = "none"
 
 
@@ -157,7 +157,10 @@ class Message:
 
 
 def cbor(value: Union[int, str, bytes, Dict[str, Any]]) -> bytes:
-    """Return a value in the format CBOR (RFC 8949); integers must be from 0 to 2^64 - 1."""
+    """Return a value in the format CBOR (RFC 8949); integers must be from 0 to 2^64 - 1.
+
+    Not with python3-cbor: rosdep does not know it, so ROS Noetic could not install it.
+    """
     if isinstance(value, int):
         return _cbor_head(0, value)
     if isinstance(value, bytes):

@@ -16,8 +16,8 @@ def is_blocked(
 ) -> bool:
     """Return whether the wall that the car touches is in the path of a piece.
 
-    The position of a wall is known to TOUCH only. A car that could drive on until the next hit
-    would creep into the wall with each command.
+    The position of the contact is exact to TOUCH only. If the car could drive on until the next
+    hit, it would creep into the wall with each command.
     """
     if world is None or here.collision is None:
         return False

@@ -4,8 +4,8 @@ Each event (a command or an initial pose) applies at its stamp, not on arrival. 
 arrives late, twice or out of order is inserted at its position. So the pose at any instant depends
 on the stamped messages alone, and not on the load of the machine.
 
-An event without a valid stamp applies on arrival. If a stamped event of the same kind arrives after
-it, the order of arrival counts: from its stamp on, the stamped event replaces it. So the stops that
+An event without a valid stamp applies on arrival. A stamped event of the same kind that arrives
+later replaces it from the later event's stamp on, even if that stamp is earlier. So the stops that
 MuSHR sends while no input drives, all with one old stamp, do not cancel the first command of a
 plan.
 """

@@ -158,13 +158,13 @@ class Piece(NamedTuple):
     begin: float
     """When the piece begins [s], counted from the command that set the car in motion."""
     pose: Pose
-    """The car's pose at the begin, in the map frame."""
+    """The car's pose at the beginning, in the map frame."""
     speed: float
-    """Forward speed at the begin [m/s]."""
+    """Forward speed at the beginning [m/s]."""
     acceleration: float
     """Rate of change of the speed [m/s^2]."""
     steering_angle: float
-    """Steering angle at the begin [rad], left positive."""
+    """Steering angle at the beginning [rad], left positive."""
     steering_rate: float
     """Rate of change of the steering angle [rad/s]."""
     collision: Optional[Contact]

@@ -76,10 +76,11 @@ def apply(state: State, event: Event, car: Car, world: Optional[World] = None) -
 
 
 def changes_nothing(event: Command, last: Command, timeout: int) -> bool:
-    """Return whether a command after the command `last` is a stop of a car that stops already.
+    """Return whether a command is a stop, but the command `last` has already stopped the car.
 
-    This is a repeated stop, or a plain stop after the last command has expired, which it does after
-    `timeout` [ns]. So the time at which the mux's stop arrives does not matter.
+    That is so if the command repeats the stop `last`, or if it is a plain stop (speed and steering
+    angle zero) after `last` has expired, `timeout` [ns] after its stamp. So the time at which the
+    mux's stop arrives does not matter.
     """
     if event.speed != 0.0 or event.acceleration != 0.0:
         return False
@@ -98,7 +99,7 @@ def _motion(state: State, command: Command, car: Car, world: Optional[World]) ->
     driving = _target(state, command, car)
     braking = driving._replace(speed=0.0, acceleration=car.acceleration)
     timeout = car.command_timeout / NANOSECONDS
-    hit_direction = 0.0  # in which the car has hit a wall since the command
+    hit_direction = 0.0  # the direction in which the car has hit a wall since the command
     here = Piece(0.0, state.pose, state.speed, 0.0, state.steering_angle, 0.0, state.collision)
     pieces: List[Piece] = []
     while True:
@@ -133,9 +134,9 @@ def _motion(state: State, command: Command, car: Car, world: Optional[World]) ->
 
 
 def _target(state: State, command: Command, car: Car) -> Command:
-    """Return the response of the car to a command, with its noise and with the rates it changes at.
+    """Return the speed and the steering angle that the car reaches, and the rates of change.
 
-    A rate is infinite if the value changes at once.
+    They include the noise. A rate is infinite if the value changes at once.
     """
     speed, angle = car.response(command.speed, command.steering_angle)
     if speed != 0.0 and (car.speed_noise or car.steering_noise):

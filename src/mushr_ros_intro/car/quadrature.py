@@ -29,7 +29,7 @@ _TO_NODES = (
 
 
 def follow(piece: Piece, seconds: float, car: Car) -> Pose:
-    """Return the pose `seconds` after a piece's begin."""
+    """Return the pose `seconds` after the beginning of a piece."""
     if seconds == 0.0:
         return piece.pose
     if piece.steering_rate != 0.0 and (piece.speed != 0.0 or piece.acceleration != 0.0):

@@ -246,9 +246,9 @@ class Observer:
     def _listen(self, graph: _Graph, commands: Sequence[str], uses_clock: bool) -> Listener:
         """Return what the live publishers send.
 
-        A publisher may wait for its first subscriber before it sends. The doctor must not satisfy
-        it, so it subscribes to a topic of commands only if another live node does. It does satisfy
-        a publisher that this other node rejects because of its type.
+        A publisher may wait for its first subscriber before it sends. The doctor must not be this
+        subscriber, so it subscribes to a topic of commands only if another live node does. But if
+        that node rejects the publisher because of its type, the doctor is the only subscriber.
         """
         topics = [each for each in commands if graph.live(graph.subscribers, each)]
         topics += [self._active, self._pose, self._collision] + ["/clock"] * uses_clock

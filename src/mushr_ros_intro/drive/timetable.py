@@ -115,7 +115,6 @@ class Timetable:
             ros_time.sleep_until(wake, now)  # returns early if the clock is set back
 
     def _log_progress(self, row: Row, due: int) -> None:
-        """Log the present row."""
         if time.monotonic() < self._next_log:
             return
         self._next_log = time.monotonic() + LOG_PERIOD

@@ -10,20 +10,20 @@ from mushr_ros_intro.plan.plan import MAX_SPEED, Fault, Plan, as_float32
 from mushr_ros_intro.stamps import NANOSECONDS
 
 _ROUNDING = 1e-6
-"""A ramp may exceed its row by this fraction: commands are float32, and not exact."""
+"""A ramp may exceed its row by this fraction, because commands are rounded to float32."""
 
 
 class Step(NamedTuple):
     """The motion of the car during one row, or during the stop after the last row."""
 
     begin: int
-    """Begin of the row [ns]."""
+    """Beginning of the row [ns]."""
     end: int
     """End of the row; of the stop, the stamp from which on the car is at rest [ns]."""
     speed: float
-    """Speed at the begin [m/s]."""
+    """Speed at the beginning [m/s]."""
     steering_angle: float
-    """Steering angle at the begin [rad]."""
+    """Steering angle at the beginning [rad]."""
     distance: float
     """Distance driven, forward and in reverse [m]."""
     bend: float

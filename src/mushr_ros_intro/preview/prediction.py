@@ -64,7 +64,7 @@ def drive(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg]:
         row_end = now + row.duration
         for stamp in range(now, row_end, period):
             state = after(Command(stamp, row.speed, row.steering_angle))
-            state = state._replace(command=None)  # a repeated stop then begins a motion, too
+            state = state._replace(command=None)  # so `apply` computes a motion for each command
             yield Leg(index, state, min(stamp + period, row_end))
         now = row_end
     state = after(Command(now, 0.0, 0.0))

@@ -93,7 +93,6 @@ def check(
 
 
 def _steps(legs: Iterable[Leg], car: Car) -> Tuple[Step, ...]:
-    """Return the steps of a drive."""
     steps: List[Step] = []
     for leg in legs:
         state = leg.state

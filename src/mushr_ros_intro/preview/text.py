@@ -58,7 +58,6 @@ def _row(report: Report, index: int) -> Dict[str, Any]:
 
 
 def _table_line(name: str, row: Dict[str, Any]) -> str:
-    """Return the line of a row in the table."""
     columns = "{speed:7.2f} {steering_angle:9.4f} {duration:9.2f} {distance:9.3f}".format(**row)
     turn, x, y, theta = (_near(row[each]) for each in ("turn", "x", "y", "theta"))
     return f"{name} {columns} {turn:>8} {x:>9} {y:>9} {theta:>8}"
@@ -99,7 +98,6 @@ def verdict(faults: Sequence[Fault]) -> Iterator[str]:
 
 
 def _spread_text(report: Report, spread: Spread) -> Iterator[str]:
-    """Yield the lines on the spread."""
     errors = spread.errors
     yield f"spread of {spread.runs} runs, seed {spread.seed}, as standard deviations:"
     yield (

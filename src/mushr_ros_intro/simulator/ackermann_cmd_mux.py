@@ -16,9 +16,9 @@ from mushr_ros_intro.simulator.mux import Input, Mux, read_config
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, PresentTime
 
 LATE_AFTER = COMMAND_PERIOD // 2
-"""A command that arrives later than this after its stamp expires by its arrival [ns].
+"""If a command arrives later than this after its stamp, its timeout counts from its arrival [ns].
 
-In wall-clock time only. Then an input drives as long as its commands arrive, whatever its clock.
+In wall-clock time only. So a sender with a late clock can drive the car.
 """
 
 
@@ -80,7 +80,7 @@ class AckermannCmdMux:
         return topic if topic.startswith("/") else f"{self._name}/{topic.lstrip('~/')}"
 
     def _send(self, msg: AckermannDriveStamped) -> None:
-        """Send a command to the car."""
+        """Send a message to the car; a replay overrides this method to record the message."""
         self._output_pub.publish(msg)
 
     def run(self) -> None:
@@ -100,7 +100,7 @@ class AckermannCmdMux:
                 ros_time.sleep_until(deadline, seen)
 
     def _held(self) -> float:
-        """Return for how long no input may expire yet [s of wall-clock time]; needs the lock.
+        """Return how long no input may expire [s of wall-clock time]; needs the lock.
 
         A command without a valid stamp counts from its arrival. In lock-step, this node's clock may
         be seconds late at that time and then advance at once, and the command would expire at once.
@@ -120,7 +120,9 @@ class AckermannCmdMux:
             # A stop without a stamp applies on arrival. A command that arrives later, but has an
             # earlier stamp, replaces it (see car/history.py).
             stamp = stop if has_stamp and ros_time.is_simulated() else 0
-            self._send(conversions.command_to_msg(Command(stamp, 0.0, 0.0), self._frame))
+            self._output_pub.publish(
+                conversions.command_to_msg(Command(stamp, 0.0, 0.0), self._frame)
+            )
             self._announce()
 
     def _read_clock(self) -> int:
@@ -142,9 +144,9 @@ class AckermannCmdMux:
             if ros_time.is_simulated():
                 until += 0 if has_stamp else source.timeout
             else:
-                begin = min(stamp, now)  # the sender's clock may be early
+                begin = min(stamp, now)  # the stamp is in the future if the sender's clock is early
                 if now > stamp + LATE_AFTER:
-                    until = now + source.timeout  # or late
+                    until = now + source.timeout
             # Expire first. In simulated time, the output then depends on the stamps alone.
             self._expire(begin)
             self._mux, passes = self._mux.command(source, begin, until)

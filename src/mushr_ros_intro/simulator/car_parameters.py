@@ -9,8 +9,9 @@ from mushr_ros_intro.ros.connections import responds
 def simulated_car_parameters(car_name: str, must_run: bool = False) -> Parameters:
     """Return the parameters of a simulated car; they are empty if it has never been started.
 
-    With `must_run`, they are also empty if it does not run: the parameters of a car that has ended
-    remain at the master. A node that starts together with the car cannot know that.
+    With `must_run`, they are also empty if the car does not respond: the parameters of a car that
+    has ended remain at the master. A node that starts together with the car does not set it,
+    because the car may not respond yet.
     """
     name = f"/{car_name}/car_sim"
     is_valid = not must_run or responds(name)

@@ -89,7 +89,6 @@ class CarSim:
         self._subscribe()
 
     def _subscribe(self) -> None:
-        """Create the subscribers."""
         self._map_sub = rospy.Subscriber(
             "/map", numpy_msg(OccupancyGrid), self._on_map, queue_size=1, buff_size=1 << 20
         )
@@ -141,7 +140,6 @@ class CarSim:
 
     @conversions.ignore_bad_messages
     def _on_map(self, msg: OccupancyGrid) -> None:
-        """Use a new map."""
         self.use_map(conversions.grid_from_msg(msg))
 
     def use_map(self, grid: Grid) -> None:

@@ -81,7 +81,7 @@ def free_distance(grid: Grid, footprint: Footprint, path: Path, length: float) -
 
     The path is sampled every few millimetres, and the first hit is located to 1e-9 m, so the pose
     at the returned distance is free. A wall that the body enters and leaves between two samples is
-    missed: in a bend, the corner of a cell by a millimetre or two.
+    missed. In a bend, this can be the corner of a cell, by a millimetre or two.
 
     A car that starts inside a wall can drive on. From the first free sample on, walls stop it.
 

@@ -61,7 +61,7 @@ def test_a_late_command_does_not_shorten_the_hold_of_a_newer_one():
     mux, verdicts = passed((TELEOP, 100), (TELEOP, 50))
     assert verdicts == [True, True] and mux.deadline == 300 * MS
     assert passed((TELEOP, 100), (TELEOP, 50), (PLAN, 299))[1][-1] is False
-    # One of unknown age holds longer.
+    # A command without a valid stamp holds longer.
     mux, passes = Mux().command(TELEOP, 100 * MS, 350 * MS)
     assert passes and mux.deadline == 350 * MS
 
