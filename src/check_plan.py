@@ -47,7 +47,8 @@ def run() -> int:
     options = Parameters(vars(arguments), "--")
     runs = 0 if arguments.runs is None else options.integer("runs", 2, 2, MAX_RUNS)
     seed = options.integer("seed", 1, 0, 2**32)
-    path = os.path.join(profiles, f"{arguments.car}.yaml")
+    path = find_file(arguments.car, profiles, ".yaml")
+    car_name = os.path.splitext(os.path.basename(path))[0]
     car = car_from(Parameters({**read_profile(path), "noise": True}, f"{path}: "))
     map_path, grid = "", None
     if arguments.map is not None:
@@ -65,7 +66,7 @@ def run() -> int:
             values = {"plan": name, "faults": [each._asdict() for each in error.faults]}
             text = verdict(error.faults)
         else:
-            report = check(plan, arguments.car, car, map_path, grid)
+            report = check(plan, car_name, car, map_path, grid)
             faults += report.faults
             result = spread(plan, car, runs, seed) if runs else None
             text = as_text(report, result)
@@ -92,11 +93,12 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
         "there are, 2 if the program was called wrongly.",
         epilog="Example: rosrun mushr_ros_intro check_plan.py figure_8 --map sandbox",
     )
-    cars = names_in(profiles)
+    cars = ", ".join(names_in(profiles))
     spread_help = "drive the plan N times, each time with random errors, and print the spread"
     add = parser.add_argument
     add("plans", metavar="PLAN", nargs="+", help="path of a plan, or a name here or in plans/")
-    add("--car", choices=cars, default="ideal", help="the car; default ideal")
+    car_help = f"path of a profile, or one of {cars}; default ideal"
+    add("--car", metavar="CAR", default="ideal", help=car_help)
     add("--map", metavar="MAP", help="path of a map, or a name here or in maps/; default none")
     add("--json", action="store_true", help="print JSON: a list, one item per plan")
     add("--plot", metavar="FILE.png", help="draw the path, speed and steering angle")

@@ -6,16 +6,17 @@ import json
 import os
 import signal
 import sys
-from typing import Any, Dict
+from typing import Any, Dict, List
 
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.bag_file import Source, read_bag
 from mushr_ros_intro.comparison.comparison import compare
 from mushr_ros_intro.comparison.drive_log import with_rows_of
+from mushr_ros_intro.comparison.profile_file import vesc_text, write_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.paths import find_file, package_folder
+from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
 
 _MUX = "/car/mux/ackermann_cmd_mux"
@@ -55,17 +56,35 @@ def run() -> int:
 
     result = fit(logs, car, pose_offset)
     values: Dict[str, Any] = {"fit": diagnosis.fit_as_json(result), "drives": []}
+    texts: List[str] = []
+    verdicts: List[str] = []
     for index, (log, delay) in enumerate(zip(logs, result.delays)):
         found = compare(log, car, delay.value, pose_offset)
         fitted = compare(log, result.car, delay.value, pose_offset)
-        last = diagnosis.sentence(found, result, fitted, index)
-        if not arguments.json:
-            print(*diagnosis.as_text(found, car_name), "", sep="\n")
-            print(*diagnosis.fit_text(result, car), "", last, sep="\n")
-        values["drives"].append({**diagnosis.as_json(found, car_name), "verdict": last})
+        verdict = diagnosis.sentence(found, result, fitted, index)
+        values["drives"].append({**diagnosis.as_json(found, car_name), "verdict": verdict})
+        texts += [*diagnosis.as_text(found, car_name), ""]
+        if arguments.out:
+            from mushr_ros_intro.comparison import error_plot  # matplotlib is slow to import
+
+            folder = user_path(arguments.out)
+            written = error_plot.write(folder, found, index + 1)
+            texts += [*(f"written: {each}" for each in written), ""]
+        if arguments.fit:
+            texts += ["with the fitted car:", *diagnosis.errors_text(fitted), ""]
+        verdicts += ["", f"{log.name}: {verdict}"]
+    texts += diagnosis.fit_text(result, car)
+    if arguments.fit:
+        path = user_path(arguments.fit)
+        texts += ["", *vesc_text(result.car, arguments.vesc and user_path(arguments.vesc))]
+        write_profile(path, result, profile, arguments.bags)
+        texts += ["", f"written: {path}"]
+    texts += verdicts
     if arguments.json:
         json.dump(values, sys.stdout, allow_nan=False)
         print()
+    else:
+        print(*texts, sep="\n")
     return 0
 
 
@@ -86,6 +105,9 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
     add("--pose", metavar="TOPIC", default="/car/car_pose", help="default: %(default)s")
     add("--tf", metavar=("MAP", "BASE"), nargs=2, help="the pose is that of BASE in MAP, from /tf")
     add("--pose_offset", metavar="M", default=0.0, help="of the pose, from the rear axle, forward")
+    add("--fit", metavar="FILE.yaml", help="write the profile of the fitted car")
+    add("--vesc", metavar="FILE.yaml", default="", help="MuSHR's vesc.yaml, to compute new values")
+    add("--out", metavar="FOLDER", help="write pictures: the paths, and the error over distance")
     add("--json", action="store_true", help="print JSON")
     return parser.parse_args()
 

@@ -9,7 +9,7 @@ from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.yaml_file import read_mapping
 
-_NUMBERS = (
+NUMBERS = (
     ("wheelbase", "m", 0.01, 100.0, "distance between the axles"),
     ("track", "m", 0.01, 100.0, "distance between the left and the right wheels"),
     ("wheel_radius", "m", 0.001, 10.0, "radius of the wheels"),
@@ -55,7 +55,7 @@ def car_from(parameters: Parameters) -> Car:
     )
     values = {
         name: parameters.number(name, getattr(ideal, name), unit, low, high, meaning)
-        for name, unit, low, high, meaning in _NUMBERS
+        for name, unit, low, high, meaning in NUMBERS
     }
     default = ideal.command_timeout / NANOSECONDS
     meaning = "how long a command is valid after its stamp"

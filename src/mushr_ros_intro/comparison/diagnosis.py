@@ -123,10 +123,10 @@ def as_text(found: Comparison, car_name: str) -> Iterator[str]:
         elif index == half:
             yield f"  ... {len(found.rows) - 2 * half} more rows ..."
     yield ""
-    yield from _errors(found)
+    yield from errors_text(found)
 
 
-def _errors(found: Comparison) -> Iterator[str]:
+def errors_text(found: Comparison) -> Iterator[str]:
     """Yield the lines on the errors of a comparison."""
     sizes, (along, across) = found.sizes, found.errors[-1].tolist()
     largest = int(np.argmax(sizes))

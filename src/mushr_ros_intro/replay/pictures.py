@@ -3,7 +3,7 @@
 A drive has at least one pose. Tolerances, titles and the map are shown if they are given.
 """
 
-from typing import Dict, Optional
+from typing import Dict, Optional, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,11 +18,16 @@ _STYLES = (("driven", DRIVEN, "-"), ("predicted", PREDICTED, "--"))
 
 
 def locations(
-    drive: Drive, title: str = "", tolerance: Optional[float] = None, grid: Optional[Grid] = None
+    drive: Drive,
+    title: str = "",
+    tolerance: Optional[float] = None,
+    grid: Optional[Grid] = None,
+    error_indices: Sequence[int] = (),
 ) -> Figure:
     """Return a drawing of both paths in the map frame.
 
-    The tolerance is of the final position [m].
+    The tolerance is of the final position [m]. A line connects the predicted and the driven
+    position at the indices `error_indices`.
     """
     figure, (axes, key) = drawing.new_figure(8.0, 6.4, 0.2)
     for name, color, style in _STYLES:
@@ -33,6 +38,12 @@ def locations(
         label = f"tolerance of the final position: {tolerance:.3g} m"
         end = drive.predicted[-1, :2]
         axes.add_patch(Circle(end, tolerance, fill=False, color=ERROR, label=label))
+    if len(error_indices):
+        x, y, _ = np.array([drive.predicted[error_indices], drive.driven[error_indices]]).transpose(
+            2, 0, 1
+        )
+        first, *_ = axes.plot(x, y, color=ERROR, lw=1.0, zorder=2)
+        first.set_label("error, once per second and at the end")
     drawing.finish_map(axes, key, grid)
     drawing.set_title(axes, title)
     return figure

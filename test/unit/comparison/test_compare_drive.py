@@ -3,11 +3,18 @@
 import json
 import os
 import random
+import re
 import sys
 
 import pytest
 
+from mushr_ros_intro.car.profile import car_from, read_profile
 from mushr_ros_intro.comparison.drive_log import drive_log
+from mushr_ros_intro.comparison.fitted_car import Fit, Misfit, Value
+from mushr_ros_intro.comparison.pose_filter import Noise
+from mushr_ros_intro.comparison.profile_file import vesc_text, write_profile
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.parameters import Parameters
 from support.cars import CARS, plan_of
 from support.paths import PACKAGE
 from support.recorded_drive import received
@@ -49,6 +56,51 @@ def test_text(run):
     assert "% slower than commanded" in text.splitlines()[-1]
 
 
+def test_files(run, tmp_path):
+    """The pictures, and a profile that a plan can be checked with."""
+    run.read()
+    vesc, profile = tmp_path / "vesc.yaml", tmp_path / "my_car.yaml"
+    vesc.write_text(
+        "speed_to_erpm_gain: -3500\nsteering_angle_to_servo_gain: 0.95\n"
+        "steering_angle_to_servo_offset: 0.55\n"
+    )
+    options = ("--fit", str(profile), "--vesc", str(vesc), "--out", str(tmp_path / "out"))
+    status, text, errors = run("a.bag", "--car", "mushr_nano", *options)
+    assert (status, errors) == (0, "")
+    for name in ("path_1.png", "errors_1.png"):
+        assert (tmp_path / "out" / name).read_bytes().startswith(b"\x89PNG")
+    car = car_from(Parameters({**read_profile(str(profile)), "noise": True}))
+    assert car.speed_gain == pytest.approx(0.9, abs=0.05)
+    unchanged = ("wheelbase", "track", "speed_limit", "steering_gain")
+    for name in unchanged:
+        assert getattr(car, name) == getattr(NANO, name)
+    assert car.speed_noise > 0.0
+    (line,) = re.findall("speed_to_erpm_gain .*", text)
+    old, new = map(float, line.split()[1:])
+    assert old == -3500.0
+    assert new == pytest.approx(-3500.0 / car.speed_gain, rel=1e-3)
+    sources = profile.read_text()
+    assert "mushr_nano.yaml; the drives do not tell.\nsteering_gain: 1" in sources
+    assert re.search(r"# Fitted; standard error 0.0\d+.\nspeed_gain: ", sources)
+
+
+def test_the_profile_of_a_misfit_is_not_written(tmp_path):
+    path = tmp_path / "my_car.yaml"
+    value = Value(1.0)
+    fit = Fit(NANO, {"speed_gain": value}, (value,), Noise(1, 1, 1, 1), (Misfit(0, "turn", 9, 4),))
+    with pytest.raises(UserError, match="--fit: .* is not written, because no car of this model"):
+        write_profile(str(path), fit, "mushr_nano.yaml", ["a.bag"])
+    assert not path.exists()
+
+
+def test_new_values_for_a_car_that_steers_too_much_and_to_the_left():
+    """A servo at 0.5 + 0.8 a gives the angle 1.25 (a + 0.04) on a car that needs 0.48 + 0.64 a."""
+    car = NANO._replace(steering_gain=1.25, steering_offset=0.03125)
+    text = "\n".join(vesc_text(car, ""))
+    assert "steering_angle_to_servo_gain: divide by 1.2500" in text
+    assert "steering_angle_to_servo_offset: subtract 0.0312 times the new" in text
+
+
 def test_json(run):
     run.read()
     status, text, errors = run("a.bag", "b.bag", "--car", "mushr_nano", "--json")
@@ -65,11 +117,14 @@ def test_json(run):
         (("none.bag",), "compare_drive.py: none.bag: the bag cannot be read (No such file"),
         (("a.bag", "--plan", "figure8"), "figure8: no such file; did you mean figure_8"),
         (("a.bag", "--car", "nano"), "nano: no such file"),
+        (("a.bag", "--vesc", "v.yaml", "--fit", "/none/a.yaml"), "v.yaml: the file cannot be read"),
+        (("a.bag", "--fit", "/none/a.yaml"), "--fit: /none/a.yaml cannot be written (No such"),
+        (("a.bag", "--out", "/proc/out"), "--out: /proc/out cannot be written ("),
         (("a.bag", "--pose_offset", "far"), "parameter --pose_offset is 'far'; expected a number"),
     ],
 )
 def test_wrong_arguments(run, arguments, expected):
-    if "--plan" in arguments:
+    if "none.bag" not in arguments:
         run.read()
     status, text, errors = run(*arguments)
     assert (status, text) == (2, "")

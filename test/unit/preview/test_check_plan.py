@@ -438,7 +438,7 @@ def test_every_fault_of_broken_plans_is_printed(run):
         (["long.txt", "--runs", "100"], "so fewer --runs"),
         ([], "the following arguments are required: PLAN"),
         (["circle", "figure_9"], "figure_9: no such file; did you mean figure_8? (searched: "),
-        (["circle", "--car", "tank"], "invalid choice: 'tank'"),
+        (["circle", "--car", "tank"], "tank: no such file"),
         (["circle", "--map", "moon"], "moon: no such file (searched: "),
         (["circle", "--map", os.path.join(PACKAGE, "package.xml")], "expected a map's yaml file"),
         (["circle", "--runs", "1"], "--runs is '1'; expected a number from 2 to 100000"),

@@ -1,0 +1,96 @@
+"""Write the profile of a fitted car, and the parameters of MuSHR that correct the car instead."""
+
+import math
+import os
+from typing import Iterator, Mapping, Sequence
+
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.car.profile import NUMBERS
+from mushr_ros_intro.comparison.fitted_car import Fit
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.yaml_file import read_mapping
+
+_VESC = ("speed_to_erpm_gain", "steering_angle_to_servo_gain", "steering_angle_to_servo_offset")
+
+
+def write_profile(path: str, fit: Fit, profile: str, drives: Sequence[str]) -> None:
+    """Write a profile as in config/cars/, with the source of each number.
+
+    Args:
+        path: of the new file.
+        fit: the fitted car.
+        profile: the path of the profile before the fit.
+        drives: the names of the drives.
+
+    Raises:
+        UserError: the fit is of no use, or the file cannot be written.
+    """
+    if any(misfit.is_found for misfit in fit.misfits):
+        raise UserError(
+            f"--fit: {path} is not written, because no car of this model drives like that; "
+            "expected drives that the model fits"
+        )
+    try:
+        with open(path, "w", encoding="utf-8") as file:
+            file.write("\n".join(_lines(fit, os.path.basename(profile), drives)))
+    except OSError as error:
+        text = f"{path} cannot be written ({error.strerror}); expected the path of a new profile"
+        raise UserError(f"--fit: {text}") from None
+
+
+def _lines(fit: Fit, profile: str, drives: Sequence[str]) -> Iterator[str]:
+    """Yield the lines of a profile."""
+    yield f"# Fitted by compare_drive.py to {', '.join(map(os.path.basename, drives))}."
+    yield f"# The other numbers are those of {profile}."
+    car = fit.car._replace(
+        speed_noise=fit.noise.speed, steering_noise=fit.noise.steering_angle
+    )._asdict()
+    for name, unit, low, high, meaning in NUMBERS:
+        value = fit.values.get(name)
+        if name in ("speed_noise", "steering_noise"):
+            source = "Estimated from the drives."
+        elif value is None:
+            source = f"{profile}."
+        elif not value.is_fitted:
+            source = f"{profile}; the drives do not tell."
+        elif math.isinf(value.error):
+            source = f"Fitted; above {value.low:.3g}."
+        else:
+            source = f"Fitted; standard error {value.error:.2g}."
+        ends = f"{low:g} to {'.inf (none)' if math.isinf(high) else f'{high:g}'}"
+        yield ""
+        yield f"# {meaning[0].upper()}{meaning[1:]} [{unit or '1'}], {ends}."
+        yield f"# {source}"
+        yield f"{name}: {'.inf' if math.isinf(car[name]) else f'{car[name]:.5g}'}"
+    yield ""
+
+
+def vesc_text(car: Car, path: str) -> Iterator[str]:
+    """Yield the lines on MuSHR's parameters that make the car drive as commanded.
+
+    Args:
+        car: the fitted car.
+        path: MuSHR's vesc.yaml with the old values, or "".
+
+    Raises:
+        UserError: the file cannot be read, or lacks a parameter.
+    """
+    if not path:
+        yield "to correct the car, change MuSHR's vesc.yaml (--vesc FILE computes the new values):"
+        yield f"  {_VESC[0]}: divide by {car.speed_gain:.4f}"
+        yield f"  {_VESC[1]}: divide by {car.steering_gain:.4f}"
+        yield f"  {_VESC[2]}: subtract {car.steering_offset:.4f} times the new {_VESC[1]}"
+        return
+    values: Mapping[str, object] = read_mapping(path, "MuSHR's vesc.yaml")
+    parameters = Parameters(values, f"{path}: ")
+    speed, gain, offset = (parameters.number(name, math.nan, "", -1e9, 1e9) for name in _VESC)
+    new_gain = gain / car.steering_gain
+    numbers = (
+        (speed, speed / car.speed_gain),
+        (gain, new_gain),
+        (offset, offset - car.steering_offset * new_gain),
+    )
+    yield "to correct the car, change MuSHR's vesc.yaml:        old        new"
+    for name, (old, new) in zip(_VESC, numbers):
+        yield f"  {name:42}{old:12.6g}{new:11.6g}"
