@@ -9,6 +9,7 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 import yaml
+from roslaunch.config import load_config_default
 from roslaunch.rlutil import check_roslaunch
 
 from support import paths
@@ -98,6 +99,15 @@ def test_launch_files_are_valid(path):
     Courses check their own launch files, which include those of mushr_sim, in the same way.
     """
     assert not check_roslaunch(path, ignore_unset_args=True)
+
+
+def test_courses_may_leave_the_start_pose_to_the_simulator():
+    """UW's particle_filter_teleop_sim.launch passes NaN."""
+    arguments = ["initial_x:=NaN", "initial_y:=-1.5", "initial_theta:=nan"]
+    path = os.path.join(PACKAGE, "underlay", "mushr_sim", "launch", "teleop.launch")
+    config = load_config_default([(path, [*arguments, "headless:=true"])], None)
+    pose = [config.params[f"/car/car_sim/{name}"].value for name in ("x", "y", "theta")]
+    assert pose == [0, -1.5, 0]
 
 
 @pytest.mark.parametrize("path", sorted(glob.glob(os.path.join(PACKAGE, "src", "*.py"))))
