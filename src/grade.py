@@ -4,6 +4,7 @@
 A node:   grade.py PLAN... --node PACKAGE FILE [--remap FROM:=TO...]
 A class:  grade.py SUBMISSION... --plans PLAN... --out FOLDER [--points FILE]
 Parts:    grade.py --merge FOLDER... --out FOLDER [--points FILE]
+Machine:  grade.py --check-environment
 
 A class may be interrupted: the same command grades only what is missing or has changed.
 The exit status is 0 if all checks passed, 1 if some failed, 2 if the command line or an input is
@@ -22,6 +23,7 @@ from typing import Any, Dict, List, Sequence
 from mushr_ros_intro.classroom import services, tables
 from mushr_ros_intro.classroom.arguments import parse_arguments
 from mushr_ros_intro.classroom.assignment import Plans, choose
+from mushr_ros_intro.classroom.environment import check_environment
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.grading import Grading, Options, Task, not_graded, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
@@ -49,6 +51,8 @@ def main() -> int:
     os.environ["ROS_HOSTNAME"] = "localhost"  # works even if the machine's name does not resolve
     signal.signal(signal.SIGINT, interrupt)
     try:
+        if arguments.check_environment:
+            return check_machine(arguments)
         if arguments.merge:
             return merge(arguments)
         return grade_node(arguments) if arguments.node else grade_class(arguments)
@@ -82,6 +86,17 @@ def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
         sandbox=sandbox,
         ros=sandbox.copy_workspaces(),
     )
+
+
+def check_machine(arguments: argparse.Namespace) -> int:
+    """Try on this machine which attacks of a node are stopped; return 0 if all are."""
+    (plan,) = read_plans(["circle"], package_folder("plans")).values()
+    with tempfile.TemporaryDirectory(dir=temporary_folder()) as workspace:
+        os.chmod(workspace, 0o711)
+        sandbox, missing = make_sandbox(arguments.user, [], workspace)
+        if missing:
+            print(missing, file=sys.stderr)
+        return check_environment(plan, setting_from(arguments, sandbox))
 
 
 def grade_node(arguments: argparse.Namespace) -> int:

@@ -195,6 +195,36 @@ def test_files(graded):
     assert index.count("<img") >= count - len(submissions.BROKEN)
 
 
+AS_USER = ("setpriv", "--reuid", "1000", "--regid", "1000", "--clear-groups") * (os.geteuid() == 0)
+
+
+def check_environment(status, prefix):
+    """Run --check-environment, and check its exit status; return its output."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as home:
+        os.chmod(home, 0o777)
+        arguments = {"prefix": prefix, "HOME": home, "TMPDIR": home}
+        return assert_status(status, "--check-environment", **arguments)
+
+
+@ISOLATED
+def test_environment():
+    """A user without root is isolated. What is said to be stopped has been tried."""
+    assert "20 of 20 attacks stopped" in check_environment(0, AS_USER)
+
+
+@ISOLATED
+@pytest.mark.full
+def test_environment_of_root():
+    assert "20 of 20 attacks stopped" in check_environment(0, ())
+
+
+@pytest.mark.full
+def test_environment_without_namespaces():
+    output = check_environment(1, WITHOUT_NAMESPACES)
+    assert "isolated: the system refuses namespaces" in output
+    assert "NOT STOPPED  reach the network of the machine: " in output
+
+
 GENERATES = """
 find_package(catkin REQUIRED COMPONENTS ackermann_msgs)
 if(NOT EXISTS ${ackermann_msgs_INSTALL_PREFIX}/share AND NOT ackermann_msgs_SOURCE_PREFIX)

@@ -63,6 +63,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--rejudge", action="store_true", help="judge stored drives again; drive nothing")
     add("--user", default="", help="run the nodes as this user; default a new one for each replay")
     add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")
+    add("--check-environment", action="store_true", help="try attacks of a node on this machine")
     for name in ("gradescope", "classroom50", "github"):
         add(
             f"--{name}",
@@ -82,7 +83,7 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
 
     `of_a_class` contains the options that need submissions.
     """
-    is_class = not arguments.node and not arguments.merge
+    is_class = not (arguments.node or arguments.merge or arguments.check_environment)
     if arguments.node and of_a_class:
         option = of_a_class[0].replace("_", "-")
         return f"--{option} needs submissions; --node grades one installed node"

@@ -132,15 +132,18 @@ class NodeProcess:
             self._printed += len(chunk)
 
     def excess(self) -> str:
-        """Return which limit the node has exceeded; empty if none."""
-        if self._printed > MAX_OUTPUT:
-            return f"the node printed more than {MAX_OUTPUT / 1e6:g} MB of output"
+        """Return which limit the node has exceeded; empty if none. If it has, kill it."""
+        fault = ""
         with contextlib.suppress(OSError):  # a process has ended
-            if sum(1 for _ in self._threads()) > MAX_THREADS:
-                return f"the node started more than {MAX_THREADS} processes and threads"
-            if sum(map(_memory_of, [self._process.pid, *self._children()])) > MAX_MEMORY:
-                return f"the node used more than {MAX_MEMORY / 1e6:g} MB of memory"
-        return ""
+            if self._printed > MAX_OUTPUT:
+                fault = f"the node printed more than {MAX_OUTPUT / 1e6:g} MB of output"
+            elif sum(1 for _ in self._threads()) > MAX_THREADS:
+                fault = f"the node started more than {MAX_THREADS} processes and threads"
+            elif sum(map(_memory_of, [self._process.pid, *self._children()])) > MAX_MEMORY:
+                fault = f"the node used more than {MAX_MEMORY / 1e6:g} MB of memory"
+        if fault:
+            self._kill()
+        return fault
 
     @property
     def has_ended(self) -> bool:
@@ -186,22 +189,23 @@ class NodeProcess:
 
     def end(self) -> None:
         """End the node, its child processes, and all processes of its group."""
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, IndexError):  # it has ended
             processes = [self._process.pid, *self._children()]
             # The first process in bwrap's namespace ignores the signal.
             os.killpg(processes[int(self._has_namespaces)], signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(3.0)
-        with contextlib.suppress(OSError):
-            # Also those that have left the group. The first process waits for its child process.
-            for process in self._children():
-                os.kill(process, signal.SIGKILL)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(1.0)
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+        self._kill()
         self._process.wait(10.0)
         self._reader.join(1.0)
+
+    def _kill(self) -> None:
+        """Kill all processes, also those that have left the group of the first one."""
+        with contextlib.suppress(OSError):
+            for process in self._children():
+                os.kill(process, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
 
     def describe_failure(self) -> str:
         """Return why the node failed, with the end of its output; empty if its exit status is 0."""

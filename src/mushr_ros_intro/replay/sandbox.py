@@ -7,6 +7,7 @@ import glob
 import multiprocessing
 import os
 import pwd
+import re
 import subprocess
 import tempfile
 from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
@@ -120,6 +121,7 @@ class Sandbox(NamedTuple):
             user = str(self.current_user)
             tools += ["--reuid", user, "--regid", user, "--clear-groups"]
             tools += ["--no-new-privs", "--bounding-set=-all", "--inh-caps=-all"]
+        if self.is_root or self.has_namespaces and _counts_processes_of_namespaces():
             limits.append(f"--nproc={MAX_PROCESSES}")
         if self.folder:
             tools += ["choom", "-n", "1000", "--", "prlimit", *limits, "--"]
@@ -203,6 +205,12 @@ class Sandbox(NamedTuple):
             user = str(self.current_user)
             setpriv = ("setpriv", "--reuid", user, "--regid", user, "--clear-groups")
             subprocess.run([*setpriv, "kill", "-9", "-1"], stderr=subprocess.DEVNULL, check=False)
+
+
+def _counts_processes_of_namespaces() -> bool:
+    """Return whether the limit on processes of a user is separate in each namespace."""
+    version = re.match(r"(\d+)\.(\d+)", os.uname().release)
+    return version is not None and tuple(map(int, version.groups())) >= (5, 14)
 
 
 def make_sandbox(user: str, hidden: Sequence[str], folder: str) -> Tuple[Sandbox, str]:

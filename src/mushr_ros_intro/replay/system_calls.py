@@ -3,6 +3,7 @@
 import ctypes
 import errno
 import fcntl
+import mmap
 import os
 import socket
 import struct
@@ -37,8 +38,9 @@ FORBIDDEN = {
 def make_filter() -> Any:
     """Return the filter of system calls for nodes, a seccomp.SyscallFilter.
 
-    It also forbids new namespaces, and sockets other than those of Unix, IP and netlink, such as
-    AF_VSOCK, which reaches the host of a virtual machine.
+    It also forbids new namespaces; sockets other than those of Unix, IP and netlink, such as
+    AF_VSOCK, which reaches the host of a virtual machine; and shared memory without a file, which
+    the limit on the data of a process does not count.
     """
     import seccomp  # only to isolate nodes; python3-seccomp may be missing
 
@@ -51,6 +53,9 @@ def make_filter() -> Any:
         made.add_rule(seccomp.ERRNO(errno.EPERM), "clone", given)
     other = seccomp.Arg(0, seccomp.GT, socket.AF_NETLINK)
     made.add_rule(seccomp.ERRNO(errno.EAFNOSUPPORT), "socket", other)
+    without_file = mmap.MAP_SHARED | mmap.MAP_ANONYMOUS
+    shared = seccomp.Arg(3, seccomp.MASKED_EQ, without_file, without_file)
+    made.add_rule(seccomp.ERRNO(errno.ENOMEM), "mmap", shared)
     return made
 
 

@@ -26,9 +26,9 @@ time.sleep(300)
 """
 
 
-def run(*command):
+def run(*command, has_namespaces=False):
     """Run a program to its end; return the description of its failure."""
-    process = NodeProcess(["env", "-i", *command])
+    process = NodeProcess(["env", "-i", *command], has_namespaces)
     wait_for(lambda: process.has_ended, "the end of the program")
     process.end()
     return process.describe_failure()
@@ -52,10 +52,16 @@ def test_ends():
     assert "killed by signal SIGKILL" in run("python3", "-c", "import os; os.kill(os.getpid(), 9)")
 
 
+def test_signal_in_bwrap():
+    """bwrap adds 128 to the number of the signal that has killed the node."""
+    assert "killed by signal SIGKILL" in run("sh", "-c", "exit 137", has_namespaces=True)
+    assert "exit status 137" in run("sh", "-c", "exit 137")
+
+
 def test_too_much_output():
     process = NodeProcess(["head", "-c", str(MAX_OUTPUT + 1), "/dev/zero"])
-    wait_for(lambda: process.excess(), "all output")
-    assert process.excess() == "the node printed more than 50 MB of output"
+    fault = wait_for(process.excess, "all output")
+    assert fault == "the node printed more than 50 MB of output"
     process.end()
 
 
@@ -87,8 +93,8 @@ def test_limits(monkeypatch, code, name, limit, message):
     """The limits hold for all processes of the node together."""
     monkeypatch.setattr(node_process, name, limit)
     process = NodeProcess([sys.executable, "-c", code])
-    wait_for(lambda: process.excess(), "a limit")
-    assert message in process.excess()
+    assert message in wait_for(process.excess, "a limit")
+    wait_for(lambda: process.has_ended, "the end of the node")
     process.end()
 
 

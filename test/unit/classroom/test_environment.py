@@ -1,0 +1,47 @@
+"""Check the table of attacks in docs/grading.md; test/system/test_grade.py tries them."""
+
+import os
+import re
+
+from mushr_ros_intro.classroom.attacks import ATTACKS, REPEATED
+from support import classroom
+from support.paths import CHECKOUT
+
+CHEATS = {
+    "publish the pose of the car": "pose",
+    "publish the clock": "clock",
+    "publish the output of the mux": "output",
+    "drive by another input of the mux": "teleop",
+    "place the car again during the drive": "again",
+    "call a service of the car": "service",
+    "offer a service of the car": "offers",
+    "change a parameter of the car": "parameter",
+    "delete the parameters of the car": "parameters",
+    "end the simulated time": "sim_time",
+    "use the name of the car": "name",
+    "shut down the master": "master",
+    "shut down the car": "kill_node",
+    "signal the grader, send it a wrong publisher": "signals",
+    "read files, memory, a port": "reads",
+    "write files, leave a process": "writes",
+    "fork without end": "fork_bomb",
+    "allocate 10 GB": "memory",
+    "ignore signals, leave the session": "survivor",
+    "print without end": "flood",
+    'print "all checks passed"': "says_so",
+}
+"""The cheats of support/classroom.py, by their names in the documentation."""
+
+
+def test_documentation():
+    """It names all attacks that are tried, and no others."""
+    with open(os.path.join(CHECKOUT, "docs", "grading.md"), encoding="utf-8") as file:
+        text = file.read()
+    section = text[text.index("### Cheating") : text.index("## Gradescope")]
+    rows = re.findall(r"^\| ([^|]+) \|", section, re.MULTILINE)
+    assert [each for each in rows if each != "attack"] == [*ATTACKS, *REPEATED, *CHEATS]
+
+
+def test_all_cheats_are_documented():
+    misuses, cheats = set(classroom.MISUSES), set(classroom.CHEATS) - {"misuses"}
+    assert set(CHEATS.values()) == misuses | cheats
