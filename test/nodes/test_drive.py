@@ -16,14 +16,11 @@ from support.world import launch
 PERIOD = 100_000_000
 """[ns] Between two commands of a row."""
 
-BUSY = 3
+BUSY = 1
 """[s] Both cores are busy for this part of the drives."""
 
-TUTORIAL = {"straight_line", "figure_8"}
-"""The plans of the tutorial."""
-
-NAMES = {*TUTORIAL, "parallel_parking"}
-"""The plans to drive in wall-clock time; test_lock_step_ideal.py drives every plan in lock-step."""
+NAMES = {"straight_line", "figure_8"}
+"""The plans of the tutorial; test_lock_step_ideal.py drives every plan, in lock-step."""
 
 
 def read(name):
@@ -65,14 +62,9 @@ class TestDrive(RosTestCase):
 
     @staticmethod
     def start(name):
-        """Start the publisher of a plan: the tutorial's plans as a user does, with roslaunch."""
-        if name in TUTORIAL:
-            arguments = ("path_publisher.launch", f"car_name:={name}", f"plan_file:={name}")
-            return Process("roslaunch", "mushr_ros_intro", *arguments)
-        arguments = (f"__ns:=/{name}", f"_car_name:={name}", f"_plan_file:={name}")
-        control = f"_control_topic:=/{name}/mux/ackermann_cmd_mux/input/navigation"
-        start = f"_init_pose_topic:=/{name}/initialpose"
-        return node("path_publisher.py", *arguments, control, start)
+        """Start the publisher of a plan as a user does, with roslaunch."""
+        arguments = ("path_publisher.launch", f"car_name:={name}", f"plan_file:={name}")
+        return Process("roslaunch", "mushr_ros_intro", *arguments)
 
     def setUp(self):
         super().setUp()

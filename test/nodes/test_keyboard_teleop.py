@@ -41,7 +41,7 @@ def drives(messages):
 
 
 def start_world():
-    return launch("sim.launch")
+    return launch("sim.launch", map="none", laser=False, model=False)
 
 
 class Commands:

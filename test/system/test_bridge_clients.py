@@ -333,6 +333,7 @@ def test_a_long_frame(sim):
     sim.client().close()
 
 
+@pytest.mark.full
 def test_too_many_frames(sim):
     flood, other = sim.client(), sim.client()
     frame = '{"op": "set_level"}'
@@ -344,6 +345,7 @@ def test_too_many_frames(sim):
     other.close()
 
 
+@pytest.mark.full
 def test_too_many_clients(sim):
     clients = []
     while web.fetch(sim.port, "/", headers=web.upgrade())[0] == 101:
@@ -357,6 +359,7 @@ def test_too_many_clients(sim):
     sim.client().close()
 
 
+@pytest.mark.full
 def test_twenty_clients_of_which_some_do_not_read(sim):
     mapped = sim.client("/map")
     mapped.message("/map")  # from now on, the server has the map
@@ -420,6 +423,7 @@ def test_latched_messages_of_publishers_that_have_ended(sim):
     first.close()
 
 
+@pytest.mark.full
 def test_a_master_that_does_not_answer(sim):
     client, watcher = sim.client(web.STATE), sim.client(web.POSE)
     client.state(lambda state: not state["problem"], "without a problem")
@@ -485,6 +489,7 @@ def with_odd_values(dice, value):
     return value
 
 
+@pytest.mark.full
 def test_random_frames(sim):
     """The server survives, and the car drives exactly. Valid frames among them move the car."""
     (sim.folder / "short.txt").write_text("1, 2, 0.5\n1.0, 0.1, 0.5\n-0.5, 0.2, 0.3\n")

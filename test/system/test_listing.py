@@ -98,7 +98,9 @@ def car(sim):
     return sim
 
 
-@pytest.mark.parametrize("name", ["figure_8", "short_rows.txt"])
+@pytest.mark.parametrize(
+    "name", ["figure_8", pytest.param("short_rows.txt", marks=pytest.mark.full)]
+)
 def test_replay(environment, tmp_path, name):
     """Every check passes, with errors of at most 1e-9 m and rad.
 

@@ -1,6 +1,6 @@
 """Check the verdicts of replays of right and wrong nodes."""
 
-import concurrent.futures
+import functools
 import json
 import math
 import os
@@ -73,9 +73,20 @@ REPLAYS = {
 }
 
 
+CORE = ("ours", "crash")
+"""The replays of each run of the tests; test_grade.py grades nodes with the other faults, too."""
+
+EACH_REPLAY = [
+    name if name in CORE else pytest.param(name, marks=pytest.mark.full) for name in REPLAYS
+]
+
+
 @pytest.fixture(scope="module")
-def replays(tmp_path_factory):
-    """Run all replays, five at the same time; return the folder, and the processes and results."""
+def replay(tmp_path_factory):
+    """Return a function that replays by name, each name once.
+
+    It returns the process and the results. Other files are in its attribute `folder`.
+    """
     folder = tmp_path_factory.mktemp("replays")
     (folder / "plan.txt").write_text(PLAN)
     package = copy_package(f"{PACKAGE}/test/support", f"{folder}/support")
@@ -83,21 +94,21 @@ def replays(tmp_path_factory):
         file.write("<package><name>support</name></package>")
     packages = os.pathsep.join((package, os.environ["ROS_PACKAGE_PATH"]))
 
+    @functools.lru_cache(maxsize=None)
     def run(name):
         arguments = (*REPLAYS[name][0], "plan_file:=plan.txt", f"result:={name}")
         command = ("mushr_ros_intro", "replay.test", *arguments)
         path = f"{folder}/mushr_ros_intro/rosunit-replay_{name}.xml"
         return rostest_results(path, *command, PWD=str(folder), ROS_PACKAGE_PATH=packages)
 
-    with concurrent.futures.ThreadPoolExecutor(5) as pool:
-        return folder, dict(zip(REPLAYS, pool.map(run, REPLAYS)))
+    run.folder = folder
+    return run
 
 
-@pytest.mark.parametrize("name", REPLAYS)
-def test_verdict(replays, name):
-    _, results = replays
+@pytest.mark.parametrize("name", EACH_REPLAY)
+def test_verdict(replay, name):
     _, failing, verdict = REPLAYS[name]
-    process, result = results[name]
+    process, result = replay(name)
     output = process.output
     cases = failures_in(result)
     assert all(float(case.get("time")) >= 0.0 for case in result.iter("testcase"))  # for rosunit
@@ -138,14 +149,15 @@ def test_without_a_file_for_the_results():
     assert process.output.startswith("there is no package 'nowhere'"), process.output
 
 
-def test_last_output(replays):
+def test_last_output(replay):
     """The result contains the output of a crashed node, without invalid characters."""
-    output = replays[1]["crash"][1].findtext("system-out")
+    output = replay("crash")[1].findtext("system-out")
     assert "IndexError: list index out of range [0m" in output
 
 
-def test_files(replays):
-    folder = replays[0] / "report"
+def test_files(replay):
+    replay("ours")
+    folder = replay.folder / "report"
     for name in ("locations.png", "distances.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG"), name
     said = json.loads((folder / "report.json").read_text())
