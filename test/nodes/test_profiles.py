@@ -1,4 +1,4 @@
-"""Check that cars of two profiles end at the predicted pose; test_prediction.py has each profile."""
+"""Check that cars of two profiles end at the predicted pose; unit tests drive each profile."""
 
 import contextlib
 import re

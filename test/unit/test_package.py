@@ -168,19 +168,26 @@ def test_every_file_that_the_pages_for_contributors_name_is_there(page):
 
 
 def marks_of_tests(source):
-    """Return the names of the tests of a file, and whether each one has the mark `full`."""
+    """Return the names of the tests of a file, and whether each one has the mark `full`.
+
+    A test of which only some parameters have the mark does not have it.
+    """
 
     def is_full(nodes):
         return any("attr='full'" in ast.dump(each) for each in nodes)
 
+    def is_mark(node):
+        return not (isinstance(node, ast.Call) and "attr='parametrize'" in ast.dump(node.func))
+
     tree = ast.parse(source)
-    marks = [each.value for each in tree.body if isinstance(each, ast.Assign)]
+    assigned = [each for each in tree.body if isinstance(each, ast.Assign)]
+    marks = [each.value for each in assigned if each.targets[0].id == "pytestmark"]
     found = {}
     for owner in (tree, *(each for each in tree.body if isinstance(each, ast.ClassDef))):
         marks_of_owner = marks + getattr(owner, "decorator_list", [])
         for each in owner.body:
             if isinstance(each, ast.FunctionDef) and each.name.startswith("test_"):
-                found[each.name] = is_full(marks_of_owner + each.decorator_list)
+                found[each.name] = is_full(filter(is_mark, marks_of_owner + each.decorator_list))
     return found
 
 
