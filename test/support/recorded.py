@@ -35,7 +35,7 @@ def commands(rows=ROWS):
     for speed, angle, seconds in rows:
         end = begin + round(seconds * SECOND)
         values = float32(speed), float32(angle)
-        sent += [Sent(stamp, True, *values) for stamp in range(begin, end, TENTH)]
+        sent += [Sent(t, True, *values, t, t) for t in range(begin, end, TENTH)]
         begin = end
     return sent
 

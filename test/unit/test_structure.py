@@ -36,7 +36,7 @@ WITHOUT_ROS = {"preview", "car", "world", "plan", ""}
 
 WITH_ROS = {
     "browser": {"bridge", "map", "messages", "plan_drive", "rosapi"},
-    "replay": {"bag", "guarded_master", "setting", "workspace", "world"},
+    "replay": {"bag", "guarded_master", "replay_car", "setting", "workspace", "world"},
     "comparison": {"bag_file"},
     "drive": {"car_pose", "command_publisher", "drive_monitor", "preview_publisher", "timetable"},
     "doctor": {"listener", "network", "observation"},

@@ -207,6 +207,7 @@ def recorded_from_json(
         "poses": np.array(values["poses"], float).reshape(-1, 3),
         "collisions": tuple(Pose(*each) for each in values["collisions"]),
         "actions": tuple(values["actions"]),
+        "published": tuple((topic, kind) for topic, kind in values["published"]),
     }
     return Recorded(plan=plan, car=car, grid=grid, **{**values, **changes})
 

@@ -1,7 +1,7 @@
 """A ROS master that protects the simulated car, and records what a node tries to do to it."""
 
 import threading
-from typing import Any, FrozenSet, Iterable, List, Optional, Tuple
+from typing import Any, Callable, Dict, FrozenSet, Iterable, List, Optional, Tuple
 
 import rosgraph.xmlrpc
 from rosgraph.names import resolve_name
@@ -23,9 +23,11 @@ class GuardedMaster(ROSMasterHandler):
         super().__init__()
         self.actions: List[str] = []
         """What the node tried to do to the simulated car, each action once."""
+        self.published: Dict[str, str] = {}
+        """The types of the topics on which the node under test has published, by topic."""
+        self._updates: Dict[str, List[str]] = {}  # of publishers, by topic, for the owner
         self._owner: Optional[str] = None
         self._parameters: Tuple[str, ...] = ()
-        self._services: FrozenSet[str] = frozenset()
         self._topics: FrozenSet[str] = frozenset()
 
     def serve(self, port: int) -> str:
@@ -39,23 +41,50 @@ class GuardedMaster(ROSMasterHandler):
         threading.Thread(target=server.server.serve_forever, daemon=True).start()
         return str(server.uri)
 
-    def guard(self, owner: str, parameters: Iterable[str], open_topics: Iterable[str]) -> None:
+    def guard(
+        self,
+        owner: str,
+        parameters: Iterable[str],
+        open_topics: Iterable[str],
+        update: Callable[[str, List[str]], None] = lambda topic, publishers: None,
+    ) -> None:
         """Protect the nodes that are registered now.
 
         Args:
             owner: the name of the node in this process.
             parameters: parameters that may not be changed, nor those below them.
             open_topics: topics of the simulated car on which the node under test may publish.
+            update: tells the owner the publishers of one of its topics.
         """
-        publishers, subscribers, services = self.getSystemState("/")[2]
+        publishers, subscribers, _ = self.getSystemState("/")[2]
         self._topics = frozenset(name for name, _ in publishers + subscribers) - set(open_topics)
-        self._services = frozenset(name for name, _ in services)
         self._parameters = tuple(parameters)
+        self._own_uri, self._update = self.reg_manager.get_node(owner).api, update
         self._owner = owner
 
     def count_publishers(self, topic: str) -> int:
         """Return the number of publishers of a topic."""
         return len(self.publishers.get_apis(topic))
+
+    def notify(self) -> bool:
+        """Tell the owner about new publishers of its topics; return whether there were any.
+
+        A topic is connected only while the node under test waits. So a message that it publishes
+        without waiting for the connection is always lost.
+        """
+        with self.ps_lock:  # held while a publisher is registered
+            updates, self._updates = self._updates, {}
+        for topic, publishers in updates.items():
+            self._update(topic, publishers)
+        return bool(updates)
+
+    def _notify_topic_subscribers(
+        self, topic: str, pub_uris: List[str], sub_uris: List[str]
+    ) -> None:
+        if self._owner is not None and self._own_uri in sub_uris:
+            self._updates[topic] = pub_uris
+            sub_uris = [each for each in sub_uris if each != self._own_uri]
+        super()._notify_topic_subscribers(topic, pub_uris, sub_uris)
 
     def record(self, action: str) -> None:
         """Record an action of the node under test."""
@@ -67,6 +96,9 @@ class GuardedMaster(ROSMasterHandler):
         if method.startswith("_") or not hasattr(ROSMasterHandler, method):
             raise AttributeError(f"a ROS master has no method '{method}'")
         if self._owner is not None:
+            if method == "registerPublisher" and len(params) > 2:
+                caller, topic, kind = map(str, params[:3])
+                self.published[resolve_name(topic, caller)] = kind
             action = self._action(method, *map(str, params[:2]))
             if action:
                 self.record(action)
@@ -87,8 +119,8 @@ class GuardedMaster(ROSMasterHandler):
                 return f"changes the parameter {name}"
         if method == "registerPublisher" and name in self._topics:
             return f"publishes on {name}"
-        if method == "lookupService" and name in self._services:
+        if method == "lookupService" and name.startswith(f"{self._owner}/"):
             return f"calls the service {name}"
-        if method == "registerService" and name in self._services:
+        if method == "registerService" and name.startswith(f"{self._owner}/"):
             return f"offers the service {name}"
         return ""

@@ -1,5 +1,6 @@
 """Let a node drive a plan on a simulated car of its own, and judge it."""
 
+import contextlib
 import ctypes
 import multiprocessing
 import multiprocessing.popen_forkserver  # threads that first import it together may fail
@@ -20,34 +21,37 @@ from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.replay.bag import write_bag
 from mushr_ros_intro.replay.judge import Judgement, default_tolerances, judge
-from mushr_ros_intro.replay.node_process import NodeProcess
-from mushr_ros_intro.replay.recording import Recorded
+from mushr_ros_intro.replay.node_process import WAS_KILLED, NodeProcess
+from mushr_ros_intro.replay.pace import Pace
+from mushr_ros_intro.replay.recording import Recorded, count_leading_stops
 from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.workspace import environment_of
 from mushr_ros_intro.replay.world import CAR, CONTROL, ReplayWorld
-from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 
 T = TypeVar("T")
 
-QUIET_AFTER = 0.5
-"""If no command follows the last one for this time, the clock is stepped [s of wall-clock time]."""
-
 DONE_AFTER = 2.0
 """If no command follows the last one for this time, the node is done [s of simulated time]."""
 
-MAX_QUIET = 5.0
-"""The same limit in wall-clock time [s], in case that the simulated time does not advance."""
+MIN_SILENCE = 0.5
+"""The same in wall-clock time, because a node may sleep in wall-clock time [s]."""
+
+EXIT_TIMEOUT = 5.0
+"""Longest wait for the exit of a node that has left ROS [s of wall-clock time]."""
+
+MAX_SILENCE = 60.0
+"""A node that sends no command for this time hangs [s of simulated time]."""
+
+CHECK_PERIOD = 0.05
+"""Period of the checks of a running node [s of wall-clock time]."""
+
+COMMAND_TYPE = "ackermann_msgs/AckermannDriveStamped"
+"""The type of the messages on CONTROL."""
 
 MAX_DURATION = 120.0
-"""Time limit of a drive [s of wall-clock time]; for a long plan, it is twice the duration."""
-
-MAX_DELAY = 3.0
-"""The time for which a node waits for a processor does not count as silence, up to this limit.
-
-The limit is a multiple of the patience. A node that starts hundreds of processes waits for itself.
-"""
+"""Time limit of a drive [s, without waits for a processor]; for a long plan, twice its duration."""
 
 MAX_MEMORY = 2_000_000_000
 """Limit on the memory of a replay's own process, which receives what a node sends [bytes]."""
@@ -55,12 +59,19 @@ MAX_MEMORY = 2_000_000_000
 MAX_OVERHEAD = 60.0
 """Longest time of a replay before and after the drive [s of wall-clock time]."""
 
+MAX_SLOWDOWN = 5.0
+"""A replay that takes so many times longer than its limit has no verdict: the machine is busy."""
+
 _PR_SET_PDEATHSIG = 1
 """See prctl(2): the signal to this process if the parent process dies."""
 
 
 class ReplayError(UserError):
     """A replay has no verdict."""
+
+
+class KilledError(ReplayError):
+    """The process of a replay was killed, or has run out of memory."""
 
 
 class Setting(NamedTuple):
@@ -111,11 +122,17 @@ _processes.set_forkserver_preload(["mushr_ros_intro.replay.job"])
 def run_job(job: Job) -> Judgement:
     """Run a replay in a process of its own, and return the verdict.
 
+    If this process or the node is killed, perhaps for lack of memory, the replay is repeated once.
+
     Raises:
         ReplayError: there is no verdict, because the replay itself failed.
     """
-    report: Judgement = in_own_process(_run_here, job, seconds=_deadline(job) + MAX_OVERHEAD)
-    return report
+    seconds = MAX_SLOWDOWN * _deadline(job) + MAX_OVERHEAD
+    with contextlib.suppress(KilledError):
+        judgement: Judgement = in_own_process(_run_here, job, seconds=seconds)
+        if not judgement.recorded.outcome.startswith(WAS_KILLED):
+            return judgement
+    return in_own_process(_run_here, job, seconds=seconds)
 
 
 def _deadline(job: Job) -> float:
@@ -132,7 +149,8 @@ def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) 
         seconds: timeout [s of wall-clock time].
 
     Raises:
-        ReplayError: the function failed, did not return in time, or its process died.
+        KilledError: the process died.
+        ReplayError: the function failed, or did not return in time.
     """
     # The namespace of the simulated car. The first call here starts the prepared process, where
     # rospy reads it.
@@ -149,7 +167,7 @@ def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) 
             if not error:
                 return result
     except EOFError:
-        error = "its process ended without a result"
+        raise KilledError("the replay failed: its process ended without a result") from None
     finally:
         process.kill()
         process.join()
@@ -171,6 +189,8 @@ def _call_and_send(
         result = function(*arguments)
     except (UserError, OSError) as error:
         fault = str(error)
+    except MemoryError:
+        os._exit(1)
     except Exception:
         fault = traceback.format_exc()
     sender.send((result, fault))
@@ -190,7 +210,6 @@ def _run_here(job: Job) -> Judgement:
     world = ReplayWorld(setting.parameters, setting.mux, setting.grid)
     with tempfile.TemporaryDirectory(dir=sandbox.folder or None) as folder:
         process = NodeProcess(sandboxed(job, folder), sandbox.has_namespaces)
-        world.follow(process.activity)
         try:
             outcome = _watch(process, world, job)
         finally:
@@ -212,6 +231,8 @@ def _run_here(job: Job) -> Judgement:
         ignored=world.ignored,
         output=process.output,
         seconds=time.monotonic() - began,
+        start_delay=world.start_delay,
+        published=tuple(sorted(world.published.items())),
     )
     tolerances = default_tolerances(job.plan, car)._replace(**setting.tolerances)
     title = f"{job.name} drives {job.plan.path} with the car {setting.car}:"
@@ -241,33 +262,46 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
     Returns:
         A description of the node's failure; empty if there is none.
     """
-    expected = count_commands(job.plan)
-    limit = job.plan.duration * 3 // 2 + 5 * NANOSECONDS
-    deadline, patience = _deadline(job), job.setting.patience
-    began, sent = time.monotonic(), world.sent
+    expected, patience = count_commands(job.plan), job.setting.patience
+    pace = Pace(process.threads)
+    count, heard, checked = 0, 0.0, time.monotonic()
     while not process.has_ended:
-        if not world.is_alive:
-            return f"the node has shut down {CAR}"
-        if excess := process.excess():
-            return excess
-        silence = time.monotonic() - world.last_message
-        if sent and sent[-1].time - sent[0].time > limit:
-            return (
-                f"the node still sends commands {(limit - job.plan.duration) / NANOSECONDS:g} s "
-                f"after the end of the plan, which takes {job.plan.duration / NANOSECONDS:g} s"
-            )
-        if time.monotonic() > began + deadline:
-            return f"the node did not drive the plan within {deadline:g} s of wall-clock time"
-        if len(sent) >= expected:
-            if silence > QUIET_AFTER:
-                world.hold_clock()
-                if world.silence > DONE_AFTER or silence > MAX_QUIET:
-                    return ""  # a node that has driven the plan need not end
-        elif silence > patience and (silence - min(process.delay, MAX_DELAY * patience) > patience):
-            return _describe_silence(len(sent), expected, patience, world)
-        time.sleep(POLL_PERIOD)
+        driven = len(world.sent) - count_leading_stops(world.sent, job.plan)
+        world.observe(pace, driven <= expected)
+        if world.count != count:
+            count, heard = world.count, pace.seconds
+        silence = pace.seconds - heard
+        if driven >= expected and world.silence > DONE_AFTER:
+            if silence > (EXIT_TIMEOUT if world.is_ending else MIN_SILENCE):
+                return ""  # a node that has driven the plan need not end
+        elif silence > patience or (world.silence > MAX_SILENCE and silence > MIN_SILENCE):
+            return _describe_silence(driven, expected, patience, world)
+        if time.monotonic() > checked + CHECK_PERIOD:
+            checked = time.monotonic()
+            if fault := _fault(process, world, job, pace.seconds):
+                return fault
     fault = process.describe_failure()
-    return fault or ("" if sent else f"the node ended without publishing a command on {CONTROL}")
+    if fault or world.sent:
+        return fault
+    return f"the node ended without publishing a command on {CONTROL}; {_published(world)}"
+
+
+def _fault(process: NodeProcess, world: ReplayWorld, job: Job, duration: float) -> str:
+    """Return why a node that runs for `duration` [s] has failed; empty if it has not failed."""
+    if not world.is_alive:
+        return f"the node has shut down {CAR}"
+    if excess := process.excess():
+        return excess
+    sent, limit = world.sent, job.plan.duration * 3 // 2 + 5 * NANOSECONDS
+    if sent and sent[-1].time - sent[0].time > limit:
+        return (
+            f"the node still sends commands {(limit - job.plan.duration) / NANOSECONDS:g} s "
+            f"after the end of the plan, which takes {job.plan.duration / NANOSECONDS:g} s"
+        )
+    if duration > _deadline(job):
+        seconds = f"{_deadline(job):g} s of wall-clock time"
+        return f"the node did not drive the plan within {seconds}"
+    return ""
 
 
 def _describe_silence(count: int, expected: int, patience: float, world: ReplayWorld) -> str:
@@ -277,8 +311,15 @@ def _describe_silence(count: int, expected: int, patience: float, world: ReplayW
             f"the node hangs: {count} of {expected} commands arrived, and then none for "
             f"{patience:g} s, although the node is still running"
         )
-    topics = [topic for topic in world.publications() if topic != "/rosout"]
     return (
         f"the node runs, but published no command on {CONTROL} for {patience:g} s; "
-        f"it publishes {', '.join(topics) or 'no topic at all'}"
+        f"{_published(world)}"
     )
+
+
+def _published(world: ReplayWorld) -> str:
+    """Return what the node publishes."""
+    if world.published.get(CONTROL, COMMAND_TYPE) != COMMAND_TYPE:
+        return f"it publishes {world.published[CONTROL]} there; expected {COMMAND_TYPE}"
+    topics = [topic for topic in sorted(world.published) if topic != "/rosout"]
+    return f"it publishes {', '.join(topics) or 'no topic at all'}"

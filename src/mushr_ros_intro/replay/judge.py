@@ -5,33 +5,26 @@ Stamps are integer nanoseconds of simulated time; poses are in the map frame.
 
 import math
 from itertools import groupby
-from typing import Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose, curvature
 from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.replay.recording import (
-    START_TOLERANCE,
-    Drive,
-    Recorded,
-    Run,
-    Sent,
-    drive,
-    runs_of,
-)
-from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
+from mushr_ros_intro.replay.rate import groups_of, judge_rate
+from mushr_ros_intro.replay.recording import START_TOLERANCE, Drive, Recorded, drive, runs_of
+from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.wording import counted
+
+INITIAL_POSES = "/initialpose"
+"""The topic of the start pose."""
+
+POSE_TYPE = "geometry_msgs/PoseWithCovarianceStamped"
+"""The type of the messages on INITIAL_POSES."""
 
 _SAME = 1e-4
 """Relative difference between commands that count as equal; a node may compute in float32."""
-
-_JITTER = COMMAND_PERIOD // 2
-"""Allowed deviation of the time between two commands [ns]."""
-
-_SPAN_TOLERANCE = 2 * COMMAND_PERIOD
-"""Allowed deviation of the time from a row's first to its last command from its duration [ns]."""
 
 
 class Tolerances(NamedTuple):
@@ -88,17 +81,27 @@ class Judgement(NamedTuple):
         counts = f"{counted(len(failed), 'check')} failed"
         counts += f", {len(open_checks)} not judged" if open_checks else ""
         lines.append("all checks passed" if self.passed else counts)
-        if self.recorded.sent and self.recorded.sent[-1].speed != 0.0:
-            seconds = self.recorded.car.command_timeout / NANOSECONDS
-            lines.append(
-                "note: the node sends no stop at the end, so the car rolls on until its last "
-                f"command expires, up to {seconds:g} s"
-            )
-        if self.recorded.ignored:
-            lines.append(f"note: the car ignored {self.recorded.ignored}")
+        lines += [f"note: {note}" for note in _notes(self.recorded)]
         if output := self.recorded.outcome.splitlines()[1:]:
             lines += ["the last output of the node:", *output]
         return "\n".join(lines)
+
+
+def _notes(recorded: Recorded) -> Iterator[str]:
+    """Yield what a node might do better, although no check fails because of it."""
+    if stops := len(recorded.sent) - len(recorded.commands):
+        yield f"the node sends {counted(stops, 'stop')} before the plan"
+    for run, group in zip(runs_of(recorded.plan), groups_of(recorded) if recorded.sent else ()):
+        if abs(len(group) - run.expected) == 1 and group[0].values == run[:2] and run.speed:
+            yield f"{run}: {counted(len(group), 'command')} received; expected {run.expected}"
+    if recorded.sent and recorded.sent[-1].speed != 0.0:
+        seconds = recorded.car.command_timeout / NANOSECONDS
+        yield (
+            "the node sends no stop at the end, so the car rolls on until its last command "
+            f"expires, up to {seconds:g} s"
+        )
+    if recorded.ignored:
+        yield f"the car ignored {recorded.ignored}"
 
 
 def _ends(message: str) -> List[str]:
@@ -113,11 +116,18 @@ def compare(pose: Pose, wanted: Pose, position: float, angle: float) -> Tuple[bo
     The tolerances are `position` [m] and `angle` [rad].
     """
     distance, turn = pose.distance_to(wanted), pose.angle_to(wanted)
+    (far, far_limit), (turned, turn_limit) = _unequal(distance, position), _unequal(turn, angle)
     difference = (
-        f"{pose}, {distance:.3g} m and {turn:.3g} rad from the expected {wanted}; "
-        f"tolerances {position:.3g} m and {angle:.3g} rad"
+        f"{pose}, {far} m and {turned} rad from the expected {wanted}; "
+        f"tolerances {far_limit} m and {turn_limit} rad"
     )
     return distance <= position and turn <= angle, difference
+
+
+def _unequal(value: float, limit: float) -> Tuple[str, str]:
+    """Return two numbers as texts, which differ if the value exceeds the limit."""
+    texts = (f"{value:.3g}", f"{limit:.3g}")
+    return texts if value <= limit or texts[0] != texts[1] else (f"{value:.9g}", f"{limit:.9g}")
 
 
 def default_tolerances(plan: Plan, car: Car) -> Tolerances:
@@ -143,7 +153,7 @@ def _start_pose(judgement: Judgement) -> Tuple[bool, str]:
     wanted = judgement.recorded.plan.start
     sent = judgement.recorded.start
     if not sent:
-        return False, f"the node sent no start pose; expected {wanted}"
+        return False, f"{_missing_start(judgement.recorded)}; expected {wanted}"
     if not sent.is_close_to(wanted, START_TOLERANCE):  # also if it is NaN
         return False, f"the node sent the start pose {sent}; expected {wanted}"
     passed, difference = compare(
@@ -152,11 +162,28 @@ def _start_pose(judgement: Judgement) -> Tuple[bool, str]:
     return passed, f"the car started at {difference}"
 
 
+def _missing_start(recorded: Recorded) -> str:
+    """Return why there was no start pose before the first command."""
+    if recorded.start_delay:
+        seconds = recorded.start_delay / NANOSECONDS
+        return f"the node sent its start pose {seconds:.2f} s after the first command to drive"
+    topics = dict(recorded.published)
+    if INITIAL_POSES not in topics:
+        others = ", ".join(topic for topic in topics if topic != "/rosout") or "nothing there"
+        return f"the node sent no start pose on {INITIAL_POSES}; it publishes {others}"
+    if topics[INITIAL_POSES] != POSE_TYPE:
+        return f"the node published {topics[INITIAL_POSES]} on {INITIAL_POSES}, not {POSE_TYPE}"
+    return (
+        f"the node sent no start pose on {INITIAL_POSES}, or sent it before this topic was "
+        "connected: wait until its get_num_connections() is not 0, or sleep for a second"
+    )
+
+
 def _commands(judgement: Judgement) -> Tuple[bool, str]:
     """Judge whether the commands are those of the plan, in its order."""
     runs = runs_of(judgement.recorded.plan)
     wanted = [run[:2] for run in runs]
-    got = [group[0][2:] for group in _groups(judgement.recorded)]
+    got = [group[0].values for group in groups_of(judgement.recorded)]
     if got == wanted:
         return True, f"{len(judgement.recorded.sent)} commands, in the plan's order"
     same = min(len(got), len(wanted))
@@ -197,6 +224,10 @@ def _mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...
                 mistakes.append(sign + other)
             elif abs(angle / math.degrees(1.0) - 1.0) < _SAME:
                 mistakes.append("All steering angles are in degrees; expected radians")
+            elif abs(angle / math.radians(1.0) - 1.0) < _SAME:
+                mistakes.append(
+                    "All steering angles are converted from degrees; those of the plan are radians"
+                )
             elif abs(angle - 1.0) > _SAME:
                 mistakes.append(f"All steering angles are {angle:.4g} times those of the plan")
             return "".join(f". {mistake}" for mistake in mistakes)
@@ -215,68 +246,11 @@ def _shown(command: Tuple[float, ...]) -> str:
     return f"{command[0]:g} m/s, {command[1]:g} rad"
 
 
-def _groups(recorded: Recorded) -> List[List[Sent]]:
-    """Return the commands in groups of equal neighbours, without the stop at the end."""
-    groups = [list(group) for _, group in groupby(recorded.sent, lambda sent: sent[2:])]
-    if groups[-1][0].speed == 0.0 and len(groups) == len(runs_of(recorded.plan)) + 1:
-        groups.pop()
-    return groups
-
-
-def _rate(judgement: Judgement) -> Tuple[Optional[bool], str]:
-    """Judge whether each row has its number of commands, evenly spaced by their stamps."""
-    runs, groups = runs_of(judgement.recorded.plan), _groups(judgement.recorded)
-    for index, run in enumerate(runs):
-        if index >= len(groups) or groups[index][0][2:] != run[:2]:
-            return None, f"not judged: the commands of {run} did not arrive in the plan's order"
-        if fault := _rate_fault(run, groups[index], run is runs[-1]):
-            return False, f"{run}: {fault}"
-    message = f"{NANOSECONDS // COMMAND_PERIOD} commands per second in every row"
-    if not all(sent.has_stamp for sent in judgement.recorded.sent):
-        message += "; their spacing was not judged, because they have no stamps"
-    return True, message
-
-
-def _rate_fault(run: Run, group: Sequence[Sent], is_last: bool) -> str:
-    """Return what is wrong with the number or the stamps of a run's commands, if anything."""
-    times = [sent.time for sent in group]
-    seconds, span = run.duration / NANOSECONDS, (times[-1] - times[0]) / NANOSECONDS
-    # If the last row of the plan is a stop, the final stop belongs to the same group.
-    extra = int(is_last and run.speed == 0.0)
-    if len(group) - run.expected not in (0, extra):
-        pace = f", {(len(group) - 1) / span:.3g} per second" if span else ""
-        return f"{counted(len(group), 'command')} received{pace}; expected {run.expected}"
-    if not all(sent.has_stamp for sent in group):
-        return ""  # the times of arrival are not exact enough
-    if fault := _step_fault(times):
-        return fault
-    if abs(span - seconds) > _SPAN_TOLERANCE / NANOSECONDS:
-        expected = f"{seconds:g} s, tolerance {_SPAN_TOLERANCE / NANOSECONDS:g} s"
-        return f"the stamps of its {len(group)} commands span {span:.3g} s; expected {expected}"
-    return ""
-
-
-def _step_fault(times: Sequence[int]) -> str:
-    """Return the first gap or backward step in the stamps of a run [ns]; "" if there is none."""
-    for number, (earlier, later) in enumerate(zip(times, times[1:]), 2):
-        step = (later - earlier) / NANOSECONDS
-        if step < 0.0:
-            return (
-                f"message {number} is stamped {-step:.6g} s before message {number - 1}; "
-                "expected rising stamps"
-            )
-        if later - earlier > COMMAND_PERIOD + _JITTER:
-            return (
-                f"{step:.6g} s between the stamps of messages {number - 1} and {number}; "
-                f"expected {COMMAND_PERIOD / NANOSECONDS:g} s"
-            )
-    return ""
-
-
 def _path(judgement: Judgement) -> Tuple[bool, str]:
     distance, tolerance = judgement.drive.frechet_distance, judgement.tolerances.path
-    message = f"the driven path deviates by up to {distance:.3g} m from the predicted path"
-    return distance <= tolerance, f"{message}; tolerance {tolerance:.3g} m"
+    far, limit = _unequal(distance, tolerance)
+    message = f"the driven path deviates by up to {far} m from the predicted path"
+    return distance <= tolerance, f"{message}; tolerance {limit} m"
 
 
 def _final_pose(judgement: Judgement) -> Tuple[bool, str]:
@@ -316,7 +290,7 @@ _CHECKS: Dict[str, Callable[[Judgement], Tuple[Optional[bool], str]]] = {
     "topics": _topics,
     "start_pose": _start_pose,
     "commands": _commands,
-    "rate": _rate,
+    "rate": lambda judgement: judge_rate(judgement.recorded),
     "path": _path,
     "final_pose": _final_pose,
     "rest": _rest,

@@ -4,7 +4,7 @@ Stamps are integer nanoseconds of simulated time; poses are in the map frame.
 """
 
 from itertools import groupby
-from typing import List, NamedTuple, Optional, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -23,13 +23,22 @@ class Sent(NamedTuple):
     """One command as the node sent it."""
 
     time: int
-    """Its stamp, or the approximate time of arrival if the stamp is zero [ns]."""
+    """Its stamp, or the time of arrival if the stamp is not valid [ns]."""
     has_stamp: bool
     """Whether `time` is the stamp."""
     speed: float
     """[m/s]"""
     steering_angle: float
     """[rad]"""
+    arrived: int
+    """When it arrived [ns]."""
+    stamp: int
+    """Its stamp, also if it is not valid [ns]."""
+
+    @property
+    def values(self) -> Tuple[float, float]:
+        """The speed [m/s] and the steering angle [rad]."""
+        return self.speed, self.steering_angle
 
 
 class Recorded(NamedTuple):
@@ -59,11 +68,20 @@ class Recorded(NamedTuple):
     """The end of the node's output."""
     seconds: float = 0.0
     """The duration of the replay [s of wall-clock time]."""
+    start_delay: int = 0
+    """The delay of the start pose if it arrived after the first command to drive [ns]."""
+    published: Tuple[Tuple[str, str], ...] = ()
+    """The topics on which the node has published, and their types."""
+
+    @property
+    def commands(self) -> Tuple[Sent, ...]:
+        """The commands without the stops before the plan."""
+        return self.sent[count_leading_stops(self.sent, self.plan) :]
 
     @property
     def begin(self) -> int:
         """The time of the first command, or of the last pose if there is no command [ns]."""
-        return self.sent[0].time if self.sent else int(self.stamps[-1])
+        return self.commands[0].time if self.sent else int(self.stamps[-1])
 
 
 class Run(NamedTuple):
@@ -105,6 +123,13 @@ class Drive(NamedTuple):
     def distances(self) -> np.ndarray:
         """The distance between both positions at each time [m]; N."""
         return np.hypot(*(self.driven - self.predicted)[:, :2].T)
+
+
+def count_leading_stops(sent: Sequence[Sent], plan: Plan) -> int:
+    """Return the number of stops before the first command of a plan."""
+    if plan.rows[0][:2] == (0.0, 0.0):
+        return 0
+    return next((index for index, each in enumerate(sent) if each.values != (0.0, 0.0)), 0)
 
 
 def runs_of(plan: Plan) -> List[Run]:
@@ -155,7 +180,7 @@ def _first_pose(recorded: Recorded) -> int:
     poses = [Pose(*row) for row in recorded.poses[: max(1, count)]]
     start = recorded.plan.start
     placed = int(np.argmin([each.distance_to(start) + each.angle_to(start) for each in poses]))
-    if placed and recorded.sent and not recorded.sent[0].has_stamp:
+    if placed and recorded.sent and not recorded.commands[0].has_stamp:
         return placed  # the time of an unstamped command is too rough
     first = int(np.searchsorted(recorded.stamps, recorded.begin))
     return max(placed, min(first, len(recorded.stamps) - 1))

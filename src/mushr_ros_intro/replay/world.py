@@ -9,53 +9,52 @@ import os
 import threading
 import time
 from collections import deque
-from typing import Any, Callable, Deque, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Deque, Dict, List, Optional, Tuple
 
 import numpy as np
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
+from rosgraph_msgs.msg import Clock
+from rosmaster.threadpool import ThreadPoolThread
 
-from mushr_ros_intro.car.model import Command, State
+from mushr_ros_intro.car.model import State
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
-from mushr_ros_intro.replay.node_process import Sample, receiving_activity
+from mushr_ros_intro.replay.judge import INITIAL_POSES
+from mushr_ros_intro.replay.pace import Pace
 from mushr_ros_intro.replay.recording import Sent
+from mushr_ros_intro.replay.replay_car import MUX, ReplayCar, ReplayMux
+from mushr_ros_intro.replay.threads import Threads
 from mushr_ros_intro.ros import conversions, node, ros_time, rospy_fixes
-from mushr_ros_intro.simulator.ackermann_cmd_mux import AckermannCmdMux
-from mushr_ros_intro.simulator.car_sim import CarSim
 from mushr_ros_intro.simulator.mux import Input
-from mushr_ros_intro.simulator.sim_clock import OwnClock
-from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, effective_stamp
 from mushr_ros_intro.world.grid import Grid
 
 CAR = "/car/car_sim"
-MUX = "/car/mux/ackermann_cmd_mux"
 CONTROL = f"{MUX}/input/navigation"
-INITIAL_POSES = "/initialpose"
 PREDICTED_PATH = "/car/predicted_path"
 
-INITIAL_POSE_TIMEOUT = 1.0
-"""How long the first command waits for an initial pose [s of wall-clock time]."""
+START = 1_000_000_000 * NANOSECONDS
+"""The time at which a replay begins: far from the present, in the year 2001 [ns]."""
 
-MAX_STEP = 0.5
-"""A held clock is stepped after this time, even if the node is not idle [s of wall-clock time]."""
+SHORT_NAP, LONG_NAP = 0.0002, 0.002
+"""Time between two observations of the node [s of wall-clock time]."""
 
-IDLE_SAMPLE = 0.002
-"""Time between two samples of a node's activity [s of wall-clock time]."""
+MAX_QUEUED = 10_000
+"""A node that sends more commands without a pause does not stop the clock."""
 
 CLOSE_TIMEOUT = 1.0
-"""Longest wait until the connections of an ended node are closed [s of wall-clock time]."""
+"""Longest wait until the messages of an ended node have arrived [s of wall-clock time]."""
 
 
 class ReplayWorld:
     """The world of one replay. A process can create it only once.
 
-    The clock is held until the first command of the node, and again after `hold_clock`. A held
-    clock is stepped whenever the node is connected and idle, and its messages are processed. So the
-    drive is the same on a fast and on a busy machine, because computing takes no simulated time,
-    and a sleeping node wakes up soon.
+    The clock advances in steps, and only while the node waits and all its messages have been
+    received. Messages are processed just before a step, initial poses first. So neither the speed
+    nor the load of the machine has an effect. See `Pace`, and docs/grading.md.
     """
 
     def __init__(
@@ -70,40 +69,44 @@ class ReplayWorld:
         """
         self.sent: List[Sent] = []
         """The commands on CONTROL in order of arrival."""
-        self.last_message = time.monotonic()
-        """When the node sent its last message [s of monotonic wall-clock time]."""
+        self.count = 0
+        """The number of messages that the node has sent."""
         self.start: Optional[Pose] = None
-        """The last initial pose before the first command; NaN if its numbers are unusable."""
+        """The last initial pose before the first command to drive; NaN if it is unusable."""
+        self.start_delay = 0
+        """If the first initial pose arrives after the first command to drive: its delay [ns]."""
         self.ignored = ""
         """The first message that the car ignored, and the reason; empty if there was none."""
         self.states: List[State] = []
         """The reported states of the car."""
-        self._is_placed = threading.Event()
-        self._is_held = threading.Event()
-        self._is_held.set()
-        self._step_lock = threading.Lock()
+        self.now = START
+        """The simulated time [ns]."""
+        self._reports: List[State] = []  # the states of the last step, which are not published yet
+        self._begin: Optional[int] = None  # the time of the first command to drive
+        self._poses: Deque[PoseWithCovarianceStamped] = deque()
+        self._commands: Deque[Tuple[AckermannDriveStamped, Input]] = deque()
 
         self._master = GuardedMaster()
         _join(self._master.serve(0), parameters, mux)
+        rospy_fixes.set_time(START)
+        self._clock = rospy.Publisher("/clock", Clock, queue_size=10_000, tcp_nodelay=True)
         rospy.on_shutdown(lambda: self._master.record(f"shuts down the node {CAR}"))
-        self._car = _Car(self)
+        self._car = ReplayCar(self._poses)
         if grid is not None:
             maps = rospy.Publisher("/map", OccupancyGrid, queue_size=1, latch=True)
             maps.publish(conversions.grid_to_msg(grid, 0, conversions.MAP_FRAME))
             self._car.use_map(grid)
-        rospy_fixes.set_time(self._car.clock.read())
-        self._mux = _Mux(self)
+        self._mux = ReplayMux(self._commands, self._car)
         self._master.guard(
             CAR,
             ("/use_sim_time", CAR, MUX),
             (CONTROL, INITIAL_POSES, PREDICTED_PATH, "/rosout", "/tf", "/tf_static"),
+            rospy_fixes.take_publisher_updates(
+                lambda: self._master.record(f"sends publishers to the node {CAR}")
+            ),
         )
-        for target in (self._car.run, self._mux.run):
-            threading.Thread(target=target, daemon=True).start()
-
-    def follow(self, activity: Callable[[], Optional[int]]) -> None:
-        """Begin to step the held clock; `activity` is that of the node, see `NodeProcess`."""
-        threading.Thread(target=self._step_clock, args=[activity], daemon=True).start()
+        self._receiving = Threads(os.getpid(), False, _other_threads())
+        self._nap = SHORT_NAP
 
     @property
     def actions(self) -> Tuple[str, ...]:
@@ -115,61 +118,96 @@ class ReplayWorld:
         """Whether the simulated car runs."""
         return not rospy.is_shutdown()
 
-    def publications(self) -> List[str]:
-        """Return the topics of the node under test."""
-        publishers = self._master.getSystemState("/")[2][0]
-        return sorted(topic for topic, names in publishers if set(names) - {CAR})
+    @property
+    def is_ending(self) -> bool:
+        """Whether the node has sent commands, and has left ROS."""
+        return bool(self.sent) and not self._master.count_publishers(CONTROL)
 
-    def hold_clock(self) -> None:
-        """Hold the clock until the next command."""
-        self._is_held.set()
+    @property
+    def published(self) -> Dict[str, str]:
+        """The types of the topics on which the node has published, by topic."""
+        return self._master.published
 
     @property
     def silence(self) -> float:
         """The time since the node's last command, or since the start [s of simulated time]."""
-        begin = self.sent[-1].time if self.sent else self.states[0].stamp
-        return (self._car.clock.read() - begin) / NANOSECONDS
+        return (self.now - (self.sent[-1].arrived if self.sent else START)) / NANOSECONDS
 
-    def release_clock(self) -> None:
-        """Let the clock run."""
-        if self._is_held.is_set():
-            with self._step_lock:
-                self._is_held.clear()
-                self._car.clock.control(False)
+    def observe(self, pace: Pace, is_driving: bool) -> None:
+        """Observe the node once; if it waits, process its messages or advance the clock.
 
-    def _step_clock(self, activity: Callable[[], Optional[int]]) -> None:
-        """Step the clock while it is held, whenever the node is idle."""
-        while self._is_held.wait():
-            self._step()
-            deadline = time.monotonic() + MAX_STEP
-            idle = 0  # samples in a row; a node that polls needs a moment to notice the new time
-            before = Sample(0.0, None, None)
-            while idle < 2 and time.monotonic() < deadline:
-                # First the node: its messages make the receiving threads run.
-                now = Sample(time.monotonic(), activity(), receiving_activity())
-                time.sleep(IDLE_SAMPLE)
-                idle = idle + 1 if now.is_idle_since(before) and self._is_connected() else 0
-                before = now
-
-    def _is_connected(self) -> bool:
-        """Return whether all publishers of commands and initial poses are connected.
-
-        A node may sleep while ROS connects it, so the clock has to wait.
+        Args:
+            pace: of the clock.
+            is_driving: whether the node has to send further commands.
         """
-        subscribers = (self._mux.inputs[CONTROL], self._car.initial_poses)
-        return all(
-            each.get_num_connections() >= self._master.count_publishers(each.resolved_name)
-            for each in subscribers
-        )
+        is_node_waiting = pace.observe()
+        is_received = self._receiving.are_waiting() or len(self._commands) > MAX_QUEUED
+        if is_received and is_node_waiting and (self._master.notify() or self._process(pace)):
+            return
+        written = self._advance(pace, is_node_waiting, is_driving) if is_received else None
+        if written is None:
+            self._nap = min(LONG_NAP, 1.5 * self._nap)
+        else:
+            pace.stepped(written)
+            self._nap = SHORT_NAP
+        time.sleep(self._nap)
 
-    def _step(self) -> None:
-        """Step the clock if it is held."""
-        with self._step_lock:
-            if self._is_held.is_set():
-                clock = self._car.clock.publisher
-                written = rospy_fixes.count_written(clock)
-                self._car.clock.control(True, step=True)
-                rospy_fixes.flush(clock, written, MAX_STEP)
+    def _advance(self, pace: Pace, is_node_waiting: bool, is_driving: bool) -> Optional[int]:
+        """Send the reports that are due, or advance the clock, if it is time to do so.
+
+        Returns:
+            To how many threads of the node messages were sent; None if it is too early.
+        """
+        if self._reports and (pace.has_received or not is_node_waiting):
+            return self._report()
+        duration = pace.advance(self._time_left() if is_driving else None)
+        if not duration:
+            return None
+        self._master.notify()
+        self._process(pace)
+        return self.step(duration)
+
+    def _time_left(self) -> Optional[int]:
+        """Return the time until the next command is due [ns]; None before the first one."""
+        return self.sent[-1].arrived + COMMAND_PERIOD - self.now if self.sent else None
+
+    def _process(self, pace: Optional[Pace] = None) -> bool:
+        """Process the messages that have arrived; return whether there were any."""
+        count = len(self._poses) + len(self._commands)
+        if count:
+            self.count += count
+        while self._poses:
+            self._on_initial_pose(self._poses.popleft())
+        while self._commands:
+            left = self._time_left()
+            self._on_command(*self._commands.popleft())
+            if pace:
+                # A node that receives the poses gets each of them before the next step.
+                pace.heard(None if self._car.count_connections() else left)
+        return count > 0
+
+    def step(self, duration: int) -> int:
+        """Advance the clock [ns]; return the number of connections to which it was written.
+
+        The states of the car follow when the node has received the time.
+        """
+        end, period = self.now + duration, self._car.pose_period
+        reports = range(self.now - self.now % period + period, end + 1, period)
+        for self.now in [*reports, end]:
+            rospy_fixes.set_time(self.now)
+            self._mux.expire()
+        self._reports += self._car.states_at(reports)
+        self._clock.publish(Clock(clock=conversions.time_from(self.now)))
+        if not self._car.count_connections():
+            self._report()
+        return self._clock.get_num_connections()
+
+    def _report(self) -> int:
+        """Publish the states of the last step; return the number of connections."""
+        self._car.publish(self._reports)
+        self.states += self._reports
+        self._reports = []
+        return self._car.count_connections()
 
     def wait_until_rest(self, timeout: int) -> None:
         """Let the clock run until the car stands and its last command has expired.
@@ -182,9 +220,9 @@ class ReplayWorld:
         ros_time.wait_for(
             lambda: not self._mux.inputs[CONTROL].get_num_connections(), CLOSE_TIMEOUT
         )
-        self.hold_clock()
+        self._process()
         while self.is_alive and not self._stands(timeout):
-            self._step()
+            self.step(self._car.pose_period)
 
     def _stands(self, timeout: int) -> bool:
         """Return whether the car is at rest and its last command has expired."""
@@ -207,53 +245,44 @@ class ReplayWorld:
         contacts = [state.collision for state in states if state.collision]
         return states, stamps, poses, tuple(dict.fromkeys(contact.pose for contact in contacts))
 
-    def on_states(self, states: List[State], now: int) -> None:
-        """Record states of the car; `now` is the time to which the clock advances [ns]."""
-        self.states += states
-        rospy_fixes.set_time(now)
-
-    def on_initial_pose(self, msg: PoseWithCovarianceStamped) -> None:
+    def _on_initial_pose(self, msg: PoseWithCovarianceStamped) -> None:
         """Record an initial pose, and give it to the car."""
         try:
             pose = conversions.initial_pose_from_msg(msg).pose
         except conversions.MessageError as error:
             pose = Pose(*3 * [float("nan")])
             self._ignore(INITIAL_POSES, error)
-        if self.sent and self.start:
+        if self._begin is None:
+            self.start = pose
+        elif self.start:
             self._master.record(f"places the car again, at {pose}")
         else:
-            self.start = pose
-        self.last_message = time.monotonic()
+            self.start_delay = self.start_delay or self.now - self._begin
         self._car.on_message(msg, conversions.initial_pose_from_msg)
-        self._is_placed.set()
 
-    def on_command(self, msg: AckermannDriveStamped, topic: str) -> None:
-        """Record a command.
-
-        The first command waits for the initial pose, which the node sends earlier over another
-        connection.
-        """
-        self.last_message = time.monotonic()
-        if topic != CONTROL:
+    def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
+        """Record a command, and give it to the mux."""
+        topic = msg._connection_header["topic"]
+        if topic == CONTROL:
+            self._record(msg)
+        else:
             self._master.record(f"sends commands on {topic}")
-            return
-        if not self.sent and self._car.initial_poses.get_num_connections():
-            self._is_placed.wait(INITIAL_POSE_TIMEOUT)
-        stamp = msg.header.stamp.to_nsec()
-        taken = ros_time.received_stamp(stamp)
-        self.sent.append(Sent(taken, taken == stamp, msg.drive.speed, msg.drive.steering_angle))
+        self._mux.on_command(msg, source)
+
+    def _record(self, msg: AckermannDriveStamped) -> None:
+        stamp, now = msg.header.stamp.to_nsec(), self.now
+        taken = effective_stamp(stamp, now)
+        sent = Sent(taken, taken == stamp, msg.drive.speed, msg.drive.steering_angle, now, stamp)
+        self.sent.append(sent)
+        if self._begin is None and sent.speed != 0.0:
+            self._begin = now
         try:
             conversions.command_from_msg(msg)
         except conversions.MessageError as error:
-            self._car.skip(taken)
             self._ignore(CONTROL, error)
 
     def _ignore(self, topic: str, error: conversions.MessageError) -> None:
         self.ignored = self.ignored or f"a message on {topic}: {error}"
-
-    def on_output(self, msg: AckermannDriveStamped) -> None:
-        """Give a command from the mux to the car."""
-        self._car.on_message(msg, conversions.command_from_msg)
 
 
 def _join(uri: str, parameters: Dict[str, Any], mux: Dict[str, Any]) -> None:
@@ -266,70 +295,7 @@ def _join(uri: str, parameters: Dict[str, Any], mux: Dict[str, Any]) -> None:
     node.init_node("car_sim", argv=argv, disable_rostime=True, disable_signals=True)
 
 
-class _Car(CarSim):
-    """The simulated car, which receives commands and the map from the world."""
-
-    clock: OwnClock
-
-    def __init__(self, recorder: ReplayWorld) -> None:
-        self._recorder = recorder
-        self._corrected: List[State] = []
-        self._reported: Deque[int] = deque()  # instants whose states late commands may still change
-        super().__init__(publishes_clock=True)
-
-    def _subscribe(self) -> None:
-        self.initial_poses = rospy.Subscriber(
-            "initialpose",
-            PoseWithCovarianceStamped,
-            self._recorder.on_initial_pose,
-            tcp_nodelay=True,
-        )
-
-    def skip(self, stamp: int) -> None:
-        """Let the clock advance as after a command, although the command is ignored."""
-        with self._changed:
-            self.clock.on_event(Command(stamp, 1.0, 0.0))
-
-    def _evaluate(self, instants: Sequence[int]) -> List[State]:
-        """Return the car's state at instants [ns]; needs the lock."""
-        self._correct(instants[-1] - STAMP_TOLERANCE if instants else 0)
-        self._reported += instants
-        return super()._evaluate(instants)
-
-    def _correct(self, until: int) -> None:
-        """Keep the states that were reported until an instant [ns], as they are now."""
-        while self._reported and self._reported[0] <= until:
-            self._corrected.append(self._history.state_at(self._reported.popleft()))
-
-    def corrected_states(self) -> List[State]:
-        """Return the states of the car when it reported them, corrected by late commands."""
-        with self._changed:
-            if self._reported:
-                self._correct(self._reported[-1])
-            return list(self._corrected)
-
-    def run(self) -> None:
-        """Report the car's state, to the world too."""
-        self.clock.run(self._evaluate, self._record)
-
-    def _record(self, states: List[State]) -> None:
-        self._recorder.on_states(states, self.clock.read())
-        self._publisher.publish(states)
-
-
-class _Mux(AckermannCmdMux):
-    """The mux, which gives its output to the world too."""
-
-    def __init__(self, recorder: ReplayWorld) -> None:
-        self._recorder = recorder
-        super().__init__(MUX)
-
-    def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
-        self._recorder.on_command(msg, self._resolve(source.topic))
-        super()._on_command(msg, source)
-        self._recorder.release_clock()
-
-    def _send(self, msg: AckermannDriveStamped) -> None:
-        super()._send(msg)
-        msg._connection_header = {"topic": self._output_pub.resolved_name}
-        self._recorder.on_output(msg)
+def _other_threads() -> List[int]:
+    """Return the numbers of this thread, and of those that do not receive messages."""
+    kinds = (threading.main_thread().__class__, ThreadPoolThread)
+    return [each.native_id or 0 for each in threading.enumerate() if isinstance(each, kinds)]

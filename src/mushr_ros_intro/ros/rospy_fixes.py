@@ -10,13 +10,14 @@ import tempfile
 import time
 import xmlrpc.client
 from contextlib import suppress
-from typing import Any, Dict, Optional, Sequence
+from typing import Any, Callable, Dict, List, Optional, Sequence
 
 import rosgraph
 import rosgraph.roslogging
 import rospkg
 import rospy
 import rospy.impl.paramserver
+import rospy.impl.registration
 from rospy.impl.tcpros_pubsub import QueuedConnection
 
 from mushr_ros_intro.stamps import CALL_TIMEOUT, NANOSECONDS
@@ -171,6 +172,22 @@ def set_time(now: int) -> None:
     Cause: rospy sets its time from messages on /clock only (rospy/impl/simtime.py).
     """
     rospy.rostime._set_rostime(rospy.Time(*divmod(now, NANOSECONDS)))
+
+
+def take_publisher_updates(on_call: Callable[[], None]) -> Callable[[str, List[str]], None]:
+    """Let nobody else tell this node the publishers of a topic; return the function that does.
+
+    Symptom: any process can make this node connect to any address, as if it were the master.
+    Cause: a node does not know who calls publisherUpdate (rospy/impl/masterslave.py).
+
+    Args:
+        on_call: called instead if another process tells this node publishers.
+    """
+    listeners = rospy.impl.registration.get_registration_listeners().listeners
+    (manager,) = (each for each in listeners if hasattr(each, "publisher_update"))
+    update: Callable[[str, List[str]], None] = manager.publisher_update
+    manager.publisher_update = lambda topic, publishers: on_call()
+    return update
 
 
 def count_written(publisher: rospy.Publisher) -> Dict[int, int]:

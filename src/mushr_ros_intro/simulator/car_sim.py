@@ -64,13 +64,14 @@ class CarSim:
             with_map = parameters.flag("publish_map_to_odom", True, meaning)
             meaning = "offer the topics and services of MuSHR's simulator, too"
             has_mushr_interface = parameters.flag("mushr_interface", False, meaning)
-        pose_period = from_seconds(1.0 / pose_rate)
+        self.pose_period = from_seconds(1.0 / pose_rate)
+        """The time between two reports of the pose [ns]."""
         # The lock of the state and the clock; notified of events and service calls.
         self._changed = threading.Condition()
         self.clock = (
-            sim_clock.OwnClock(pose_period, self._changed, factor)
+            sim_clock.OwnClock(self.pose_period, self._changed, factor)
             if publishes_clock
-            else sim_clock.FollowedClock(pose_period, self._changed)
+            else sim_clock.FollowedClock(self.pose_period, self._changed)
         )
         values = (profile or "without a profile", self._car, pose_rate, self.clock.description)
         rospy.loginfo("car %s: %s; pose rate %g Hz; time: %s", *values)
@@ -85,10 +86,11 @@ class CarSim:
         self._publish: sim_clock.Publish = self._publisher.publish
         if has_mushr_interface:
             self._publish = self._offer_mushr_interface(prefix)
-        node.offer_service("~reset", self._changed, self._reset)
-        self._subscribe()
+        self._connect()
 
-    def _subscribe(self) -> None:
+    def _connect(self) -> None:
+        """Create the service and the subscribers."""
+        node.offer_service("~reset", self._changed, self._reset)
         self._map_sub = rospy.Subscriber(
             "/map", numpy_msg(OccupancyGrid), self._on_map, queue_size=1, buff_size=1 << 20
         )

@@ -98,6 +98,10 @@ class StatePublisher:
             self._last = state
             self._announce_contact(state)
 
+    def count_connections(self) -> int:
+        """Return the number of connections to which each state is written."""
+        return sum(publisher.get_num_connections() for publisher, _ in self._publishers)
+
     def _joint_states(self, state: State) -> JointState:
         """Return the joint states; the wheels turn at their present rate since the last message."""
         seconds = (state.stamp - self._wheels_stamp) / NANOSECONDS

@@ -1,19 +1,12 @@
 """Check how the process of a node is started, described and ended."""
 
 import os
-import subprocess
 import sys
-import threading
 
 import pytest
 
 from mushr_ros_intro.replay import node_process
-from mushr_ros_intro.replay.node_process import (
-    MAX_OUTPUT,
-    NodeProcess,
-    activity_of,
-    delay_of,
-)
+from mushr_ros_intro.replay.node_process import MAX_OUTPUT, NodeProcess
 from support.helpers import wait_for
 
 LEAVES = """
@@ -115,51 +108,3 @@ def test_child_processes_end_too(tmp_path):
             return file.read().rpartition(")")[2].split()[0] == "Z"
 
     wait_for(is_gone, "the end of the child process")
-
-
-def test_activity():
-    """It grows if the node runs, and stays if it sleeps."""
-    process = NodeProcess(["python3", "-c", "import time; time.sleep(60)"])
-    seen = []
-
-    def is_idle():
-        seen.append(process.activity())
-        return len(seen) > 1 and None not in seen[-2:] and seen[-1] == seen[-2]
-
-    wait_for(is_idle, "an idle node")
-    process.end()
-    assert process.activity() is None
-
-
-def test_a_thread_that_has_worked_is_not_idle():
-    """Even if it has worked for a moment only, between two samples."""
-    go, done = threading.Event(), threading.Event()
-
-    def work():
-        go.wait()
-        sum(range(100))
-        done.set()
-        threading.Event().wait(60.0)
-
-    worker = threading.Thread(target=work, daemon=True)
-    worker.start()
-    folders = [f"/proc/self/task/{worker.native_id}"]
-    before = wait_for(lambda: activity_of(folders), "the worker to wait")
-    assert activity_of(folders) == before
-    go.set()
-    assert done.wait(60.0)
-    assert wait_for(lambda: activity_of(folders), "the worker to wait again") > before
-    assert activity_of(["/proc/self/task/0"]) is None
-
-
-def test_the_time_of_waiting_for_a_processor():
-    """Of two programs that compute on one processor, each waits half of the time."""
-    code = "import os\nos.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\nwhile True: pass"
-    programs = [subprocess.Popen([sys.executable, "-c", code]) for _ in range(2)]
-    try:
-        folders = [f"/proc/{each.pid}/task/{each.pid}" for each in programs]
-        wait_for(lambda: min(delay_of([folder]) for folder in folders) > 0.1, "a delay")
-    finally:
-        for each in programs:
-            each.kill()
-            each.wait()

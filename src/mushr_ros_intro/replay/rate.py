@@ -1,0 +1,125 @@
+"""Judge the rate of the commands of a replay, by their stamps or their arrival."""
+
+from itertools import groupby
+from typing import List, Optional, Sequence, Tuple
+
+from mushr_ros_intro.replay.recording import Recorded, Run, Sent, runs_of
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, STAMP_TOLERANCE
+from mushr_ros_intro.wording import counted
+
+_YEAR = 3e7
+"""A stamp that is later by more than this is wall-clock time [s]. A replay begins in 2001."""
+
+_JITTER = COMMAND_PERIOD // 2
+"""Allowed deviation of the time between two commands [ns]."""
+
+_LEAD_TOLERANCE = 5 * COMMAND_PERIOD // 2
+"""Allowed difference between two commands in the time from the arrival to the stamp [ns]."""
+
+_MAX_SHIFT = 1
+"""Number of commands by which the border of two rows may be early or late."""
+
+_SPAN_TOLERANCE = 2 * COMMAND_PERIOD
+"""Allowed deviation of the time from a row's first to its last command from its duration [ns]."""
+
+
+def groups_of(recorded: Recorded) -> List[List[Sent]]:
+    """Return the commands in groups of equal neighbours, without the stop at the end."""
+    groups = [list(group) for _, group in groupby(recorded.commands, lambda sent: sent.values)]
+    if groups[-1][0].speed == 0.0 and len(groups) == len(runs_of(recorded.plan)) + 1:
+        groups.pop()
+    return groups
+
+
+def judge_rate(recorded: Recorded) -> Tuple[Optional[bool], str]:
+    """Judge whether each row has its number of commands, evenly spaced, by stamp or arrival.
+
+    The border of two rows may be early or late by one command: two threads of a node may wake up at
+    the same time.
+    """
+    runs, groups = runs_of(recorded.plan), groups_of(recorded)
+    surplus, end = 0, None
+    for index, run in enumerate(runs):
+        if index >= len(groups) or groups[index][0].values != run[:2]:
+            return None, f"not judged: the commands of {run} did not arrive in the plan's order"
+        group = groups[index]
+        # If the last row of the plan is a stop, the final stop belongs to the same group.
+        extra = int(run is runs[-1] and run.speed == 0.0 and len(group) > run.expected)
+        surplus += len(group) - run.expected - extra
+        fault = _stamp_fault(group) or _rate_fault(run, group, surplus)
+        if not fault and end is not None and group[0].time - end > _LEAD_TOLERANCE:
+            seconds = (group[0].time - end) / NANOSECONDS
+            fault = f"its first command comes {seconds:.3g} s after the last one of {runs[index-1]}"
+        if fault:
+            return False, f"{run}: {fault}"
+        end = group[-1].time
+    return _lead_fault(recorded.commands)
+
+
+def _stamp_fault(group: Sequence[Sent]) -> str:
+    """Return what is wrong with a stamp that is set, but not valid; "" if all are right."""
+    for number, sent in enumerate(group, 1):
+        away = (sent.stamp - sent.arrived) / NANOSECONDS
+        if sent.stamp and not sent.has_stamp:
+            if away > _YEAR:
+                return (
+                    f"the stamp of message {number} is wall-clock time, such as time.time(); "
+                    "expected the time of ROS, such as rospy.Time.now()"
+                )
+            limit = STAMP_TOLERANCE / NANOSECONDS
+            return (
+                f"the stamp of message {number} differs by {away:+.6g} s from the time of its "
+                f"arrival; expected at most {limit:g} s"
+            )
+    return ""
+
+
+def _lead_fault(commands: Sequence[Sent]) -> Tuple[bool, str]:
+    """Judge whether the commands arrive when they are due, and not in advance."""
+    leads = [sent.time - sent.arrived for sent in commands]
+    if max(leads) - min(leads) > _LEAD_TOLERANCE:
+        number = leads.index(max(leads)) + 1
+        return False, (
+            f"message {number} arrives {max(leads) / NANOSECONDS:.3g} s before its stamp, another "
+            f"one {min(leads) / NANOSECONDS:.3g} s; expected ten commands per second, not many at "
+            "the same time"
+        )
+    return True, f"{NANOSECONDS // COMMAND_PERIOD} commands per second in every row"
+
+
+def _rate_fault(run: Run, group: Sequence[Sent], surplus: int) -> str:
+    """Return what is wrong with the number or the times of a run's commands, if anything.
+
+    Args:
+        run: the rows.
+        group: their commands.
+        surplus: the number of commands, of these rows and those before, that are too many.
+    """
+    times = [sent.time for sent in group]
+    seconds, span = run.duration / NANOSECONDS, (times[-1] - times[0]) / NANOSECONDS
+    if abs(surplus) > _MAX_SHIFT:
+        pace = f", {(len(group) - 1) / span:.3g} per second" if span else ""
+        return f"{counted(len(group), 'command')} received{pace}; expected {run.expected}"
+    if fault := _step_fault(times):
+        return fault
+    if abs(span - seconds) > _SPAN_TOLERANCE / NANOSECONDS:
+        expected = f"{seconds:g} s, tolerance {_SPAN_TOLERANCE / NANOSECONDS:g} s"
+        return f"its {len(group)} commands span {span:.3g} s; expected {expected}"
+    return ""
+
+
+def _step_fault(times: Sequence[int]) -> str:
+    """Return the first gap or backward step in the times of a run [ns]; "" if there is none."""
+    for number, (earlier, later) in enumerate(zip(times, times[1:]), 2):
+        step = (later - earlier) / NANOSECONDS
+        if step < 0.0:
+            return (
+                f"message {number} is stamped {-step:.6g} s before message {number - 1}; "
+                "expected rising stamps"
+            )
+        if later - earlier > COMMAND_PERIOD + _JITTER:
+            return (
+                f"{step:.6g} s between messages {number - 1} and {number}; "
+                f"expected {COMMAND_PERIOD / NANOSECONDS:g} s"
+            )
+    return ""

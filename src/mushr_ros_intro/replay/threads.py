@@ -1,0 +1,139 @@
+"""Read from /proc whether threads wait, and for how long they have run."""
+
+import contextlib
+import os
+from typing import Collection, Dict, Iterable, List, NamedTuple
+
+from mushr_ros_intro.stamps import NANOSECONDS
+
+Usages = Dict[str, bytes]
+"""By the number of a thread: for how long it has run [ns], and how often it has begun to run.
+
+The text of a thread changes whenever it runs.
+"""
+
+_MAX_THREADS = 300
+"""No more threads are observed, because each needs open files."""
+
+_TICK = NANOSECONDS // os.sysconf("SC_CLK_TCK")
+"""The unit of the times in the file `stat` [ns]."""
+
+
+class _Files(NamedTuple):
+    """The open files of a thread in /proc; opening them takes most of the time."""
+
+    counts: int
+    stat: int
+    children: int
+
+
+class Threads:
+    """The threads of a process and, if `with_children`, of its child processes."""
+
+    def __init__(
+        self, process: int, with_children: bool = True, without: Collection[int] = ()
+    ) -> None:
+        """Args: the number of the process; the numbers of threads that are left out."""
+        self._processes = [process]
+        self._with_children = with_children
+        self._without = {str(each) for each in without}
+        self._has_statistics = _has_statistics()
+        counts = "schedstat" if self._has_statistics else "status"
+        self._names = (counts, "stat", "children")
+        self._files: Dict[str, _Files] = {}
+        self.usages: Usages = {}
+        """When the threads were last observed; the same object if none has run since then."""
+        self.ran = 0.0
+        """For how long the threads have run [s of processor time]."""
+
+    @property
+    def processes(self) -> List[int]:
+        """The process and its child processes, when they were last observed."""
+        return self._processes
+
+    def are_waiting(self) -> bool:
+        """Observe the threads; return whether all of them wait, at the same time.
+
+        Each is found waiting, and none has begun to run meanwhile. A thread that waits for a
+        processor is not found waiting.
+        """
+        self.observe()
+        before = self.usages
+        try:
+            for files in self._files.values():
+                text = os.pread(files.stat, 200, 0)
+                if text[text.rindex(b")") + 2] in b"RD":
+                    return False
+        except OSError:  # a thread has ended
+            return False
+        self.observe()
+        return self.usages is before
+
+    def observe(self) -> None:
+        """Read the usages."""
+        found: Usages = {}
+        for name, files in self._files.items():
+            if usage := self._usage(files):
+                found[name] = usage
+        if found == self.usages and found:
+            return
+        for name in self._files.keys() - found.keys():
+            for file in self._files.pop(name):
+                os.close(file)
+        self._add_new(found, [name for name in found if found[name] != self.usages.get(name)])
+        for name, usage in found.items():
+            before = self.usages.get(name, b"0")
+            if usage != before:
+                self.ran += (int(usage.split()[0]) - int(before.split()[0])) / NANOSECONDS
+        self.usages = found
+
+    def _add_new(self, found: Usages, changed: Iterable[str]) -> None:
+        """Add the usages of new threads; only a thread that has run can have created them."""
+        for name in changed:
+            self._add_children(name)
+        alive = []
+        for process in self._processes:  # grows in this loop
+            with contextlib.suppress(OSError):
+                names = os.listdir(f"/proc/{process}/task")
+                alive.append(process)
+                for name in names:
+                    is_new = name not in found and name not in self._without
+                    if is_new and len(found) < _MAX_THREADS:
+                        self._open(f"/proc/{process}/task/{name}", name, found)
+        self._processes = alive
+
+    def _open(self, folder: str, name: str, found: Usages) -> None:
+        """Open the files of a new thread, and add its usage."""
+        with contextlib.suppress(OSError):  # it has ended
+            files = [os.open(f"{folder}/{each}", os.O_RDONLY) for each in self._names]
+            self._files[name] = _Files(*files)
+            if usage := self._usage(self._files[name]):
+                found[name] = usage
+            self._add_children(name)
+
+    def _add_children(self, name: str) -> None:
+        """Add the child processes of a thread."""
+        if self._with_children:
+            with contextlib.suppress(OSError):
+                for each in os.pread(self._files[name].children, 4096, 0).split():
+                    if int(each) not in self._processes:
+                        self._processes.append(int(each))
+
+    def _usage(self, files: _Files) -> bytes:
+        """Return the usage of a thread; empty if it has ended."""
+        try:
+            if self._has_statistics:
+                return os.pread(files.counts, 100, 0)
+            counts, stat = (os.pread(file, 4096, 0) for file in files[:2])
+        except OSError:
+            return b""
+        fields = stat[stat.rindex(b")") + 2 :].split()
+        times = (int(fields[11]) + int(fields[12])) * _TICK
+        return b"%d %s" % (times, counts[counts.rindex(b"\nvoluntary_ctxt_switches") :])
+
+
+def _has_statistics() -> bool:
+    """Return whether the system keeps statistics of the scheduler."""
+    with contextlib.suppress(OSError), open("/proc/self/schedstat", encoding="ascii") as file:
+        return file.read().split() != ["0", "0", "0"]
+    return False

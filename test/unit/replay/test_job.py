@@ -1,0 +1,55 @@
+"""Check what happens if the process of a replay, or the node, is killed."""
+
+import pytest
+
+from mushr_ros_intro.replay import job
+from mushr_ros_intro.replay.job import Job, KilledError, ReplayError, run_job
+from support.recorded import PLAN, replay, reported
+
+RIGHT = reported(replay())
+KILLED = reported(replay(outcome="the node was killed by signal SIGKILL; it printed nothing"))
+CRASHED = reported(replay(outcome="the node was killed by signal SIGSEGV; it printed nothing"))
+DIED, FAILED = KilledError("its process ended"), ReplayError("no space left on device")
+
+
+@pytest.mark.parametrize(
+    ("results", "expected"),
+    [
+        ([RIGHT], RIGHT),
+        ([DIED, RIGHT], RIGHT),
+        ([DIED, DIED], DIED),
+        ([KILLED, RIGHT], RIGHT),
+        ([KILLED, KILLED], KILLED),
+        ([KILLED, DIED], DIED),
+        ([CRASHED], CRASHED),
+        ([FAILED], FAILED),
+    ],
+)
+def test_a_killed_replay_is_repeated_once(monkeypatch, results, expected):
+    left = list(results)
+
+    def run(*_, **__):
+        result = left.pop(0)
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    monkeypatch.setattr(job, "in_own_process", run)
+    replayed = Job("node", ("node",), PLAN, None)
+    if isinstance(expected, Exception):
+        with pytest.raises(type(expected)) as raised:
+            run_job(replayed)
+        assert raised.value is expected
+    else:
+        assert run_job(replayed) is expected
+    assert left == []
+
+
+def kill():
+    """Kill this process."""
+    raise MemoryError
+
+
+def test_a_process_without_memory():
+    with pytest.raises(KilledError):
+        job.in_own_process(kill, seconds=60.0)

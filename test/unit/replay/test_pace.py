@@ -1,0 +1,146 @@
+"""Check when the clock of a replay advances, for nodes in many styles, on idle and busy machines.
+
+The node and the world are simulated here, with a wall-clock time of their own.
+"""
+
+import random
+
+import pytest
+
+from mushr_ros_intro.replay import pace
+from mushr_ros_intro.replay.pace import Pace
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
+
+NEVER = float("inf")
+
+
+class Node:
+    """A node with a thread that receives the clock, and a main thread, which paces the commands.
+
+    Args:
+        sleeps: how long the main thread sleeps before it sends a command [s].
+        parts: in simulated time: it sleeps so often meanwhile, for equal times.
+        period: in wall-clock time: it wakes up so often before that [s]; 0 in simulated time.
+        work: processor time for each command [s].
+        delay: returns for how long a thread waits for a processor [s].
+    """
+
+    def __init__(self, sleeps, period, work, delay, parts=1):
+        self.sleeps, self.period, self.work, self.delay = sleeps / parts, period, work, delay
+        self.parts = self.left = parts
+        self.usages, self.ran = {"clock": 0, "main": 0}, 0.0  # as observed
+        self.runs, self.worked = self.usages, 0.0
+        self.wall = self.begin = self.seen = 0.0
+        self.wakes = {"clock": NEVER, "main": 0.0}  # when a thread runs [s of wall-clock time]
+        self.runnable = {"clock": NEVER, "main": 0.0}  # since when it waits for a processor
+        self.clock, self.works_until = 0, 0.0
+
+    def are_waiting(self):
+        self.usages, self.ran = self.runs, self.worked
+        return self.works_until <= self.wall < min(self.runnable.values())
+
+    def wake(self, thread, when):
+        """Let a thread run at a time [s], or later, when there is a processor."""
+        self.runnable[thread] = when
+        self.wakes[thread] = when + self.delay()
+
+    def run(self, wall):
+        """Run the threads until a time [s]; return how many commands the main thread has sent."""
+        self.wall, sent = wall, 0
+        while min(self.wakes.values()) <= wall:
+            name = min(self.wakes, key=self.wakes.get)
+            now = self.wakes[name]
+            self.runs = {**self.runs, name: self.runs[name] + 1}
+            self.wakes[name] = self.runnable[name] = NEVER
+            if name == "clock":
+                self.seen = self.clock
+                if not self.period:
+                    self.wake("main", now)
+            else:
+                sent += self.run_main(now)
+        return sent
+
+    def run_main(self, now):
+        """Let the main thread run; return how many commands it sends."""
+        time = now if self.period else self.seen / NANOSECONDS
+        is_due = time >= self.begin + self.sleeps - 1e-9
+        if is_due:
+            self.begin = time
+            self.left -= 1
+            is_due = not self.left
+        if is_due:
+            self.works_until, self.left = now + self.work, self.parts
+            self.worked += self.work
+        if self.period:
+            end = max(now, self.works_until)
+            self.wake("main", min(end + self.period, max(end, self.begin + self.sleeps)))
+        return int(is_due)
+
+
+def drive(monkeypatch, sleeps, period, work, load, parts=1):
+    """Return the intervals between the commands of a node [s of simulated time].
+
+    Args:
+        sleeps, period, work: as for `Node`.
+        load: how long threads wait for a processor [s], on average.
+    """
+    chance = random.Random(5)
+    node = Node(
+        sleeps, period, work, lambda: chance.expovariate(1.0 / load) if load else 0.0, parts
+    )
+    wall = [0.0]
+    monkeypatch.setattr(pace.time, "monotonic", lambda: wall[0])
+    decides, arrivals = Pace(node), []
+    while len(arrivals) < 40:
+        wall[0] += 0.001 + (chance.expovariate(1.0 / load) if load else 0.0)
+        assert wall[0] < 1000.0
+        sent = node.run(wall[0])
+        left = arrivals[-1] + COMMAND_PERIOD - node.clock if arrivals else None
+        decides.observe()
+        if sent:
+            arrivals.append(node.clock)
+            decides.heard(left)
+        elif duration := decides.advance(left):
+            node.clock += duration
+            decides.stepped(1)
+            node.wake("clock", wall[0])
+    return [(later - earlier) / NANOSECONDS for earlier, later in zip(arrivals, arrivals[1:])]
+
+
+@pytest.mark.parametrize("work", [0.0, 0.03])
+@pytest.mark.parametrize(
+    ("sleeps", "period", "load"),
+    [
+        pytest.param(0.1, 0.0, 0.0, id="rospy.sleep"),
+        pytest.param(0.1, 0.0, 0.02, id="rospy.sleep_busy"),
+        pytest.param(0.1, 0.1, 0.0, id="time.sleep"),
+        pytest.param(0.1, 0.1, 0.005, id="time.sleep_busy"),
+        pytest.param(0.3, 0.3, 0.005, id="time.sleep_long_busy"),
+        pytest.param(0.1, 0.001, 0.0, id="polls"),
+        pytest.param(0.1, 0.01, 0.0, id="polls_slowly"),
+        pytest.param(0.1, 0.01, 0.002, id="polls_slowly_busy"),
+    ],
+)
+def test_ten_commands_per_second(monkeypatch, sleeps, period, load, work):
+    """Whatever the node waits for, its commands come when they are due, on a busy machine, too.
+
+    The first intervals may differ, until it is known whether the node waits for the clock.
+    """
+    intervals = drive(monkeypatch, sleeps, period, work, load)
+    assert intervals[2:] == pytest.approx([0.1] * (len(intervals) - 2))
+
+
+@pytest.mark.parametrize("load", [0.0, 0.02])
+@pytest.mark.parametrize("seconds", [0.01, 0.02, 0.05, 0.15, 0.2])
+def test_other_rates_in_simulated_time(monkeypatch, seconds, load):
+    """They are exact, from the first command on."""
+    intervals = drive(monkeypatch, seconds, 0.0, 0.0, load)
+    assert intervals == pytest.approx([seconds] * len(intervals))
+
+
+@pytest.mark.parametrize("parts", [2, 10])
+def test_a_node_that_sleeps_several_times(monkeypatch, parts):
+    """At most one command is late, by one step: the clock does not skip the other instants."""
+    intervals = drive(monkeypatch, 0.1, 0.0, 0.0, 0.0, parts)
+    late = [each for each in intervals if each != pytest.approx(0.1)]
+    assert late == pytest.approx([0.11])
