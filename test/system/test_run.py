@@ -3,9 +3,12 @@
 import contextlib
 import glob
 import os
+import pty
 import re
 import signal
+import socket
 import subprocess
+import threading
 import uuid
 
 import pytest
@@ -18,10 +21,25 @@ from support.scripts import add_programs, needs_workspace
 pytestmark = needs_workspace
 
 
+@contextlib.contextmanager
+def as_terminal(path):
+    """Yield the file descriptor of a terminal; what is written to it is written to a file."""
+    own, others = pty.openpty()
+
+    def copy():
+        with open(path, "ab", buffering=0) as file, contextlib.suppress(OSError):
+            while True:  # until all processes have closed the terminal
+                file.write(os.read(own, 65536))
+
+    threading.Thread(target=copy, daemon=True).start()
+    yield others
+    os.close(others)
+
+
 class Run:
     """The script during a drive, in an environment with wrong settings for ROS."""
 
-    def __init__(self, folder, seconds):
+    def __init__(self, folder, seconds, terminal=False):
         self.mark = f"MARK={uuid.uuid4()}"
         add_programs(folder / "bin", ("cmake", "python", "python3"))
         (folder / "a plan.txt").write_text(f"1, 2, 0.5\n1.0, 0.1, {seconds}\n")
@@ -41,7 +59,10 @@ class Run:
             ROS_PACKAGE_PATH="/nonsense",
         )
         self.log = folder / "log"
-        with open(self.log, "w") as log:
+        with contextlib.ExitStack() as files:
+            log = files.enter_context(open(self.log, "wb"))
+            if terminal:
+                log = files.enter_context(as_terminal(self.log))
             self.process = subprocess.Popen(
                 [f"{CHECKOUT}/scripts/run", "a plan.txt"],
                 cwd=str(folder),
@@ -114,6 +135,20 @@ def test_interrupted(tmp_path, number, moment):
         script.wait_for_text(moment)
         script.process.send_signal(number)
         assert script.process.wait(PATIENCE) == 128 + number, script.log.read_text()
+        assert script.processes() == []
+
+
+@pytest.mark.full
+def test_in_a_terminal(tmp_path):
+    """The drive waits for the page, and the page stays until Ctrl-C."""
+    with Run(tmp_path, 0.3, terminal=True) as script:
+        script.wait_for_text("the drive begins when the page is open")
+        address = re.search(r"open http://(localhost):(\d+) in a browser", script.log.read_text())
+        assert "line 2 of 2" not in script.log.read_text()
+        with socket.create_connection(address.groups()):
+            script.wait_for_text("the page stays open until you press Ctrl-C")
+        script.process.send_signal(signal.SIGINT)
+        assert script.process.wait(PATIENCE) == 0, script.log.read_text()
         assert script.processes() == []
 
 

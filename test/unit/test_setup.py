@@ -1,0 +1,35 @@
+"""Parts of scripts/setup that can be tested without an installation."""
+
+import subprocess
+
+from support.paths import CHECKOUT
+
+APT = """\
+Reading package lists...
+Need to get 1,234 kB of archives.
+After this operation, 5,678 kB of additional disk space will be used.
+dlstatus:1:4.2:Retrieving file 1 of 2
+dlstatus:2:38.05:Retrieving file 2 of 2
+dlstatus:2:39:Retrieving file 2 of 2
+Fetched 1,234 kB in 1s (1,234 kB/s)
+Need to get 0 B/1,234 kB of archives.
+After this operation, 5,678 kB of additional disk space will be used.
+pmstatus:rviz:0:Preparing rviz (amd64)
+pmstatus:dpkg-exec:100.0000:Running dpkg
+Setting up rviz ...
+"""
+
+SHOWN = """\
+Need to get 1,234 kB of archives.
+After this operation, 5,678 kB of additional disk space will be used.
+downloading: 0 %
+downloading: 30 %
+installing: 0 %
+installing: 100 %
+"""
+
+
+def test_the_progress_of_apt_get():
+    functions = f"sed -n '/^show_progress()/,/^}}/p' '{CHECKOUT}/scripts/setup'"
+    script = f'eval "$({functions})"; say() {{ echo "$*"; }}; show_progress'
+    assert subprocess.check_output(["bash", "-euc", script], input=APT, text=True) == SHOWN
