@@ -152,4 +152,4 @@ class ClickPlanner:
 
 
 if __name__ == "__main__":
-    node.main("click_planner", ClickPlanner)
+    node.main("click_planner", ClickPlanner, is_replaceable=False)

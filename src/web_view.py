@@ -178,4 +178,4 @@ class WebView:
 
 
 if __name__ == "__main__":
-    node.main("web_view", WebView)
+    node.main("web_view", WebView, is_replaceable=False)

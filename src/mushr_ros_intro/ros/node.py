@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Description, Parameters
 from mushr_ros_intro.ros import rospy_fixes
-from mushr_ros_intro.ros.connections import wait_until_connected
+from mushr_ros_intro.ros.connections import responds, wait_until_connected
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 
 SHUTDOWN_TIMEOUT = 14.0
@@ -44,7 +44,9 @@ class _DescribedError(Exception):
     """The end of the declarations of a node whose parameters are described."""
 
 
-def main(name: str, node_class: Callable[[], Any], **options: Any) -> NoReturn:
+def main(
+    name: str, node_class: Callable[[], Any], is_replaceable: bool = True, **options: Any
+) -> NoReturn:
     """Run a node, and end the process.
 
     The exit status is the number that `run` returns, or 0 if it returns None or is interrupted. It
@@ -57,9 +59,13 @@ def main(name: str, node_class: Callable[[], Any], **options: Any) -> NoReturn:
         name: the node's name, unless the command line sets another.
         node_class: returns an object with a method `run`. `run` returns when the node is done, and
             may raise rospy.ROSInterruptException if the node is shut down.
+        is_replaceable: whether this node ends a running one of the same name, as is usual in ROS.
+            Otherwise it ends itself.
         options: for rospy.init_node.
     """
     check_arguments(node_class)
+    if not is_replaceable:
+        _refuse_a_second_one(name)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _: _ends.put((f"signal {received}", None)))
     init_node(name, disable_signals=True, **options)
@@ -80,6 +86,14 @@ def main(name: str, node_class: Callable[[], Any], **options: Any) -> NoReturn:
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)  # not sys.exit, which waits for threads of rospy that may sleep for a minute
+
+
+def _refuse_a_second_one(name: str) -> None:
+    """Raise SystemExit if a node with the name that this one is going to have runs already."""
+    name = rosgraph.names.load_mappings(sys.argv).get("__name", name)
+    name = rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(argv=sys.argv), name)
+    if responds(name):
+        sys.exit(f"{name} is running already; end it first, or add __name:=ANOTHER_NAME")
 
 
 def give_up(error: UserError) -> None:

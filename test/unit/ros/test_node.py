@@ -92,10 +92,10 @@ def master():
 
 
 @contextlib.contextmanager
-def start(run, master, **environment):
-    """Run a node with a method run; yield its process."""
+def start(run, master, options="", **environment):
+    """Run a node with a method run; yield its process. `options` are more arguments of main."""
     with tempfile.NamedTemporaryFile("w", suffix=".py") as file:
-        file.write(f"{PREAMBLE}{run}\nnode.main('made', Made)")
+        file.write(f"{PREAMBLE}{run}\nnode.main('made', Made{options})")
         file.flush()
         with ForkedProcess(file.name, ROS_MASTER_URI=master, **environment) as process:
             yield process
@@ -124,6 +124,18 @@ def test_the_master_ends_a_node(master):
             assert process.wait() == 0, process.output
             namesake.end()
     assert "stops" in process.output and "Traceback" not in process.output
+
+
+def test_a_node_that_must_not_be_replaced(master):
+    """Otherwise, two browser views end each other."""
+    options = ", is_replaceable=False"
+    with start(PROGRAMS["waits"], master, options, ROS_NAMESPACE="/car2") as process:
+        wait_for(lambda: "waits" in process.output, "the node")
+        with start(PROGRAMS["waits"], master, options, ROS_NAMESPACE="/car2") as namesake:
+            assert namesake.wait() == 1, namesake.output
+        assert process.running
+    expected = "/car2/made is running already; end it first, or add __name:=ANOTHER_NAME\n"
+    assert namesake.output == expected
 
 
 @pytest.mark.parametrize("name", ENDS)
