@@ -123,12 +123,9 @@ def test_a_drive(tmp_path):
     assert script.processes() == []
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
-    "number, moment",
-    [
-        pytest.param(signal.SIGTERM, "starting", marks=pytest.mark.full),
-        (signal.SIGINT, "line 2 of 2"),
-    ],
+    "number, moment", [(signal.SIGTERM, "starting"), (signal.SIGINT, "line 2 of 2")]
 )
 def test_interrupted(tmp_path, number, moment):
     with Run(tmp_path, 100.0) as script:
