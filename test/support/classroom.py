@@ -181,6 +181,14 @@ MISUSES = {
         """,
         "shuts down the master",
     ),
+    "publisher": (
+        """
+        import xmlrpc.client
+        car = xmlrpc.client.ServerProxy(master.lookupNode("/car/car_sim"))
+        car.publisherUpdate("/master", "/initialpose", [rospy.get_node_uri()])
+        """,
+        "sends publishers to the node /car/car_sim",
+    ),
     "again": (  # during the drive
         """
         again = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1)
@@ -230,11 +238,6 @@ CHEATS = {
         midway(
             each_of(
                 [
-                    """
-                    import xmlrpc.client
-                    car = xmlrpc.client.ServerProxy(master.lookupNode("/car/car_sim"))
-                    car.publisherUpdate("/master", "/car/car_pose", [rospy.get_node_uri()])
-                    """,
                     "import os\nos.kill(os.getppid(), 9)",
                     "import os\nos.kill(-1, 9)",
                 ]
@@ -250,6 +253,17 @@ CHEATS = {
                     import os
                     if os.listdir("FOLDER"):
                         os._exit(0)
+                    """,
+                    """
+                    import os, socket, struct, xmlrpc.client
+                    car = xmlrpc.client.ServerProxy(master.lookupNode("/car/car_sim"))
+                    where = car.requestTopic("/x", "/car/car_pose", [["TCPROS"]])[2][1:]
+                    fields = (b"callerid=/x", b"md5sum=*", b"service=/car/car_sim/reset")
+                    text = b"".join(struct.pack("<I", len(each)) + each for each in fields)
+                    with socket.create_connection(where, 2) as connection:
+                        connection.sendall(struct.pack("<I", len(text)) + text + bytes(4))
+                        if b"error=" not in connection.recv(4096):
+                            os._exit(0)
                     """,
                     """
                     import mushr_ros_intro, os  # the package with the solution

@@ -245,7 +245,8 @@ def parts(tmp_path_factory):
     shutil.make_archive(str(folder / "class" / "zipped"), "zip", package)
     uses = submissions.before("import generated\nassert generated.ANSWER == 42")
     submissions.write(folder / "class", "builds", uses, cmake=GENERATES)
-    fails = "add_custom_target(broken ALL COMMAND false)\n"
+    sees = f'if(EXISTS "{folder}/plan.txt")\n  message("sees the plan")\nendif()\n'
+    fails = f"{sees}add_custom_target(broken ALL COMMAND false)\n"
     submissions.write(folder / "class", "cannot_build", submissions.RIGHT, cmake=fails)
     (folder / "plan.txt").write_text(PLAN)
     (folder / "points.yaml").write_text("default: {path: 3, rest: 1}\n")
@@ -270,6 +271,12 @@ def test_merge(parts):
         "zipped": "4",
     }
     assert "the package does not build" in rows["cannot_build"]["Error/Fault"]
+
+
+@ISOLATED
+def test_build_sees_no_plan(parts):
+    fault = load(parts / "2" / "data" / "cannot_build.json")["fault"]
+    assert "does not build" in fault and "sees the plan" not in fault
 
 
 def test_bag(parts):

@@ -167,7 +167,8 @@ def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) 
             if not error:
                 return result
     except EOFError:
-        raise KilledError("the replay failed: its process ended without a result") from None
+        reason = "its process was killed, or has run out of memory (try --jobs 1)"
+        raise KilledError(f"the replay failed: {reason}") from None
     finally:
         process.kill()
         process.join()
@@ -180,7 +181,8 @@ def _call_and_send(
     """Call a function; send its result, and the description of an error or an empty text."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     resource.setrlimit(resource.RLIMIT_DATA, (MAX_MEMORY, MAX_MEMORY))
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends this one
+    # The parent process ends this one. SIG_IGN would also hold for the node.
+    signal.signal(signal.SIGINT, lambda *_: None)
     with open(os.devnull, "r+b") as null:
         for number in (0, 1, 2):
             os.dup2(null.fileno(), number)

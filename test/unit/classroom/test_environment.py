@@ -1,7 +1,11 @@
 """Check the table of attacks in docs/grading.md; test/system/test_grade.py tries them."""
 
+import glob
 import os
+import pathlib
 import re
+
+import pytest
 
 from mushr_ros_intro.classroom.attacks import ATTACKS, REPEATED
 from support import classroom
@@ -21,8 +25,9 @@ CHEATS = {
     "use the name of the car": "name",
     "shut down the master": "master",
     "shut down the car": "kill_node",
-    "signal the grader, send it a wrong publisher": "signals",
-    "read files, memory, a port": "reads",
+    "name a wrong publisher to the car": "publisher",
+    "signal the grader": "signals",
+    "read files, memory, a port; call a service past the master": "reads",
     "write files, leave a process": "writes",
     "fork without end": "fork_bomb",
     "allocate 10 GB": "memory",
@@ -33,15 +38,37 @@ CHEATS = {
 """The cheats of support/classroom.py, by their names in the documentation."""
 
 
+FILES = {
+    "a zip that writes outside of its folder, or is too large": "test_zips_that_are_not_safe",
+    "links out of the submission, devices, pipes": "test_links_and_special_files",
+    "an endless folder": "test_large_folder",
+    "read plans with commands in CMakeLists.txt": "test_build_sees_no_plan",
+    "HTML, control characters or formulas in names and output": (
+        "test_text_of_a_submission_is_escaped"
+    ),
+}
+"""The tests of attacks on grade.py itself, by their names in the documentation."""
+
+
 def test_documentation():
     """It names all attacks that are tried, and no others."""
     with open(os.path.join(CHECKOUT, "docs", "grading.md"), encoding="utf-8") as file:
         text = file.read()
     section = text[text.index("### Cheating") : text.index("## Gradescope")]
     rows = re.findall(r"^\| ([^|]+) \|", section, re.MULTILINE)
-    assert [each for each in rows if each != "attack"] == [*ATTACKS, *REPEATED, *CHEATS]
+    assert [each for each in rows if each != "attack"] == [*ATTACKS, *REPEATED, *CHEATS, *FILES]
 
 
 def test_all_cheats_are_documented():
     misuses, cheats = set(classroom.MISUSES), set(classroom.CHEATS) - {"misuses"}
     assert set(CHEATS.values()) == misuses | cheats
+
+
+@pytest.mark.parametrize("name", FILES.values())
+def test_the_tests_exist(name):
+    files = (
+        *glob.glob(f"{CHECKOUT}/test/unit/classroom/*.py"),
+        f"{CHECKOUT}/test/system/test_grade.py",
+    )
+    texts = (pathlib.Path(path).read_text(encoding="utf-8") for path in files)
+    assert any(f"\ndef {name}(" in text for text in texts)

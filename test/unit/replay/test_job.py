@@ -45,11 +45,7 @@ def test_a_killed_replay_is_repeated_once(monkeypatch, results, expected):
     assert left == []
 
 
-def kill():
-    """Kill this process."""
-    raise MemoryError
-
-
-def test_a_process_without_memory():
+def test_memory_of_the_replay():
+    """A node cannot make the process of its replay use all memory."""
     with pytest.raises(KilledError):
-        job.in_own_process(kill, seconds=60.0)
+        job.in_own_process(bytearray, 3_000_000_000, seconds=60.0)
