@@ -7,8 +7,8 @@ Parts:    grade.py --merge FOLDER... --out FOLDER [--points FILE]
 Machine:  grade.py --check-environment
 
 A class may be interrupted: the same command grades only what is missing or has changed.
-The exit status is 0 if all checks passed, 1 if some failed, 2 if the command line or an input is
-wrong, and 3 if a result is missing because grading itself failed or was interrupted.
+Exit status: 0 if all checks passed, 1 if some failed, 2 if the command line or an input is wrong,
+3 if a result is missing because grading itself failed or was interrupted.
 """
 
 import argparse

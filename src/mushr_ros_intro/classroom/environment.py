@@ -10,12 +10,11 @@ import tempfile
 from contextlib import suppress
 from typing import Dict, List
 
-import seccomp
-
 from mushr_ros_intro.classroom import attacks
 from mushr_ros_intro.classroom.attacks import LEAVE, REPEATED, Targets
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.replay import system_calls
 from mushr_ros_intro.replay.job import Job, ReplayError, Setting, run_job
 from mushr_ros_intro.replay.workspace import temporary_folder
 
@@ -56,8 +55,7 @@ def _try_attacks(plan: Plan, setting: Setting) -> Dict[str, str]:
         os.chmod(secret, 0o666)
         package = package_folder(".")
         solutions = [f"{package}/src/path_publisher.py", f"{package}/examples", *INSTALLED]
-        number = seccomp.resolve_syscall(seccomp.Arch(), "add_key")
-        port = server.getsockname()[1]
+        port, number = server.getsockname()[1], system_calls.number_of("add_key")
         targets = Targets(secret, ":".join(solutions), port, os.getpid(), token, number)
         with open(os.path.join(submission, "targets.json"), "w", encoding="utf-8") as file:
             json.dump(targets._asdict(), file)

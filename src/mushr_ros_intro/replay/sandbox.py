@@ -4,10 +4,12 @@ The tools are bwrap, and those of util-linux, which every Debian has: setpriv, p
 """
 
 import glob
+import importlib.util
 import multiprocessing
 import os
 import pwd
 import re
+import shutil
 import subprocess
 import tempfile
 from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
@@ -222,8 +224,13 @@ def make_sandbox(user: str, hidden: Sequence[str], folder: str) -> Tuple[Sandbox
         folder: an empty folder that all users can reach, for all that nodes may see.
 
     Raises:
-        UserError: there is no such user, it is root, or only root could use it.
+        UserError: there is no such user, or it is root; or a package is missing.
     """
+    if not (shutil.which("bwrap") and importlib.util.find_spec("seccomp")):
+        raise UserError(
+            "the isolation of submissions needs two packages; type: "
+            "sudo apt-get install bubblewrap python3-seccomp"
+        )
     number, is_root = None, os.geteuid() == 0
     if user:
         try:

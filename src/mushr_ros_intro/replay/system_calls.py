@@ -42,7 +42,7 @@ def make_filter() -> Any:
     AF_VSOCK, which reaches the host of a virtual machine; and shared memory without a file, which
     the limit on the data of a process does not count.
     """
-    import seccomp  # only to isolate nodes; python3-seccomp may be missing
+    import seccomp  # python3-seccomp, which only the isolation of submissions needs
 
     made = seccomp.SyscallFilter(seccomp.ALLOW)
     for error, names in FORBIDDEN.items():
@@ -59,15 +59,19 @@ def make_filter() -> Any:
     return made
 
 
+def number_of(name: str) -> int:
+    """Return the number of a system call on this machine."""
+    import seccomp
+
+    return int(seccomp.resolve_syscall(seccomp.Arch(), name))
+
+
 def join_new_keyring() -> None:
     """Give this process a session keyring of its own, in which another process finds nothing.
 
     A system that refuses this refuses it to nodes, too.
     """
-    import seccomp
-
-    number = seccomp.resolve_syscall(seccomp.Arch(), "keyctl")
-    _libc().syscall(number, _KEYCTL_JOIN_SESSION_KEYRING, None)
+    _libc().syscall(number_of("keyctl"), _KEYCTL_JOIN_SESSION_KEYRING, None)
 
 
 def enter_network() -> None:

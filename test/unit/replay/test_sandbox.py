@@ -1,0 +1,54 @@
+"""Check what a node sees and gets; test/system/test_grade.py runs nodes in the sandbox."""
+
+import os
+
+import pytest
+
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.replay import sandbox
+from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
+
+ENVIRONMENT = {"PATH": "/usr/bin", "ROS_PACKAGE_PATH": "/work/.ros/0:/usr/share"}
+
+
+@pytest.fixture
+def isolated(tmp_path, monkeypatch):
+    """Return a sandbox with namespaces, and the home folder of a node."""
+    monkeypatch.setattr(sandbox.system_calls, "make_filter", lambda: Filter())
+    (tmp_path / "home").mkdir()
+    (tmp_path / ".ros").mkdir()
+    return Sandbox(True, 61_000, True, ("/usr/share",), str(tmp_path), True), str(tmp_path / "home")
+
+
+class Filter:
+    """Stands in for a filter of system calls."""
+
+    def export_bpf(self, file):
+        file.write(b"filter")
+
+
+def test_arguments_of_bwrap(isolated):
+    """The command line, which a node can read, has no path of the machine."""
+    box, home = isolated
+    plan, folder = f"{box.folder}/x/hidden.txt", f"{box.folder}/ann"
+    node = [f"{folder}/node.py", f"_plan_file:={plan}"]
+    command = box.wrap(node, ENVIRONMENT, home, plan, folder)
+    inside = command[command.index("sh") :]
+    assert inside[-2:] == ["/tmp/submissions/ann/node.py", "_plan_file:=/tmp/plans/hidden.txt"]
+    assert [each for each in inside if box.folder in each] == [home]  # $0 of the outer shell
+    with open(os.path.join(home, "arguments"), encoding="utf-8") as file:
+        arguments = file.read().split("\0")
+    places = {
+        (option, path)
+        for option, path, place in zip(arguments, arguments[1:], arguments[2:])
+        if option in ("--bind", "--ro-bind") and place.startswith("/tmp/")
+    }
+    assert places == {("--ro-bind", each) for each in (plan, folder, f"{box.folder}/.ros")}
+    hides = [place for option, place in zip(arguments, arguments[1:]) if option == "--tmpfs"]
+    assert hides == ["/usr/share", "/tmp", "/dev/shm"]
+
+
+def test_a_missing_package(monkeypatch):
+    monkeypatch.setattr(sandbox.shutil, "which", lambda name: None)
+    with pytest.raises(UserError, match="apt-get install bubblewrap python3-seccomp"):
+        make_sandbox("", [], "/tmp")
