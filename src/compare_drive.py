@@ -3,21 +3,25 @@
 
 import argparse
 import json
+import math
 import os
 import signal
 import sys
+from functools import partial
 from typing import Any, Dict, List
 
+from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.comparison import diagnosis
-from mushr_ros_intro.comparison.bag_file import Source, read_bag
+from mushr_ros_intro.comparison.bag_file import Source, read_bag, record
 from mushr_ros_intro.comparison.comparison import compare
-from mushr_ros_intro.comparison.drive_log import with_rows_of
+from mushr_ros_intro.comparison.drive_log import DriveLog, with_rows_of
 from mushr_ros_intro.comparison.profile_file import vesc_text, write_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.ros import node
 
 _MUX = "/car/mux/ackermann_cmd_mux"
 
@@ -45,9 +49,7 @@ def run() -> int:
     profile = find_file(arguments.car, profiles, ".yaml")
     car_name = os.path.splitext(os.path.basename(profile))[0]
     car = car_from(Parameters({**read_profile(profile), "noise": True}, f"{profile}: "))
-    frames = tuple(arguments.tf) if arguments.tf else None
-    source = Source(arguments.commands, arguments.pose, frames)
-    logs = [read_bag(path, source, car.command_timeout) for path in arguments.bags]
+    logs = read_logs(arguments, options, car)
     if arguments.plan:
         plan = read_plan(find_file(arguments.plan, plans, ".txt"))
         logs = [with_rows_of(log, plan) for log in logs]
@@ -55,37 +57,54 @@ def run() -> int:
     from mushr_ros_intro.comparison.fit import fit  # scipy is slow to import
 
     result = fit(logs, car, pose_offset)
-    values: Dict[str, Any] = {"fit": diagnosis.fit_as_json(result), "drives": []}
-    texts: List[str] = []
-    verdicts: List[str] = []
+    show = (lambda *lines: None) if arguments.json else partial(print, sep="\n")
+    drives: List[Dict[str, Any]] = []
+    useless = []
     for index, (log, delay) in enumerate(zip(logs, result.delays)):
         found = compare(log, car, delay.value, pose_offset)
         fitted = compare(log, result.car, delay.value, pose_offset)
         verdict = diagnosis.sentence(found, result, fitted, index)
-        values["drives"].append({**diagnosis.as_json(found, car_name), "verdict": verdict})
-        texts += [*diagnosis.as_text(found, car_name), ""]
+        drives.append({**diagnosis.as_json(found, car_name), "verdict": verdict})
+        useless += [log.name] if diagnosis.is_useless(found, result, fitted, index) else []
+        show(*diagnosis.as_text(found, car_name), "")
         if arguments.out:
             from mushr_ros_intro.comparison import error_plot  # matplotlib is slow to import
 
-            folder = user_path(arguments.out)
-            written = error_plot.write(folder, found, index + 1)
-            texts += [*(f"written: {each}" for each in written), ""]
+            written = error_plot.write(user_path(arguments.out), found, index + 1)
+            show(*(f"written: {each}" for each in written), "")
         if arguments.fit:
-            texts += ["with the fitted car:", *diagnosis.errors_text(fitted), ""]
-        verdicts += ["", f"{log.name}: {verdict}"]
-    texts += diagnosis.fit_text(result, car)
-    if arguments.fit:
+            show("with the fitted car:", *diagnosis.errors_text(fitted), "")
+    show(*diagnosis.fit_text(result, car), "")
+    if arguments.fit and not useless:
         path = user_path(arguments.fit)
-        texts += ["", *vesc_text(result.car, arguments.vesc and user_path(arguments.vesc))]
+        show(*vesc_text(result.car, arguments.vesc and user_path(arguments.vesc)), "")
         write_profile(path, result, profile, arguments.bags)
-        texts += ["", f"written: {path}"]
-    texts += verdicts
+        show(f"written: {path}", "")
+    show(*(f"{each['drive']}: {each['verdict']}" for each in drives))
     if arguments.json:
+        values = {"fit": diagnosis.fit_as_json(result), "drives": drives}
         json.dump(values, sys.stdout, allow_nan=False)
         print()
-    else:
-        print(*texts, sep="\n")
+    if arguments.fit and useless:
+        expected = "expected drives that a car of this model can drive"
+        raise UserError(f"--fit: no profile, because of {', '.join(useless)}; {expected}")
     return 0
+
+
+def read_logs(arguments: argparse.Namespace, options: Parameters, car: Car) -> List[DriveLog]:
+    """Return the drives in the bags, the first of which is recorded before, if asked for.
+
+    Raises:
+        UserError: an argument is wrong, or a bag has no drive.
+    """
+    frames = tuple(arguments.tf) if arguments.tf else None
+    source = Source(arguments.commands, arguments.pose, frames)
+    if arguments.record is not None:
+        seconds = options.number("record", math.nan, "s", 1.0, 1e5)
+        node.init_node("compare_drive", anonymous=True)
+        print(f"recording {', '.join(source.topics)} for {seconds:g} s", file=sys.stderr)
+        record(arguments.bags[0], source, seconds)
+    return [read_bag(path, source, car.command_timeout) for path in arguments.bags]
 
 
 def parse_arguments(profiles: str) -> argparse.Namespace:
@@ -105,11 +124,16 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
     add("--pose", metavar="TOPIC", default="/car/car_pose", help="default: %(default)s")
     add("--tf", metavar=("MAP", "BASE"), nargs=2, help="the pose is that of BASE in MAP, from /tf")
     add("--pose_offset", metavar="M", default=0.0, help="of the pose, from the rear axle, forward")
+    record_help = "first record the drive of the running system, for so long or until Ctrl-C"
+    add("--record", metavar="SECONDS", help=record_help)
     add("--fit", metavar="FILE.yaml", help="write the profile of the fitted car")
     add("--vesc", metavar="FILE.yaml", default="", help="MuSHR's vesc.yaml, to compute new values")
     add("--out", metavar="FOLDER", help="write pictures: the paths, and the error over distance")
     add("--json", action="store_true", help="print JSON")
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    if arguments.record is not None and len(arguments.bags) > 1:
+        parser.error("--record records one drive; expected one BAG")
+    return arguments
 
 
 if __name__ == "__main__":

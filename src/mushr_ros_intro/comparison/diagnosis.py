@@ -16,6 +16,9 @@ from mushr_ros_intro.wording import counted
 _SHARE = 0.05
 """A fitted parameter is named if the error grows by this share of its size without it."""
 
+_SMALL_ERROR, _SMALL_SHARE = 0.02, 0.2
+"""A fit is useful if it leaves less than this of the error, in [m], or as a share."""
+
 _SIGNIFICANT = 3.0
 """A fitted parameter is named if it has changed by more than so many standard errors."""
 
@@ -33,7 +36,7 @@ def sentence(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> str
         index: of the drive.
     """
     misfit = fit.misfits[index]
-    if misfit.is_found:
+    if is_useless(found, fit, fitted, index):
         name = f"row {misfit.row + 1} ({misfit.what})"
         return (
             f"no car of this model drives like that: {name} is {misfit.size:.1f} standard errors "
@@ -54,6 +57,15 @@ def sentence(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> str
         f"the car {joined}; a prediction with this car is {fitted.rms:.3f} m (rms) from the drive, "
         f"in place of {found.rms:.3f} m{rest}"
     )
+
+
+def is_useless(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> bool:
+    """Return whether a drive differs from the fitted car, and not by small errors of the model.
+
+    Poses with little noise show every small difference between the car and its model.
+    """
+    small = max(_SMALL_ERROR, _SMALL_SHARE * found.rms)
+    return fit.misfits[index].is_found and fitted.rms > small
 
 
 def causes(found: Comparison, fit: Fit, fitted: Comparison) -> List[str]:

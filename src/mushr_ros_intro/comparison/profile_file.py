@@ -24,13 +24,8 @@ def write_profile(path: str, fit: Fit, profile: str, drives: Sequence[str]) -> N
         drives: the names of the drives.
 
     Raises:
-        UserError: the fit is of no use, or the file cannot be written.
+        UserError: the file cannot be written.
     """
-    if any(misfit.is_found for misfit in fit.misfits):
-        raise UserError(
-            f"--fit: {path} is not written, because no car of this model drives like that; "
-            "expected drives that the model fits"
-        )
     try:
         with open(path, "w", encoding="utf-8") as file:
             file.write("\n".join(_lines(fit, os.path.basename(profile), drives)))

@@ -10,10 +10,7 @@ import pytest
 
 from mushr_ros_intro.car.profile import car_from, read_profile
 from mushr_ros_intro.comparison.drive_log import drive_log
-from mushr_ros_intro.comparison.fitted_car import Fit, Misfit, Value
-from mushr_ros_intro.comparison.pose_filter import Noise
-from mushr_ros_intro.comparison.profile_file import vesc_text, write_profile
-from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.comparison.profile_file import vesc_text
 from mushr_ros_intro.parameters import Parameters
 from support.cars import CARS, plan_of
 from support.paths import PACKAGE
@@ -84,12 +81,14 @@ def test_files(run, tmp_path):
     assert re.search(r"# Fitted; standard error 0.0\d+.\nspeed_gain: ", sources)
 
 
-def test_the_profile_of_a_misfit_is_not_written(tmp_path):
+def test_the_profile_of_a_misfit_is_not_written(run, tmp_path, monkeypatch):
+    run.read()
+    monkeypatch.setattr(compare_drive.diagnosis, "is_useless", lambda *_: True)
     path = tmp_path / "my_car.yaml"
-    value = Value(1.0)
-    fit = Fit(NANO, {"speed_gain": value}, (value,), Noise(1, 1, 1, 1), (Misfit(0, "turn", 9, 4),))
-    with pytest.raises(UserError, match="--fit: .* is not written, because no car of this model"):
-        write_profile(str(path), fit, "mushr_nano.yaml", ["a.bag"])
+    status, text, errors = run("a.bag", "--fit", str(path))
+    assert status == 2
+    assert "no car of this model" in text.splitlines()[-1]
+    assert errors.startswith("compare_drive.py: --fit: no profile, because of a.bag; expected")
     assert not path.exists()
 
 
@@ -127,6 +126,7 @@ def test_wrong_arguments(run, arguments, expected):
     if "none.bag" not in arguments:
         run.read()
     status, text, errors = run(*arguments)
-    assert (status, text) == (2, "")
+    assert status == 2
+    assert "written" not in text
     assert expected in errors
     assert errors.count("\n") == 1
