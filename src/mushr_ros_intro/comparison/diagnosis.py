@@ -43,13 +43,14 @@ def sentence(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> str
             "away from the best fit. Do not use the fit. Perhaps the tyres slip, the car touches "
             "something, or the poses are wrong"
         )
-    texts = [_cause(name, fit.values[name], found) for name in causes(found, fit, fitted)]
+    names = causes(found, fit, fitted) if fitted.rms < (1.0 - _SHARE) * found.rms else []
+    texts = [_cause(name, fit.values[name], found) for name in names]
     unknown = [name for name, value in fit.values.items() if not value.is_fitted]
     rest = f"; the drive does not tell {' and '.join(unknown)}" if unknown else ""
     if not texts:
         return (
-            f"the fit explains none of the error of {found.rms:.3f} m (rms): it is within the "
-            f"random errors{rest}"
+            f"the fit explains none of the error of {found.rms:.3f} m (rms): only random errors "
+            f"and small errors of the model are left{rest}"
         )
     *most, last = texts
     joined = f"{', '.join(most)} and {last}" if most else last

@@ -73,7 +73,7 @@ def test_a_car_as_in_its_profile_has_random_errors():
     plan = plan_of("0, 0, 0\n0.5, 0.2, 2\n0.5, -0.2, 2")
     log = driven(plan, NANO._replace(seed=2, **NOISE), random.Random(2), rate=5.0)
     text, _, _ = verdict(log, fit([log], NANO))
-    assert "within the random errors" in text
+    assert "the fit explains none of the error" in text
 
 
 def test_a_drive_that_no_car_of_the_model_drives_is_a_misfit():
