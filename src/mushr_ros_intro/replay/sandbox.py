@@ -128,23 +128,34 @@ class Sandbox(NamedTuple):
         if self.folder:
             tools += ["choom", "-n", "1000", "--", "prlimit", *limits, "--"]
         if self.has_namespaces:
-            if self.is_root:
-                tools = ["sh", "-c", _OPEN_FOLDERS, "sh", *tools]
-            modes = {
-                path: "--bind" if writable and path == folder else "--ro-bind" for path in moved
-            }
-            arguments = [each for path in moved for each in (modes[path], path, moved[path])]
-            with open(os.path.join(home, "arguments"), "w", encoding="utf-8") as file:
-                file.writelines(f"{each}\0" for each in [*self._arguments(), *arguments])
-            with open(os.path.join(home, "filter"), "wb") as binary:
-                system_calls.make_filter().export_bpf(binary)
-            tools = ["sh", "-c", _BWRAP, home, *tools]
+            tools = self._in_bwrap(tools, home, moved, folder if writable else "")
             home = "/tmp/home"
         # With the default, rospy warns: it gives a new folder the owner of HOME, which is root.
         values = {**environment, "HOME": home, "TMPDIR": home, "ROS_LOG_DIR": home}
         assignments = [f"{name}={move(value)}" for name, value in values.items()]
         # bwrap has the same environment, because a node can read it. No library is preloaded.
         return ["env", "-i", *assignments, *tools, *map(move, command)]
+
+    def _in_bwrap(
+        self, tools: List[str], home: str, moved: Dict[str, str], writable: str
+    ) -> List[str]:
+        """Return the tools that run bwrap, and in it other tools; write its files to `home`.
+
+        Args:
+            tools: in bwrap.
+            home: an empty folder.
+            moved: the paths that the program needs, and where it sees them.
+            writable: one of these paths, to which it may write; "" for none.
+        """
+        with open(os.path.join(home, "arguments"), "w", encoding="utf-8") as file:
+            file.writelines(f"{each}\0" for each in self._arguments())
+            for path, place in moved.items():
+                mode = "--bind" if path == writable else "--ro-bind"
+                file.writelines(f"{each}\0" for each in (mode, path, place))
+        with open(os.path.join(home, "filter"), "wb") as binary:
+            system_calls.make_filter().export_bpf(binary)
+        opened = ["sh", "-c", _OPEN_FOLDERS, "sh"] if self.is_root else []
+        return ["sh", "-c", _BWRAP, home, *opened, *tools]
 
     def _arguments(self) -> Iterator[str]:
         """Yield the arguments of bwrap that are the same for all programs."""
