@@ -17,7 +17,6 @@ const ARROW = [
   [1.2, -0.2],
   [1.5, 0],
 ]; // shows where the car heads
-const CIRCLE = Array.from({ length: 37 }, (_, i) => (i * Math.PI) / 18);
 const CAR_PIXELS = 16; // the car is drawn at least this long
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 /** Paths are lists of [x, y] or [x, y, theta]; spread has markers. */
@@ -135,13 +134,10 @@ function drawBack(pen, { predicted, plan = [], clicked, cloud, spread }) {
   drawLine(pen, predicted, "predicted", 4, [9, 5]);
   drawLine(pen, clicked, "clicked", 6, [3, 5]);
   drawDots(pen, cloud, "spread", 2);
-  spread.forEach(({ pose, scale: { x, y } }) =>
+  spread.forEach(({ pose, points }) =>
     drawLine(
       pen,
-      CIRCLE.map((angle) => [
-        (Math.cos(angle) * x) / 2,
-        (Math.sin(angle) * y) / 2,
-      ]),
+      points.map(({ x, y }) => [x, y]),
       "spread",
       2,
       [],

@@ -107,8 +107,9 @@ class TestRealCar(RosTestCase):
         self.assertLess(math.dist(centre[:2], planar(last.pose)[:2]), 1e-9)
         # The axes are those of the covariance, and 5.99 is the 95 % point of chi^2.
         values, vectors = np.linalg.eigh(np.cov(poses[:, :2].T))
-        for value, size in zip(values[::-1], (last.scale.x, last.scale.y)):
-            self.assertAlmostEqual(2.0 * math.sqrt(5.991464547 * value), size, places=6)
+        half_axes = (max(point.x for point in last.points), max(point.y for point in last.points))
+        for value, half_axis in zip(values[::-1], half_axes):
+            self.assertAlmostEqual(math.sqrt(5.991464547 * value), half_axis, places=6)
         direction = math.atan2(vectors[1, 1], vectors[0, 1])
         off = angle_between(
             2.0 * direction, 2.0 * planar(last.pose)[2]

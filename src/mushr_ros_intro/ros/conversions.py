@@ -46,8 +46,9 @@ F = TypeVar("F", bound=Callable[..., None])
 
 MAP_FRAME = "map"
 
-_THIN = 1e-3  # [m] rviz shows nothing that has no size
-_ELLIPSE_COLOUR = (0.85, 0.15, 0.15, 0.3)
+_ELLIPSE_COLOUR = (0.85, 0.15, 0.15, 1.0)
+_ELLIPSE_WIDTH = 0.03  # [m] of the line
+_ELLIPSE_SIDES = 36
 
 
 class MessageError(ValueError):
@@ -194,7 +195,7 @@ def poses_to_msg(poses: Iterable[Pose], stamp: int) -> PoseArray:
 
 
 def ellipses_to_msg(ellipses: Iterable[Tuple[Pose, float, float]], stamp: int) -> MarkerArray:
-    """Return flat ellipses in the map, which replace all ellipses shown before.
+    """Return the outlines of ellipses in the map, which replace all ellipses shown before.
 
     Args:
         ellipses: of each, the middle, with the direction of its longer axis, and half its longer
@@ -202,11 +203,13 @@ def ellipses_to_msg(ellipses: Iterable[Tuple[Pose, float, float]], stamp: int) -
         stamp: of the markers [ns].
     """
     markers = [Marker(header=_header(stamp), action=Marker.DELETEALL)]
+    angles = [2.0 * math.pi * side / _ELLIPSE_SIDES for side in range(_ELLIPSE_SIDES + 1)]
     for number, (middle, major, minor) in enumerate(ellipses):
         marker = Marker(
-            header=_header(stamp), type=Marker.CYLINDER, id=number, pose=pose_to_msg(middle)
+            header=_header(stamp), type=Marker.LINE_STRIP, id=number, pose=pose_to_msg(middle)
         )
-        marker.scale = Vector3(max(2.0 * major, _THIN), max(2.0 * minor, _THIN), _THIN)
+        marker.points = [Point(major * math.cos(a), minor * math.sin(a), 0.0) for a in angles]
+        marker.scale.x = _ELLIPSE_WIDTH
         marker.color = ColorRGBA(*_ELLIPSE_COLOUR)
         markers.append(marker)
     return MarkerArray(markers)

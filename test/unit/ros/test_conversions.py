@@ -173,17 +173,20 @@ def test_a_path_counts_its_stamps_from_its_beginning():
 
 
 def test_ellipses():
-    """Flat ones that take the place of what was shown before; none without a size."""
+    """Outlines that take the place of what was shown before."""
     ellipses = [(Pose(1.0, 2.0, 0.5), 3.0, 0.25), (Pose(-1.0, 0.0, -1.5), 0.5, 0.0)]
     clear, *markers = conversions.ellipses_to_msg(iter(ellipses), STAMP).markers
     assert clear.action == Marker.DELETEALL
     assert [marker.id for marker in markers] == [0, 1]
     for marker, (middle, major, minor) in zip(markers, ellipses):
-        assert (marker.type, marker.action) == (Marker.CYLINDER, Marker.ADD)
+        assert (marker.type, marker.action) == (Marker.LINE_STRIP, Marker.ADD)
         assert conversions.pose_from_msg(marker.pose) == pytest.approx(middle)
-        scale = (marker.scale.x, marker.scale.y, marker.scale.z)
-        assert scale == (2.0 * major, max(2.0 * minor, 1e-3), 1e-3)
-        assert 0.0 < marker.color.a < 1.0
+        outline = [(point.x, point.y) for point in marker.points]
+        assert max(outline) == (major, 0.0)
+        assert outline[0] == pytest.approx(outline[-1])  # it is closed
+        for x, y in outline:
+            assert (x / major) ** 2 * minor**2 + y**2 == pytest.approx(minor**2)
+        assert marker.scale.x > 0.0 and marker.color.a > 0.0
     for marker in (clear, *markers):
         assert (marker.header.frame_id, marker.header.stamp.to_nsec()) == ("map", STAMP)
         marker.serialize(io.BytesIO())
