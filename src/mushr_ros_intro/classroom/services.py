@@ -8,8 +8,8 @@ import time
 from itertools import groupby
 from typing import Any, Dict, List, Mapping, NamedTuple, Sequence
 
-from mushr_ros_intro.classroom import pages
 from mushr_ros_intro.classroom.grades import Grade
+from mushr_ros_intro.classroom.html_page import clean, shown
 from mushr_ros_intro.classroom.points import Points
 from mushr_ros_intro.classroom.store import write_text
 from mushr_ros_intro.errors import UserError
@@ -132,7 +132,7 @@ def classroom50(
     for test in tests:
         if test.max_score != int(test.max_score):
             raise UserError(
-                f"{test.name} gives {pages.shown(test.max_score)} points; expected whole numbers "
+                f"{test.name} gives {shown(test.max_score)} points; expected whole numbers "
                 "of points, because Classroom 50 takes no fractions"
             )
     return {
@@ -184,13 +184,13 @@ def _tests(result: Grade, points: Points) -> List[_Test]:
     """Return the tests of a submission: one for each check, or one if there is no drive."""
     if result.error or result.fault or not result.plans:
         status = "error" if result.error else "fail"
-        message = _FOR_STUDENTS if result.error else pages.clean(result.fault)
+        message = _FOR_STUDENTS if result.error else clean(result.fault)
         return [_Test("", False, "submission", "1", status, 0.0, points.max_score(), message)]
     tests = []
     for row, plan in enumerate(result.plans, 1):
         loss = points.loss(plan)
         for column, (check, earned) in enumerate(zip(plan.checks, points.earned(plan)), 1):
-            lines = [pages.clean(check.message), loss] if loss else [pages.clean(check.message)]
+            lines = [clean(check.message), loss] if loss else [clean(check.message)]
             test = _Test(
                 plan.plan,
                 points.is_hidden(plan.plan),
@@ -229,7 +229,7 @@ def _summary(result: Grade, points: Points) -> List[str]:
             what = f"{counted(len(failed), 'check')} failed: {', '.join(failed)}" if failed else ""
             score, most = points.plan_score(plan), points.max_score([plan.plan])
             verdict = what or "all checks passed"
-            lines.append(f"{plan.plan}: {verdict} ({pages.shown(score)} of {pages.shown(most)})")
+            lines.append(f"{plan.plan}: {verdict} ({shown(score)} of {shown(most)})")
             lines += filter(None, [points.loss(plan)])
     return lines
 

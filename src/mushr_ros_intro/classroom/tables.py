@@ -9,6 +9,8 @@ from xml.etree import ElementTree
 
 from mushr_ros_intro.classroom import pages
 from mushr_ros_intro.classroom.grades import Grade
+from mushr_ros_intro.classroom.html_page import clean, shown
+from mushr_ros_intro.classroom.index_page import index_page
 from mushr_ros_intro.classroom.points import Points
 from mushr_ros_intro.classroom.store import make_folder, write_text
 
@@ -40,7 +42,7 @@ def write_results(
     points = points._replace(plan_names=tuple(plan_names))
     folder = os.path.join(folder, "")
     make_folder(folder + pages.FOLDER)
-    write_text(f"{folder}index.html", pages.index_page(results, points))
+    write_text(f"{folder}index.html", index_page(results, points))
     names = {pages.file_name(result.name): result for result in results}
     for name, result in names.items():
         path = os.path.join(folder, pages.FOLDER, name)
@@ -61,7 +63,7 @@ def _csv(rows: Iterable[Sequence[str]]) -> str:
 
 def _plain(text: str) -> str:
     """Return text on one line that no spreadsheet program takes for a formula."""
-    line = " ".join(pages.clean(text).split())
+    line = " ".join(clean(text).split())
     is_formula = unicodedata.normalize("NFKC", line).lstrip().startswith(_FORMULA)
     return f"'{line}" if is_formula else line
 
@@ -71,15 +73,15 @@ def _grades(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
     names = points.plan_names
     yield ["Name", "Students", "IDs", *names, "Score", "Max", "Passed", "Error/Fault"]
     for result in results:
-        scores = {plan.plan: pages.shown(points.plan_score(plan)) for plan in result.plans}
+        scores = {plan.plan: shown(points.plan_score(plan)) for plan in result.plans}
         missing = "" if result.error else "0"
         yield [
             result.name,
             "; ".join(_plain(each.name) for each in result.students),
             "; ".join(_plain(each.id) for each in result.students),
             *(scores.get(name, missing) for name in names),
-            "" if result.error else pages.shown(points.score(result)),
-            pages.shown(points.max_score()),
+            "" if result.error else shown(points.score(result)),
+            shown(points.max_score()),
             "" if result.error else "yes" if result.passed else "no",
             f"error: {result.error}" if result.error else result.fault,
         ]
@@ -92,7 +94,7 @@ def _canvas(results: Iterable[Grade], points: Points, assignment: str) -> Iterat
     """
     yield [*_CANVAS_COLUMNS, assignment]
     for result in results:
-        score = "" if result.error else pages.shown(points.score(result))
+        score = "" if result.error else shown(points.score(result))
         for student in result.students:
             is_own = student.id.isascii() and student.id.isdecimal()
             own, login = (student.id, "") if is_own else ("", student.id)
@@ -103,7 +105,7 @@ def _junit(results: Iterable[Grade]) -> str:
     """Return results.xml in the format of JUnit."""
     root = ElementTree.Element("testsuites")
     for result in results:
-        name = pages.clean(result.name)
+        name = clean(result.name)
         suite = ElementTree.SubElement(root, "testsuite", name=name)
         for plan in result.plans:
             for check in plan.checks:
@@ -124,8 +126,8 @@ def _junit(results: Iterable[Grade]) -> str:
 def _add_case(suite: ElementTree.Element, place: str, name: str, kind: str, message: str) -> None:
     """Add a test case to a suite; `kind` is failure, error, or nothing if it passed."""
     case = ElementTree.SubElement(suite, "testcase")
-    case.attrib.update(classname=pages.clean(place), name=pages.clean(name), time="0")
+    case.attrib.update(classname=clean(place), name=clean(name), time="0")
     if kind:
-        text = pages.clean(message)
+        text = clean(message)
         first = (text.splitlines() or [""])[0]
         ElementTree.SubElement(case, kind, message=first).text = text

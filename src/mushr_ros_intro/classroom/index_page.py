@@ -1,0 +1,98 @@
+"""Show the results of a class as a table, with one row for each submission."""
+
+from typing import Sequence
+from urllib.parse import quote
+
+from mushr_ros_intro.classroom.grades import Grade, PlanGrade
+from mushr_ros_intro.classroom.html_page import (
+    NOT_GRADED,
+    NOT_RUN,
+    clean,
+    escaped,
+    page,
+    picture,
+    plan_title,
+    shown,
+    verdict,
+)
+from mushr_ros_intro.classroom.pages import FOLDER, file_name
+from mushr_ros_intro.classroom.points import Points
+from mushr_ros_intro.wording import counted
+
+_NOTE_LENGTH = 200
+"""The index shows so many characters of a fault."""
+
+_SCRIPT = """
+for (const button of document.querySelectorAll("th button")) button.onclick = () => {
+  const head = button.parentElement, body = document.querySelector("tbody");
+  const sign = head.getAttribute("aria-sort") === "ascending" ? -1 : 1;
+  const key = row => row.cells[head.cellIndex].dataset.key;
+  const order = (a, b) => sign * (a - b || a.localeCompare(b));
+  for (const each of head.parentElement.cells) each.removeAttribute("aria-sort");
+  head.setAttribute("aria-sort", sign > 0 ? "ascending" : "descending");
+  body.append(...[...body.rows].sort((one, other) => order(key(one), key(other))));
+};
+"""
+
+_LEGEND = "solid: driven; dashed: predicted; square: end of the driven path"
+
+
+def index_page(results: Sequence[Grade], points: Points) -> str:
+    """Return the page with one row for each submission."""
+    passed = sum(result.passed for result in results)
+    faults = sum(bool(result.fault) for result in results)
+    errors = sum(bool(result.error) for result in results)
+    counts = [f"{passed} passed", f"{len(results) - passed - faults - errors} failed"]
+    counts += [f"{faults} could not be run"] if faults else []
+    counts += [f"{errors} not graded"] if errors else []
+    plans = [plan_title(name, points) for name in points.plan_names]
+    columns = ["Submission", "Students", *plans, f"Score of {shown(points.max_score())}"]
+    heads = "".join(
+        f'<th scope="col"><button type="button">{each}</button></th>' for each in columns
+    )
+    rows = "\n".join(_row(result, points) for result in results)
+    body = (
+        f"<h1>Submissions</h1>\n<p>{counted(len(results), 'submission')}: {', '.join(counts)}. "
+        f"Click on the name of a column to sort. Pictures: {_LEGEND}.</p>\n"
+        f"<table><thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody></table>\n"
+        f"<script>{_SCRIPT}</script>"
+    )
+    return page("Submissions", body)
+
+
+def _row(result: Grade, points: Points) -> str:
+    link = quote(f"{FOLDER}/{file_name(result.name)}")
+    fault = clean(result.error or result.fault).strip()
+    note = fault if len(fault) <= _NOTE_LENGTH else fault[:_NOTE_LENGTH] + " ..."
+    name = f'<a href="{link}">{escaped(result.name)}</a>'
+    if note:
+        name += f'<div class="note">{escaped(note)}</div>'
+    students = "<br>".join(escaped(each.name or each.id or each.email) for each in result.students)
+    names = ", ".join(each.name or each.id for each in result.students)
+    cells = [_cell(result.name, name), _cell(names, students)]
+    plans = {plan.plan: (number, plan) for number, plan in enumerate(result.plans, 1)}
+    for each in points.plan_names:
+        if each in plans:
+            number, plan = plans[each]
+            cells.append(_plan_cell(plan, points, f"{link}#plan-{number}"))
+        else:
+            cells.append(_cell("-1", NOT_GRADED if result.error else NOT_RUN))
+    score = "" if result.error else shown(points.score(result))
+    cells.append(_cell(score or "-1", score or "?", "number"))
+    return f"<tr>{''.join(cells)}</tr>"
+
+
+def _plan_cell(plan: PlanGrade, points: Points, link: str) -> str:
+    score, most = shown(points.plan_score(plan)), shown(points.max_score([plan.plan]))
+    failed = [check for check in plan.checks if not check.passed]
+    judged = [check for check in failed if check.is_judged] or failed
+    names = escaped(", ".join(check.name for check in judged))
+    image = picture("thumbnail", plan) if plan.drive else "no drive"
+    line = f'<div class="line">{verdict(plan.passed)} {score} / {most}</div>'
+    return _cell(score, f'{line}<a href="{link}">{image}</a><div class="note">{names}</div>')
+
+
+def _cell(key: str, content: str, name: str = "") -> str:
+    """Return a cell that is sorted by a key."""
+    kind = f' class="{name}"' if name else ""
+    return f'<td data-key="{escaped(key)}"{kind}>{content}</td>'
