@@ -24,6 +24,7 @@ from mushr_ros_intro.classroom import services, tables
 from mushr_ros_intro.classroom.arguments import parse_arguments
 from mushr_ros_intro.classroom.assignment import Plans, choose
 from mushr_ros_intro.classroom.environment import check_environment
+from mushr_ros_intro.classroom.feedback import read_feedback
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.grading import Grading, Options, Task, not_graded, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
@@ -134,7 +135,10 @@ def grade_class(arguments: argparse.Namespace) -> int:
         if missing and not arguments.rejudge:
             print(missing, file=sys.stderr)
         setting = setting_from(arguments, sandbox)
+        plans.check_map(setting)
         found = collect(arguments.inputs, workspace, arguments.file)
+        feedback = read_feedback(arguments.feedback, [each.name for each in found])
+        points = points._replace(feedback=feedback)
         tasks = [
             plans.task(each, not arguments.only or each.name in arguments.only)
             for each in choose(arguments, found)
@@ -182,7 +186,9 @@ def merge(arguments: argparse.Namespace) -> int:
         store.save(records[name])
     results = [records[name].grade for name in sorted(records)]
     plans = list(dict.fromkeys(plan.plan for each in results for plan in each.plans))
-    return finish(arguments.out, results, read_points(arguments.points, plans), plans)
+    points = read_points(arguments.points, plans)
+    points = points._replace(feedback=read_feedback(arguments.feedback, records))
+    return finish(arguments.out, results, points, plans)
 
 
 def finish(folder: str, results: List[Grade], points: Points, plans: List[str]) -> int:

@@ -9,7 +9,15 @@ from mushr_ros_intro.replay.judge import CHECK_NAMES, Check
 ANN = Student("Ann", "17", "ann@x.edu")
 
 
-def graded(plan="circle", failed=(), message="as expected", count=0, radius=2.0, offset=0.5):
+def graded(
+    plan="circle",
+    failed=(),
+    message="as expected",
+    count=0,
+    radius=2.0,
+    offset=0.5,
+    unjudged=(),
+):
     """Return a drive of `count` poses on a quarter of a circle, `offset` beside the prediction."""
     angles = [math.pi / 2 * index / max(count - 1, 1) for index in range(count)]
     driven = tuple(
@@ -18,7 +26,12 @@ def graded(plan="circle", failed=(), message="as expected", count=0, radius=2.0,
     )
     return PlanGrade(
         plan,
-        tuple(Check(name, name not in failed, f"{name}: {message}") for name in CHECK_NAMES),
+        tuple(
+            Check(
+                name, name not in (*failed, *unjudged), f"{name}: {message}", name not in unjudged
+            )
+            for name in CHECK_NAMES
+        ),
         f"the verdict: {message}",
         f"the output: {message}",
         2.5,

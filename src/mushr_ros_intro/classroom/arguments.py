@@ -9,7 +9,7 @@ from typing import Sequence
 from mushr_ros_intro.replay.judge import Tolerances
 
 _OF_A_CLASS = (
-    *("plans_for", "points", "jobs", "shard", "user", "only", "rejudge"),
+    *("plans_for", "points", "feedback", "jobs", "shard", "user", "only", "rejudge"),
     *("gradescope", "classroom50", "github"),
 )
 """Options that `--node` does not use."""
@@ -50,6 +50,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--out", metavar="FOLDER", help="write the results to this folder")
     add("--bag", action="store_true", help="also write each drive as a bag")
     add("--points", metavar="FILE", help="points per check and plan; default one point each")
+    add("--feedback", default="", metavar="FILE", help="points and comments by hand")
     add("--remap", nargs="+", default=[], metavar="FROM:=TO", help="for the nodes, as for rosrun")
     add("--car", default="ideal", help="as in sim.launch; default ideal")
     add("--map", default="sandbox", help="as in sim.launch; default sandbox")
@@ -94,6 +95,8 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
         return "expected PLAN... --node PACKAGE FILE, or SUBMISSION... --plans PLAN... --out FOLDER"
     if (arguments.merge or arguments.bag) and not arguments.out:
         return "expected --out FOLDER"
+    if arguments.feedback and (arguments.gradescope or arguments.classroom50 or arguments.github):
+        return "--feedback is for pages and tables, not for Gradescope, Classroom 50 or GitHub"
     if not all(re.fullmatch("[^:=]+:=[^:=]+", each) for each in arguments.remap):
         return "expected --remap FROM:=TO, such as control:=/cmd"
     if arguments.jobs < 1 or not arguments.patience > 0.0:

@@ -4,13 +4,18 @@ import argparse
 import os
 from typing import Dict, List, Optional, Sequence
 
+from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.classroom.grading import Task
 from mushr_ros_intro.classroom.own_plans import TABLE, OwnPlans
 from mushr_ros_intro.classroom.submissions import Submission, check_authors
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.preview.prediction import drive
+from mushr_ros_intro.preview.walls import map_fault
+from mushr_ros_intro.replay.job import Setting
 from mushr_ros_intro.wording import counted
 
 
@@ -40,6 +45,20 @@ class Plans:
     def folders(self) -> List[str]:
         """The folders of the plans."""
         return sorted({os.path.dirname(plan.path) for plan in self._all})
+
+    def check_map(self, setting: Setting) -> None:
+        """Refuse a plan that hits a wall, or leaves the map: no node can pass it.
+
+        Raises:
+            UserError: there is such a plan.
+        """
+        car = car_from(Parameters({**setting.parameters, "noise": False}))
+        if setting.grid is None:
+            return
+        for plan in self._all:
+            fault, _ = map_fault(plan, drive(plan, car), car, setting.grid)
+            if fault:
+                raise UserError(f"{fault}\nNo node can pass; use another plan or another --map")
 
     def task(self, submission: Submission, is_chosen: bool) -> Task:
         """Return the grading of a submission; it fails if there is no plan for its students."""

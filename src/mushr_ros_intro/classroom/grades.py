@@ -1,7 +1,7 @@
 """The results of grading, as plain values that become JSON."""
 
 import math
-from typing import Any, Callable, Dict, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -46,6 +46,16 @@ class PlanGrade(NamedTuple):
     def passed(self) -> bool:
         """Whether all checks passed."""
         return all(check.passed for check in self.checks)
+
+    @property
+    def has_commands(self) -> bool:
+        """Whether the node has sent a command; otherwise most checks cannot be judged."""
+        return any(check.is_judged for check in self.checks if check.name == "commands")
+
+    @property
+    def notes(self) -> List[str]:
+        """The lines of the verdict with notes."""
+        return [line for line in self.verdict.splitlines() if line.startswith("note: ")]
 
     @property
     def drive(self) -> Optional[Drive]:

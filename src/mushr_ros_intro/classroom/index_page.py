@@ -1,8 +1,10 @@
 """Show the results of a class as a table, with one row for each submission."""
 
+from statistics import mean, median
 from typing import Sequence
 from urllib.parse import quote
 
+from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.classroom.html_page import (
     NOT_GRADED,
@@ -13,10 +15,12 @@ from mushr_ros_intro.classroom.html_page import (
     picture,
     plan_title,
     shown,
+    table,
     verdict,
 )
 from mushr_ros_intro.classroom.pages import FOLDER, file_name
 from mushr_ros_intro.classroom.points import Points
+from mushr_ros_intro.replay.judge import CHECK_NAMES
 from mushr_ros_intro.wording import counted
 
 _NOTE_LENGTH = 200
@@ -24,7 +28,7 @@ _NOTE_LENGTH = 200
 
 _SCRIPT = """
 for (const button of document.querySelectorAll("th button")) button.onclick = () => {
-  const head = button.parentElement, body = document.querySelector("tbody");
+  const head = button.parentElement, body = document.querySelector(".index tbody");
   const sign = head.getAttribute("aria-sort") === "ascending" ? -1 : 1;
   const key = row => row.cells[head.cellIndex].dataset.key;
   const order = (a, b) => sign * (a - b || a.localeCompare(b));
@@ -47,14 +51,12 @@ def index_page(results: Sequence[Grade], points: Points) -> str:
     counts += [f"{errors} not graded"] if errors else []
     plans = [plan_title(name, points) for name in points.plan_names]
     columns = ["Submission", "Students", *plans, f"Score of {shown(points.max_score())}"]
-    heads = "".join(
-        f'<th scope="col"><button type="button">{each}</button></th>' for each in columns
-    )
-    rows = "\n".join(_row(result, points) for result in results)
+    heads = (f'<button type="button">{each}</button>' for each in columns)
+    results_table = table("cards index", heads, (_row(result, points) for result in results))
     body = (
         f"<h1>Submissions</h1>\n<p>{counted(len(results), 'submission')}: {', '.join(counts)}. "
         f"Click on the name of a column to sort. Pictures: {_LEGEND}.</p>\n"
-        f"<table><thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody></table>\n"
+        f"{results_table}\n{_statistics(results, points)}\n"
         f"<script>{_SCRIPT}</script>"
     )
     return page("Submissions", body)
@@ -76,9 +78,14 @@ def _row(result: Grade, points: Points) -> str:
             number, plan = plans[each]
             cells.append(_plan_cell(plan, points, f"{link}#plan-{number}"))
         else:
-            cells.append(_cell("-1", NOT_GRADED if result.error else NOT_RUN))
+            mark = NOT_GRADED if result.error else NOT_RUN
+            cells.append(_cell("-1", mark, f' data-name="{escaped(each)}"'))
     score = "" if result.error else shown(points.score(result))
-    cells.append(_cell(score or "-1", score or "?", "number"))
+    by_hand = points.feedback.get(result.name, Feedback()).points
+    content = (score or "?") + (
+        f'<div class="note">{by_hand:+.12g} by hand</div>' if by_hand else ""
+    )
+    cells.append(_cell(score or "-1", content, ' class="number" data-name="Score"'))
     return f"<tr>{''.join(cells)}</tr>"
 
 
@@ -89,10 +96,47 @@ def _plan_cell(plan: PlanGrade, points: Points, link: str) -> str:
     names = escaped(", ".join(check.name for check in judged))
     image = picture("thumbnail", plan) if plan.drive else "no drive"
     line = f'<div class="line">{verdict(plan.passed)} {score} / {most}</div>'
-    return _cell(score, f'{line}<a href="{link}">{image}</a><div class="note">{names}</div>')
+    content = f'{line}<a href="{link}">{image}</a><div class="note">{names}</div>'
+    return _cell(score, content, f' data-name="{escaped(plan.plan)}"')
 
 
-def _cell(key: str, content: str, name: str = "") -> str:
+def _cell(key: str, content: str, attributes: str = "") -> str:
     """Return a cell that is sorted by a key."""
-    kind = f' class="{name}"' if name else ""
-    return f'<td data-key="{escaped(key)}"{kind}>{content}</td>'
+    return f'<td data-key="{escaped(key)}"{attributes}>{content}</td>'
+
+
+def _statistics(results: Sequence[Grade], points: Points) -> str:
+    """Return the scores of the class, and how many drives passed each check of each plan."""
+    scores = [points.score(each) for each in results if not each.error]
+    if not scores:
+        return ""
+    numbers = ", ".join(
+        f"{name} {shown(round(value, 2))}"
+        for name, value in (
+            ("lowest", min(scores)),
+            ("median", median(scores)),
+            ("mean", mean(scores)),
+            ("highest", max(scores)),
+        )
+    )
+    plans = {
+        name: [plan for each in results for plan in each.plans if plan.plan == name]
+        for name in points.plan_names
+    }
+    rows = (
+        f'<tr><th scope="row">{check}</th>'
+        + "".join(f"<td>{_counts(check, drives)}</td>" for drives in plans.values())
+        + "</tr>"
+        for check in CHECK_NAMES
+    )
+    heads = ["Check", *(plan_title(each, points) for each in plans)]
+    return f"<h2>The class</h2>\n<p>Scores: {numbers}.</p>\n{table('counts', heads, rows)}"
+
+
+def _counts(name: str, drives: Sequence[PlanGrade]) -> str:
+    """Return how many drives passed a check, failed it, or were not judged."""
+    checks = [check for drive in drives for check in drive.checks if check.name == name]
+    passed = sum(check.passed for check in checks)
+    failed = sum(check.is_judged and not check.passed for check in checks)
+    counts = {"passed": passed, "failed": failed, "not judged": len(checks) - passed - failed}
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)

@@ -1,8 +1,9 @@
-"""Show the result of a submission as a page for the course. It shows hidden plans, too."""
+"""Show the result of a submission as a page: one for the course, and one for its students."""
 
 import re
 from typing import List
 
+from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.classroom.html_page import (
     NOT_GRADED,
@@ -12,12 +13,13 @@ from mushr_ros_intro.classroom.html_page import (
     picture,
     plan_title,
     shown,
+    table,
     verdict,
 )
 from mushr_ros_intro.classroom.points import Points
 
-FOLDER = "submissions"
-"""The folder of the pages of submissions, beside the index."""
+FOLDER, STUDENTS = "submissions", "students"
+"""The folders of the pages for the course and for the students, beside the index."""
 
 _NOT_IN_FILE_NAME = re.compile("[\x00-\x1f/\\\\%\ud800-\udfff]")
 
@@ -28,21 +30,58 @@ def file_name(name: str) -> str:
 
 
 def submission_page(result: Grade, points: Points) -> str:
-    """Return the page of a submission, with all checks, drawings and the output of its node."""
-    parts = [f'<p><a href="../index.html">All submissions</a></p>\n<h1>{escaped(result.name)}</h1>']
-    parts += [f"<p>{escaped(', '.join(filter(None, student)))}</p>" for student in result.students]
+    """Return the page of a submission for the course; it shows hidden plans, too."""
+    parts = ['<p><a href="../index.html">All submissions</a></p>', *_head(result, points)]
     if result.error:
-        parts.append(f"<p>{NOT_GRADED}: grading failed. Grade this submission again.</p>")
         parts.append(f"<pre>{escaped(result.error)}</pre>")
+    parts += [_section(number, plan, points) for number, plan in enumerate(result.plans, 1)]
+    return page(escaped(result.name), "\n".join([*parts, _source(result)]))
+
+
+def student_page(result: Grade, points: Points) -> str:
+    """Return the page of a submission for its students.
+
+    It shows no hidden plan, no other submission, and no error of the grading.
+    """
+    names = [each for each in points.plan_names if not points.is_hidden(each)]
+    plans = tuple(each for each in result.plans if each.plan in names)
+    hidden = points.max_score() - points.max_score(names)
+    points, result = points._replace(plan_names=tuple(names)), result._replace(plans=plans)
+    parts = _head(result, points)
+    if hidden:
+        text = f"Other plans, which this page does not show, give up to {shown(hidden)} points."
+        parts.append(f"<p>{text}</p>")
+    parts += [_section(number, plan, points) for number, plan in enumerate(plans, 1)]
+    return page(escaped(result.name), "\n".join([*parts, _source(result)]))
+
+
+def _head(result: Grade, points: Points) -> List[str]:
+    """Return the parts of a page above the plans."""
+    parts = [f"<h1>{escaped(result.name)}</h1>"]
+    parts += [f"<p>{escaped(', '.join(filter(None, student)))}</p>" for student in result.students]
+    feedback = points.feedback.get(result.name, Feedback())
+    if result.error:
+        text = "grading failed, which is not a fault of the submission. It must be graded again."
+        parts.append(f"<p>{NOT_GRADED}: {text}</p>")
     else:
         score, most = shown(points.score(result)), shown(points.max_score())
-        parts.append(f"<p>{verdict(result.passed)}, {score} of {most} points</p>")
+        mark = f"{verdict(result.passed)}, " if result.plans else ""
+        by_hand = f", with {feedback.points:+.12g} by hand" if feedback.points else ""
+        parts.append(f"<p>{mark}{score} of {most} points{by_hand}</p>")
+    if feedback.comment:
+        parts.append(f"<p>Comment:</p>\n<pre>{escaped(feedback.comment)}</pre>")
     if result.fault:
         parts.append(f"<p>{NOT_RUN}: the submission could not be run.</p>")
         parts.append(f"<pre>{escaped(result.fault)}</pre>")
-    parts += [f"<p>Note: {escaped(note)}</p>" for note in result.notes]
-    parts += [_section(number, plan, points) for number, plan in enumerate(result.plans, 1)]
-    return page(escaped(result.name), "\n".join(parts))
+    return parts + [f"<p>Note: {escaped(note)}</p>" for note in result.notes]
+
+
+def _source(result: Grade) -> str:
+    return _folded("The node", result.source) if result.source else ""
+
+
+def _folded(title: str, text: str) -> str:
+    return f"<details><summary>{title}</summary>\n<pre>{escaped(text)}</pre>\n</details>"
 
 
 def _section(number: int, plan: PlanGrade, points: Points) -> str:
@@ -55,11 +94,9 @@ def _section(number: int, plan: PlanGrade, points: Points) -> str:
     ]
     if loss := points.loss(plan):
         parts.append(f"<p>{escaped(loss)}</p>")
-    heads = "".join(
-        f'<th scope="col">{each}</th>' for each in ("Check", "Verdict", "Points", "Message")
-    )
-    rows = "\n".join(_check_rows(plan, points))
-    parts.append(f"<table><thead><tr>{heads}</tr></thead>\n<tbody>\n{rows}\n</tbody></table>")
+    heads = ("Check", "Verdict", "Points", "Message")
+    parts.append(table("cards checks", heads, _check_rows(plan, points)))
+    parts += [f"<p>{escaped(each.capitalize())}</p>" for each in plan.notes]
     if drive := plan.drive:
         parts.append(_figure(picture("locations", plan), "paths"))
         distances, largest = drive.distances, int(drive.distances.argmax())
@@ -71,10 +108,9 @@ def _section(number: int, plan: PlanGrade, points: Points) -> str:
         parts.append(_figure(picture("distances", plan), caption))
     else:
         parts.append("<p>There is no drive to show.</p>")
-    parts.append(
-        f"<h3>Verdict and last output</h3>\n<pre>{escaped(plan.verdict)}</pre>\n</section>"
-    )
-    return "\n".join(parts)
+    if plan.output:
+        parts.append(_folded("The output of the node, or its end", plan.output))
+    return "\n".join([*parts, "</section>"])
 
 
 def _figure(image: str, caption: str) -> str:
@@ -88,8 +124,9 @@ def _check_rows(plan: PlanGrade, points: Points) -> List[str]:
         key=lambda row: 2 * row[0].passed or not row[0].is_judged,
     )
     return [
-        f'<tr><th scope="row">{escaped(check.name)}</th><td>{verdict(check.passed)}</td>'
+        f'<tr><th scope="row">{escaped(check.name)}</th>'
+        f"<td>{verdict(check.passed, check.is_judged)}</td>"
         f'<td class="number">{shown(earned)} / {shown(points.points(plan.plan, check.name))}</td>'
-        f'<td class="message">{escaped(check.message)}</td></tr>'
+        f'<td class="message wide">{escaped(check.message)}</td></tr>'
         for check, earned in rows
     ]

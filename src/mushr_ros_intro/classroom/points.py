@@ -16,6 +16,9 @@ The keys of `default` and of each plan are:
                                     give points. Otherwise the plan gives the sum.
     hidden                          true: students do not see the plan before grades are published.
 
+A check that is not judged, because another one failed, costs no points: the other one has cost
+them already. But without a command, the plan gives 0 points.
+
 A plan gives 0 points if its check `topics` failed, whatever its other checks give. Then the node
 did something else than driving the car, so its drive proves nothing. A submission that cannot be
 run scores 0.
@@ -24,6 +27,7 @@ run scores 0.
 import math
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
@@ -51,6 +55,8 @@ class Points(NamedTuple):
     plan_names: Tuple[str, ...] = ()
     default: PlanPoints = PlanPoints()
     plans: Mapping[str, PlanPoints] = {}
+    feedback: Mapping[str, Feedback] = {}
+    """What the course has added by hand, by the names of submissions."""
 
     def points(self, plan: str, check: str) -> float:
         """Return the points that a check of a plan gives if it passes."""
@@ -67,15 +73,18 @@ class Points(NamedTuple):
 
     def earned(self, plan: PlanGrade) -> List[float]:
         """Return the points that each check of a drive gives, in the order of its checks."""
-        lost, points = bool(self.loss(plan)), self.points
-        return [(each.passed and not lost) * points(plan.plan, each.name) for each in plan.checks]
+        lost = bool(self.loss(plan)) or not plan.has_commands
+        is_earned = (not lost and (each.passed or not each.is_judged) for each in plan.checks)
+        points = (self.points(plan.plan, each.name) for each in plan.checks)
+        return [given if earned else 0.0 for earned, given in zip(is_earned, points)]
 
     def loss(self, plan: PlanGrade) -> str:
         """Return why a drive gives no points whatever its checks give, or nothing."""
         failed = {check.name: check for check in plan.checks if not check.passed}
         if "topics" in failed and failed["topics"].is_judged:
             return "This plan gives 0 points, because the check topics failed."
-        missed = sorted(name for name in failed if self.points(plan.plan, name))
+        judged = (each.name for each in failed.values() if each.is_judged)
+        missed = sorted(name for name in judged if self.points(plan.plan, name))
         if missed and self._of(plan.plan).all_or_nothing:
             return f"This plan gives 0 points, because a check failed: {', '.join(missed)}."
         return ""
@@ -86,7 +95,8 @@ class Points(NamedTuple):
 
     def score(self, result: Grade) -> float:
         """Return the points of a submission; 0 also if there is no verdict (see Grade.error)."""
-        return _sum(self.plan_score(plan) for plan in result.plans)
+        by_hand = self.feedback.get(result.name, Feedback()).points
+        return max(0.0, _sum([by_hand, *(self.plan_score(plan) for plan in result.plans)]))
 
     def _of(self, plan: str) -> PlanPoints:
         return self.plans.get(plan, self.default)

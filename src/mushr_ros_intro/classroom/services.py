@@ -67,6 +67,9 @@ def write_results(
     for path, convert in formats.items():
         if path is not None:
             write_text(path, json.dumps(convert(), indent=2))
+    if arguments.classroom50 is not None:
+        folder = os.path.dirname(arguments.classroom50)
+        write_text(os.path.join(folder, "release-body.md"), release_body(result, points))
 
 
 def gradescope(result: Grade, points: Points, seconds: float) -> Dict[str, Any]:
@@ -147,10 +150,22 @@ def classroom50(
                 "passed": test.status == "pass",
                 "score": int(test.score),
                 "max-score": int(test.max_score),
+                "message": test.message,
             }
             for test in tests
         ],
     }
+
+
+def release_body(result: Grade, points: Points) -> str:
+    """Return the text of the release in which Classroom 50 shows a result to its student."""
+    lines = [_FOR_STUDENTS] if result.error else []
+    for test in _merged(_tests(result, points)):
+        state = "passed" if test.status == "pass" else "FAILED"
+        lines.append(f"{state} {test.name}, {shown(test.score)} of {shown(test.max_score)}")
+        lines += [f"    {line}" for line in test.message.splitlines()]
+    text = "\n".join(f"    {line}" for line in lines)  # Markdown shows such lines as they are
+    return f"**{shown(points.score(result))} of {shown(points.max_score())} points**\n\n{text}\n"
 
 
 def github(result: Grade, points: Points) -> Dict[str, Any]:
@@ -194,7 +209,7 @@ def _tests(result: Grade, points: Points) -> List[_Test]:
             test = _Test(
                 plan.plan,
                 points.is_hidden(plan.plan),
-                f"{plan.plan}: {check.name}",
+                f"{plan.plan}: {check.name}{'' if check.is_judged else ' (not judged)'}",
                 f"{row}.{column}",
                 "pass" if check.passed else "fail",
                 earned,

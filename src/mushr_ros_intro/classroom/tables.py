@@ -3,19 +3,24 @@
 import csv
 import io
 import os
+import re
 import unicodedata
 from typing import Iterable, Iterator, List, Sequence
 from xml.etree import ElementTree
 
 from mushr_ros_intro.classroom import pages
+from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.html_page import clean, shown
 from mushr_ros_intro.classroom.index_page import index_page
 from mushr_ros_intro.classroom.points import Points
 from mushr_ros_intro.classroom.store import make_folder, write_text
+from mushr_ros_intro.replay.judge import CHECK_NAMES
 
 _FORMULA = ("=", "+", "-", "@")
 """A cell that begins like this is a formula in spreadsheet programs."""
+
+_NUMBER = re.compile(r"-?[0-9.]+")
 
 _CANVAS_COLUMNS = ("Student", "ID", "SIS User ID", "SIS Login ID", "Section")
 
@@ -27,7 +32,7 @@ def write_results(
     plan_names: Iterable[str],
     assignment: str = "path_publisher",
 ) -> None:
-    """Write index.html, submissions/, grades.csv, canvas.csv and results.xml into a folder.
+    """Write index.html, submissions/, students/, the tables and results.xml into a folder.
 
     Args:
         folder: is created if it does not exist.
@@ -41,14 +46,16 @@ def write_results(
     """
     points = points._replace(plan_names=tuple(plan_names))
     folder = os.path.join(folder, "")
-    make_folder(folder + pages.FOLDER)
+    make_folder(folder)
     write_text(f"{folder}index.html", index_page(results, points))
     names = {pages.file_name(result.name): result for result in results}
-    for name, result in names.items():
-        path = os.path.join(folder, pages.FOLDER, name)
-        write_text(path, pages.submission_page(result, points))
-    for name in set(os.listdir(folder + pages.FOLDER)) - set(names):
-        os.unlink(os.path.join(folder, pages.FOLDER, name))
+    kinds = {pages.FOLDER: pages.submission_page, pages.STUDENTS: pages.student_page}
+    for kind, function in kinds.items():
+        make_folder(folder + kind)
+        for name, result in names.items():
+            write_text(os.path.join(folder, kind, name), function(result, points))
+        for name in set(os.listdir(folder + kind)) - set(names):
+            os.unlink(os.path.join(folder, kind, name))
     write_text(f"{folder}grades.csv", _csv(_grades(results, points)))
     write_text(f"{folder}canvas.csv", _csv(_canvas(results, points, assignment)))
     write_text(f"{folder}results.xml", _junit(results))
@@ -65,16 +72,18 @@ def _plain(text: str) -> str:
     """Return text on one line that no spreadsheet program takes for a formula."""
     line = " ".join(clean(text).split())
     is_formula = unicodedata.normalize("NFKC", line).lstrip().startswith(_FORMULA)
-    return f"'{line}" if is_formula else line
+    return f"'{line}" if is_formula and not _NUMBER.fullmatch(line) else line
 
 
 def _grades(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
     """Yield the rows of grades.csv: one for each submission; without a verdict, no points."""
     names = points.plan_names
-    yield ["Name", "Students", "IDs", *names, "Score", "Max", "Passed", "Error/Fault"]
+    heads = ["Score", "Max", "Passed", "By hand", "Comment", "Error/Fault"]
+    yield ["Name", "Students", "IDs", *names, *heads]
     for result in results:
         scores = {plan.plan: shown(points.plan_score(plan)) for plan in result.plans}
         missing = "" if result.error else "0"
+        feedback = points.feedback.get(result.name, Feedback())
         yield [
             result.name,
             "; ".join(_plain(each.name) for each in result.students),
@@ -83,6 +92,8 @@ def _grades(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
             "" if result.error else shown(points.score(result)),
             shown(points.max_score()),
             "" if result.error else "yes" if result.passed else "no",
+            shown(feedback.points) if feedback.points else "",
+            feedback.comment,
             f"error: {result.error}" if result.error else result.fault,
         ]
 
@@ -102,31 +113,35 @@ def _canvas(results: Iterable[Grade], points: Points, assignment: str) -> Iterat
 
 
 def _junit(results: Iterable[Grade]) -> str:
-    """Return results.xml in the format of JUnit."""
+    """Return results.xml in the format of JUnit; the check node has the time of the replay."""
     root = ElementTree.Element("testsuites")
     for result in results:
         name = clean(result.name)
         suite = ElementTree.SubElement(root, "testsuite", name=name)
         for plan in result.plans:
             for check in plan.checks:
-                kind = "" if check.passed else "failure"
-                _add_case(suite, f"{result.name}.{plan.plan}", check.name, kind, check.message)
+                kind = "" if check.passed else "failure" if check.is_judged else "skipped"
+                seconds = plan.seconds if check.name == CHECK_NAMES[0] else 0.0
+                place = f"{result.name}.{plan.plan}"
+                _add_case(suite, place, check.name, kind, check.message, seconds)
         if result.error or result.fault:
             kind = "error" if result.error else "failure"
-            _add_case(suite, result.name, "submission", kind, result.error or result.fault)
+            _add_case(suite, result.name, "submission", kind, result.error or result.fault, 0.0)
         suite.set("tests", str(len(suite)))
-        suite.set("failures", str(len(suite.findall("*/failure"))))
-        suite.set("errors", str(len(suite.findall("*/error"))))
-        suite.set("skipped", "0")
-        suite.set("time", "0")
+        counts = {"failures": "failure", "errors": "error", "skipped": "skipped"}
+        for attribute, tag in counts.items():
+            suite.set(attribute, str(len(suite.findall(f"*/{tag}"))))
+        suite.set("time", f"{sum(plan.seconds for plan in result.plans):g}")
     text = ElementTree.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
 
 
-def _add_case(suite: ElementTree.Element, place: str, name: str, kind: str, message: str) -> None:
-    """Add a test case to a suite; `kind` is failure, error, or nothing if it passed."""
+def _add_case(
+    suite: ElementTree.Element, place: str, name: str, kind: str, message: str, seconds: float
+) -> None:
+    """Add a test case to a suite; `kind` is a tag such as failure, or "" if it passed."""
     case = ElementTree.SubElement(suite, "testcase")
-    case.attrib.update(classname=clean(place), name=clean(name), time="0")
+    case.attrib.update(classname=clean(place), name=clean(name), time=f"{seconds:g}")
     if kind:
         text = clean(message)
         first = (text.splitlines() or [""])[0]

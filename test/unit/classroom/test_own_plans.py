@@ -13,9 +13,12 @@ from mushr_ros_intro.classroom.arguments import parse_arguments
 from mushr_ros_intro.classroom.assignment import Plans
 from mushr_ros_intro.classroom.grades import Student
 from mushr_ros_intro.classroom.submissions import Submission
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.replay.sandbox import Sandbox
+from mushr_ros_intro.replay.setting import read_setting
 from support.geometry import closed_form
-from support.paths import CHECKOUT
+from support.paths import CHECKOUT, PACKAGE
 
 LIKE = "0,0,0.5\n1.0,0.1,2\n2.0,-0.1\n2.0,-0.1,2\n1.5,0.2,2\n1.0,0,1\n"
 CLASS = "Student,ID,SIS Login ID,Section\n  Points Possible,,,\nAnn,17,ann7,1\nBob,18,,1\nEve,,,\n"
@@ -139,3 +142,15 @@ def test_each_submission_has_its_own_plan(tmp_path):
             assert os.path.basename(task.plans["plans"].path) == f"{found}.txt" and not task.error
         else:
             assert task.error == "plans/plans.csv has no plan for bob; add a line"
+
+
+def test_a_plan_that_hits_a_wall_is_refused():
+    """Otherwise all students fail."""
+    plans = Plans(parse_arguments(["class", "--plans", "slalom", "--out", "out"], ""))
+    others = {"remap": (), "patience": 9.0, "tolerances": {}, "sandbox": Sandbox(), "ros": {}}
+    for name in ("sandbox", "none"):
+        plans.check_map(read_setting(PACKAGE, "ideal", name, None, **others))
+    with pytest.raises(
+        UserError, match=r"slalom.txt:\d+:1: the car hits a wall at .*\nNo node can"
+    ):
+        plans.check_map(read_setting(PACKAGE, "ideal", "rooms", None, **others))

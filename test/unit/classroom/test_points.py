@@ -2,8 +2,10 @@
 
 import pytest
 
-from mushr_ros_intro.classroom.points import Points, read_points
+from mushr_ros_intro.classroom.feedback import Feedback, read_feedback
+from mushr_ros_intro.classroom.points import PlanPoints, Points, read_points
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support.grades import graded, submission
 
 PLANS = ("circle", "secret")
@@ -43,6 +45,47 @@ def test_points_of_plans(tmp_path, text, circle, secret):
     assert points.max_score(["circle"]) == circle and points.max_score(["secret"]) == secret
     result = submission(*(graded(plan) for plan in PLANS))
     assert points.score(result) == points.max_score() == circle + secret
+
+
+def test_checks_that_are_not_judged():
+    """They cost nothing, unless there is no command at all."""
+    crashed = graded("circle", ["node", "path"], unjudged=["rate"])
+    assert Points().plan_score(crashed) == 7 and not crashed.passed
+    silent = graded("circle", ["node"], unjudged=CHECK_NAMES[1:])
+    assert Points().plan_score(silent) == 0
+    strict = Points(plans={"circle": PlanPoints(all_or_nothing=True)})
+    assert strict.plan_score(crashed) == 0
+    assert strict.loss(crashed).endswith("because a check failed: node, path.")
+
+
+def test_feedback(tmp_path):
+    path = tmp_path / "feedback.yaml"
+    path.write_text("ann: {points: -2, comment: 'Late. '}\n17: {points: 0.5}\n")
+    feedback = read_feedback(str(path), ["ann", "bob", "17"])
+    assert feedback == {"ann": Feedback(-2.0, "Late."), "17": Feedback(0.5, "")}
+    points = Points(feedback=feedback)
+    assert points.score(submission(graded("circle", ["path"]))) == 6
+    assert points.score(submission(graded("circle", ["topics"]))) == 0
+    assert points.score(submission(name="17", fault="no file")) == 0.5
+    assert read_feedback("", ["ann"]) == {}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("anne: {points: 1}", ": there is no submission anne; did you mean ann?"),
+        ("ann: 3", ": ann: the value is 3; expected names of submissions with points"),
+        ("ann: {points: many}", ": ann: points is 'many'; expected a number from -1e+06 to 1e+06"),
+        ("ann: {point: 1}", ": ann: point is 1; expected only the keys points, comment"),
+        ("3", ": the file has no keys; expected names of submissions"),
+    ],
+)
+def test_bad_feedback(tmp_path, text, said):
+    path = tmp_path / "feedback.yaml"
+    path.write_text(text)
+    with pytest.raises(UserError) as error:
+        read_feedback(str(path), ["ann"])
+    assert f"{path}{said}" in str(error.value)
 
 
 def test_hidden_plans(tmp_path):

@@ -11,10 +11,11 @@ from xml.etree import ElementTree
 
 import pytest
 
+from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grader import draw
 from mushr_ros_intro.classroom.grades import Student
 from mushr_ros_intro.classroom.points import PlanPoints, Points
-from mushr_ros_intro.classroom.services import classroom50, github, gradescope
+from mushr_ros_intro.classroom.services import classroom50, github, gradescope, release_body
 from mushr_ros_intro.classroom.tables import write_results
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.replay.judge import CHECK_NAMES
@@ -29,6 +30,8 @@ POINTS = Points(
 EVIL = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>&amp;\x00\x1b[31m\ud800]]></pre>"
 FAULTY = submission(name="bob", students=(), fault="no file\nof this name")
 BROKEN = submission(name="eve", error="the simulator did not start")
+OPEN = graded("circle", ["path", "map"], unjudged=["rate"])
+HEADS = ("By hand", "Comment", "Error/Fault")
 GOOD = submission(graded("circle"), graded("secret"))
 BAD = submission(graded("circle", ["path", "map"]), graded("secret", ["path"], "leaked"))
 
@@ -77,7 +80,7 @@ def test_the_index(tmp_path):
     assert "secret (hidden)" in index.text and "pass 5 / 5" in index.text
     assert "fail 2 / 5" in index.text and "fail 0 / 10" in index.text and "path, map" in index.text
     assert index.text.count("\u2717 not run") == index.text.count("? not graded") == 2
-    keys = [each["data-key"] for each in index.all("td")]
+    keys = index.all("td", "data-key")
     assert keys[:5] == ["ann", "Ann", "5", "10", "15"] and keys[7:10] == ["2", "0", "2"]
     assert keys[-3:] == ["-1", "-1", "-1"]
     links = [link for link in index.all("a", "href") if "#" not in link]
@@ -88,21 +91,62 @@ def test_the_index(tmp_path):
 
 def test_a_page(tmp_path):
     circle, secret = graded("circle", ["path", "map"], count=9), BAD.plans[1]
+    circle = circle._replace(verdict="ok   node: fine\nnote: the car ignored it")
     apart = [0.0, 0.0, 0.0, 0.8, *4 * [0.0], 0.2]
     circle = circle._replace(
         predicted=[(x + d, y, 0.0) for (x, y, _), d in zip(circle.driven, apart)]
     )
-    _, pages = written(tmp_path, submission(circle, secret), FAULTY, BROKEN)
+    ann = submission(circle, secret, source="print('hello')")
+    _, pages = written(tmp_path, ann, FAULTY, BROKEN)
     text = pages["ann.html"].text
     names = re.findall(r"^(\w+)\u2717 fail|^(\w+)\u2713 pass", text, re.MULTILINE)
     order = ["path", "map"] + [name for name in CHECK_NAMES if name not in ("path", "map")]
     assert ["".join(each) for each in names[:9]] == order
-    assert "path\u2717 fail0 / 3path: as expected" in text and "the verdict: as expected" in text
+    assert "path\u2717 fail0 / 3path: as expected" in text and "the output: as expected" in text
+    assert "Note: the car ignored it" in text and "print('hello')" in text
     assert "secret (hidden): \u2717 fail, 0 of 10 points" in text
     assert "This plan gives 0 points, because a check failed: path." in text
     assert "the largest is 0.8 m at 3 s, the last is 0.2 m" in text
     assert "could not be run" in pages["bob.html"].text and "no file\nof" in pages["bob.html"].text
     assert "did not start" in pages["eve.html"].text and "15 points" not in pages["eve.html"].text
+
+
+def test_not_judged(tmp_path):
+    """It is grey, counts as no failure, and costs no points."""
+    points = POINTS._replace(default=PlanPoints({"path": 3.0, "rate": 2.0}))
+    write_results(str(tmp_path), [submission(OPEN)], points, ["circle"])
+    text = Page(tmp_path / "submissions" / "ann.html").text
+    assert "rate\u2013 not judged2 / 2rate: as expected" in text and "2 of 5 points" in text
+    index = Page(tmp_path / "index.html").text
+    assert "fail 2 / 5" in index and "no drivepath, map" in index
+    tests = gradescope(submission(OPEN), points, 1.0)["tests"]
+    (rate,) = (each for each in tests if "rate" in each["name"])
+    assert rate["name"] == "circle: rate (not judged)" and rate["score"] == 2
+
+
+def test_the_class(tmp_path):
+    index, _ = written(tmp_path, GOOD, BAD, submission(OPEN), FAULTY, BROKEN)
+    assert "Scores: lowest 0, median 2, mean 4.75, highest 15." in index.text
+    assert "\npath1 passed, 2 failed1 passed, 1 failed\n" in index.text
+    assert "\nrate2 passed, 1 not judged2 passed\n" in index.text
+    assert "Scores" not in written(tmp_path, BROKEN)[0].text
+
+
+def test_the_pages_for_students(tmp_path):
+    """No hidden plan, no other submission, no error of the grading."""
+    points = POINTS._replace(feedback={"ann": Feedback(-1.5, "late\n<b>")})
+    write_results(str(tmp_path), [BAD, FAULTY, BROKEN], points, PLANS)
+    pages = {path.stem: Page(path) for path in (tmp_path / "students").iterdir()}
+    ann, bob, eve = (pages[name].text for name in ("ann", "bob", "eve"))
+    assert "\u2717 fail, 0.5 of 5 points, with -1.5 by hand\nComment:\nlate\n<b>" in ann
+    assert "Other plans, which this page does not show, give up to 10 points." in ann
+    assert "circle: \u2717 fail, 2 of 5 points" in ann and "the output: as expected" in ann
+    assert "could not be run" in bob and "no file" in bob and "did not start" not in eve
+    assert "not a fault of the submission" in eve
+    for page in pages.values():
+        assert "secret" not in page.text and "leaked" not in page.text and not page.all("a")
+    course = Page(tmp_path / "submissions" / "ann.html").text
+    assert "0.5 of 15 points, with -1.5 by hand" in course and "late" in course
 
 
 def pictures(page):
@@ -157,12 +201,14 @@ def test_text_of_a_submission_is_escaped(tmp_path):
 
 def test_tables(tmp_path):
     pair = [Student("Bo\nB", "17", ""), Student("=1+1", "-ann7", "")]
-    written(tmp_path, BAD._replace(students=pair, name="@a"), FAULTY, BROKEN)
+    points = POINTS._replace(feedback={"bob": Feedback(-0.5, "=x")})
+    results = (BAD._replace(students=pair, name="@a"), FAULTY, BROKEN)
+    write_results(str(tmp_path), results, points, PLANS)
     assert rows(tmp_path / "grades.csv") == [
-        ["Name", "Students", "IDs", *PLANS, "Score", "Max", "Passed", "Error/Fault"],
-        ["'@a", "Bo B; '=1+1", "17; '-ann7", "2", "0", "2", "15", "no", ""],
-        ["bob", "", "", "0", "0", "0", "15", "no", "no file of this name"],
-        ["eve", "Ann", "17", "", "", "", "15", "", "error: the simulator did not start"],
+        [*("Name", "Students", "IDs", *PLANS, "Score", "Max", "Passed"), *HEADS],
+        ["'@a", "Bo B; '=1+1", "17; '-ann7", "2", "0", "2", "15", "no", "", "", ""],
+        ["bob", "", "", "0", "0", "0", "15", "no", "-0.5", "'=x", "no file of this name"],
+        ["eve", "Ann", "17", "", "", "", "15", "", "", "", "error: the simulator did not start"],
     ]
     assert rows(tmp_path / "canvas.csv") == [
         ["Student", "ID", "SIS User ID", "SIS Login ID", "Section", "path_publisher"],
@@ -173,14 +219,15 @@ def test_tables(tmp_path):
 
 
 def test_junit(tmp_path):
-    written(tmp_path, BAD, FAULTY, BROKEN)
+    written(tmp_path, submission(OPEN, BAD.plans[1]), FAULTY, BROKEN)
     ann, bob, eve = ElementTree.parse(tmp_path / "results.xml").getroot()
-    counts = [
-        [each.get(key) for key in ("tests", "failures", "errors")] for each in (ann, bob, eve)
-    ]
-    assert counts == [["18", "3", "0"], ["1", "1", "0"], ["1", "0", "1"]]
+    names = ("tests", "failures", "errors", "skipped")
+    counts = [[each.get(key) for key in names] for each in (ann, bob, eve)]
+    assert counts == [["18", "3", "0", "1"], ["1", "1", "0", "0"], ["1", "0", "1", "0"]]
+    assert ann.find("testcase[@name='rate']/skipped").get("message") == "rate: as expected"
     case = ann.find("testcase[@name='path']")
     assert case.get("classname") == "ann.circle" and case.get("time") == "0"
+    assert ann.find("testcase[@name='node']").get("time") == "2.5" and ann.get("time") == "5"
     assert case.find("failure").get("message") == "path: as expected"
     assert bob[0].find("failure").get("message") == "no file" and bob[0].get("name") == "submission"
 
@@ -226,8 +273,15 @@ def test_services_where_students_see_everything():
     assert (fifty["schema"], fifty["datetime"]) == ("classroom50/result/v1", "1970-01-02T00:00:00Z")
     values = [fifty[key] for key in ("assignment", "commit", "score", "max-score")]
     assert values == ["intro", "", 2, 15] and len(fifty["tests"]) == 10
-    assert [*fifty["tests"][-1].values()] == ["hidden plan 1", False, 0, 10]
-    said = json.dumps([report, fifty])
+    assert [*fifty["tests"][-1].values()] == ["hidden plan 1", False, 0, 10, ""]
+    assert fifty["tests"][5]["message"] == "path: as expected"
+    body = release_body(BAD, POINTS)
+    assert body.startswith(
+        "**2 of 15 points**\n\n    passed circle: node, 0 of 0\n        node: as "
+    )
+    assert "    FAILED circle: path, 0 of 3\n        path: as expected\n" in body
+    assert "must grade it again" in release_body(BROKEN, POINTS)
+    said = json.dumps([report, fifty, body])
     assert "secret" not in said and "leaked" not in said
     assert github(GOOD, POINTS)["status"] == "pass"
     with pytest.raises(UserError, match=r"circle: path gives 0.5 points; expected whole"):
