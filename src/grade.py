@@ -22,7 +22,7 @@ from typing import Any, Dict, List, Sequence
 
 from mushr_ros_intro.classroom import services, tables
 from mushr_ros_intro.classroom.arguments import parse_arguments
-from mushr_ros_intro.classroom.assignment import Plans, choose
+from mushr_ros_intro.classroom.assignment import Plans, choose, setting_from
 from mushr_ros_intro.classroom.environment import check_environment
 from mushr_ros_intro.classroom.feedback import read_feedback
 from mushr_ros_intro.classroom.grades import Grade
@@ -34,11 +34,10 @@ from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
-from mushr_ros_intro.replay.job import ReplayError, Setting, run_job
-from mushr_ros_intro.replay.judge import Tolerances
+from mushr_ros_intro.replay.job import ReplayError, run_job
 from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
-from mushr_ros_intro.replay.setting import job_for, read_setting
+from mushr_ros_intro.replay.setting import job_for
 from mushr_ros_intro.replay.workspace import temporary_folder
 from mushr_ros_intro.wording import counted
 
@@ -71,22 +70,6 @@ def interrupt(*_: Any) -> None:
     """Interrupt the grading, once: scripts/grade sends the signal of Ctrl-C again."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     raise KeyboardInterrupt
-
-
-def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
-    """Return the setting that the command line describes."""
-    values = ((name, getattr(arguments, f"{name}_tolerance")) for name in Tolerances._fields)
-    return read_setting(
-        package_folder("."),
-        arguments.car,
-        arguments.map,
-        arguments.seed,
-        remap=tuple(arguments.remap),
-        patience=arguments.patience,
-        tolerances={name: value for name, value in values if value is not None},
-        sandbox=sandbox,
-        ros=sandbox.copy_workspaces(),
-    )
 
 
 def check_machine(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Find out what is graded: the chosen submissions, and the plans that each of them drives."""
+"""Find out what is graded, and how: the submissions, the plans of each of them, the setting."""
 
 import argparse
 import os
@@ -16,6 +16,9 @@ from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import drive
 from mushr_ros_intro.preview.walls import map_fault
 from mushr_ros_intro.replay.job import Setting
+from mushr_ros_intro.replay.judge import Tolerances
+from mushr_ros_intro.replay.sandbox import Sandbox
+from mushr_ros_intro.replay.setting import read_setting
 from mushr_ros_intro.wording import counted
 
 
@@ -91,3 +94,19 @@ def choose(arguments: argparse.Namespace, found: Sequence[Submission]) -> Sequen
         if name not in names:
             raise UserError(f"--only {name}: expected one of {', '.join(names)}")
     return chosen
+
+
+def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
+    """Return the setting that the command line describes."""
+    values = ((name, getattr(arguments, f"{name}_tolerance")) for name in Tolerances._fields)
+    return read_setting(
+        package_folder("."),
+        arguments.car,
+        arguments.map,
+        arguments.seed,
+        remap=tuple(arguments.remap),
+        patience=arguments.patience,
+        tolerances={name: value for name, value in values if value is not None},
+        sandbox=sandbox,
+        ros=sandbox.copy_workspaces(),
+    )
