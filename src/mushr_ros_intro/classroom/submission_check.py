@@ -1,6 +1,7 @@
 """Check whether the node of a submission can be run. No file of the submission is run."""
 
 import difflib
+import filecmp
 import json
 import os
 import re
@@ -8,6 +9,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from functools import partial
 from typing import Dict, List, NamedTuple, Sequence, Tuple
 from xml.etree import ElementTree
 
@@ -17,6 +19,11 @@ MAX_TEXT = 1_000_000
 """Larger nodes and package.xml files are refused [bytes]: to parse them takes much memory."""
 
 _FIRST_LINE = "Make its first line: #!/usr/bin/python3"
+
+_TESTS = {"test", "tests"}
+"""Folders with tests of nodes; these may have the name of the node."""
+
+_CPP = (".cc", ".cpp", ".cxx")
 
 _COMPILE_TIME = 20.0
 """Limit on the compilation of a node [s]."""
@@ -100,14 +107,17 @@ def _choose(files: Files, places: Sequence[str], packages: Sequence[str], node: 
     Raises:
         SubmissionError: there is none, or there are several equal ones.
     """
-    named = [each for each in places if os.path.basename(each) == node]
+    named = [p for p in places if os.path.basename(p) == node and not _TESTS & {*p.split("/")}]
     named = [p for p in named if not os.path.islink(os.path.join(files.folder, p))] or named
     if not named:
         raise SubmissionError(_missing(places, packages, node))
     usual = {os.path.join(each, folder) for each in packages for folder in ("src", "scripts")}
     chosen = [each for each in named if os.path.dirname(each) in usual] if named[1:] else named
+    chosen = chosen or named
+    if all(map(partial(_are_equal, files.folder, chosen[0]), chosen)):
+        chosen = chosen[:1]
     if len(chosen) != 1:
-        text = f"There are several files {node}: {show(chosen or named)}"
+        text = f"There are several files {node}: {show(chosen)}"
         raise SubmissionError(f"{text}. Keep one of them, in src/ or scripts/ of the package.")
     if named[1:]:
         others = [each for each in named if each not in chosen]
@@ -115,8 +125,18 @@ def _choose(files: Files, places: Sequence[str], packages: Sequence[str], node: 
     return chosen[0]
 
 
+def _are_equal(folder: str, one: str, other: str) -> bool:
+    """Return whether two files in a folder have the same content."""
+    return filecmp.cmp(os.path.join(folder, one), os.path.join(folder, other), shallow=False)
+
+
 def _missing(places: Sequence[str], packages: Sequence[str], node: str) -> str:
     """Return the fault of a submission without a node."""
+    places = [each for each in places if not _TESTS & {*each.split("/")}]
+    compiled = [each for each in places if each.endswith(_CPP)]
+    if compiled and not any(each.endswith(".py") for each in places):
+        text = f"The node is in C++ ({show(compiled)}), but only programs in Python are graded."
+        return f"{text} Hand in a package with src/{node}."
     by_name = {os.path.basename(each).lower(): each for each in places}
     similar = difflib.get_close_matches(node.lower(), by_name, 1, 0.8)
     if similar:

@@ -22,10 +22,21 @@ NAMED = "#!/usr/bin/env {}\n".format
         ({"src/pathpublisher.py": NODE, "b.py": b""}, "but 'src/pathpublisher.py'. Rename"),
         ({"Path_Publisher.py": NODE, "b.py": b""}, "but 'Path_Publisher.py'. Rename"),
         (
-            {"a/path_publisher.py": NODE, "b/path_publisher.py": NODE},
+            {"a/path_publisher.py": NODE, "b/path_publisher.py": NODE + b"#"},
             "several files path_publisher.py: 'a/",
         ),
-        ({**PACKAGE, "scripts/path_publisher.py": NODE}, "several files path_publisher.py: 'scr"),
+        (
+            {**PACKAGE, "scripts/path_publisher.py": NODE + b"#"},
+            "several files path_publisher.py: 'scr",
+        ),
+        (
+            {"package.xml": XML, "src/path_publisher.cpp": b""},
+            "The node is in C++ ('src/path_publisher.cpp'), but only programs in Python",
+        ),
+        (
+            {"src/a.py": NODE, "test/path_publisher.py": NODE},
+            "There is no path_publisher.py; found",
+        ),
         ({**PACKAGE, "package.xml": b"<package>"}, "'package.xml' is not valid XML: no element"),
         (
             {**PACKAGE, "package.xml": b"<package/>"},
@@ -71,6 +82,14 @@ def test_faults(tmp_path, monkeypatch, files, said):
 )
 def test_first_lines_that_work(tmp_path, source):
     assert only(tmp_path, zipped(tmp_path / "a.zip", {PUBLISHER: source})).fault == ""
+
+
+@pytest.mark.parametrize("other", ["scripts/path_publisher.py", "test/path_publisher.py"])
+def test_equal_copies_and_tests_are_no_second_node(tmp_path, other):
+    content = NODE if other.startswith("s") else NODE + b"#"
+    found = only(tmp_path, zipped(tmp_path / "a.zip", {**PACKAGE, other: content}))
+    assert found.fault == "" and os.path.basename(found.command[0]) == "path_publisher.py"
+    assert not found.command[0].endswith("test/path_publisher.py")
 
 
 @pytest.mark.parametrize("how", [{"mode": 0o644}, {"mode": 0}, {"system": 0}])
