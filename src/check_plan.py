@@ -78,9 +78,9 @@ def run() -> int:
         json.dump(results, sys.stdout, allow_nan=False)
         print()
     if arguments.plot and report:
-        from mushr_ros_intro.preview.plot import write  # matplotlib is slow to import
+        from mushr_ros_intro.preview.plot import write_picture  # matplotlib is slow to import
 
-        write(arguments.plot, report, result, grid)
+        write_picture(arguments.plot, report, result, grid)
     return 1 if faults else 0
 
 

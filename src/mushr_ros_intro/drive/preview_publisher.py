@@ -227,7 +227,7 @@ def read_walls(simulated: Parameters, is_placed: bool, is_strict: bool) -> Optio
     problem = "the car is not placed at the start pose of the plan"
     if is_placed:
         try:
-            return read_map()
+            return receive_map()
         except UserError as error:
             problem = str(error)
     may_have_walls = simulated.flag("expects_map", False) if simulated else is_placed
@@ -240,7 +240,7 @@ def read_walls(simulated: Parameters, is_placed: bool, is_strict: bool) -> Optio
     return None
 
 
-def read_map() -> Grid:
+def receive_map() -> Grid:
     """Return the map on /map.
 
     Raises:

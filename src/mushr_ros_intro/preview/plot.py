@@ -18,21 +18,23 @@ from mushr_ros_intro.world.grid import Grid
 _MAX_ARROWS = 100
 
 
-def write(path: str, report: Report, spread: Optional[Spread], grid: Optional[Grid]) -> None:
+def write_picture(
+    path: str, report: Report, spread: Optional[Spread], grid: Optional[Grid]
+) -> None:
     """Draw into a file; its ending is the format.
 
     Raises:
         UserError: the file cannot be written, or matplotlib does not know the format.
     """
     try:
-        draw(report, spread, grid).savefig(path, dpi=120)
+        draw_report(report, spread, grid).savefig(path, dpi=120)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         text = f"{path} cannot be written: {reason}; expected such as figure_8.png"
         raise UserError(text) from None
 
 
-def draw(report: Report, spread: Optional[Spread], grid: Optional[Grid]) -> Figure:
+def draw_report(report: Report, spread: Optional[Spread], grid: Optional[Grid]) -> Figure:
     """Return a drawing of a report, the spread and the map, if any."""
     figure, (above, key, *below) = drawing.new_figure(8.0, 5.4, 0.3, 1.2, 1.2)
     if spread is not None and any(spread.errors):

@@ -35,7 +35,7 @@ class Leg(NamedTuple):
                 yield piece, min(piece_end, end) - piece.begin
 
 
-def drive(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg]:
+def legs_of(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg]:
     """Yield the legs of a plan, from its start pose until the car comes to rest.
 
     There is one leg per command, and a last one for the stop. Commands are repeated every
@@ -73,7 +73,7 @@ def drive(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg]:
 
 def trajectory(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[State]:
     """Yield the states of the car from the start of the plan to rest; see `sampled`."""
-    return sampled(drive(plan, car, world), car, plan.duration)
+    return sampled(legs_of(plan, car, world), car, plan.duration)
 
 
 def sampled(legs: Iterable[Leg], car: Car, duration: int) -> Iterator[State]:
@@ -97,7 +97,7 @@ def states_at(
 
     Before the first command the car is at rest at the start pose.
     """
-    legs = drive(plan, car, world)
+    legs = legs_of(plan, car, world)
     leg = Leg(0, at_rest(0, plan.start), 0)
     for instant in instants:
         while instant >= leg.end and leg.row < len(plan.rows):
@@ -107,7 +107,7 @@ def states_at(
 
 def rest(plan: Plan, car: Car, world: Optional[World] = None) -> Tuple[int, Pose]:
     """Return when the car comes to rest after the plan [ns], and its pose in the map frame."""
-    (last,) = deque(drive(plan, car, world), maxlen=1)
+    (last,) = deque(legs_of(plan, car, world), maxlen=1)
     return last.end, advance(last.state, last.end, car).pose
 
 

@@ -12,7 +12,7 @@ from mushr_ros_intro.car.motion import advance
 from mushr_ros_intro.geometry import Pose, curvature
 from mushr_ros_intro.plan.plan import Fault, Plan
 from mushr_ros_intro.preview.limits import Step, limit_faults, ramp_faults
-from mushr_ros_intro.preview.prediction import Leg, drive, sampled
+from mushr_ros_intro.preview.prediction import Leg, legs_of, sampled
 from mushr_ros_intro.preview.walls import map_fault
 from mushr_ros_intro.world.grid import Grid
 
@@ -76,7 +76,7 @@ def check(
     The plan is simulated once. The names of car and map are for messages.
     """
     car = car._replace(speed_noise=0.0, steering_noise=0.0)
-    legs = list(drive(plan, car))
+    legs = list(legs_of(plan, car))
     steps = _steps(legs, car)
     faults = [*limit_faults(plan, car_name, car), *ramp_faults(plan, steps, car_name, car)]
     hit = None

@@ -78,7 +78,7 @@ def test_walls_that_cannot_be_checked(monkeypatch, simulated, is_placed, problem
         raise UserError(NO_MAP)
 
     logged = []
-    monkeypatch.setattr(preview_publisher, "read_map", read_no_map)
+    monkeypatch.setattr(preview_publisher, "receive_map", read_no_map)
     for each in ("info", "warn"):
         log = lambda text, *values, each=each: logged.append((each, text % values))  # noqa: E731
         monkeypatch.setattr(preview_publisher.rospy, f"log{each}", log)
@@ -92,5 +92,5 @@ def test_walls_that_cannot_be_checked(monkeypatch, simulated, is_placed, problem
 
 
 def test_a_map_that_can_be_read(monkeypatch):
-    monkeypatch.setattr(preview_publisher, "read_map", lambda: ROOM)
+    monkeypatch.setattr(preview_publisher, "receive_map", lambda: ROOM)
     assert read_walls(WITH_MAP, is_placed=True, is_strict=True) is ROOM

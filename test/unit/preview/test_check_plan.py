@@ -20,7 +20,7 @@ from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import PlanError, as_float32
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview.limits import slowed
-from mushr_ros_intro.preview.plot import draw
+from mushr_ros_intro.preview.plot import draw_report
 from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.preview.spread import spread
 from mushr_ros_intro.preview.text import as_json, as_text
@@ -380,7 +380,7 @@ def test_the_text_on_the_spread():
     variance = f"{result.covariance[-1][0, 0]:.5f}"
     (line,) = (line for line in text if "covariance" in line)
     assert line.split()[1] == variance and line.endswith("[m m, m m, m rad]")
-    ellipses = draw(report, result, None).axes[0].findobj(Ellipse)
+    ellipses = draw_report(report, result, None).axes[0].findobj(Ellipse)
     sizes = [(each.width, each.height) for each in ellipses]
     assert sizes == [(2.0 * major, 2.0 * minor) for major, minor, _ in result.ellipses]
     text = list(as_text(report, spread(report.plan, Car(), 2, 1)))
@@ -493,7 +493,7 @@ def test_plot(run, tmp_path):
 def test_the_drawing():
     grid, name = walled(3.0), "mushr_nano"
     report = check(plan_named("slalom")._replace(path="a$x^$.txt"), name, CARS[name], "m", grid)
-    figure = draw(report, spread(report.plan, Car(steering_noise=0.05), 500, 1), grid)
+    figure = draw_report(report, spread(report.plan, Car(steering_noise=0.05), 500, 1), grid)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     axes, key, speed, angle = figure.axes
@@ -526,7 +526,7 @@ def test_the_drawing():
 
 def test_the_legend_has_what_is_drawn():
     report = report_on("circle")
-    _, key, *_ = draw(report, spread(report.plan, report.car, 2, 1), None).axes
+    _, key, *_ = draw_report(report, spread(report.plan, report.car, 2, 1), None).axes
     assert [text.get_text() for text in key.get_legend().get_texts()] == [
         *("predicted path", "predicted start", "predicted end", "heading between two rows"),
     ]
