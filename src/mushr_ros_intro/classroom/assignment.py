@@ -4,17 +4,14 @@ import argparse
 import os
 from typing import Dict, List, Optional, Sequence
 
-from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.classroom.grading import Task
 from mushr_ros_intro.classroom.own_plans import TABLE, OwnPlans
 from mushr_ros_intro.classroom.submissions import Submission, check_authors
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.preview.prediction import drive
-from mushr_ros_intro.preview.walls import map_fault
+from mushr_ros_intro.preview.walls import refuse_walls
 from mushr_ros_intro.replay.job import Setting
 from mushr_ros_intro.replay.judge import Tolerances
 from mushr_ros_intro.replay.sandbox import Sandbox
@@ -55,13 +52,7 @@ class Plans:
         Raises:
             UserError: there is such a plan.
         """
-        car = car_from(Parameters({**setting.parameters, "noise": False}))
-        if setting.grid is None:
-            return
-        for plan in self._all:
-            fault, _ = map_fault(plan, drive(plan, car), car, setting.grid)
-            if fault:
-                raise UserError(f"{fault}\nNo node can pass; use another plan or another --map")
+        refuse_walls(self._all, setting.parameters, setting.grid)
 
     def task(self, submission: Submission, is_chosen: bool) -> Task:
         """Return the grading of a submission; it fails if there is no plan for its students."""

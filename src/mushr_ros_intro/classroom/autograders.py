@@ -7,11 +7,12 @@ from typing import NamedTuple, Optional, Sequence
 
 import yaml
 
-from mushr_ros_intro.car.profile import names_in
+from mushr_ros_intro.car.profile import names_in, read_profile
 from mushr_ros_intro.classroom.points import read_points
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.parse import read_plans
+from mushr_ros_intro.preview.walls import refuse_walls
 from mushr_ros_intro.wording import counted
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
@@ -75,7 +76,11 @@ def fill(folder: str, options: Options, package: str) -> str:
     map_name = "none"
     if options.map != "none":
         map_file = find_file(options.map, os.path.join(package, "maps"), ".yaml")
+        grid = read_map(map_file)
         map_name = _copy_map(map_file, os.path.join(copy, "maps"))
+        files = ("car_sim.yaml", f"cars/{options.car}.yaml")
+        profiles = (read_profile(os.path.join(package, "config", each)) for each in files)
+        refuse_walls(plans.values(), {**next(profiles), **next(profiles)}, grid)
     for name, plan in plans.items():
         shutil.copyfile(plan.path, os.path.join(folder, "plans", f"{name}.txt"))
     for each in FILES:
@@ -131,12 +136,7 @@ def _copy_build_file(package: str, copy: str) -> None:
 
 
 def _copy_map(path: str, folder: str) -> str:
-    """Check a map, and copy it to a folder; return its name there.
-
-    Raises:
-        UserError: the map has faults.
-    """
-    read_map(path)
+    """Copy a map without faults to a folder; return its name there."""
     values = read_mapping(path, "a map")
     image = os.path.join(os.path.dirname(path), values["image"])
     name = os.path.splitext(os.path.basename(path))[0]

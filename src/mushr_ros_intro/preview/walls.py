@@ -1,16 +1,19 @@
 """Check a plan against the walls and the edges of a map."""
 
 import math
-from typing import Iterable, Optional, Tuple
+from typing import Any, Dict, Iterable, Optional, Tuple
 
 import numpy as np
 
 from mushr_ros_intro.car.contact import free_time
 from mushr_ros_intro.car.model import Car, Contact
+from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.car.quadrature import follow
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose, compose, curvature
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.plan import Fault, Plan
-from mushr_ros_intro.preview.prediction import Leg
+from mushr_ros_intro.preview.prediction import Leg, drive
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import Footprint, World, is_free, on_map
 from mushr_ros_intro.world.grid import Grid
@@ -56,3 +59,21 @@ def map_fault(
             text = f"{name} hits a wall {where}; it stops there"
             return plan.fault(leg.row, 0, text), Contact(now, pose)
     return None, None
+
+
+def refuse_walls(plans: Iterable[Plan], parameters: Dict[str, Any], grid: Optional[Grid]) -> None:
+    """Refuse plans that no node can drive.
+
+    Args:
+        plans: the plans.
+        parameters: of the simulated car; its noise does not count.
+        grid: the map, or None.
+
+    Raises:
+        UserError: a plan hits a wall, or leaves the map.
+    """
+    car = car_from(Parameters({**parameters, "noise": False}))
+    for plan in plans if grid is not None else ():
+        fault, _ = map_fault(plan, drive(plan, car), car, grid)  # type: ignore[arg-type]
+        if fault:
+            raise UserError(f"{fault}. No node can pass; expected another plan, or another --map")

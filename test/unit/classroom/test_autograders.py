@@ -35,6 +35,7 @@ def folder(tmp_path):
         (["--plans", "open.txt", "--points", "points.yaml"], "unknown key secret"),
         (["--plans", "open.txt", "--car", "bus"], "--car is 'bus'"),
         (["--plans", "open.txt", "--map", "moon"], "moon: no such file"),
+        (["--plans", "slalom", "--map", "rooms"], "slalom.txt:5:1: the car hits a wall"),
         (["--plans", "open.txt", "--remap", "a=b"], "--remap is 'a=b'"),
         (["--plans", "open.txt", "--file", "src/a.py"], "--file is 'src/a.py'"),
     ],

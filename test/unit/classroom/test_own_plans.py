@@ -151,6 +151,6 @@ def test_a_plan_that_hits_a_wall_is_refused():
     for name in ("sandbox", "none"):
         plans.check_map(read_setting(PACKAGE, "ideal", name, None, **others))
     with pytest.raises(
-        UserError, match=r"slalom.txt:\d+:1: the car hits a wall at .*\nNo node can"
+        UserError, match=r"slalom.txt:\d+:1: the car hits a wall at .*\. No node can"
     ):
         plans.check_map(read_setting(PACKAGE, "ideal", "rooms", None, **others))
