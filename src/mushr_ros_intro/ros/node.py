@@ -202,7 +202,9 @@ def help_text(node_class: Callable[[], Any]) -> str:
     with suppress(_DescribedError):
         node_class()
     declared, _description = _description.declared, None
-    purpose = (inspect.getdoc(sys.modules[node_class.__module__]) or "").partition("\n\n")[0]
+    # Not of sys.modules: catkin's wrapper runs a program with exec, as a part of its own module.
+    function = node_class if inspect.isfunction(node_class) else vars(node_class)["__init__"]
+    purpose = inspect.cleandoc(function.__globals__["__doc__"] or "").partition("\n\n")[0]
     topics = (inspect.getdoc(node_class) or "").replace("``", "").split("\n\n")[1:]
     how = "Parameters: _NAME:=VALUE on the command line, <param> in a launch file."
     paragraphs = [purpose, *(textwrap.fill(each, 100) for each in topics), how]

@@ -67,6 +67,14 @@ def test_help(program, monkeypatch):
     assert "\n    \n" not in parameters, "each parameter has a meaning"
 
 
+def test_a_program_that_catkin_has_wrapped():
+    """The wrapper in devel/lib reads the program and runs it with exec."""
+    with open(f"{PACKAGE}/src/laser_sim.py") as file:
+        namespace = {"__name__": "__main_of_the_test__", "__doc__": None}
+        exec(compile(file.read(), "laser_sim.py", "exec"), namespace)
+    assert node.help_text(namespace["LaserSim"]).startswith("Simulate the car's laser scanner")
+
+
 def test_range_and_default(monkeypatch):
     text = node.help_text(class_of("keyboard_teleop.py", monkeypatch))
     assert text.endswith(
