@@ -13,7 +13,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose, compose, curvature
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.plan import Fault, Plan
-from mushr_ros_intro.preview.prediction import Leg, drive
+from mushr_ros_intro.preview.prediction import Leg, legs_of
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import Footprint, World, is_free, on_map
 from mushr_ros_intro.world.grid import Grid
@@ -74,6 +74,6 @@ def refuse_walls(plans: Iterable[Plan], parameters: Dict[str, Any], grid: Option
     """
     car = car_from(Parameters({**parameters, "noise": False}))
     for plan in plans if grid is not None else ():
-        fault, _ = map_fault(plan, drive(plan, car), car, grid)  # type: ignore[arg-type]
+        fault, _ = map_fault(plan, legs_of(plan, car), car, grid)  # type: ignore[arg-type]
         if fault:
             raise UserError(f"{fault}. No node can pass; expected another plan, or another --map")
