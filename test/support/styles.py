@@ -504,7 +504,7 @@ WRONG = {
         "node",
     ),
     "waits_for_input": ({"connect": "input()"}, "node"),
-    "pauses": (paced("rospy.sleep(0.1)", each="rospy.sleep(1.0)"), "path"),
+    "pauses": (paced("rospy.sleep(0.1)", each="rospy.sleep(1.0)"), "rate"),
     "endless": (
         {"drive": "while True:\n" + textwrap.indent(textwrap.dedent(PARTS["drive"]), "    ")},
         "node",

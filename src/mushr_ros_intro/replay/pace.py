@@ -10,7 +10,7 @@ import time
 from typing import NamedTuple, Optional
 
 from mushr_ros_intro.replay.threads import Threads, Usages
-from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, from_seconds
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 
 STEP = NANOSECONDS // 100
 """The clock advances in steps of this time, or at once if nothing waits for it [ns]."""
@@ -27,8 +27,8 @@ Longer than a period of the commands: another thread of the node may sleep in wa
 LONG_HOLD = 0.6
 """How long the clock waits for a due command of another node [s]."""
 
-POLL_FACTOR = 4
-"""For a node that polls in wall-clock time, the clock runs at least so much faster than that."""
+MIN_SLEEP = 0.05
+"""A node that sleeps for so long although the clock stands sleeps in wall-clock time [s]."""
 
 BETWEEN_POLLS = 0.002
 """If a node runs between two observations, it waits at most for so long meanwhile [s]."""
@@ -50,6 +50,8 @@ class _Moment(NamedTuple):
     """For how long it had waited [s]."""
     ran: float
     """For how long it had run [s of processor time]."""
+    asleep: float
+    """For how long it had neither run, nor waited for a processor, since some instant [s]."""
     usages: Usages
 
 
@@ -68,16 +70,19 @@ class Pace:
         self._hold_share = 1.0
         self._is_late = False  # the command did not come
         self._reacts = False  # a thread that waits for the clock has run since the last command
-        self._polls = False  # the node has run without a reason since the last command
         self._stride = STEP  # the first step after a command, to save time; see `heard`
         self._has_sent = self._is_first_step = False
+        self._is_tested = False  # the clock has stood for long enough after a command
         self._answers = False  # the last command was an answer to a step
-        self._uses_wall_clock = False  # the last command was none
+        self.uses_wall_clock = False
+        """Whether the node sleeps or polls in wall-clock time: an earlier command was no answer."""
         self._thinking = MAX_THINKING
 
     @property
     def _now(self) -> _Moment:
-        return _Moment(self._waited, self._node.ran, self._node.usages)
+        node = self._node
+        asleep = self._wall - node.ran - node.delayed
+        return _Moment(self._waited, node.ran, asleep, node.usages)
 
     @property
     def seconds(self) -> float:
@@ -109,20 +114,25 @@ class Pace:
         due time. If the node has slept until an instant between, its next command comes one step
         late, and from then on all steps have the same length again.
         """
-        is_answer = self._still is None  # the node has not waited since the step
-        # The command of a node that polls comes after a poll, so it may or may not be an answer.
-        if self._has_sent and (self._due or not self._polls):
-            self._answers, self._uses_wall_clock = is_answer, not is_answer
-            if self._stride and is_answer and left == 0:
-                self._stride = min(self._stride + STEP, COMMAND_PERIOD)
-            else:
-                self._stride = 0
+        now = self._now
+        # Otherwise, the node has waited since the step, or without a step.
+        is_answer = self._still is None and (
+            self._is_tested or now.asleep - self._step.asleep < MIN_SLEEP
+        )
+        is_in_time = self._due is not None and not self._is_late
+        if self._has_sent:
+            # On a busy machine, a command that is no answer may look like one, but not vice versa.
+            if not is_answer and (is_in_time or not self._is_tested):
+                self.uses_wall_clock = self._is_tested = True
+            self._answers = is_answer and not self.uses_wall_clock
+            is_regular = self._stride and is_answer and left == 0
+            self._stride = min(self._stride + STEP, COMMAND_PERIOD) if is_regular else 0
         self._has_sent = True
-        if self._due and not self._is_late:
+        if is_in_time:
             self._hold_share = 1.0
         self._due = self._still = None
-        self._step, self._written = self._now, 0
-        self._is_late = self._reacts = self._polls = False
+        self._step, self._written = now, 0
+        self._is_late = self._reacts = False
         self._is_first_step = True
 
     @property
@@ -140,11 +150,15 @@ class Pace:
         if left is not None and left <= 0 and not self._is_late:
             return self._hold()
         now = self._now
-        if self._uses_wall_clock and left is not None and left > 0:
+        if self.uses_wall_clock and left is not None and left > 0:
             return left
         if not self.has_received:
             return self._poll(now)
         self._thinking = MAX_THINKING
+        if left is not None and not self._is_tested:
+            self._still = self._still or now
+            self._is_tested = now.waited - self._still.waited > HOLD
+            return 0
         if self._is_first_step:
             return self._stride or STEP
         ran = sum(self._step.usages.get(name) != each for name, each in now.usages.items())
@@ -156,12 +170,9 @@ class Pace:
             return STEP
         if self._still is None:
             self._still = now
-        waited = now.waited - self._still.waited
         if now.usages is not self._still.usages:
-            self._polls = True
-            step = max(STEP, from_seconds(POLL_FACTOR * waited) // STEP * STEP)
-            return min(step, left) if left and left > 0 else STEP
-        if waited > STEP_WAIT:
+            return STEP  # it polls
+        if now.waited - self._still.waited > STEP_WAIT:
             return COMMAND_PERIOD if left is None else max(left, STEP)
         return 0
 
@@ -171,21 +182,21 @@ class Pace:
         self._due = self._due or now
         if self.has_received:
             self._still = self._still or now
-        limit = HOLD if self._reacts and not self._uses_wall_clock else LONG_HOLD
+        limit = HOLD if self._reacts and not self.uses_wall_clock else LONG_HOLD
         if (
             now.waited - self._due.waited <= limit * self._hold_share
             and now.ran - self._due.ran <= MAX_THINKING
         ):
             return 0
         self._is_late = True
-        self._answers = self._uses_wall_clock = False
+        self._answers = self.uses_wall_clock = False
         self._hold_share /= 2.0
         return STEP
 
     def _poll(self, now: _Moment) -> int:
         """Return a step if a node that does not wait has had the time to notice the clock."""
-        if now.waited - self._step.waited > STEP_WAIT:
-            return STEP
+        if self._is_waiting:  # but it has not received the time, perhaps because it never will
+            return STEP if now.waited - self._step.waited > STEP_WAIT else 0
         if now.ran - self._step.ran < self._thinking:
             return 0
         self._thinking = POLL

@@ -142,8 +142,10 @@ class ReplayWorld:
         """
         is_node_waiting = pace.observe()
         is_received = self._receiving.are_waiting() or len(self._commands) > MAX_QUEUED
-        if is_received and is_node_waiting and (self._master.notify() or self._process(pace)):
-            return
+        if is_received and is_node_waiting:
+            has_news = self._master.notify() or self._process(pace)
+            if has_news and not pace.uses_wall_clock:
+                return
         written = self._advance(pace, is_node_waiting, is_driving) if is_received else None
         if written is None:
             self._nap = min(LONG_NAP, 1.5 * self._nap)
