@@ -46,6 +46,9 @@ RUNS = 20
 CLIENTS = 4
 """Of the browser view."""
 
+RIGHT_NODES = 10
+"""Of a class, to measure the time of one replay."""
+
 PLAN_SECONDS = 22.0
 """Of figure_8 [s]."""
 
@@ -248,16 +251,22 @@ def car_steps_per_second(plan, car, errors, cars):
     return cars * count_commands(plan) / (time.process_time() - began)
 
 
-def grade_class(submissions):
-    """Grade submissions of all kinds on three plans; return the time [s]."""
+def grade_class(write):
+    """Grade a class on three plans; `write` writes it to a folder; return the time [s]."""
     with tempfile.TemporaryDirectory() as folder:
         os.chmod(folder, 0o755)
-        classroom.write_class(os.path.join(folder, "class"), submissions)
+        write(os.path.join(folder, "class"))
         plans = ("figure_8", "circle", "straight_line")
         command = ("grade.py", f"{folder}/class", "--plans", *plans, "--out", f"{folder}/out")
         began = time.monotonic()
         subprocess.run(["rosrun", "mushr_ros_intro", *command], stdout=subprocess.DEVNULL)
         return time.monotonic() - began
+
+
+def write_right_nodes(folder):
+    """Write a class of RIGHT_NODES right nodes."""
+    for number in range(RIGHT_NODES):
+        classroom.write(folder, f"right_{number}", classroom.RIGHT)
 
 
 def measure():
@@ -311,7 +320,10 @@ def measure():
     ):
         rates = [car_steps_per_second(plan, car, errors, cars) for _ in range(9)]
         yield f"{cars} {name} cars with noise, median of 9", statistics.median(rates), "car-steps/s"
-    yield "100 submissions of all kinds, three plans each", grade_class(100), "s"
+    seconds = grade_class(write_right_nodes) / (3 * RIGHT_NODES)
+    yield "a replay of a right node, when a class is graded", seconds, "s"
+    seconds = grade_class(lambda folder: classroom.write_class(folder, 100))
+    yield "100 submissions of all kinds, three plans each", seconds, "s"
     began = time.monotonic()
     command = os.path.join(CHECKOUT, "scripts", "test")
     subprocess.run([command], stdout=subprocess.DEVNULL, check=True)
