@@ -145,20 +145,15 @@ class Observer:
         poses = {str(msg.pose) for _, msg, _ in heard.messages(self._pose, PoseStamped)}
         contacts = [msg.poses for _, msg, _ in heard.messages(self._collision, PoseArray)]
         touches = bool(contacts and contacts[-1])
-        abandoned: List[str] = []
-        left: Dict[str, Dict[str, Any]] = {}
-        if facts.master.is_local:
-            pid = self._ask(self._uri, "getPid")
-            abandoned = abandoned_nodes(self._uri, pid, graph.pids.values())
-            senders = {each.node for topic in topics.values() for each in topic.publishers}
-            left = self._left_parameters(graph, senders.union(*strays.values()))
+        senders = {each.node for topic in topics.values() for each in topic.publishers}
+        abandoned, left = self._read_processes(facts, graph, senders.union(*strays.values()))
         return replace(
             facts,
             inputs={"output": output._replace(publishers=bypassing), **topics},
             output=output,
             initial_pose=_topic(graph, heard, self._initial_pose, PoseWithCovarianceStamped),
             dead=graph.dead,
-            abandoned=tuple(abandoned),
+            abandoned=abandoned,
             strays=strays,
             stray_poses=stray_poses,
             left_parameters=left,
@@ -195,15 +190,24 @@ class Observer:
         names = [name for name, _ in services]
         return _Graph(dict(publishers), dict(subscribers), names, dead, pids)
 
-    def _left_parameters(self, graph: _Graph, nodes: AbstractSet[str]) -> Dict[str, Dict[str, Any]]:
-        """Return what `left_parameters` does for each node for which there are any."""
+    def _read_processes(
+        self, facts: Facts, graph: _Graph, nodes: AbstractSet[str]
+    ) -> Tuple[Tuple[str, ...], Dict[str, Dict[str, Any]]]:
+        """Return the abandoned nodes of this machine, and the left parameters of each of `nodes`.
+
+        Nothing is known about them if the master runs on another machine.
+        """
+        if not facts.master.is_local:
+            return (), {}
+        pid = self._ask(self._uri, "getPid")
+        abandoned = abandoned_nodes(self._uri, pid, graph.pids.values())
         found = {}
         for node in sorted(nodes & graph.pids.keys()):
             parameters = self._parameter(node)
             if isinstance(parameters, dict):
                 left = left_parameters(graph.pids[node], self._uri, parameters)
                 found.update({node: left} if left else {})
-        return found
+        return tuple(abandoned), found
 
     def _read_inputs(self) -> Dict[str, str]:
         """Return the topics of the mux's inputs by name, by falling priority."""

@@ -10,6 +10,7 @@ import shutil
 import stat
 import tempfile
 from contextlib import suppress
+from functools import partial
 from typing import Callable, Dict, Iterator, List, Sequence
 
 import rospkg
@@ -122,10 +123,6 @@ def copy_workspaces(folder: str, place: str, hidden: Sequence[str]) -> Dict[str,
         shutil.copytree(source, os.path.join(folder, number), False, ignore, _copy_file)
         copies[source] = os.path.join(place, number)
 
-    def translate(text: str) -> str:
-        sources = "|".join(map(re.escape, sorted(copies, key=len, reverse=True)))
-        return re.sub(rf"({sources})(?![\w.-])", lambda match: copies[match[1]], text)
-
     ros = inherited()
     for prefix in _own_paths(ros, "CMAKE_PREFIX_PATH"):
         copy(prefix, left_out={"__pycache__", "mushr_ros_intro"}.__contains__)
@@ -138,16 +135,28 @@ def copy_workspaces(folder: str, place: str, hidden: Sequence[str]) -> Dict[str,
             packages.append(source)
             copy(source)
             copies[listed] = copies[source]
-    for path, _, files in os.walk(folder):
-        os.chmod(path, 0o755)
-        for name in files:
-            if name.endswith(".cmake"):
-                _replace(os.path.join(path, name), translate)
+    translate = partial(_translated, copies)
+    _make_usable(folder, translate)
     system = [each for each in _paths(ros, "ROS_PACKAGE_PATH") if each.startswith(SYSTEM)]
     ros["ROS_PACKAGE_PATH"] = os.pathsep.join([*packages, *system])
     modules = [*_module_paths(packages), *_paths(ros, "PYTHONPATH")]
     ros["PYTHONPATH"] = os.pathsep.join(modules)
     return {name: translate(value) for name, value in ros.items()}
+
+
+def _make_usable(folder: str, translate: Callable[[str], str]) -> None:
+    """Let all users enter the folders in `folder`, and translate the paths in CMake's files."""
+    for path, _, files in os.walk(folder):
+        os.chmod(path, 0o755)
+        for name in files:
+            if name.endswith(".cmake"):
+                _replace(os.path.join(path, name), translate)
+
+
+def _translated(copies: Dict[str, str], text: str) -> str:
+    """Return a text in which the paths of the copied folders are those of their copies."""
+    sources = "|".join(map(re.escape, sorted(copies, key=len, reverse=True)))
+    return re.sub(rf"({sources})(?![\w.-])", lambda match: copies[match[1]], text)
 
 
 def _paths(ros: Dict[str, str], name: str) -> List[str]:
