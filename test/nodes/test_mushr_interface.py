@@ -2,41 +2,118 @@
 
 import math
 
+import numpy as np
 import rosgraph
 import rospy
+import tf2_ros
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PointStamped, PoseStamped
 from mushr_sim.srv import CarPose
 from nav_msgs.msg import Odometry
+from nav_msgs.srv import GetMap
+from range_libc import PyCDDTCast, PyOMap
 from rosgraph_msgs.msg import Log
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Float64
 from tf2_msgs.msg import TFMessage
 from vesc_msgs.msg import VescStateStamped
 
+from mushr_ros_intro.geometry import Pose, compose, drive_arc, inverse
 from mushr_ros_intro.ros.connections import registered_nodes
 from support.geometry import planar
 from support.helpers import PATIENCE, Recording, RosTestCase, publisher, wait_for
 from support.messages import LEAD, OUTPUT, at, command
 from support.world import launch
 
+LOOKAHEAD = 0.6
+"""[m]"""
+
+FOLLOWED = 0.03
+"""[m, rad] A pure pursuit with this look-ahead approaches the line by a factor e in about 0.5 m."""
+
+DEAD_RECKONING = 0.1
+"""[m, rad] A speed may be used with the steering angle of one message before or after it."""
+
 BESIDE_A_WALL = (8.75, 4.0, math.pi / 2)
 """Here the body of the car would be inside the yard's wall, which begins at x = 8.8 m."""
 
 
 def start_world():
+    """Start the simulator as courses do."""
     return launch(
-        "sim.launch",
+        "../underlay/mushr_sim/launch/teleop.launch",
         car="mushr_tx2",
         map="sandbox",
-        laser=False,
-        model=False,
-        parameters=[("/car/car_sim/frame_prefix", "")],
-        publish_map_to_odom=False,
-        init_pose_topic="/mushr_sim/car/initialpose",
-        collision="point",
-        mushr_interface=True,
+        use_tf_prefix=False,
+        fake_localization=False,
+        initial_x="NaN",
+        headless=True,
+        racecar_version="racecar-uw-nano",
     )
+
+
+class CourseNode:
+    """Controls and localizes the car as the nodes of courses do: with TF and the vesc topics.
+
+    It is written in their form: relative topics, frames without a prefix, the parameters below
+    vesc/, stamps of the present time, and one command per pose that it gets by polling TF.
+    """
+
+    def __init__(self):
+        self._tf = tf2_ros.Buffer()
+        self._listener = tf2_ros.TransformListener(self._tf)
+        self._vesc = rosgraph.Master("/test").getParam("/car/vesc")
+        self._commands = publisher(
+            "/car/mux/ackermann_cmd_mux/input/navigation", AckermannDriveStamped
+        )
+        self._servo = self._last = None
+        self.moved = Pose(0.0, 0.0, 0.0)
+        """The motion since the first message of the motor, computed from speed and steering."""
+        self._subscribers = [
+            rospy.Subscriber("/car/vesc/sensors/core", VescStateStamped, self._on_motor),
+            rospy.Subscriber("/car/vesc/sensors/servo_position_command", Float64, self._on_servo),
+        ]
+
+    def end(self):
+        for each in (*self._subscribers, self._listener):
+            each.unregister()
+
+    def _on_servo(self, msg):
+        self._servo = msg.data
+
+    def _on_motor(self, msg):
+        if self._servo is None:
+            return
+        last, self._last = self._last or msg, msg
+        seconds = (msg.header.stamp - last.header.stamp).to_sec()
+        speed = msg.state.speed - self._vesc["speed_to_erpm_offset"]
+        speed /= self._vesc["speed_to_erpm_gain"]
+        angle = self._servo - self._vesc["steering_angle_to_servo_offset"]
+        angle /= self._vesc["steering_angle_to_servo_gain"]
+        bend = math.tan(angle) / self._vesc["chassis_length"]
+        self.moved = drive_arc(self.moved, speed * seconds, bend)
+
+    def pose(self, target, source):
+        """Return the newest transform between two frames, as soon as there is one."""
+        now = rospy.Time(0)
+        wait_for(lambda: self._tf.can_transform(target, source, now), f"{source} in {target}")
+        msg = self._tf.lookup_transform(target, source, now).transform
+        heading = 2.0 * math.atan2(msg.rotation.z, msg.rotation.w)
+        return Pose(msg.translation.x, msg.translation.y, heading)
+
+    def follow_line(self, line, length):
+        """Drive along a line, in the frame of the odometry, by pure pursuit, at 1 m/s."""
+        rate = rospy.Rate(50)
+        while not rospy.is_shutdown():
+            local = compose(inverse(line), self.pose("odom", "base_footprint"))
+            if local.x >= length:
+                break
+            ahead = math.atan2(-local.y, LOOKAHEAD) - local.theta
+            angle = math.atan(2.0 * self._vesc["chassis_length"] * math.sin(ahead) / LOOKAHEAD)
+            self._commands.publish(command(rospy.Time.now(), 1.0, angle))
+            rate.sleep()
+        self._commands.publish(command(rospy.Time.now(), 0.0, 0.0))
+        return local
 
 
 class TestMushrInterface(RosTestCase):
@@ -80,9 +157,14 @@ class TestMushrInterface(RosTestCase):
 
     def test_frames(self):
         transforms = Recording("/tf", TFMessage).connected()
-        msg = wait_for(lambda: transforms.last, "transforms")
-        frames = [(each.header.frame_id, each.child_frame_id) for each in msg.transforms]
-        self.assertEqual(frames, [("odom", "base_footprint")])
+
+        def frames():
+            msgs = [each for msg in transforms.messages for each in msg.transforms]
+            return {(each.header.frame_id, each.child_frame_id) for each in msgs}
+
+        wheel = ("front_left_wheel_steer_link", "front_left_wheel_link")
+        wait_for(lambda: {("odom", "base_footprint"), wheel} <= frames(), "transforms")
+        self.assertEqual([each for each in frames() if "map" in each or "/" in "".join(each)], [])
 
     def test_a_drive(self):
         """Speed and steering angle are those of the car, within its limits."""
@@ -111,6 +193,38 @@ class TestMushrInterface(RosTestCase):
         self.assert_rates_are_those_of_the_angles(joints.messages)
         limit = 0.2472  # of mushr_tx2, to the left
         self.assertAlmostEqual(min(each.data for each in servo.messages), 0.5304 - 1.2135 * limit)
+
+    def test_a_course(self):
+        """A controller and the two models of a particle filter."""
+        self.assertTrue(self.reposition("car", -3.0, -1.0, 0.3).success)
+        node = CourseNode()
+        self.addCleanup(node.end)
+        start = node.pose("odom", "base_footprint")
+        before = rospy.Time.now()
+        self.poses.shows((-3.0, -1.0, 0.3), before)
+        # The line is 0.3 m to the left of the car.
+        end = node.follow_line(compose(start, Pose(0.0, 0.3, 0.0)), 4.0)
+        self.assertLess(abs(end.y), FOLLOWED)
+        self.assertLess(abs(end.theta), FOLLOWED)
+        begin, pose = Pose(-3.0, -1.0, 0.3), Pose(*self.poses.pose_at_rest(rospy.Time.now()))
+        moved = compose(inverse(begin), pose)
+        wait_for(lambda: moved.is_close_to(node.moved, DEAD_RECKONING), "the motion from the motor")
+
+        scans = Recording("/car/scan", LaserScan).connected()
+        scan = scans.after(rospy.Time.now())
+        self.assertEqual(scan.header.frame_id, "laser_link")
+        omap = PyOMap(rospy.ServiceProxy("/static_map", GetMap)().map)
+        laser = compose(pose, node.pose("base_footprint", "laser_link"))
+        angles = scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
+        expected = np.zeros(len(angles), np.float32)
+        reach = scan.range_max / omap.resolution
+        PyCDDTCast(omap, reach, 100).calc_range_repeat_angles(
+            np.array([laser], np.float32), angles.astype(np.float32), expected
+        )
+        measured = np.minimum(scan.ranges, scan.range_max)
+        hits = measured < scan.range_max
+        self.assertGreater(hits.sum(), 100)
+        self.assertLess(np.median(np.abs(measured - expected)[hits]), 0.5 * omap.resolution)
 
     def assert_rates_are_those_of_the_angles(self, messages):
         """Fail unless the steering turns at the published rates from message to message."""

@@ -51,7 +51,7 @@ def launch(file, parameters=(), **arguments):
         command = create_local_process_args(each, local_machine())
         environment = setup_env(each, local_machine(), os.environ["ROS_MASTER_URI"])
         kind = Process
-        if each.package == "mushr_ros_intro":
+        if each.package in ("mushr_ros_intro", "mushr_sim"):
             kind, command[0] = ForkedProcess, f"{PACKAGE}/src/{each.type}"
         started.append(kind(*command, **environment))
     return started
