@@ -63,7 +63,7 @@ REPLAYS = {
     "kill_replay": (
         wrong("kill_replay"),
         {"replay"},
-        "the replay failed: its process ended without a result",
+        "the replay failed: its process was killed, or has run out of memory",
     ),
     "silent": (
         wrong("silent"),

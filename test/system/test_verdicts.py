@@ -7,9 +7,11 @@ import pytest
 from support.helpers import Process
 from support.paths import CHECKOUT
 
+# Without right_thread_*: their final pose depends on which of two threads wakes up first, see
+# docs/grading.md.
 PATTERNS = (
     *("right_plain", "right_sleep*", "right_time_sleep", "right_perf_counter", "right_timer"),
-    *("right_thread_sleep", "right_on_pose", "right_poll_rate", "right_while_sleep"),
+    *("right_on_pose", "right_poll_rate", "right_while_sleep"),
     *("wrong_burst*", "wrong_wall_stamps", "wrong_hz_20", "wrong_sleep_150", "wrong_segfault"),
 )
 
