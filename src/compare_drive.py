@@ -42,7 +42,7 @@ def run() -> int:
     Raises:
         UserError: the program was called wrongly, or there is no drive to compare.
     """
-    plans, profiles = map(package_folder, ("plans", "config/cars"))
+    profiles = package_folder("config/cars")
     arguments = parse_arguments(profiles)
     options = Parameters(vars(arguments), "--")
     pose_offset = options.number("pose_offset", 0.0, "m", -10.0, 10.0)
@@ -50,9 +50,6 @@ def run() -> int:
     car_name = os.path.splitext(os.path.basename(profile))[0]
     car = car_from(Parameters({**read_profile(profile), "noise": True}, f"{profile}: "))
     logs = read_logs(arguments, options, car)
-    if arguments.plan:
-        plan = read_plan(find_file(arguments.plan, plans, ".txt"))
-        logs = [with_rows_of(log, plan) for log in logs]
 
     from mushr_ros_intro.comparison.fit import fit  # scipy is slow to import
 
@@ -95,7 +92,7 @@ def read_logs(arguments: argparse.Namespace, options: Parameters, car: Car) -> L
     """Return the drives in the bags, the first of which is recorded before, if asked for.
 
     Raises:
-        UserError: an argument is wrong, or a bag has no drive.
+        UserError: an argument or the plan is wrong, or a bag has no drive of the plan.
     """
     frames = tuple(arguments.tf) if arguments.tf else None
     source = Source(arguments.commands, arguments.pose, frames)
@@ -104,7 +101,11 @@ def read_logs(arguments: argparse.Namespace, options: Parameters, car: Car) -> L
         node.init_node("compare_drive", anonymous=True)
         print(f"recording {', '.join(source.topics)} for {seconds:g} s", file=sys.stderr)
         record(arguments.bags[0], source, seconds)
-    return [read_bag(path, source, car.command_timeout) for path in arguments.bags]
+    logs = [read_bag(path, source, car.command_timeout) for path in arguments.bags]
+    if arguments.plan:
+        plan = read_plan(find_file(arguments.plan, package_folder("plans"), ".txt"))
+        logs = [with_rows_of(log, plan) for log in logs]
+    return logs
 
 
 def parse_arguments(profiles: str) -> argparse.Namespace:

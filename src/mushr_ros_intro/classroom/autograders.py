@@ -83,13 +83,7 @@ def fill(folder: str, options: Options, package: str) -> str:
         refuse_walls(plans.values(), {**next(profiles), **next(profiles)}, grid)
     for name, plan in plans.items():
         shutil.copyfile(plan.path, os.path.join(folder, "plans", f"{name}.txt"))
-    for each in FILES:
-        os.makedirs(os.path.dirname(os.path.join(copy, each)), exist_ok=True)
-        shutil.copy(os.path.join(package, each), os.path.join(copy, each))
-    for each in FOLDERS:
-        ignored = shutil.ignore_patterns(*LEFT_OUT)
-        shutil.copytree(os.path.join(package, each), os.path.join(copy, each), ignore=ignored)
-    _copy_build_file(package, copy)
+    _copy_package(package, copy)
     for each in ("setup.sh", "run_autograder"):
         shutil.copy(os.path.join(package, "scripts", "autograder", each), folder)
 
@@ -124,8 +118,14 @@ def _check(options: Options, cars: Sequence[str]) -> None:
         raise UserError(f"--file is '{options.file}'; expected a file name without a folder")
 
 
-def _copy_build_file(package: str, copy: str) -> None:
-    """Copy CMakeLists.txt without the programs that are not in the copy of the package."""
+def _copy_package(package: str, copy: str) -> None:
+    """Copy what grading needs; CMakeLists.txt without the programs that are not in the copy."""
+    for each in FILES:
+        os.makedirs(os.path.dirname(os.path.join(copy, each)), exist_ok=True)
+        shutil.copy(os.path.join(package, each), os.path.join(copy, each))
+    for each in FOLDERS:
+        ignored = shutil.ignore_patterns(*LEFT_OUT)
+        shutil.copytree(os.path.join(package, each), os.path.join(copy, each), ignore=ignored)
     with open(os.path.join(package, "CMakeLists.txt"), encoding="utf-8") as file:
         text = file.read()
     for program in re.findall(r"^ +(src/\w+\.py)\n", text, re.MULTILINE):

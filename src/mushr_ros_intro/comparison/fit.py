@@ -312,9 +312,8 @@ def fit(logs: Sequence[DriveLog], car: Car, pose_offset: float = 0.0) -> Fit:
         vector = problem.solve(vector, free, noise)
         noise = coarse.find_noise(vector, free, noise)
     free, dropped = problem.known(vector, [*range(count), *delays], noise)
-    vector[[each for each in range(count) if each not in free]] = problem.default[
-        [each for each in range(count) if each not in free]
-    ]
+    unknown = [each for each in range(count) if each not in free]
+    vector[unknown] = problem.default[unknown]
     vector = problem.solve(vector, free, noise)
     errors = dict(zip(free, problem.errors(vector, free, list(dropped), noise).tolist()))
     return _result(problem, vector, errors, dropped, noise, car)
