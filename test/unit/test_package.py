@@ -247,6 +247,7 @@ def test_every_section_of_the_readme_has_promises():
         ("`nodes/test_drive.py::test_nothing`", "nodes/test_drive.py has no test test_nothing"),
         ("`nodes/test_drive.py::test_commands` (`--all`: time)", "does not agree"),
         ("`nodes/test_rviz.py::test_view`", "does not agree"),
+        ("`system/test_replay.py::test_verdict` (`--all`: time)", "does not agree"),
         ("`system/test_bridge_clients.py::test_real_client`", "does not agree"),
     ],
 )

@@ -61,6 +61,14 @@ def test_the_heading_may_pass_pi():
     assert found.rows[0].turn[1] == pytest.approx(6.0 * math.tan(0.3) / 0.33, abs=1e-5)
 
 
+def test_headings_may_differ_by_whole_turns():
+    """A car that stands with the heading pi may report pi first, and then -pi."""
+    log = driven(plan_of("0, 0, 3.1\n1, 0.3, 1"), Car(), random.Random(1), **EXACT)
+    log.poses[0, 2] -= math.tau
+    found = compare(log, Car(), 0.0)
+    assert abs(found.driven - found.predicted).max() < NEAR
+
+
 def test_the_reported_point_may_be_in_front_of_the_rear_axle():
     """The poses are those of the rear axle, so the point is 0.3 m in front of another axle."""
     log = driven(plan_of("0, 0, 0\n1, 0, 2"), Car(), random.Random(1), **EXACT)

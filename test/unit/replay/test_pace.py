@@ -78,10 +78,19 @@ class Node:
         return int(is_due)
 
 
-def drive(monkeypatch, sleeps, period, work, load, parts=1):
+@pytest.fixture
+def wall(monkeypatch):
+    """Simulate the wall clock; return a list with its time [s]."""
+    now = [0.0]
+    monkeypatch.setattr(pace.time, "monotonic", lambda: now[0])
+    return now
+
+
+def drive(wall, sleeps, period, work, load, parts=1):
     """Return the intervals between the commands of a node [s of simulated time].
 
     Args:
+        wall: the time of the wall clock [s], which advances.
         sleeps, period, work: as for `Node`.
         load: how long threads wait for a processor [s], on average.
     """
@@ -89,8 +98,6 @@ def drive(monkeypatch, sleeps, period, work, load, parts=1):
     node = Node(
         sleeps, period, work, lambda: chance.expovariate(1.0 / load) if load else 0.0, parts
     )
-    wall = [0.0]
-    monkeypatch.setattr(pace.time, "monotonic", lambda: wall[0])
     decides, arrivals = Pace(node), []
     while len(arrivals) < 40:
         wall[0] += 0.001 + (chance.expovariate(1.0 / load) if load else 0.0)
@@ -126,26 +133,71 @@ def drive(monkeypatch, sleeps, period, work, load, parts=1):
         pytest.param(0.1, 0.01, 0.02, id="polls_slowly_busy"),
     ],
 )
-def test_ten_commands_per_second(monkeypatch, sleeps, period, load, work):
+def test_ten_commands_per_second(wall, sleeps, period, load, work):
     """Whatever the node waits for, its commands come when they are due, on a busy machine, too.
 
     The first intervals may differ, until it is known whether the node waits for the clock.
     """
-    intervals = drive(monkeypatch, sleeps, period, work, load)
+    intervals = drive(wall, sleeps, period, work, load)
     assert intervals[2:] == pytest.approx([0.1] * (len(intervals) - 2))
 
 
 @pytest.mark.parametrize("load", [0.0, 0.02])
 @pytest.mark.parametrize("seconds", [0.01, 0.02, 0.05, 0.15, 0.2])
-def test_other_rates_in_simulated_time(monkeypatch, seconds, load):
+def test_other_rates_in_simulated_time(wall, seconds, load):
     """They are exact, from the first command on."""
-    intervals = drive(monkeypatch, seconds, 0.0, 0.0, load)
+    intervals = drive(wall, seconds, 0.0, 0.0, load)
     assert intervals == pytest.approx([seconds] * len(intervals))
 
 
 @pytest.mark.parametrize("parts", [2, 10])
-def test_a_node_that_sleeps_several_times(monkeypatch, parts):
+def test_a_node_that_sleeps_several_times(wall, parts):
     """At most one command is late, by one step: the clock does not skip the other instants."""
-    intervals = drive(monkeypatch, 0.1, 0.0, 0.0, 0.0, parts)
+    intervals = drive(wall, 0.1, 0.0, 0.0, 0.0, parts)
     late = [each for each in intervals if each != pytest.approx(0.1)]
     assert late == pytest.approx([0.11])
+
+
+def test_a_slow_node_costs_little_time(wall):
+    """The clock waits less and less for commands that do not come when they are due."""
+    drive(wall, 0.2, 0.0, 0.0, 0.0)
+    assert wall[0] < 3.0  # 40 commands
+
+
+class Threads:
+    """Threads whose state is set by the test."""
+
+    usages = runs = {}  # as observed, and now
+    ran, delayed, waits = 0.0, 0.0, True
+
+    def are_waiting(self):
+        self.usages = self.runs
+        return self.waits
+
+
+def test_a_long_computation_takes_simulated_time(wall):
+    """After 0.1 s of processor time without a pause, the clock is as fast as the node."""
+    node = Threads()
+    node.waits = False
+    decides, clock = Pace(node), 0
+    for _ in range(300):
+        wall[0] += 0.001
+        node.ran += 0.001
+        decides.observe()
+        if duration := decides.advance(None):
+            clock += duration
+            decides.stepped(1)
+    assert clock / NANOSECONDS == pytest.approx(0.2, abs=0.02)
+
+
+@pytest.mark.parametrize(("has_run", "seconds"), [(False, 0.1), (True, pace.BETWEEN_POLLS)])
+def test_a_node_that_has_run_has_waited_for_a_processor(wall, has_run, seconds):
+    """Between two observations, 0.1 s apart, that find it waiting."""
+    node = Threads()
+    decides = Pace(node)
+    decides.observe()
+    wall[0] += 0.1
+    if has_run:
+        node.runs = {"main": 1}
+    decides.observe()
+    assert decides.seconds == pytest.approx(seconds)

@@ -8,7 +8,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.replay import sandbox
 from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
 
-ENVIRONMENT = {"PATH": "/usr/bin", "ROS_PACKAGE_PATH": "/work/.ros/0:/usr/share"}
+ENVIRONMENT = {"PATH": "/usr/bin", "ROS_PACKAGE_PATH": "/home/ann/.ros/0:/usr/share"}
 
 
 @pytest.fixture
