@@ -56,28 +56,28 @@ def run() -> int:
     result = fit(logs, car, pose_offset)
     show = (lambda *lines: None) if arguments.json else partial(print, sep="\n")
     drives: List[Dict[str, Any]] = []
-    useless = []
     for index, (log, delay) in enumerate(zip(logs, result.delays)):
         found = compare(log, car, delay.value, pose_offset)
         fitted = compare(log, result.car, delay.value, pose_offset)
-        verdict = diagnosis.sentence(found, result, fitted, index)
-        drives.append({**diagnosis.as_json(found, car_name), "verdict": verdict})
-        useless += [log.name] if diagnosis.is_useless(found, result, fitted, index) else []
+        drives.append(diagnosis.as_json(found, result, fitted, index, car_name))
         show(*diagnosis.as_text(found, car_name), "")
         if arguments.out:
             from mushr_ros_intro.comparison import error_plot  # matplotlib is slow to import
 
-            written = error_plot.write(user_path(arguments.out), found, index + 1)
-            show(*(f"written: {each}" for each in written), "")
+            name = f"{index + 1}_{os.path.splitext(os.path.basename(log.name))[0]}"
+            folder = os.path.join(user_path(arguments.out), name)
+            error_plot.write_files(folder, found, drives[-1])
+            show(f"written: {folder}", "")
         if arguments.fit:
             show("with the fitted car:", *diagnosis.errors_text(fitted), "")
     show(*diagnosis.fit_text(result, car), "")
+    useless = [each["drive"] for each in drives if not each["fits"]]
     if arguments.fit and not useless:
         path = user_path(arguments.fit)
         show(*vesc_text(result.car, arguments.vesc and user_path(arguments.vesc)), "")
         write_profile(path, result, profile, arguments.bags)
         show(f"written: {path}", "")
-    show(*(f"{each['drive']}: {each['verdict']}" for each in drives))
+    show(*(f"{each['drive']}: {each['verdict'][-1]}" for each in drives))
     if arguments.json:
         values = {"fit": diagnosis.fit_as_json(result), "drives": drives}
         json.dump(values, sys.stdout, allow_nan=False)

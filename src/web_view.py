@@ -60,7 +60,7 @@ class WebView:
             folder = parameters.folder(
                 "folder", ".", "folder of your plans; . is the directory of your shell"
             )
-            meaning = "a folder that grade.py has written, to play back the drives"
+            meaning = "a folder of grade.py or compare_drive.py, to play back its drives"
             self._results = optional("results", meaning)
             if self._results:
                 self._results = parameters.folder("results", "", meaning)

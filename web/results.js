@@ -1,23 +1,23 @@
-// Drives that the grading tool has recorded: played back beside the predicted path.
+// Drives in the files of grade.py or compare_drive.py: played back beside the predicted path.
 
 import { find, poseText, request, say } from "./page.js";
 import { NOTHING, view } from "./view.js";
 
 const slider = find("time");
 const button = find("play");
+const GRADES = { true: ": passed", false: ": failed" };
 let result = {};
 
 export async function listResults() {
   let results = [];
-  let problem = "the folder contains no graded drive";
+  let problem = "the folder contains no drive";
   try {
     ({ results } = await request("results"));
   } catch (error) {
     problem = error.message;
   }
   const options = results.map(
-    ({ name, passed }) =>
-      new Option(`${name}: ${passed ? "passed" : "failed"}`, name),
+    ({ name, passed }) => new Option(name + (GRADES[passed] ?? ""), name),
   );
   find("result").replaceChildren(
     new Option("none: show the live car", ""),

@@ -1,4 +1,4 @@
-"""Drives in a folder that grade.py or replay.test has written."""
+"""Drives in a folder that grade.py, replay.test or compare_drive.py has written."""
 
 import json
 import os
@@ -12,7 +12,7 @@ from mushr_ros_intro.errors import UserError
 
 
 def list_drives(folder: str) -> Dict[str, Any]:
-    """Return the names of the graded drives in a folder, and whether they passed.
+    """Return the names of the drives in a folder, and whether they passed; None if not graded.
 
     Raises:
         UserError: a folder or a file cannot be read.
@@ -22,7 +22,7 @@ def list_drives(folder: str) -> Dict[str, Any]:
 
 
 def drive_named(folder: str, name: str) -> Dict[str, Any]:
-    """Return the graded drive with a name.
+    """Return the drive with a name.
 
     Raises:
         UserError: a folder or a file cannot be read.
@@ -35,7 +35,7 @@ def drive_named(folder: str, name: str) -> Dict[str, Any]:
 
 
 def drives(folder: str) -> Dict[str, Dict[str, Any]]:
-    """Return the graded drives in a folder by their names, such as SUBMISSION/PLAN or PLAN.
+    """Return the drives in a folder by their names, such as SUBMISSION/PLAN or PLAN.
 
     Files that are something else are skipped. See docs/web.md for the values.
 

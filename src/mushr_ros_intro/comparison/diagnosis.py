@@ -37,7 +37,7 @@ def sentence(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> str
     """
     misfit = fit.misfits[index]
     if is_useless(found, fit, fitted, index):
-        name = f"row {misfit.row + 1} ({misfit.what})"
+        name = f"{found.log.unit} {found.log.number(misfit.row)} ({misfit.what})"
         return (
             f"no car of this model drives like that: {name} is {misfit.size:.1f} standard errors "
             "away from the best fit. Do not use the fit. Perhaps the tyres slip, the car touches "
@@ -114,13 +114,16 @@ def as_text(found: Comparison, car_name: str) -> Iterator[str]:
     yield from (f"note: {note}" for note in log.notes)
     if found.limited_rows:
         yield (
-            f"note: {counted(len(found.limited_rows), 'row')}, the first is row "
-            f"{found.limited_rows[0] + 1}, exceed the limits of the {car_name} car; predicted is "
-            "what it does within its limits"
+            f"note: {counted(len(found.limited_rows), 'row')}, the first is {log.unit} "
+            f"{log.number(found.limited_rows[0])}, exceed the limits of the {car_name} car; "
+            "predicted is what it does within its limits"
         )
     yield f"delay from a command to the pose: {found.delay:.3f} s (also that of the clocks)"
     yield ""
-    yield "  row   speed steering     end     distance          turn           driven to      error"
+    yield (
+        f"{log.unit:>5}   speed steering     end     distance          turn           driven to"
+        "      error"
+    )
     yield "          m/s      rad       s   plan driven    plan driven      x      y  theta      m"
     half = SHOWN_ROWS // 2
     for index, row in enumerate(found.rows):
@@ -128,7 +131,7 @@ def as_text(found: Comparison, car_name: str) -> Iterator[str]:
             x, y, theta = (round(value, 3) + 0.0 for value in row.driven)
             theta = math.remainder(theta, math.tau)
             yield (
-                f"{index + 1:5}{shortest_decimal(row.speed):8.2f}"
+                f"{log.number(index):5}{shortest_decimal(row.speed):8.2f}"
                 f"{shortest_decimal(row.steering_angle):9.4f}{row.end:8.2f}"
                 f"{row.distance[0]:7.3f}{row.distance[1]:7.3f}{row.turn[0]:8.3f}{row.turn[1]:7.3f}"
                 f"{x:7.3f}{y:7.3f}{theta:7.3f}{row.error:7.3f}"
@@ -200,9 +203,17 @@ def _reason(value: Value) -> str:
     return "these drives say too little about it"
 
 
-def as_json(found: Comparison, car_name: str) -> Dict[str, Any]:
-    """Return a comparison as values for JSON; lengths in m, angles in rad, times in s."""
+def as_json(
+    found: Comparison, fit: Fit, fitted: Comparison, index: int, car_name: str
+) -> Dict[str, Any]:
+    """Return a comparison as values for JSON; lengths in m, angles in rad, times in s.
+
+    For the arguments see `sentence`. "passed" and "verdict" are for the browser view.
+    """
     return {
+        "passed": None,
+        "verdict": [*errors_text(found), sentence(found, fit, fitted, index)],
+        "fits": not is_useless(found, fit, fitted, index),
         "drive": found.log.name,
         "notes": list(found.log.notes),
         "car": car_name,

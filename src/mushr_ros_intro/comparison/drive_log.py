@@ -47,6 +47,15 @@ class DriveLog(NamedTuple):
     notes: Tuple[str, ...]
     """What the user should know about the recording."""
 
+    @property
+    def unit(self) -> str:
+        """What a row is called: "line" of the plan's file, or "row" of the commands."""
+        return "line" if self.plan.rows[0].line else "row"
+
+    def number(self, index: int) -> int:
+        """Return the number of a row: its line in the plan's file, or its place from 1."""
+        return self.plan.rows[index].line or index + 1
+
 
 class Received(NamedTuple):
     """The messages of one topic."""

@@ -1,7 +1,8 @@
-"""Draw a comparison: both paths with the error once per second, and the error over the distance."""
+"""Write the files of a comparison: the drive for the browser view, and two pictures."""
 
+import json
 import os
-from typing import List
+from typing import Any, Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -9,37 +10,34 @@ from matplotlib.figure import Figure
 from mushr_ros_intro.comparison.comparison import Comparison
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.preview import drawing
-from mushr_ros_intro.replay import pictures
+from mushr_ros_intro.replay.pictures import locations
 from mushr_ros_intro.replay.recording import Drive
+from mushr_ros_intro.replay.report_files import write_trajectory
 
 
-def write(folder: str, found: Comparison, number: int) -> List[str]:
-    """Write both pictures of a drive into a folder; return their paths.
+def write_files(folder: str, found: Comparison, report: Mapping[str, Any]) -> None:
+    """Write report.json, trajectory.csv, path.png and errors.png of a drive into a folder.
 
     Raises:
         UserError: the folder or a file cannot be written.
     """
-    files = []
+    title = f"{os.path.basename(found.log.name)}: final error {found.sizes[-1]:.3f} m"
+    drive = Drive(found.times, found.driven, found.predicted, float("nan"))
+    seconds = np.searchsorted(found.times, np.arange(1.0, found.times[-1])).tolist()
+    path = locations(drive, title, error_indices=[*seconds, len(found.times) - 1])
     try:
         os.makedirs(folder, exist_ok=True)
-        for name, figure in (("path", path(found)), ("errors", errors(found))):
-            files.append(os.path.join(folder, f"{name}_{number}.png"))
-            figure.savefig(files[-1], dpi=120)
+        with open(os.path.join(folder, "report.json"), "w", encoding="ascii") as file:
+            json.dump(report, file, allow_nan=False)
+        write_trajectory(folder, drive, found.plan.start)
+        path.savefig(os.path.join(folder, "path.png"), dpi=120)
+        errors(found, title).savefig(os.path.join(folder, "errors.png"), dpi=120)
     except OSError as error:
         text = f"{error.filename or folder} cannot be written ({error.strerror})"
         raise UserError(f"--out: {text}; expected a folder") from None
-    return files
 
 
-def path(found: Comparison) -> Figure:
-    """Return a drawing of the predicted and the driven path."""
-    times = found.times
-    seconds = np.searchsorted(times, np.arange(1.0, times[-1])).tolist()
-    drive = Drive(times, found.driven, found.predicted, float("nan"))
-    return pictures.locations(drive, _title(found), error_indices=[*seconds, len(times) - 1])
-
-
-def errors(found: Comparison) -> Figure:
+def errors(found: Comparison, title: str) -> Figure:
     """Return a drawing of the parts of the error, over the predicted distance."""
     figure, (axes,) = drawing.new_figure(8.0, 4.0)
     along, across = found.errors.T
@@ -49,10 +47,5 @@ def errors(found: Comparison) -> Figure:
     axes.set(xlabel="predicted distance [m]", ylabel="driven minus predicted [m]")
     axes.grid(alpha=0.3)
     axes.legend(fontsize="small")
-    drawing.set_title(axes, _title(found))
+    drawing.set_title(axes, title)
     return figure
-
-
-def _title(found: Comparison) -> str:
-    """Return the name of the drive, and its final error."""
-    return f"{os.path.basename(found.log.name)}: final error {found.sizes[-1]:.3f} m"

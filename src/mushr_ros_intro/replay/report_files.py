@@ -9,6 +9,7 @@ import numpy as np
 
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.replay.judge import Judgement
+from mushr_ros_intro.replay.recording import Drive
 
 
 def write_report(folder: str, judgement: Judgement, arguments: Dict[str, Any]) -> None:
@@ -36,12 +37,7 @@ def write_report(folder: str, judgement: Judgement, arguments: Dict[str, Any]) -
         json.dump(content, file, indent=2, allow_nan=False)
         file.write("\n")
 
-    names = "time,x,y,theta,predicted_x,predicted_y,predicted_theta,distance_from_start"
-    away = np.hypot(*(path.driven[:, :2] - judgement.recorded.plan.start[:2]).T)
-    table, formats = np.column_stack([*path[:3], away]), ["%.9f"] + 7 * ["%.17g"]
-    csv = os.path.join(folder, "trajectory.csv")
-    np.savetxt(csv, table, formats, ",", header=names, comments="")
-
+    write_trajectory(folder, path, judgement.recorded.plan.start)
     try:
         # matplotlib is slow to import
         from mushr_ros_intro.replay.pictures import distances, locations
@@ -54,6 +50,19 @@ def write_report(folder: str, judgement: Judgement, arguments: Dict[str, Any]) -
     figure.savefig(os.path.join(folder, "locations.png"))
     figure = distances(path, title, tolerances.path)
     figure.savefig(os.path.join(folder, "distances.png"))
+
+
+def write_trajectory(folder: str, drive: Drive, start: Pose) -> None:
+    """Write trajectory.csv into `folder`; `start` is the start pose of the plan.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    names = "time,x,y,theta,predicted_x,predicted_y,predicted_theta,distance_from_start"
+    away = np.hypot(*(drive.driven[:, :2] - start[:2]).T)
+    table, formats = np.column_stack([*drive[:3], away]), ["%.9f"] + 7 * ["%.17g"]
+    csv = os.path.join(folder, "trajectory.csv")
+    np.savetxt(csv, table, formats, ",", header=names, comments="")
 
 
 def _title(judgement: Judgement) -> str:

@@ -8,6 +8,7 @@ import pytest
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.comparison import compare
+from mushr_ros_intro.comparison.drive_log import with_rows_of
 from support.cars import plan_of
 from support.geometry import closed_form
 from support.recorded_drive import driven
@@ -79,10 +80,15 @@ def test_the_reported_point_may_be_in_front_of_the_rear_axle():
 
 def test_rows_beyond_the_limits_are_noted():
     car = Car(speed_limit=0.8)
-    log = driven(plan_of("0, 0, 0\n0.5, 0, 1\n1, 0, 1"), car, random.Random(1), **EXACT)
+    plan = plan_of("0, 0, 0\n0.5, 0, 1\n1, 0, 1")
+    log = driven(plan, car, random.Random(1), **EXACT)
     found = compare(log, car, 0.0)
     assert found.limited_rows == (1,)
     assert "1 row, the first is row 2, exceed" in "\n".join(diagnosis.as_text(found, "slow"))
+    text = [*diagnosis.as_text(compare(with_rows_of(log, plan), car, 0.0), "slow")]
+    assert "1 row, the first is line 3, exceed" in "\n".join(text)
+    (title,) = (index for index, line in enumerate(text) if line.startswith(" line   speed"))
+    assert [line.split()[0] for line in text[title + 2 : title + 4]] == ["2", "3"]
 
 
 def test_a_recording_that_ends_before_the_plan():

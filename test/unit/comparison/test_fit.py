@@ -89,7 +89,7 @@ def test_a_drive_that_no_car_of_the_model_drives_is_a_misfit():
     log = log._replace(plan=plan)
     result = fit([log], NANO)
     text, _, _ = verdict(log, result)
-    assert text.startswith("no car of this model drives like that: row 3 (distance)")
+    assert text.startswith("no car of this model drives like that: line 4 (distance)")
     assert "random errors" not in text
 
 
