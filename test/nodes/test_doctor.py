@@ -130,10 +130,11 @@ class TestDoctor(RosTestCase):
             self.expect("/ghost cannot be reached: this machine cannot resolve the host name")
 
     def test_a_misspelt_topic_of_the_start_pose(self):
-        misspelt = rospy.Publisher("/initial_pose", PoseWithCovarianceStamped, queue_size=1)
-        self.addCleanup(misspelt.unregister)
-        with driving(NAVIGATION):
-            self.expect("have no effect: no node subscribes to /initial_pose")
+        for topic in ("/initial_pose", "/start_pose"):
+            misspelt = rospy.Publisher(topic, PoseWithCovarianceStamped, queue_size=1)
+            with driving(NAVIGATION):
+                self.expect(f"have no effect: no node subscribes to {topic}")
+            misspelt.unregister()
 
     def test_commands(self):
         with driving(NAVIGATION, 0.0):
@@ -143,7 +144,7 @@ class TestDoctor(RosTestCase):
         with driving(NAVIGATION, 1.0, lambda: rospy.Time.now() - rospy.Duration(9)):
             self.expect("s behind the clock of this machine")
         with driving(NAVIGATION, period=1.0):
-            self.expect(f"{self.me} sends a command every 1.0 s, but the mux stops the car")
+            self.expect(f"{self.me} sends a command every 1 s, but the mux stops the car")
         with driving(OUTPUT):
             self.expect()
         release(OUTPUT)

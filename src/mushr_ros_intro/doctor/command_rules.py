@@ -12,7 +12,7 @@ _JOYSTICK = (
     "to drive with the joystick"
 )
 
-_MAX_GAP = NANOSECONDS // 4
+_MAX_GAP = 22 * NANOSECONDS // 100
 """Commands that are further apart stop the car in between [ns]. The timeout of the mux is 0.2 s."""
 
 
@@ -164,7 +164,7 @@ def _wrong_rate(sender: Publisher, facts: Facts) -> List[Finding]:
         return []
     seconds = sender.shortest_gap / NANOSECONDS
     problem = (
-        f"{sender.node} sends a command every {seconds:.1f} s, but the mux stops the car 0.2 s "
+        f"{sender.node} sends a command every {seconds:.2g} s, but the mux stops the car 0.2 s "
     )
     remedy = "Repeat each command at 10 Hz: call publish in a loop with rospy.Rate(10)"
     return [Finding(f"{problem}after each one", remedy)]

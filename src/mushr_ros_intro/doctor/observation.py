@@ -30,8 +30,6 @@ _CLOCK_TIMEOUT = 5.5
 _SECOND_COMMAND_TIMEOUT = 1.2
 """How much longer to listen to a node that has sent one command only [s]."""
 
-_SIMILAR = 0.75
-"""Ratio of similarity of `difflib`: initial_pose has 0.96, amcl_pose 0.6."""
 
 _MUX_INPUTS = ("safety", "teleop", "navigation", "default")
 """The inputs of MuSHR's mux, for a mux without parameters."""
@@ -242,8 +240,7 @@ class Observer:
             elif kind == PoseWithCovarianceStamped._type and not subscribers:
                 # Other estimates of a pose have this type, too, and may have no subscriber.
                 senders = tuple(each for each in publishers if "rviz" not in each)
-                name = topic.rpartition("/")[2]
-                if senders and SequenceMatcher(None, name, "initialpose").ratio() > _SIMILAR:
+                if senders and _is_like_initial_pose(topic.rpartition("/")[2]):
                     stray_poses[topic] = senders
         return strays, stray_poses, tuple(cars)
 
@@ -291,6 +288,12 @@ def _topic(graph: _Graph, heard: Listener, name: str, kind: Any = AckermannDrive
         )
     subscribers = tuple(graph.subscribers.get(name, []))
     return Topic(name, kind._type, kind._md5sum, tuple(publishers), subscribers)
+
+
+def _is_like_initial_pose(name: str) -> bool:
+    """Return whether a name may mean initialpose: intialpose has a ratio of 0.95, amcl_pose 0.6."""
+    is_similar = SequenceMatcher(None, name, "initialpose").ratio() > 0.75
+    return is_similar or "init" in name or "start" in name
 
 
 def _input(active: str, inputs: Iterable[str]) -> str:

@@ -1,9 +1,11 @@
 """Find programs of a package that cannot be started, or that are not nodes."""
 
 import ast
+import difflib
 import glob
 import importlib.util
 import os
+import pkgutil
 import re
 import shlex
 import shutil
@@ -60,17 +62,14 @@ def _source_findings(path: str) -> Iterator[Finding]:
         return
     except (OSError, ValueError):
         return
-    lines = dict(_imported_modules(tree))
-    for name, line in lines.items():
-        if _origin(name, path) is None:
-            yield Finding(
-                f"{path} imports {name} in line {line}, but Python does not find this module",
-                f"Correct the name, or install the module; for one of ROS, type: sudo apt-get "
-                f"install python3-{name.replace('_', '-')}",
-            )
+    imports = list(_imports(tree))
+    for module, names, line in imports:
+        fault, remedy = _import_fault(path, module, names)
+        if fault:
+            yield Finding(f"{path} imports {module} in line {line}, but {fault}", remedy)
     is_node = text.startswith(b"#!") and _USES_ROSPY.search(text)
     # A module of the user may call init_node.
-    has_own = not all(_is_of_system(_origin(name, path)) for name in lines)
+    has_own = not all(_is_of_system(path, module) for module, _, _ in imports)
     if is_node and not has_own and not re.search(rb"\binit_node\(", text):
         yield Finding(
             f"{path} uses rospy, but does not call rospy.init_node, so it is not a node",
@@ -78,32 +77,72 @@ def _source_findings(path: str) -> Iterator[Finding]:
         )
 
 
-def _imported_modules(tree: Any) -> Iterator[Tuple[str, int]]:
-    """Yield the name and the line of each module that a file always imports."""
+def _imports(tree: Any) -> Iterator[Tuple[str, Sequence[str], int]]:
+    """Yield the module, the names from it, and the line of what a file always imports."""
     for each in tree.body:
         if isinstance(each, ast.Import):
-            yield from ((alias.name.split(".")[0], each.lineno) for alias in each.names)
+            yield from ((alias.name, (), each.lineno) for alias in each.names)
         elif isinstance(each, ast.ImportFrom) and each.module and not each.level:
-            yield each.module.split(".")[0], each.lineno
+            names = [alias.name for alias in each.names if alias.name != "*"]
+            yield each.module, names, each.lineno
 
 
-def _origin(name: str, path: str) -> Optional[str]:
+def _import_fault(path: str, module: str, names: Sequence[str]) -> Tuple[str, str]:
+    """Return why a program cannot import names from a module, and what to do; empty if it can.
+
+    Modules of the user are not imported, because this runs their code.
+    """
+    top = module.split(".")[0]
+    if _origin(path, top) is None:
+        package = f"python3-{top.replace('_', '-')}"
+        install = f"install the module; for one of ROS, type: sudo apt-get install {package}"
+        known = [each.name for each in pkgutil.iter_modules()]
+        return "Python does not find this module", _correction(top, known, f", or {install}")
+    if not _is_of_system(path, module):
+        return "", ""
+    try:
+        found = importlib.import_module(module)
+    except ImportError as error:
+        return f"Python reports: {error}", _correction(module, [])
+    except Exception:  # the module is there; whether it works in the node is not known
+        return "", ""
+    for name in names:
+        if not hasattr(found, name) and not _has_submodule(found, name):
+            return f"it does not contain {name}", _correction(name, dir(found))
+    return "", ""
+
+
+def _correction(name: str, known: Sequence[str], otherwise: str = "") -> str:
+    """Return a remedy: a similar name, or `otherwise`."""
+    close = difflib.get_close_matches(name, known, 1, 0.8)
+    return f"Did you mean {close[0]}?" if close else f"Correct the name{otherwise}"
+
+
+def _has_submodule(package: Any, name: str) -> bool:
+    with suppress(ImportError):
+        return importlib.util.find_spec(f"{package.__name__}.{name}") is not None
+    return False
+
+
+def _origin(path: str, module: str) -> Optional[str]:
     """Return the file of a module that a program imports; None if Python does not find it."""
     folder = os.path.dirname(path)
-    for own in (f"{folder}/{name}.py", f"{folder}/{name}"):
+    for own in (f"{folder}/{module}.py", f"{folder}/{module}"):
         if os.path.exists(own):
             return own
     with suppress(ValueError, ImportError):
-        found = importlib.util.find_spec(name)
+        found = importlib.util.find_spec(module)
         return (found.origin or "") if found else None
     return ""
 
 
-def _is_of_system(origin: Optional[str]) -> bool:
-    """Return whether a module is one of Python or of ROS; this package's own is none of them."""
+def _is_of_system(path: str, module: str) -> bool:
+    """Return whether a module that a program imports is one of Python or ROS, or has messages."""
+    origin = _origin(path, module.split(".")[0]) or ""
+    this = f"{os.sep}mushr_ros_intro{os.sep}__init__.py"  # has a function that calls init_node
+    is_own = this in origin or origin.startswith(os.path.dirname(path))
     folders = (sys.prefix, "/usr", "/opt", "built-in", "frozen")
-    is_own = origin and f"{os.sep}mushr_ros_intro{os.sep}__init__.py" in origin
-    return bool(origin) and not is_own and str(origin).startswith(folders)
+    return module.endswith((".msg", ".srv")) or (origin.startswith(folders) and not is_own)
 
 
 def _start_findings(path: str) -> Iterator[Finding]:

@@ -19,14 +19,30 @@ from mushr_ros_intro.doctor.programs import program_findings
         ("#!/usr/bin/python3\r\n", 0o755, r"Windows line endings, so the interpreter in its fi"),
         ("#!/usr/bin/python3\nprint(\n", 0o755, "has a syntax error in line 2: "),
         ("#!/usr/bin/python3\n", 0o644, "is not executable. Type: chmod +x '"),
-        ("#!/usr/bin/python3\nimport rosypy\n", 0o755, "imports rosypy in line 2, but Python does"),
         (
-            "#!/usr/bin/python3\nfrom acker_msgs.msg import A\n",
+            "#!/usr/bin/python3\nimport no_such\n",
             0o755,
-            "type: sudo apt-get install python3-acker-msgs",
+            "imports no_such in line 2, but Python does not find this module. Correct the name, or "
+            "install the module; for one of ROS, type: sudo apt-get install python3-no-such",
         ),
         (
-            "#!/usr/bin/python3\nimport math\nimport rospy\npub = rospy.Publisher('a', A)\n",
+            "#!/usr/bin/python3\nfrom ackerman_msgs.msg import AckermannDrive\n",
+            0o755,
+            "but Python does not find this module. Did you mean ackermann_msgs?",
+        ),
+        (
+            "#!/usr/bin/python3\nfrom ackermann_msgs.msg import AckermanDrive\n",
+            0o755,
+            "ackermann_msgs.msg in line 2, but it does not contain AckermanDrive. Did you mean Ack",
+        ),
+        (
+            "#!/usr/bin/python3\nimport tf.transformation\n",
+            0o755,
+            "but Python reports: No module named 'tf.transformation'. Correct the name",
+        ),
+        (
+            "#!/usr/bin/python3\nimport math\nimport rospy\n"
+            "from ackermann_msgs.msg import AckermannDrive\npub = rospy.Publisher('a', A)\n",
             0o755,
             "uses rospy, but does not call rospy.init_node",
         ),
@@ -104,6 +120,7 @@ def test_a_program_that_catkin_has_installed(tmp_path):
         ),
         ("drive.py", "#!/usr/bin/python3\nimport rospy\nrospy.init_node('a')\nrospy.spin()\n"),
         ("drive.py", "#!/usr/bin/python3\nimport rospy\nprint(rospy.Time(1))\n"),
+        ("drive.py", "#!/usr/bin/python3\nfrom os import path\nfrom concurrent import futures\n"),
         (
             "drive.py",
             "#!/usr/bin/python3\nimport rospy\nfrom mushr_ros_intro.ros import node\n"

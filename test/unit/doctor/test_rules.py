@@ -179,12 +179,12 @@ def test_master(master, problem, remedy):
         ),
         (
             {"inputs": inputs(PLAN._replace(stamps=(NOW, NOW + S)))},
-            "/path_publisher sends a command every 1.0 s, but the mux stops the car 0.2 s after",
+            "/path_publisher sends a command every 1 s, but the mux stops the car 0.2 s after",
             "rospy.Rate(10)",
         ),
         (
-            {"inputs": inputs(PLAN._replace(stamps=(0, 0), arrivals=(NOW, NOW + S // 2)))},
-            "/path_publisher sends a command every 0.5 s",
+            {"inputs": inputs(PLAN._replace(stamps=(0, 0), arrivals=(NOW, NOW + S // 4)))},
+            "/path_publisher sends a command every 0.25 s",
             "rospy.Rate(10)",
         ),
         (
