@@ -1,6 +1,10 @@
 """A ROS master that protects the simulated car, and records what a node tries to do to it."""
 
 import threading
+import time
+import xmlrpc.client
+from contextlib import suppress
+from http.client import HTTPException
 from typing import Any, Callable, Dict, FrozenSet, Iterable, List, Optional, Tuple
 
 import rosgraph.xmlrpc
@@ -9,6 +13,9 @@ from rosmaster.master_api import ROSMasterHandler
 
 REFUSED: Tuple[int, str, int] = (-1, "refused, because it would change the simulated car", 0)
 """The answer to a refused call."""
+
+WAKE_UP_PERIOD = 0.02
+"""Period of the calls to a node that has left ROS [s of wall-clock time]."""
 
 
 class GuardedMaster(ROSMasterHandler):
@@ -104,7 +111,11 @@ class GuardedMaster(ROSMasterHandler):
                 self.record(action)
                 if not action.startswith("publishes"):
                     return REFUSED
-        return getattr(self, method)(*params)
+        node = self.reg_manager.get_node(str(params[0])) if params else None
+        result = getattr(self, method)(*params)
+        if node and method.startswith("unregister") and node.is_empty():
+            threading.Thread(target=_wake_up, args=[node.api], daemon=True).start()
+        return result
 
     def _action(self, method: str, caller: str = "", name: str = "") -> str:
         """Return what a call would do to the simulated car; empty if nothing."""
@@ -124,3 +135,18 @@ class GuardedMaster(ROSMasterHandler):
         if method == "registerService" and name.startswith(f"{self._owner}/"):
             return f"offers the service {name}"
         return ""
+
+
+def _wake_up(address: str) -> None:
+    """Announce a publisher to a node that has left ROS, until its process has ended.
+
+    Symptom: a node that ends uses a processor for 0.5 s more than necessary.
+    Cause: rospy waits for a thread that looks every 0.5 s, or when a publisher is announced,
+    whether the node ends (rospy/impl/registration.py). Meanwhile, another thread polls a socket
+    that is closed (rosgraph/xmlrpc.py).
+    """
+    errors = (OSError, HTTPException, xmlrpc.client.Error)
+    with suppress(*errors), xmlrpc.client.ServerProxy(address) as node:
+        while True:
+            node.publisherUpdate("/master", "/ended", [address])
+            time.sleep(WAKE_UP_PERIOD)

@@ -1,8 +1,12 @@
 """Check which calls of the master a node under test may make."""
 
+import threading
+import xmlrpc.server
+
 import pytest
 
 from mushr_ros_intro.replay.guarded_master import REFUSED, GuardedMaster
+from support.helpers import wait_for
 
 CAR = "/car/car_sim"
 API = "http://localhost:1"
@@ -113,3 +117,21 @@ def test_publishers_are_counted(master):
     master._dispatch("registerPublisher", ("/student", "/commands", POSES, "http://localhost:2"))
     assert master.count_publishers("/commands") == 2
     assert master.count_publishers("/nothing") == 0
+
+
+def test_a_node_that_has_left_ros_is_woken_up(master):
+    """Not one that has only unregistered a topic. The calls end when the node has ended."""
+    with xmlrpc.server.SimpleXMLRPCServer(("localhost", 0), logRequests=False) as node:
+        node.timeout = 10.0
+        calls = []
+        node.register_function(lambda *call: calls.append(call) or 0, "publisherUpdate")
+        api = f"http://localhost:{node.server_address[1]}/"
+        for topic in ("/rosout", "/commands"):
+            master._dispatch("registerPublisher", ("/student", topic, POSES, api))
+        count = threading.active_count()
+        master._dispatch("unregisterPublisher", ("/student", "/commands", api))
+        assert threading.active_count() == count
+        master._dispatch("unregisterPublisher", ("/student", "/rosout", api))
+        node.handle_request()
+    assert calls and calls[0] == ("/master", "/ended", [api])
+    wait_for(lambda: threading.active_count() == count, "the calls to end")
