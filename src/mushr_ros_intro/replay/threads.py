@@ -20,8 +20,9 @@ _TICK = NANOSECONDS // os.sysconf("SC_CLK_TCK")
 
 
 class _Files(NamedTuple):
-    """The open files of a thread in /proc; opening them takes most of the time."""
+    """The process of a thread, and its open files in /proc; opening them takes most of the time."""
 
+    process: int
     counts: int
     stat: int
     children: int
@@ -41,6 +42,7 @@ class Threads:
         counts = "schedstat" if self._has_statistics else "status"
         self._names = (counts, "stat", "children")
         self._files: Dict[str, _Files] = {}
+        self._texts: List[bytes] = []  # the values of `usages`, in the order of `_files`
         self.usages: Usages = {}
         """When the threads were last observed; the same object if none has run since then."""
         self.ran = 0.0
@@ -74,13 +76,17 @@ class Threads:
     def observe(self) -> None:
         """Read the usages."""
         found: Usages = {}
-        for name, files in self._files.items():
-            if usage := self._usage(files):
-                found[name] = usage
-        if found == self.usages and found:
-            return
+        try:
+            texts = list(map(self._usage, self._files.values()))
+            if texts == self._texts and texts:
+                return
+            found.update(zip(self._files, texts))
+        except OSError:  # a thread has ended
+            for name, files in self._files.items():
+                with contextlib.suppress(OSError):
+                    found[name] = self._usage(files)
         for name in self._files.keys() - found.keys():
-            for file in self._files.pop(name):
+            for file in self._files.pop(name)[1:]:
                 os.close(file)
         self._add_new(found, [name for name in found if found[name] != self.usages.get(name)])
         for name, usage in found.items():
@@ -91,30 +97,35 @@ class Threads:
                 )
                 self.ran += ran / NANOSECONDS
                 self.delayed += delayed / NANOSECONDS
-        self.usages = found
+        self.usages, self._texts = found, list(found.values())
 
     def _add_new(self, found: Usages, changed: Iterable[str]) -> None:
         """Add the usages of new threads; only a thread that has run can have created them."""
+        unchanged = {files.process for files in self._files.values()}
         for name in changed:
+            unchanged.discard(self._files[name].process)
             self._add_children(name)
         alive = []
         for process in self._processes:  # grows in this loop
+            if process in unchanged:
+                alive.append(process)
+                continue
             with contextlib.suppress(OSError):
                 names = os.listdir(f"/proc/{process}/task")
                 alive.append(process)
                 for name in names:
                     is_new = name not in found and name not in self._without
                     if is_new and len(found) < _MAX_THREADS:
-                        self._open(f"/proc/{process}/task/{name}", name, found)
+                        self._open(process, name, found)
         self._processes = alive
 
-    def _open(self, folder: str, name: str, found: Usages) -> None:
+    def _open(self, process: int, name: str, found: Usages) -> None:
         """Open the files of a new thread, and add its usage."""
         with contextlib.suppress(OSError):  # it has ended
+            folder = f"/proc/{process}/task/{name}"
             files = [os.open(f"{folder}/{each}", os.O_RDONLY) for each in self._names]
-            self._files[name] = _Files(*files)
-            if usage := self._usage(self._files[name]):
-                found[name] = usage
+            self._files[name] = _Files(process, *files)
+            found[name] = self._usage(self._files[name])
             self._add_children(name)
 
     def _add_children(self, name: str) -> None:
@@ -126,13 +137,10 @@ class Threads:
                         self._processes.append(int(each))
 
     def _usage(self, files: _Files) -> bytes:
-        """Return the usage of a thread; empty if it has ended."""
-        try:
-            if self._has_statistics:
-                return os.pread(files.counts, 100, 0)
-            counts, stat = (os.pread(file, 4096, 0) for file in files[:2])
-        except OSError:
-            return b""
+        """Return the usage of a thread; raise OSError if it has ended."""
+        if self._has_statistics:
+            return os.pread(files.counts, 100, 0)
+        counts, stat = os.pread(files.counts, 4096, 0), os.pread(files.stat, 4096, 0)
         fields = stat[stat.rindex(b")") + 2 :].split()
         times = (int(fields[11]) + int(fields[12])) * _TICK
         return b"%d 0 %s" % (times, counts[counts.rindex(b"\nvoluntary_ctxt_switches") :])
