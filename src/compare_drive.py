@@ -45,7 +45,6 @@ def run() -> int:
     profiles = package_folder("config/cars")
     arguments = parse_arguments(profiles)
     options = Parameters(vars(arguments), "--")
-    pose_offset = options.number("pose_offset", 0.0, "m", -10.0, 10.0)
     profile = find_file(arguments.car, profiles, ".yaml")
     car_name = os.path.splitext(os.path.basename(profile))[0]
     car = car_from(Parameters({**read_profile(profile), "noise": True}, f"{profile}: "))
@@ -53,12 +52,12 @@ def run() -> int:
 
     from mushr_ros_intro.comparison.fit import fit  # scipy is slow to import
 
-    result = fit(logs, car, pose_offset)
+    result = fit(logs, car)
     show = (lambda *lines: None) if arguments.json else partial(print, sep="\n")
     drives: List[Dict[str, Any]] = []
     for index, (log, delay) in enumerate(zip(logs, result.delays)):
-        found = compare(log, car, delay.value, pose_offset)
-        fitted = compare(log, result.car, delay.value, pose_offset)
+        found = compare(log, car, delay.value)
+        fitted = compare(log, result.car, delay.value)
         drives.append(diagnosis.as_json(found, result, fitted, index, car_name))
         show(*diagnosis.as_text(found, car_name), "")
         if arguments.out:
@@ -95,7 +94,8 @@ def read_logs(arguments: argparse.Namespace, options: Parameters, car: Car) -> L
         UserError: an argument or the plan is wrong, or a bag has no drive of the plan.
     """
     frames = tuple(arguments.tf) if arguments.tf else None
-    source = Source(arguments.commands, arguments.pose, frames)
+    pose_offset = options.number("pose_offset", 0.0, "m", -10.0, 10.0)
+    source = Source(arguments.commands, arguments.pose, frames, pose_offset)
     if arguments.record is not None:
         seconds = options.number("record", math.nan, "s", 1.0, 1e5)
         node.init_node("compare_drive", anonymous=True)

@@ -45,6 +45,10 @@ class Car(NamedTuple):
     """Standard deviation of the speed [m/s], drawn for each command to drive."""
     steering_noise: float = 0.0
     """Standard deviation of the steering angle [rad], drawn for each command to drive."""
+    speed_gain_spread: float = 0.0
+    """Standard deviation of the speed gain between drives; only `preview.spread` uses it."""
+    steering_offset_spread: float = 0.0
+    """Standard deviation of the steering offset between drives [rad], likewise."""
     odom_distance_noise: float = 0.0
     """Standard deviation of the measured distance [m] after 1 m; it grows with the square root."""
     odom_heading_noise: float = 0.0

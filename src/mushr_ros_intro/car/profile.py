@@ -23,6 +23,8 @@ NUMBERS = (
     ("steering_offset", "rad", -0.5, 0.5, "added to the steering angle of each command"),
     ("speed_noise", "m/s", 0.0, 10.0, "standard deviation per command"),
     ("steering_noise", "rad", 0.0, 1.0, "standard deviation per command"),
+    ("speed_gain_spread", "", 0.0, 1.0, "standard deviation of the gain between drives"),
+    ("steering_offset_spread", "rad", 0.0, 1.0, "the same of the offset"),
     ("odom_distance_noise", "m", 0.0, 10.0, "standard deviation of the odometry after 1 m"),
     ("odom_heading_noise", "rad", 0.0, 10.0, "standard deviation of the odometry after 1 m"),
 )
@@ -68,6 +70,8 @@ def car_from(parameters: Parameters) -> Car:
     return car._replace(
         speed_noise=0.0,
         steering_noise=0.0,
+        speed_gain_spread=0.0,
+        steering_offset_spread=0.0,
         odom_distance_noise=0.0,
         odom_heading_noise=0.0,
         seed=0,

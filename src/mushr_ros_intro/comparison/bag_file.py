@@ -15,7 +15,7 @@ from geometry_msgs.msg import TransformStamped
 
 from mushr_ros_intro.comparison.drive_log import DriveLog, Received, drive_log
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.geometry import Pose, drive_arc
 from mushr_ros_intro.ros import conversions
 
 _POSES: Dict[str, Callable[[Any], Any]] = {
@@ -42,6 +42,8 @@ class Source(NamedTuple):
     """The topic of the poses; not used with `frames`."""
     frames: Optional[Tuple[str, str]] = None
     """The pose is that of the second frame in the first one, from /tf."""
+    pose_offset: float = 0.0
+    """Distance of the point whose pose is reported, in front of the rear axle [m]."""
 
     @property
     def topics(self) -> Tuple[str, ...]:
@@ -111,7 +113,8 @@ def read_bag(path: str, source: Source, timeout: int) -> DriveLog:
         poses = _transforms(path, source.frames, messages)
     else:
         poses = _poses(path, source.pose, types, messages)
-    return drive_log(path, commands, poses, timeout)
+    values = [drive_arc(Pose(*each), -source.pose_offset, 0.0) for each in poses.values]
+    return drive_log(path, commands, poses._replace(values=values), timeout)
 
 
 def _check_type(path: str, topic: str, types: Dict[str, str], known: List[str], what: str) -> None:

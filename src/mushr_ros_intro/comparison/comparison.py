@@ -3,13 +3,12 @@
 Both begin at the same pose, at the first command that moves the car. Times count from there.
 """
 
-from typing import List, NamedTuple, Tuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.drive_log import DriveLog, start_pose
-from mushr_ros_intro.geometry import drive_arc
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import rest, states_at
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
@@ -47,8 +46,6 @@ class Comparison(NamedTuple):
     car: Car
     delay: float
     """From a command to its effect on the pose [s]."""
-    pose_offset: float
-    """Distance of the point whose pose is reported, in front of the rear axle [m]."""
     plan: Plan
     """The rows, from the pose at which the car stood at the begin."""
     standing: int
@@ -98,7 +95,7 @@ class Comparison(NamedTuple):
         return float(np.angle(np.exp(1j * (self.driven[-1, 2] - self.predicted[-1, 2]))))
 
 
-def compare(log: DriveLog, car: Car, delay: float, pose_offset: float = 0.0) -> Comparison:
+def compare(log: DriveLog, car: Car, delay: float) -> Comparison:
     """Compare a drive with what a car would have done.
 
     The last pose is the mean of the poses after the car has come to rest.
@@ -107,42 +104,31 @@ def compare(log: DriveLog, car: Car, delay: float, pose_offset: float = 0.0) -> 
         log: the drive.
         car: of the prediction; its noise is not used.
         delay: from a command to its effect on the pose [s].
-        pose_offset: distance of the point whose pose is reported, in front of the rear axle [m].
     """
     car = car._replace(speed_noise=0.0, steering_noise=0.0)
     stamps = log.stamps - from_seconds(delay)
     start, standing = start_pose(log, from_seconds(delay))
-    plan = log.plan._replace(start=drive_arc(start, -pose_offset, 0.0))
+    plan = log.plan._replace(start=start)
     end, _ = rest(plan, car)
     driven = log.poses.copy()
     driven[:, 2] = np.unwrap(driven[:, 2])
     is_after = stamps >= end + from_seconds(_SETTLED)
     is_used = (stamps >= 0) & (stamps < end)
-    if is_after.any():
-        stamps, driven = (
-            np.append(stamps[is_used], end),
-            np.vstack([driven[is_used], driven[is_after].mean(axis=0)]),
-        )
-    else:
-        stamps, driven = stamps[is_used], driven[is_used]
-    predicted = _predicted(plan, car, stamps, pose_offset)
+    final = driven[is_after].mean(axis=0, keepdims=True) if is_after.any() else driven[:0]
+    stamps = np.append(stamps[is_used], [end] * len(final))
+    driven = np.vstack([driven[is_used], final])
+    predicted = _predicted(plan, car, stamps)
     turns = np.round((driven[0, 2] - predicted[0, 2]) / (2.0 * np.pi))
     driven[:, 2] -= 2.0 * np.pi * turns
-    times = stamps / NANOSECONDS
-    rows = _rows(plan, car, times, driven, pose_offset)
-    return Comparison(log, car, delay, pose_offset, plan, standing, times, predicted, driven, rows)
+    rows = _rows(plan, car, stamps, driven)
+    return Comparison(
+        log, car, delay, plan, standing, stamps / NANOSECONDS, predicted, driven, rows
+    )
 
 
-def _moved(poses: np.ndarray, distance: float) -> np.ndarray:
-    """Return poses that are moved forward by a distance [m]."""
-    x, y, theta = poses.T
-    return np.column_stack([x + distance * np.cos(theta), y + distance * np.sin(theta), theta])
-
-
-def _predicted(plan: Plan, car: Car, stamps: np.ndarray, pose_offset: float) -> np.ndarray:
-    """Return the predicted poses of the reported point at some stamps [ns]."""
-    poses = [state.pose for state in states_at(plan, car, stamps.tolist())]
-    return _moved(np.array(poses, float), pose_offset)
+def _predicted(plan: Plan, car: Car, stamps: np.ndarray) -> np.ndarray:
+    """Return the predicted poses at some stamps [ns]."""
+    return np.array([state.pose for state in states_at(plan, car, stamps.tolist())], float)
 
 
 def _along(poses: np.ndarray) -> np.ndarray:
@@ -155,44 +141,33 @@ def _along(poses: np.ndarray) -> np.ndarray:
     return x * np.cos(heading) + y * np.sin(heading)
 
 
-def _rows(
-    plan: Plan, car: Car, times: np.ndarray, driven: np.ndarray, pose_offset: float
-) -> Tuple[RowResult, ...]:
+def _rows(plan: Plan, car: Car, stamps: np.ndarray, driven: np.ndarray) -> Tuple[RowResult, ...]:
     """Return the results of the rows that are inside the recording; the last one ends at rest."""
-    ends = np.cumsum([row.duration for row in plan.rows]).astype(np.int64)
-    ends[-1] = max(ends[-1], round(times[-1] * NANOSECONDS))
-    seconds = ends / NANOSECONDS
-    count = int(np.searchsorted(seconds, times[-1] + 1e-9, side="right"))
-    instants = np.concatenate([[0], ends[:count]])
-    expected = _predicted(plan, car, instants, pose_offset)
-    found = np.column_stack(
-        [np.interp(instants / NANOSECONDS, times, column) for column in driven.T]
+    ends = np.cumsum([row.duration for row in plan.rows])
+    ends[-1] = max(ends[-1], stamps[-1])
+    instants = np.append(0, ends[ends <= stamps[-1]])
+    fine = np.union1d(stamps, instants)
+    path = np.column_stack([np.interp(fine, stamps, column) for column in driven.T])
+    places = np.searchsorted(fine, instants)
+    table = np.array(  # x, y, theta and distance, predicted and driven, at the ends of the rows
+        [
+            np.column_stack([poses, np.append(0.0, np.cumsum(_along(poses)))])[places]
+            for poses in (_predicted(plan, car, fine), path)
+        ]
     )
-    fine = np.unique(np.concatenate([times, instants / NANOSECONDS]))
-    both = (
-        np.column_stack([np.interp(fine, times, column) for column in driven.T]),
-        _predicted(plan, car, (fine * NANOSECONDS).round().astype(np.int64), pose_offset),
-    )
-    sums = [np.concatenate([[0.0], np.cumsum(_along(poses))]) for poses in both]
-    driven_far, predicted_far = (
-        np.diff(np.interp(instants / NANOSECONDS, fine, each)) for each in sums
-    )
-    results: List[RowResult] = []
-    for index, row in enumerate(plan.rows[:count]):
-        results.append(
-            RowResult(
-                row.line,
-                row.speed,
-                row.steering_angle,
-                float(seconds[index]),
-                (float(predicted_far[index]), float(driven_far[index])),
-                (
-                    float(expected[index + 1, 2] - expected[index, 2]),
-                    float(found[index + 1, 2] - found[index, 2]),
-                ),
-                tuple(expected[index + 1].tolist()),
-                tuple(found[index + 1].tolist()),
-                float(np.hypot(*(found - expected)[index + 1, :2])),
-            )
+    changes = np.diff(table, axis=1)
+    errors = np.hypot(*(table[1] - table[0]).T[:2])
+    return tuple(
+        RowResult(
+            line=row.line,
+            speed=row.speed,
+            steering_angle=row.steering_angle,
+            end=float(instants[number] / NANOSECONDS),
+            distance=tuple(changes[:, number - 1, 3].tolist()),
+            turn=tuple(changes[:, number - 1, 2].tolist()),
+            predicted=tuple(table[0, number, :3].tolist()),
+            driven=tuple(table[1, number, :3].tolist()),
+            error=float(errors[number]),
         )
-    return tuple(results)
+        for number, row in enumerate(plan.rows[: len(instants) - 1], 1)
+    )

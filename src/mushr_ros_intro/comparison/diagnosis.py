@@ -1,7 +1,7 @@
 """Describe what makes a drive differ from its prediction, as text and as JSON."""
 
 import math
-from typing import Any, Dict, Iterator, List
+from typing import Any, Dict, Iterator, List, Optional
 
 import numpy as np
 
@@ -78,7 +78,7 @@ def causes(found: Comparison, fit: Fit, fitted: Comparison) -> List[str]:
     for name, value in fit.values.items():
         if abs(value.change) > _SIGNIFICANT:
             car = fit.car._replace(**{name: getattr(found.car, name)})
-            rms = compare(found.log, car, found.delay, found.pose_offset).rms
+            rms = compare(found.log, car, found.delay).rms
             if rms > fitted.rms + _SHARE * found.rms:
                 effects.append((rms, name))
     return [name for _, name in sorted(effects, reverse=True)]
@@ -94,8 +94,11 @@ def _cause(name: str, value: Value, found: Comparison) -> str:
     if name in RATES:
         what = "changes its speed" if name == "acceleration" else "turns its front wheels"
         unit = next(each.unit for each in PARAMETERS if each.name == name)
-        now = f"at {value.value:.3g}" if value.error < math.inf else f"above {value.low:.3g}"
-        return f"{what} {now} {unit} and not at {before:.3g} {unit}"
+        now, then = (
+            "at once" if math.isinf(each) else f"at {each:.3g} {unit}"
+            for each in (value.value, before)
+        )
+        return f"{what} {now} and not {then}"
     change = 100.0 * (value.value / before - 1.0)
     if name == "speed_gain":
         return f"is {abs(change):.1f} % {'faster' if change > 0.0 else 'slower'} than {of}"
@@ -166,26 +169,29 @@ def errors_text(found: Comparison) -> Iterator[str]:
 
 def fit_text(fit: Fit, car: Car) -> Iterator[str]:
     """Yield the lines of a fit."""
-    yield "parameter            before     fitted   standard error"
+    yield "parameter            before     fitted   standard error   95 % range"
     for each in PARAMETERS:
         value = fit.values[each.name]
         before = getattr(car, each.name)
         line = f"{each.name:17}{before:10.4g} "
         if not value.is_fitted:
             line += f"   unknown   {_reason(value)}"
-        elif math.isinf(value.error):
-            line += f"  no limit   (above {value.low:.3g} {each.unit})"
         else:
-            line += f"{value.value:10.4f}{value.error:11.4f}  {each.unit}"
+            line += _fitted(value, each.unit)
         yield line.rstrip()
     for delay in fit.delays:
-        known = f"{delay.value:10.4f}{delay.error:11.4f}  s"
-        yield f"{'delay':17}{0.0:10.4g} {known if delay.is_fitted else '   unknown'}"
+        known = _fitted(delay, "s") if delay.is_fitted else "   unknown"
+        yield f"{'delay':17}{0.0:10.4g} {known}"
     noise = fit.noise
     yield (
         f"random errors: pose {noise.position:.3f} m and {noise.heading:.3f} rad; of each command, "
-        f"speed {noise.speed:.3f} m/s and steering {noise.steering_angle:.3f} rad"
+        f"speed {noise.speed_noise:.3f} m/s and steering {noise.steering_noise:.3f} rad"
     )
+    if len(fit.delays) > 1:
+        yield (
+            "between the drives, as standard deviations: speed_gain "
+            f"{noise.speed_gain_spread:.3f}, steering_offset {noise.steering_offset_spread:.3f} rad"
+        )
     if noise.position < _NO_NOISE:
         yield (
             "note: the poses have no random errors. If they come from wheel speeds or commands, "
@@ -194,6 +200,12 @@ def fit_text(fit: Fit, car: Car) -> Iterator[str]:
         )
     if not all(value.is_fitted for value in fit.values.values()):
         yield "plans/identification.txt drives so that all parameters can be fitted"
+
+
+def _fitted(value: Value, unit: str) -> str:
+    """Return the columns of a fitted value."""
+    shown = f"{value.low:.4f} to {value.high:.4f} {unit}"
+    return f"{value.value:10.4f}{value.error:11.4f}         {shown}"
 
 
 def _reason(value: Value) -> str:
@@ -232,12 +244,17 @@ def as_json(
     }
 
 
+def _finite(number: float) -> Optional[float]:
+    """Return a number for JSON, which has no infinity."""
+    return number if math.isfinite(number) else None
+
+
 def fit_as_json(fit: Fit) -> Dict[str, Any]:
     """Return a fit as values for JSON."""
+    numbers = ("value", "error", "low", "high")
     values: Dict[str, Any] = {
         name: {
-            "value": value.value if math.isfinite(value.value) else None,
-            "standard_error": value.error if math.isfinite(value.error) else None,
+            **{each: _finite(getattr(value, each)) for each in numbers},
             "fitted": value.is_fitted,
             "confused_with": list(value.confused_with),
         }

@@ -9,6 +9,7 @@ from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import ORIGIN, Pose
 from mushr_ros_intro.plan.plan import Plan, Row, shortest_decimal
+from mushr_ros_intro.preview.prediction import length
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp
 from mushr_ros_intro.wording import counted
 
@@ -25,6 +26,9 @@ _PLACED = 0.2
 
 _STANDING = NANOSECONDS // 2
 """The start pose is the mean of the poses of this time [ns]."""
+
+_MOVED = 0.2
+"""A car that drives moves by this share of the commanded distance, or of 1 m, at least."""
 
 _MAX_GAP = 2 * NANOSECONDS
 """Longest time without a pose during the drive [ns]."""
@@ -159,6 +163,13 @@ def _check_poses(
             f"{name}: {topic} has no pose for {gaps[longest] / NANOSECONDS:.1f} s from "
             f"{stamps[longest] / NANOSECONDS:.1f} s after the first command on; expected poses "
             "during the whole drive"
+        )
+    extent = float(np.hypot(*np.ptp(poses[:, :2], axis=0)))
+    commanded = length(Plan(name, ORIGIN, tuple(rows)))
+    if extent < _MOVED * min(commanded, 1.0):
+        raise UserError(
+            f"{name}: the poses on {topic} stay within {extent:.3f} m, and the commands ask for "
+            f"{commanded:.2f} m; expected the poses of a car that drives"
         )
     fastest = max(abs(row.speed) for row in rows)
     steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)

@@ -2,10 +2,15 @@
 
 Least squares (scipy.optimize.least_squares) on the prediction errors from pose to pose, with the
 model of the simulated car. See `pose_filter` for why not on the whole path.
+
+The fitted numbers are those of PARAMETERS, and for each drive those of OF_DRIVE: its delay, and
+how its speed gain and steering offset differ from those of the car. Each number is also drawn to
+its default value, with the strength of one measurement that has its `width` as standard deviation.
+A number with the width 0 is fixed.
 """
 
 import math
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Sequence
 
 import numpy as np
 from scipy.optimize import least_squares, minimize
@@ -14,26 +19,26 @@ from scipy.stats import norm
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.drive_log import DriveLog
 from mushr_ros_intro.comparison.fitted_car import (
-    DELAY,
+    OF_DRIVE,
     PARAMETERS,
-    RATES,
     Fit,
     Misfit,
     Value,
     car_with,
     fitted_value,
+    numbers_of,
 )
 from mushr_ros_intro.comparison.pose_filter import (
     MAX_NOISE,
     MIN_NOISE,
     NOISE_FACTORS,
-    USUAL_NOISE,
     Noise,
     Steps,
     Weights,
     deviance,
     prediction_errors,
     steps_of,
+    usual_noise,
     weights_of,
 )
 from mushr_ros_intro.preview.prediction import states_at
@@ -51,173 +56,195 @@ MISFIT_PROBABILITY = 1e-3
 DELAYS = np.arange(-1.0, 1.55, 0.1)
 """The delays with which the fit begins [s]; the best one is used. Clocks may differ by a second."""
 
+_WEAK = 10.0
+"""The width of a number that the drives determine, as a multiple of `enough`."""
+
+_COUNT = len(PARAMETERS)
+
 
 class _Drive:
-    """One drive, and the motion of a car with other parameters in it."""
+    """One drive, and the motion of a car with other parameters in it.
 
-    def __init__(self, log: DriveLog, car: Car, pose_offset: float, count: int) -> None:
+    A vector has the numbers of PARAMETERS and OF_DRIVE.
+    """
+
+    def __init__(self, log: DriveLog, car: Car, count: int) -> None:
         every = -(-len(log.stamps) // count)
         self._plan = log.plan
-        self._car = car
-        self._offset = pose_offset
+        self._car = car._replace(speed_noise=0.0, steering_noise=0.0)
         self.stamps, self.poses = log.stamps[::every], log.poses[::every]
-        self.seconds = np.diff(self.stamps) / NANOSECONDS
+        self._seconds = np.diff(self.stamps) / NANOSECONDS
         self.ends = np.cumsum([row.duration for row in log.plan.rows])
 
     def steps(self, vectors: np.ndarray) -> Steps:
-        """Return the steps of cars; each row has the numbers of PARAMETERS, and a delay."""
+        """Return the steps of cars, one for each vector."""
         paths = []
-        for vector in vectors.tolist():
-            instants = (self.stamps - from_seconds(vector[-1])).tolist()
-            states = states_at(self._plan, car_with(self._car, vector[:-1]), instants)
-            paths.append([state.pose for state in states])
-        poses = np.array(paths)
-        poses[..., 0] += self._offset * np.cos(poses[..., 2])
-        poses[..., 1] += self._offset * np.sin(poses[..., 2])
-        return steps_of(poses)
+        for *numbers, delay, speed_gain, steering_offset in vectors.tolist():
+            car = car_with(self._car, numbers)
+            car = car._replace(
+                speed_gain=car.speed_gain + speed_gain,
+                steering_offset=car.steering_offset + steering_offset,
+            )
+            instants = (self.stamps - from_seconds(delay)).tolist()
+            paths.append([state.pose for state in states_at(self._plan, car, instants)])
+        return steps_of(np.array(paths))
 
-    def weights(self, vector: np.ndarray, noise: Noise) -> Weights:
-        """Return the weights of the motion of a car."""
-        moves, turns = self.steps(vector[None])
-        steps = Steps(moves[0], turns[0])
-        return weights_of(steps, self.seconds, self._car.wheelbase, noise)
+    def weights(self, steps: Steps, noise: Noise) -> Weights:
+        """Return the weights of the motion of the first car in some steps."""
+        one = Steps(steps.moves[0], steps.turns[0])
+        return weights_of(one, self._seconds, self._car.wheelbase, noise)
+
+    def residuals(self, steps: Steps, weights: Weights) -> np.ndarray:
+        """Return the residuals of cars, (cars, residuals)."""
+        errors = prediction_errors(steps, self.poses, weights)
+        return errors.reshape(len(errors), -1)
+
+
+class _Neighbours(NamedTuple):
+    """Vectors that differ from one vector in one free number, in one drive."""
+
+    free: np.ndarray
+    """The free numbers that concern the drive, as indices into all free ones."""
+    changes: np.ndarray
+    """The difference of the larger and the smaller number."""
+    steps: Steps
+    """Of the vector itself, those with a larger number, and those with a smaller one."""
+
+    def jacobian(self, residuals: np.ndarray) -> np.ndarray:
+        """Return the derivatives of residuals, (free numbers, residuals)."""
+        larger, smaller = np.split(residuals[1:], 2)
+        return (larger - smaller) / self.changes[:, None]
 
 
 class Problem:
     """The least-squares problem of some drives of one car."""
 
-    def __init__(
-        self, logs: Sequence[DriveLog], car: Car, pose_offset: float, max_poses: int = MAX_POSES
-    ) -> None:
-        self._usual = car.speed_noise, car.steering_noise
-        car = car._replace(speed_noise=0.0, steering_noise=0.0)
-        self._car = car
-        self._drives = [_Drive(log, car, pose_offset, max_poses) for log in logs]
-        self._all = (*PARAMETERS, *(DELAY for _ in logs))
-        defaults = [getattr(car, each.name) for each in PARAMETERS]
-        defaults[-2:] = [1.0 / rate for rate in defaults[-2:]]
-        self.default = np.array([*defaults, *(0.0 for _ in logs)])
-        self._weights: List[Weights] = []
-
-    def _own(self, vectors: np.ndarray, index: int) -> np.ndarray:
-        """Return the columns of `vectors` that concern a drive."""
-        return vectors[:, [*range(len(PARAMETERS)), len(PARAMETERS) + index]]
-
-    def _set_weights(self, vector: np.ndarray, noise: Noise) -> None:
-        """Set the weights of the residuals."""
-        self._weights = [
-            drive.weights(self._own(vector[None], index)[0], noise)
-            for index, drive in enumerate(self._drives)
+    def __init__(self, logs: Sequence[DriveLog], car: Car, max_poses: int) -> None:
+        self._usual = usual_noise(car)
+        self._drives = [_Drive(log, car, max_poses) for log in logs]
+        self.parameters = (*PARAMETERS, *OF_DRIVE * len(logs))
+        self.enough = np.array([each.enough for each in self.parameters])
+        self.default = np.array([*numbers_of(car), *[0.0] * len(OF_DRIVE) * len(logs)])
+        self._columns = [
+            np.r_[:_COUNT, begin : begin + len(OF_DRIVE)]
+            for begin in range(_COUNT, len(self.parameters), len(OF_DRIVE))
         ]
 
-    def _residuals(self, vectors: np.ndarray, index: int) -> np.ndarray:
-        """Return the residuals of a drive, (vectors, residuals)."""
-        drive = self._drives[index]
-        steps = drive.steps(self._own(vectors, index))
-        errors = prediction_errors(steps, drive.poses, self._weights[index])
-        return errors.reshape(len(vectors), -1)
+    def widths(self, noise: Noise, unknown: Sequence[int] = (), width: float = 0.0) -> np.ndarray:
+        """Return the widths of all numbers; that of the unknown ones is `width` times `enough`."""
+        widths = _WEAK * self.enough
+        widths[list(unknown)] = width * self.enough[list(unknown)]
+        is_shared = len(self._drives) == 1  # nothing tells a drive from the car
+        for column, spread in enumerate(noise[4:], _COUNT + 1):
+            widths[column :: len(OF_DRIVE)] = 0.0 if is_shared else spread
+        return widths
 
-    def residuals(self, vector: np.ndarray) -> np.ndarray:
-        """Return the residuals of all drives."""
-        parts = [self._residuals(vector[None], index)[0] for index in range(len(self._drives))]
-        return np.concatenate(parts)
+    def _weights(self, vector: np.ndarray, noise: Noise) -> List[Weights]:
+        return [
+            drive.weights(drive.steps(vector[None, columns]), noise)
+            for drive, columns in zip(self._drives, self._columns)
+        ]
 
-    def jacobian(self, vector: np.ndarray, free: Sequence[int]) -> np.ndarray:
-        """Return the derivatives of the residuals by the free parameters."""
-        above, below, widths = self._neighbours(vector, free)
+    def _residuals(
+        self, vector: np.ndarray, weights: List[Weights], widths: np.ndarray
+    ) -> np.ndarray:
+        """Return the residuals of all drives, and those of the free numbers."""
+        parts = [
+            drive.residuals(drive.steps(vector[None, columns]), each)[0]
+            for drive, columns, each in zip(self._drives, self._columns, weights)
+        ]
+        free = widths > 0.0
+        return np.concatenate([*parts, (vector - self.default)[free] / widths[free]])
+
+    def _neighbours(self, vector: np.ndarray, free: np.ndarray, index: int) -> _Neighbours:
+        """Return the neighbours of a vector in a drive."""
+        columns = self._columns[index]
+        places = np.flatnonzero(np.isin(free, columns))
+        larger, smaller = (np.repeat(vector[None], len(places), axis=0) for _ in range(2))
+        for row, column in enumerate(free[places]):
+            each = self.parameters[column]
+            larger[row, column] += each.step
+            smaller[row, column] = max(each.low, smaller[row, column] - each.step)
+        changes = (larger - smaller)[range(len(places)), free[places]]
+        vectors = np.concatenate([vector[None], larger, smaller])
+        return _Neighbours(places, changes, self._drives[index].steps(vectors[:, columns]))
+
+    def _jacobian(
+        self, vector: np.ndarray, weights: List[Weights], widths: np.ndarray
+    ) -> np.ndarray:
+        """Return the derivatives of the residuals by the free numbers."""
+        free = np.flatnonzero(widths)
         parts = []
-        for index in range(len(self._drives)):
-            own = [row for row, column in enumerate(free) if column in self._columns(index)]
-            both = self._residuals(np.concatenate([above[own], below[own]]), index)
-            part = np.zeros((both.shape[1], len(free)))
-            part[:, own] = ((both[: len(own)] - both[len(own) :]) / widths[own, None]).T
-            parts.append(part)
-        return np.concatenate(parts)
-
-    def _neighbours(
-        self, vector: np.ndarray, free: Sequence[int]
-    ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return vectors with one free parameter larger, or smaller, and their differences."""
-        above, below = (np.repeat(vector[None], len(free), axis=0) for _ in range(2))
-        for row, column in enumerate(free):
-            each = self._all[column]
-            above[row, column] += each.step
-            below[row, column] = max(each.low, below[row, column] - each.step)
-        return above, below, (above - below)[range(len(free)), free]
-
-    def _weak(self, free: Sequence[int]) -> np.ndarray:
-        """Return the information that there is without a drive; it keeps matrices regular."""
-        return np.diag([1.0 / (1e3 * self._all[each].enough) ** 2 for each in free])
-
-    def _columns(self, index: int) -> Tuple[int, ...]:
-        """Return the parameters that concern a drive."""
-        return (*range(len(PARAMETERS)), len(PARAMETERS) + index)
+        for index, drive in enumerate(self._drives):
+            near = self._neighbours(vector, free, index)
+            part = near.jacobian(drive.residuals(near.steps, weights[index]))
+            parts.append(np.zeros((part.shape[1], len(free))))
+            parts[-1][:, near.free] = part.T
+        return np.concatenate([*parts, np.diag(1.0 / widths[free])])
 
     def find_delays(self, vector: np.ndarray, noise: Noise) -> np.ndarray:
         """Return `vector` with the best delay of each drive among DELAYS."""
         vector = vector.copy()
-        for index in range(len(self._drives)):
-            tried = np.repeat(vector[None], len(DELAYS), axis=0)
-            tried[:, len(PARAMETERS) + index] = DELAYS
-            self._set_weights(vector, noise)
-            costs = np.sum(self._residuals(tried, index) ** 2, axis=1)
-            vector[len(PARAMETERS) + index] = DELAYS[int(np.argmin(costs))]
+        for drive, columns, weights in zip(
+            self._drives, self._columns, self._weights(vector, noise)
+        ):
+            tried = np.repeat(vector[None, columns], len(DELAYS), axis=0)
+            tried[:, _COUNT] = DELAYS
+            costs = np.sum(drive.residuals(drive.steps(tried), weights) ** 2, axis=1)
+            vector[columns[_COUNT]] = DELAYS[int(np.argmin(costs))]
         return vector
 
-    def solve(self, vector: np.ndarray, free: Sequence[int], noise: Noise) -> np.ndarray:
-        """Return the free parameters that fit best, from `vector` on."""
-        self._set_weights(vector, noise)
+    def solve(self, vector: np.ndarray, widths: np.ndarray, noise: Noise) -> np.ndarray:
+        """Return the numbers that fit best, from `vector` on."""
+        weights = self._weights(vector, noise)
+        free = np.flatnonzero(widths)
+        if not len(free):
+            return vector
 
         def full(part: np.ndarray) -> np.ndarray:
             whole = vector.copy()
-            whole[list(free)] = part
+            whole[free] = part
             return whole
 
         result = least_squares(
-            lambda part: self.residuals(full(part)),
-            vector[list(free)],
-            lambda part: self.jacobian(full(part), free),
+            lambda part: self._residuals(full(part), weights, widths),
+            vector[free],
+            lambda part: self._jacobian(full(part), weights, widths),
             bounds=(
-                [self._all[each].low for each in free],
-                [self._all[each].high for each in free],
+                [self.parameters[each].low for each in free],
+                [self.parameters[each].high for each in free],
             ),
-            x_scale=[self._all[each].enough for each in free],
+            x_scale=self.enough[free],
             xtol=1e-6,
             ftol=1e-6,
             max_nfev=30,
         )
         return full(result.x)
 
-    def find_noise(self, vector: np.ndarray, free: Sequence[int], noise: Noise) -> Noise:
+    def find_noise(self, vector: np.ndarray, unknown: Sequence[int], noise: Noise) -> Noise:
         """Return the noise with the largest restricted likelihood.
 
         The likelihood alone would give too small a noise, because the fit has adapted the free
-        parameters to it.
+        numbers to it.
         """
-        count = len(free)
-        above, below, changes = self._neighbours(vector, free)
-        vectors = np.concatenate([vector[None], above, below])
-        steps = [drive.steps(self._own(vectors, index)) for index, drive in enumerate(self._drives)]
+        free = np.flatnonzero(self.widths(noise, unknown))
+        neighbours = [self._neighbours(vector, free, index) for index in range(len(self._drives))]
 
         def cost(logarithms: np.ndarray) -> float:
             tried = Noise(*np.exp(logarithms).tolist())
-            total = float(np.sum(((logarithms - np.log(usual)) / widths) ** 2))
-            information = self._weak(free)
-            for drive, (moves, turns) in zip(self._drives, steps):
-                one = Steps(moves[0], turns[0])
-                weights = weights_of(one, drive.seconds, self._car.wheelbase, tried)
-                errors = prediction_errors(Steps(moves, turns), drive.poses, weights)
-                total += deviance(errors[0], weights)
-                effects = (errors[1 : count + 1] - errors[count + 1 :]).reshape(count, -1)
-                effects /= changes[:, None]
-                information += effects @ effects.T
+            widths = self.widths(tried, unknown)[free]
+            total = float(np.sum(((logarithms - np.log(self._usual)) / np.log(NOISE_FACTORS)) ** 2))
+            total += float(np.sum(((vector - self.default)[free] / widths) ** 2))
+            total += 2.0 * float(np.sum(np.log(widths)))
+            information = np.diag(widths**-2)
+            for drive, near in zip(self._drives, neighbours):
+                weights = drive.weights(near.steps, tried)
+                residuals = drive.residuals(near.steps, weights)
+                total += deviance(residuals[0], weights)
+                jacobian = near.jacobian(residuals)
+                information[np.ix_(near.free, near.free)] += jacobian @ jacobian.T
             return total + float(np.linalg.slogdet(information)[1])
 
-        usual = USUAL_NOISE._replace(
-            speed=self._usual[0] or USUAL_NOISE.speed,
-            steering_angle=self._usual[1] or USUAL_NOISE.steering_angle,
-        )
-        widths = np.log(NOISE_FACTORS)
         bounds = [(math.log(low), math.log(high)) for low, high in zip(MIN_NOISE, MAX_NOISE)]
         result = minimize(
             cost,
@@ -228,35 +255,44 @@ class Problem:
         )
         return Noise(*np.exp(result.x).tolist())
 
-    def covariance(self, vector: np.ndarray, free: Sequence[int], noise: Noise) -> np.ndarray:
-        """Return the covariance of the free parameters; one with no effect has a huge variance."""
-        self._set_weights(vector, noise)
-        jacobian = self.jacobian(vector, free)
-        return np.linalg.inv(jacobian.T @ jacobian + self._weak(free))
+    def covariance(self, vector: np.ndarray, widths: np.ndarray, noise: Noise) -> np.ndarray:
+        """Return the covariance of all numbers; it is 0 for the fixed ones."""
+        jacobian = self._jacobian(vector, self._weights(vector, noise), widths)
+        free = np.flatnonzero(widths)
+        covariance = np.zeros((len(widths), len(widths)))
+        covariance[np.ix_(free, free)] = np.linalg.inv(jacobian.T @ jacobian)
+        return covariance
 
-    def errors(
-        self, vector: np.ndarray, free: List[int], fixed: List[int], noise: Noise
-    ) -> np.ndarray:
-        """Return the standard errors of the free parameters.
+    def unknown(self, vector: np.ndarray, noise: Noise) -> Dict[int, List[int]]:
+        """Return the numbers that the drives do not determine.
 
-        The values of the fixed parameters may be wrong, too: by as much as is `enough` for each.
+        The one with the largest standard error is fixed, until all others are small enough. For
+        each of them, also return those that cannot be told from it.
         """
-        inverse = self.covariance(vector, free, noise)
-        jacobian = self.jacobian(vector, [*free, *fixed])
-        effect = inverse @ jacobian[:, : len(free)].T @ jacobian[:, len(free) :]
-        effect *= [self._all[each].enough for each in fixed]
-        return np.sqrt(np.diag(inverse) + np.sum(effect**2, axis=1))
+        unknown: Dict[int, List[int]] = {}
+        while True:
+            widths = self.widths(noise, list(unknown))
+            covariance = self.covariance(vector, widths, noise)
+            errors = np.sqrt(np.diag(covariance))
+            worst = int(np.argmax(errors / self.enough))
+            if errors[worst] <= self.enough[worst]:
+                return unknown
+            others = [each for each in np.flatnonzero(widths).tolist() if each != worst]
+            unknown[worst] = [
+                each
+                for each in others
+                if abs(covariance[worst, each]) > 0.9 * errors[worst] * errors[each]
+            ]
 
     def misfit(self, vector: np.ndarray, index: int, noise: Noise) -> Misfit:
         """Return where a drive differs most from the fitted car.
 
         The prediction errors of a row have the mean 0 and the variance 1, if the model is right.
         """
-        self._set_weights(vector, noise)
-        errors = self._residuals(vector[None], index)[0].reshape(-1, 3)
-        drive = self._drives[index]
-        delay = vector[len(PARAMETERS) + index]
-        stamps = drive.stamps[1:] - from_seconds(delay)
+        drive, numbers = self._drives[index], vector[None, self._columns[index]]
+        steps = drive.steps(numbers)
+        errors = drive.residuals(steps, drive.weights(steps, noise)).reshape(-1, 3)
+        stamps = drive.stamps[1:] - from_seconds(numbers[0, _COUNT])
         rows = np.searchsorted(drive.ends, stamps, side="right")
         rows[stamps < 0] = len(drive.ends)
         sizes = [
@@ -268,83 +304,40 @@ class Problem:
         what = ("distance", "sideways", "turn")[column]
         return Misfit(row, what, float(np.max(sizes)), limit)
 
-    def known(
-        self, vector: np.ndarray, free: List[int], noise: Noise
-    ) -> Tuple[List[int], Dict[int, List[int]]]:
-        """Return the free parameters that the drives determine.
 
-        The one with the largest standard error is dropped, until all are small enough. Also return,
-        for each dropped parameter, those whose values it would have changed.
-        """
-        dropped: Dict[int, List[int]] = {}
-        while free:
-            covariance = self.covariance(vector, free, noise)
-            errors = np.sqrt(np.diag(covariance))
-            ratios = errors / [self._all[each].enough for each in free]
-            worst = int(np.argmax(ratios))
-            if ratios[worst] <= 1.0:
-                break
-            related = np.abs(covariance[worst] / errors / errors[worst]) > 0.9
-            dropped[free[worst]] = [each for each, is_one in zip(free, related) if is_one]
-            dropped[free[worst]].remove(free[worst])
-            free = [each for each in free if each != free[worst]]
-        return free, dropped
-
-
-def fit(logs: Sequence[DriveLog], car: Car, pose_offset: float = 0.0) -> Fit:
-    """Fit a car to its drives.
-
-    Args:
-        logs: the drives.
-        car: the car before the fit.
-        pose_offset: distance of the point whose pose is reported, in front of the rear axle [m].
-    """
-    problem = Problem(logs, car, pose_offset)
-    coarse = Problem(logs, car, pose_offset, MAX_POSES_FOR_NOISE)
-    count = len(PARAMETERS)
-    delays = list(range(count, count + len(logs)))
-    noise = USUAL_NOISE
+def fit(logs: Sequence[DriveLog], car: Car) -> Fit:
+    """Fit a car to its drives; `car` is the car before the fit."""
+    problem = Problem(logs, car, MAX_POSES)
+    coarse = Problem(logs, car, MAX_POSES_FOR_NOISE)
+    noise = usual_noise(car)
     vector = problem.find_delays(problem.default, noise)
-    free, dropped = problem.known(vector, [*range(count), *delays], noise)
-    vector = problem.solve(vector, free, noise)
+    unknown = problem.unknown(vector, noise)
+    vector = problem.solve(vector, problem.widths(noise, list(unknown)), noise)
     vector = problem.find_delays(vector, noise)
     for _ in range(2):
-        vector = problem.solve(vector, free, noise)
-        noise = coarse.find_noise(vector, free, noise)
-    free, dropped = problem.known(vector, [*range(count), *delays], noise)
-    unknown = [each for each in range(count) if each not in free]
-    vector[unknown] = problem.default[unknown]
-    vector = problem.solve(vector, free, noise)
-    errors = dict(zip(free, problem.errors(vector, free, list(dropped), noise).tolist()))
-    return _result(problem, vector, errors, dropped, noise, car)
-
-
-def _result(
-    problem: Problem,
-    vector: np.ndarray,
-    errors: Dict[int, float],
-    dropped: Dict[int, List[int]],
-    noise: Noise,
-    car: Car,
-) -> Fit:
-    """Return the result of a fit."""
-    names = [each.name for each in PARAMETERS]
-    count = len(names)
+        vector = problem.solve(vector, problem.widths(noise, list(unknown)), noise)
+        noise = coarse.find_noise(vector, list(unknown), noise)
+    unknown = problem.unknown(vector, noise)
+    vector[list(unknown)] = problem.default[list(unknown)]
+    vector = problem.solve(vector, problem.widths(noise, list(unknown)), noise)
+    # The values of the unknown numbers may be wrong by as much as is `enough` for each.
+    widths = problem.widths(noise, list(unknown), 1.0)
+    errors = np.sqrt(np.diag(problem.covariance(vector, widths, noise))).tolist()
+    names = [each.name for each in problem.parameters]
     values = []
-    for column, number in enumerate(vector.tolist()):
-        is_rate = column < count and names[column] in RATES
-        before = float(problem.default[column])
-        if column in errors:
-            values.append(fitted_value(number, before, errors[column], is_rate))
+    for column, (number, before) in enumerate(zip(vector.tolist(), problem.default.tolist())):
+        if column in unknown:
+            confused = tuple(names[each] for each in unknown[column])
+            value = getattr(car, names[column], before)
+            values.append(Value(value, is_fitted=False, confused_with=confused))
         else:
-            value = getattr(car, names[column]) if column < count else before
-            confused = [(*names, DELAY.name)[min(each, count)] for each in dropped.get(column, [])]
-            values.append(Value(value, is_fitted=False, confused_with=tuple(confused)))
-    found: Dict[str, Any] = {name: value.value for name, value in zip(names, values)}
+            values.append(fitted_value(names[column], number, before, errors[column]))
+    found: Dict[str, Any] = {name: each.value for name, each in zip(names[:_COUNT], values)}
+    found.update(zip(Noise._fields[2:], noise[2:]))
     return Fit(
         car._replace(**found),
-        dict(zip(names, values)),
-        tuple(values[count:]),
+        dict(zip(names[:_COUNT], values)),
+        tuple(values[_COUNT :: len(OF_DRIVE)]),
         noise,
-        tuple(problem.misfit(vector, index, noise) for index in range(len(vector) - count)),
+        tuple(problem.misfit(vector, index, noise) for index in range(len(logs))),
     )

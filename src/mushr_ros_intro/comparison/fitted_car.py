@@ -1,7 +1,7 @@
 """The parameters of a car that a fit finds, and the result of a fit."""
 
 import math
-from typing import Any, Dict, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.pose_filter import Noise
@@ -29,7 +29,13 @@ PARAMETERS = (
     Parameter("steering_rate", "rad/s", 0.1, 1e-3, 0.0, 10.0),
 )
 
-DELAY = Parameter("delay", "s", 0.1, 1e-3, -3.0, 3.0)
+OF_DRIVE = (
+    Parameter("delay", "s", 0.1, 1e-3, -3.0, 3.0),
+    # How the speed gain and the steering offset differ from those of the car.
+    Parameter("change of speed_gain", "", 0.05, 1e-3, -5.0, 5.0),
+    Parameter("change of steering_offset", "rad", 0.02, 1e-4, -0.5, 0.5),
+)
+"""The numbers of one drive."""
 
 RATES = ("acceleration", "steering_rate")
 """The parameters of which the inverse is fitted."""
@@ -40,9 +46,11 @@ class Value(NamedTuple):
 
     value: float
     error: float = 0.0
-    """Its standard error; infinite for a rate that may be infinite, too."""
+    """Its standard error."""
     low: float = 0.0
-    """For a rate with an infinite error: what it exceeds."""
+    """Begin of its 95 % range."""
+    high: float = 0.0
+    """Its end. The range of a rate is not symmetric, and infinite if there may be no limit."""
     is_fitted: bool = True
     """Otherwise the value is the one before the fit, because the drives say nothing about it."""
     change: float = 0.0
@@ -73,7 +81,7 @@ class Fit(NamedTuple):
     """The result of a fit."""
 
     car: Car
-    """The car before the fit with the fitted values."""
+    """The car before the fit with the fitted values, and the noise."""
     values: Dict[str, Value]
     """By the names of the parameters."""
     delays: Tuple[Value, ...]
@@ -82,6 +90,12 @@ class Fit(NamedTuple):
     """The random errors of the measured poses and of the car."""
     misfits: Tuple[Misfit, ...]
     """Of each drive."""
+
+
+def numbers_of(car: Car) -> List[float]:
+    """Return the fitted numbers of a car, one for each of PARAMETERS."""
+    values = [(each.name, getattr(car, each.name)) for each in PARAMETERS]
+    return [1.0 / value if name in RATES else value for name, value in values]
 
 
 def car_with(car: Car, numbers: Sequence[float]) -> Car:
@@ -93,12 +107,13 @@ def car_with(car: Car, numbers: Sequence[float]) -> Car:
     return car._replace(**values)
 
 
-def fitted_value(number: float, before: float, error: float, is_rate: bool) -> Value:
-    """Return a value, given the fitted number, which is the inverse of a rate."""
-    change = (number - before) / error
-    if not is_rate:
-        return Value(number, error, change=change)
-    value = math.inf if number <= 0.0 else 1.0 / number
-    if number < 2.0 * error:
-        return Value(value, math.inf, 1.0 / (max(0.0, number) + 2.0 * error), change=change)
-    return Value(value, error / number**2, change=change)
+def fitted_value(name: str, number: float, before: float, error: float) -> Value:
+    """Return the value of a parameter, given the fitted number and its standard error."""
+    change = (number - before) / error if error else 0.0
+    low, high = number - 2.0 * error, number + 2.0 * error
+    if name not in RATES:
+        return Value(number, error, low, high, change=change)
+    rate, highest, lowest = (
+        math.inf if each <= 0.0 else 1.0 / each for each in (number, low, high)
+    )
+    return Value(rate, error * rate**2, lowest, highest, change=change)

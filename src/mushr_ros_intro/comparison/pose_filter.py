@@ -14,38 +14,40 @@ from typing import List, NamedTuple
 
 import numpy as np
 
+from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 
 _PERIOD = COMMAND_PERIOD / NANOSECONDS
 
 
 class Noise(NamedTuple):
-    """Standard deviations of random errors."""
+    """Standard deviations of random errors: of the measurement, and of the car, as in `Car`."""
 
     position: float
     """Of x and of y of a measured pose [m]."""
     heading: float
     """Of theta of a measured pose [rad]."""
-    speed: float
+    speed_noise: float
     """Of the speed, drawn anew for each COMMAND_PERIOD [m/s]."""
-    steering_angle: float
+    steering_noise: float
     """Of the steering angle, likewise [rad]."""
+    speed_gain_spread: float
+    """Of the speed gain, between drives."""
+    steering_offset_spread: float
+    """Of the steering offset, between drives [rad]."""
 
 
-USUAL_NOISE = Noise(position=0.02, heading=0.02, speed=0.02, steering_angle=0.01)
-"""The noise before it is estimated; that of the car is taken from its profile, if it is there."""
-
-NOISE_FACTORS = (5.0, 5.0, 2.0, 2.0)
+NOISE_FACTORS = (5.0, 5.0, 2.0, 2.0, 2.0, 2.0)
 """The estimated noise differs from the usual noise by about this factor, if the drive says little.
 
 A drive of half a minute says little about the noise of the car, and the error of the fit depends on
 it.
 """
 
-MIN_NOISE = Noise(1e-4, 1e-4, 1e-5, 1e-5)
+MIN_NOISE = Noise(1e-4, 1e-4, 1e-5, 1e-5, 1e-5, 1e-5)
 """Smaller noise is not estimated: times are rounded to nanoseconds, and numbers to float32."""
 
-MAX_NOISE = Noise(1.0, 1.0, 1.0, 1.0)
+MAX_NOISE = Noise(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
 
 class Steps(NamedTuple):
@@ -66,6 +68,18 @@ class Weights(NamedTuple):
     """(N - 1, 3, 3)."""
     log_determinant: float
     """Of the covariance of all prediction errors."""
+
+
+def usual_noise(car: Car) -> Noise:
+    """Return the noise before it is estimated: that of the car's profile, if it is there."""
+    return Noise(
+        position=0.02,
+        heading=0.02,
+        speed_noise=car.speed_noise or 0.02,
+        steering_noise=car.steering_noise or 0.01,
+        speed_gain_spread=car.speed_gain_spread or 0.02,
+        steering_offset_spread=car.steering_offset_spread or 0.01,
+    )
 
 
 def steps_of(poses: np.ndarray) -> Steps:
@@ -122,8 +136,8 @@ def _changes(steps: Steps, seconds: np.ndarray, wheelbase: float, noise: Noise) 
     root = np.sqrt(_PERIOD * seconds) * is_moving
     zero = np.zeros_like(root)
     half = 0.5 * distances
-    by_speed = noise.speed * root * np.array([zero + 1.0, bends * half, bends])
-    turned = noise.steering_angle * root * distances / seconds * (1.0 + tangents**2) / wheelbase
+    by_speed = noise.speed_noise * root * np.array([zero + 1.0, bends * half, bends])
+    turned = noise.steering_noise * root * distances / seconds * (1.0 + tangents**2) / wheelbase
     # The integral of white noise, and the integral over it: an error of the heading grows within
     # the step, and moves the car sideways.
     by_angle = turned * np.array([zero, half, zero + 1.0])

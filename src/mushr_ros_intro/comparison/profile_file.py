@@ -7,6 +7,7 @@ from typing import Iterator, Mapping, Sequence
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import NUMBERS
 from mushr_ros_intro.comparison.fitted_car import Fit
+from mushr_ros_intro.comparison.pose_filter import Noise
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.yaml_file import read_mapping
@@ -38,21 +39,17 @@ def _lines(fit: Fit, profile: str, drives: Sequence[str]) -> Iterator[str]:
     """Yield the lines of a profile."""
     yield f"# Fitted by compare_drive.py to {', '.join(map(os.path.basename, drives))}."
     yield f"# The other numbers are those of {profile}."
-    car = fit.car._replace(
-        speed_noise=fit.noise.speed, steering_noise=fit.noise.steering_angle
-    )._asdict()
+    car = fit.car._asdict()
     for name, unit, low, high, meaning in NUMBERS:
         value = fit.values.get(name)
-        if name in ("speed_noise", "steering_noise"):
+        if name in Noise._fields:
             source = "Estimated from the drives."
         elif value is None:
             source = f"{profile}."
         elif not value.is_fitted:
             source = f"{profile}; the drives do not tell."
-        elif math.isinf(value.error):
-            source = f"Fitted; above {value.low:.3g}."
         else:
-            source = f"Fitted; standard error {value.error:.2g}."
+            source = f"Fitted; 95 % range {value.low:.5g} to {value.high:.5g}."
         ends = f"{low:g} to {'.inf (none)' if math.isinf(high) else f'{high:g}'}"
         yield ""
         yield f"# {meaning[0].upper()}{meaning[1:]} [{unit or '1'}], {ends}."

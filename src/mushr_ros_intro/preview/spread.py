@@ -48,12 +48,8 @@ class Errors(NamedTuple):
     """Of the steering angle, of each command [rad]."""
 
 
-RUN_ERRORS = Errors(speed_scale=0.02, steering_offset=0.01, start_position=0.02, start_heading=0.02)
-"""Errors of a real car that last for a whole run. They are our choice; no figures were found.
-
-Tyres and battery change the speed by a few per cent, the trim of a servo is off by about half a
-degree, and a car placed by eye is off by the width of a thumb and by a degree.
-"""
+START_ERRORS = Errors(start_position=0.02, start_heading=0.02)
+"""Errors of a car that is placed by eye, our choice: the width of a thumb, and a degree."""
 
 
 class Spread(NamedTuple):
@@ -105,7 +101,8 @@ class Spread(NamedTuple):
 def spread(plan: Plan, car: Car, runs: int, seed: int) -> Spread:
     """Drive a plan at least two times, each run with its own errors.
 
-    If the car has noise, the errors of a run are its noise and RUN_ERRORS; otherwise it has none.
+    If the car has noise, the errors of a run are those of the car and START_ERRORS; otherwise it
+    has none.
 
     Raises:
         UserError: the runs would take hours.
@@ -118,7 +115,12 @@ def spread(plan: Plan, car: Car, runs: int, seed: int) -> Spread:
         )
     errors = Errors()
     if car.speed_noise or car.steering_noise:
-        errors = RUN_ERRORS._replace(speed=car.speed_noise, steering_angle=car.steering_noise)
+        errors = START_ERRORS._replace(
+            speed_scale=car.speed_gain_spread / car.speed_gain,
+            steering_offset=car.steering_offset_spread,
+            speed=car.speed_noise,
+            steering_angle=car.steering_noise,
+        )
     ends = [end for _, _, end in _commands(plan)]
     every = -(-len(ends) // _MARKS)
     instants = [*ends[every - 1 : -1 : every], ends[-1]]

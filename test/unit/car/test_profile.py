@@ -14,7 +14,15 @@ from mushr_ros_intro.geometry import ORIGIN
 from mushr_ros_intro.parameters import Parameters
 from support.cars import CARS, PROFILES
 
-NOISES = ("speed_noise", "steering_noise", "odom_distance_noise", "odom_heading_noise")
+NOISES = {
+    "speed_noise": 0.013,
+    "steering_noise": 0.01,
+    "speed_gain_spread": 0.02,
+    "steering_offset_spread": 0.01,
+    "odom_distance_noise": 0.01,
+    "odom_heading_noise": 0.01,
+}
+"""Of mushr_nano."""
 
 
 def test_profiles():
@@ -25,8 +33,7 @@ def test_profiles():
     keys = {tuple(values) for values in PROFILES.values()}
     assert len(keys) == 1  # a second profile on the parameter server replaces every key
     noisy = car_from(Parameters({**PROFILES["mushr_nano"], "noise": True, "seed": 7}))
-    noises = (0.013, 0.01, 0.01, 0.01)
-    assert noisy == CARS["mushr_nano"]._replace(**dict(zip(NOISES, noises)), seed=7)
+    assert noisy == CARS["mushr_nano"]._replace(**NOISES, seed=7)
     assert str(Car()) == "wheelbase 0.33 m; limits: none; noise: off; command timeout 0.2 s"
     assert str(noisy) == (
         "wheelbase 0.3 m; limits: 0.9286 m/s, 0.3158 rad left, 0.4211 rad right, 3.8889 m/s^2, "
@@ -34,7 +41,7 @@ def test_profiles():
         "seed 7; command timeout 0.2 s"
     )
     assert "; gains: speed 0.9, steering 1; steering offset 0 rad; " in str(Car(speed_gain=0.9))
-    assert [getattr(CARS["mushr_nano"], each) for each in NOISES] == [0.0] * 4
+    assert [getattr(CARS["mushr_nano"], each) for each in NOISES] == [0.0] * 6
 
 
 @pytest.mark.parametrize(

@@ -133,6 +133,14 @@ def test_files_that_are_no_bag_of_a_drive(tmp_path):
         read_bag(empty, Source("/commands", "/pose"), CAR.command_timeout)
 
 
+def test_the_pose_may_be_that_of_a_point_in_front_of_the_rear_axle(tmp_path):
+    source = Source("/commands", "/pose", pose_offset=0.5)
+    log = read_bag(write(tmp_path / "a.bag"), source, CAR.command_timeout)
+    x, y, theta = LOG.poses.T
+    expected = np.column_stack([x - 0.5 * np.cos(theta), y - 0.5 * np.sin(theta), theta])
+    assert log.poses == pytest.approx(expected, abs=NEAR)
+
+
 def test_a_recording_contains_the_topics_and_is_read_back(tmp_path, monkeypatch):
     path = str(tmp_path / "a.bag")
     messages = []

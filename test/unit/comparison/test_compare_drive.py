@@ -85,7 +85,7 @@ def test_files(run, tmp_path):
     assert new == pytest.approx(-3500.0 / car.speed_gain, rel=1e-3)
     sources = profile.read_text()
     assert "mushr_nano.yaml; the drives do not tell.\nsteering_gain: 1" in sources
-    assert re.search(r"# Fitted; standard error 0.0\d+.\nspeed_gain: ", sources)
+    assert re.search(r"# Fitted; 95 % range 0.\d+ to 0.\d+.\nspeed_gain: ", sources)
 
 
 def test_the_profile_of_a_misfit_is_not_written(run, tmp_path, monkeypatch):

@@ -70,14 +70,6 @@ def test_headings_may_differ_by_whole_turns():
     assert abs(found.driven - found.predicted).max() < NEAR
 
 
-def test_the_reported_point_may_be_in_front_of_the_rear_axle():
-    """The poses are those of the rear axle, so the point is 0.3 m in front of another axle."""
-    log = driven(plan_of("0, 0, 0\n1, 0, 2"), Car(), random.Random(1), **EXACT)
-    found = compare(log, Car(), 0.0, pose_offset=0.3)
-    assert found.plan.start.x == pytest.approx(-0.3, abs=NEAR)
-    assert found.rms < NEAR
-
-
 def test_rows_beyond_the_limits_are_noted():
     car = Car(speed_limit=0.8)
     plan = plan_of("0, 0, 0\n0.5, 0, 1\n1, 0, 1")

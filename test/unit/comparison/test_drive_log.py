@@ -79,11 +79,13 @@ def test_what_is_refused():
     jump = [
         Pose(x + 2.0 * (index > 30), y, theta) for index, (x, y, theta) in enumerate(poses.values)
     ]
+    still_there = [poses.values[0]] * len(poses.values)
     for wrong, expected in [
         ((part(commands, 0), poses), "/commands has 0 commands, and none of them moves the car"),
         ((still, poses), "41 commands, and none of them moves the car"),
         ((commands, part(poses, 0)), "/pose has 0 poses after the first command"),
         ((commands, part(poses, 30)), "/pose has 9 poses after the first command"),
+        ((commands, poses._replace(values=still_there)), "stay within 0.000 m, .* for 2.00 m"),
         ((commands, poses._replace(values=jump)), "the pose on /pose jumps by 2.04"),
     ]:
         with pytest.raises(UserError, match=f"^a.bag: .*{expected}.*; expected"):

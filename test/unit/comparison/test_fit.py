@@ -1,12 +1,16 @@
 """The fit finds the parameters of simulated cars, and tells what it cannot find."""
 
+import math
 import random
+import re
+import statistics
 
 import pytest
 
 from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.comparison import compare
 from mushr_ros_intro.comparison.fit import fit
+from mushr_ros_intro.comparison.fitted_car import fitted_value
 from support.cars import CARS, plan_named, plan_of
 from support.recorded_drive import driven
 
@@ -91,6 +95,51 @@ def test_a_drive_that_no_car_of_the_model_drives_is_a_misfit():
     text, _, _ = verdict(log, result)
     assert text.startswith("no car of this model drives like that: line 4 (distance)")
     assert "random errors" not in text
+
+
+def test_several_drives_show_how_the_car_differs_between_them():
+    """The gains and offsets of the drives are chosen, so their standard deviations are known."""
+    gains, offsets = (0.88, 0.92, 0.96, 1.0), (0.02, -0.01, 0.04, 0.01)
+    plan = plan_of("0, 0, 0\n0.6, 0.2, 2\n0.6, -0.2, 2")
+    logs = [
+        driven(
+            plan,
+            NANO._replace(speed_gain=gain, steering_offset=offset, seed=seed, **NOISE),
+            random.Random(seed),
+            rate=6.0,
+            delay=0.1 * seed,
+        )
+        for seed, (gain, offset) in enumerate(zip(gains, offsets))
+    ]
+    result = fit(logs, NANO)
+    car = result.car
+    assert car.speed_gain_spread == pytest.approx(statistics.stdev(gains), rel=0.3)
+    assert car.steering_offset_spread == pytest.approx(statistics.stdev(offsets), rel=0.3)
+    assert car.speed_gain == pytest.approx(statistics.mean(gains), abs=0.02)
+    assert car.steering_offset == pytest.approx(statistics.mean(offsets), abs=0.01)
+    assert 0.005 < car.speed_noise < 0.03  # not the difference between the drives
+    assert [each.value for each in result.delays] == pytest.approx([0.0, 0.1, 0.2, 0.3], abs=0.1)
+    assert not any(each.is_found for each in result.misfits)
+    text = "\n".join(diagnosis.fit_text(result, NANO))
+    assert re.search("between the drives, as standard deviations: speed_gain 0.0[4-7]", text)
+
+
+def test_a_drive_that_tells_nothing():
+    plan = plan_of("0, 0, 0\n0.02, 0, 4")
+    log = driven(plan, NANO, random.Random(1), rate=6.0)
+    result = fit([log], NANO)
+    assert not any(value.is_fitted for value in result.values.values())
+    assert result.car[:12] == NANO[:12]
+    assert "the fit explains none of the error" in verdict(log, result)[0]
+
+
+def test_the_range_of_a_rate_is_not_symmetric():
+    """The inverse is fitted."""
+    value = fitted_value("acceleration", 0.3, 0.25, 0.1)
+    assert (value.value, value.low, value.high) == pytest.approx((1.0 / 0.3, 2.0, 10.0))
+    assert fitted_value("acceleration", 0.3, 0.25, 0.2).high == math.inf
+    none = fitted_value("acceleration", 0.0, 0.25, 0.1)
+    assert (none.value, none.low, none.high) == pytest.approx((math.inf, 5.0, math.inf))
 
 
 def test_poses_without_noise_may_be_computed_from_the_commands():

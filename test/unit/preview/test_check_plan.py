@@ -493,7 +493,8 @@ def test_plot(run, tmp_path):
 def test_the_drawing():
     grid, name = walled(3.0), "mushr_nano"
     report = check(plan_named("slalom")._replace(path="a$x^$.txt"), name, CARS[name], "m", grid)
-    figure = draw_report(report, spread(report.plan, Car(steering_noise=0.05), 500, 1), grid)
+    car = Car(steering_noise=0.05, speed_gain_spread=0.02, steering_offset_spread=0.01)
+    figure = draw_report(report, spread(report.plan, car, 500, 1), grid)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     axes, key, speed, angle = figure.axes

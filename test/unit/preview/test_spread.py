@@ -153,10 +153,16 @@ def test_the_seed_decides():
 
 def test_the_result_is_the_mean_and_covariance_of_the_sample():
     plan, runs = plan_named("slalom"), 6_000
-    car = NANO._replace(speed_noise=0.05, steering_noise=0.02)
+    car = NANO._replace(
+        speed_noise=0.05,
+        steering_noise=0.02,
+        speed_gain=0.5,
+        speed_gain_spread=0.01,
+        steering_offset_spread=0.03,
+    )
     result = spread(plan, car, runs, 3)
     poses = drive(plan, result.errors, runs, 3, result.seconds[:-1], car)
-    assert result.errors == module.RUN_ERRORS._replace(speed=0.05, steering_angle=0.02)
+    assert result.errors == Errors(0.02, 0.03, 0.02, 0.02, 0.05, 0.02)
     assert (result.runs, len(result.seconds)) == (runs, 9)
     assert (result.cloud == poses[-1, : module.CLOUD]).all()
     for number, each in enumerate(poses):
@@ -182,8 +188,9 @@ def test_the_planned_poses_and_distances_are_those_of_the_car_without_errors():
 
 
 def test_an_error_of_the_speed_grows_with_the_distance(monkeypatch):
-    monkeypatch.setattr(module, "RUN_ERRORS", Errors(speed_scale=0.02))
-    result = spread(plan_of("0, 0, 0\n1, 0, 20"), Car(speed_noise=1e-9), 4000, 1)
+    monkeypatch.setattr(module, "START_ERRORS", Errors())
+    car = Car(speed_noise=1e-9, speed_gain_spread=0.02)
+    result = spread(plan_of("0, 0, 0\n1, 0, 20"), car, 4000, 1)
     assert result.growth == pytest.approx(1.0, abs=1e-3)
     assert result.rms_errors / result.distances == pytest.approx(0.02, rel=SIGMAS / math.sqrt(8000))
 
