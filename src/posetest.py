@@ -64,7 +64,7 @@ class PoseTest(unittest.TestCase):
         meaning = "time from the first pose to the end, by the stamps"
         self._duration = number("test_duration", 5.0, "s", 0.0, 1e6, meaning)
         meaning = "timeout for the first pose, in wall-clock time"
-        self._patience = number("wait_time", 20.0, "s", 0.0, 1e6, meaning)
+        self._wait_time = number("wait_time", 20.0, "s", 0.0, 1e6, meaning)
         if self._topic is None:
             self._source = f"a transform from {self._frame} to {self._child}"
         else:
@@ -77,13 +77,13 @@ class PoseTest(unittest.TestCase):
             rospy.Subscriber(self._topic, rospy.AnyMsg, self._take_message, tcp_nodelay=True)
         else:
             self._listen_to_tf()
-        self.wait_for(lambda: self._series.entries, self._source, self._patience)
+        self.wait_for(lambda: self._series.entries, self._source, self._wait_time)
         duration = from_seconds(self._duration)
         self.wait_for(
             lambda: (self._passes and not self._fault())
             or self._series.covers(duration, ros_time.now()),
             f"{self._duration:g} s to pass on the clock",
-            self._patience + 10.0 * self._duration,
+            self._wait_time + 10.0 * self._duration,
         )
         fault = self._fault()
         if fault and self._passes:

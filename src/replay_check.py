@@ -66,7 +66,7 @@ def judge() -> Judgement:
         parameters.text("map"),
         seed,
         remap=tuple(_remappings(parameters.optional_text("remap") or "")),
-        patience=parameters.number("patience", 30.0, "s", 0.1, 1e4),
+        timeout=parameters.number("timeout", 30.0, "s", 0.1, 1e4),
         tolerances={
             name: parameters.number(f"{name}_tolerance", 0.0, "m or rad", 0.0, 1e6)
             for name in Tolerances._fields

@@ -52,7 +52,7 @@ def is_expected(name, failed):
 def measure(names, folder, options):
     """Grade the class; return the number of nodes whose verdict is wrong or differs."""
     plan = read_plan(os.path.join(folder, "plan.txt"))
-    others = {"remap": (), "patience": 5.0, "tolerances": {}}
+    others = {"remap": (), "timeout": 5.0, "tolerances": {}}
     setting = read_setting(
         CHECKOUT, "ideal", "none", None, **others, sandbox=Sandbox(), ros=inherited()
     )

@@ -107,7 +107,7 @@ def grade_class(folder, server):
         submissions.write(classroom, f"cheat_{name}", submissions.cheat(name, server, folder))
     out = folder / "results"
     out.mkdir()  # readable for all users, so that only the sandbox hides it
-    arguments = (classroom, "--plans", folder / "open.txt", "--out", out, "--patience", 5)
+    arguments = (classroom, "--plans", folder / "open.txt", "--out", out, "--timeout", 5)
     with Process("rosrun", "mushr_ros_intro", "grade.py", *map(str, arguments)) as process:
         return process.wait(300), process.output, out
 
@@ -295,7 +295,7 @@ def test_interrupted(tmp_path):
     submissions.write(tmp_path / "class", "right", submissions.RIGHT)
     submissions.write(tmp_path / "class", "silent", submissions.WRONG["silent"][0])
     (tmp_path / "plan.txt").write_text(PLAN)
-    plan = ("--plans", tmp_path / "plan.txt", "--out", tmp_path / "out", "--patience", 8)
+    plan = ("--plans", tmp_path / "plan.txt", "--out", tmp_path / "out", "--timeout", 8)
     command = (find_node("mushr_ros_intro", "grade.py")[0], tmp_path / "class", *plan)
     with Process(*map(str, command)) as process:
         wait_for(lambda: "right " in process.output, "the first result")

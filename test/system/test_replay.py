@@ -28,7 +28,7 @@ def publisher(node, *arguments):
 
 
 def wrong(fault):
-    return publisher(f"wrong_listing.py {fault}", "patience:=8.0")
+    return publisher(f"wrong_listing.py {fault}", "timeout:=8.0")
 
 
 # Name: the arguments, the failed test cases, the report.

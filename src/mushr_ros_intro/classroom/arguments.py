@@ -55,7 +55,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--car", default="ideal", help="as in sim.launch; default ideal")
     add("--map", default="sandbox", help="as in sim.launch; default sandbox")
     add("--seed", type=int, help="drive with the noise of the car, and with this seed")
-    add("--patience", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
+    add("--timeout", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
     for name, unit in zip(Tolerances._fields, ("m", "rad", "m")):
         add(f"--{name}-tolerance", type=tolerance, metavar=unit, help="see docs/grading.md")
     add("--jobs", type=int, default=2 * (os.cpu_count() or 1), help="simultaneous replays")
@@ -99,6 +99,6 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
         return "--feedback is for pages and tables, not for Gradescope, Classroom 50 or GitHub"
     if not all(re.fullmatch("[^:=]+:=[^:=]+", each) for each in arguments.remap):
         return "expected --remap FROM:=TO, such as control:=/cmd"
-    if arguments.jobs < 1 or not arguments.patience > 0.0:
-        return "expected --jobs of at least 1 and --patience above 0"
+    if arguments.jobs < 1 or not arguments.timeout > 0.0:
+        return "expected --jobs of at least 1 and --timeout above 0"
     return ""

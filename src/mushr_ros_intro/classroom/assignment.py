@@ -96,7 +96,7 @@ def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
         arguments.map,
         arguments.seed,
         remap=tuple(arguments.remap),
-        patience=arguments.patience,
+        timeout=arguments.timeout,
         tolerances={name: value for name, value in values if value is not None},
         sandbox=sandbox,
         ros=sandbox.copy_workspaces(),

@@ -101,7 +101,7 @@ class Grading:
         )
         grid = setting.grid
         world = grid and (grid.cells.tobytes(), grid.cells.shape, grid.resolution, grid.origin)
-        fields = (setting.car, setting.parameters, setting.mux, setting.remap, setting.patience)
+        fields = (setting.car, setting.parameters, setting.mux, setting.remap, setting.timeout)
         self._common = {
             "options": hash_of(*fields, world, options.isolation),
             "package": hash_of_folder(_LIBRARY, _NO_INFLUENCE),

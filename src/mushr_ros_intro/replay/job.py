@@ -87,7 +87,7 @@ class Setting(NamedTuple):
     """The map, or None."""
     remap: Tuple[str, ...]
     """Remappings and parameters for the nodes, as FROM:=TO."""
-    patience: float
+    timeout: float
     """Longest time without a command [s of wall-clock time]."""
     tolerances: Dict[str, float]
     """Those that differ from the defaults, by the names in `Tolerances`."""
@@ -264,7 +264,7 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
     Returns:
         A description of the node's failure; empty if there is none.
     """
-    expected, patience = count_commands(job.plan), job.setting.patience
+    expected, timeout = count_commands(job.plan), job.setting.timeout
     pace = Pace(process.threads)
     count, heard, checked = 0, 0.0, time.monotonic()
     while not process.has_ended:
@@ -276,8 +276,8 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
         if driven >= expected and world.silence > DONE_AFTER:
             if silence > (EXIT_TIMEOUT if world.is_ending else MIN_SILENCE):
                 return ""  # a node that has driven the plan need not end
-        elif silence > patience or (world.silence > MAX_SILENCE and silence > MIN_SILENCE):
-            return _describe_silence(driven, expected, patience, world)
+        elif silence > timeout or (world.silence > MAX_SILENCE and silence > MIN_SILENCE):
+            return _describe_silence(driven, expected, timeout, world)
         if time.monotonic() > checked + CHECK_PERIOD:
             checked = time.monotonic()
             if fault := _fault(process, world, job, pace.seconds):
@@ -306,15 +306,15 @@ def _fault(process: NodeProcess, world: ReplayWorld, job: Job, duration: float) 
     return ""
 
 
-def _describe_silence(count: int, expected: int, patience: float, world: ReplayWorld) -> str:
+def _describe_silence(count: int, expected: int, timeout: float, world: ReplayWorld) -> str:
     """Return a description of the failure of a node that runs, but sends nothing."""
     if count:
         return (
             f"the node hangs: {count} of {expected} commands arrived, and then none for "
-            f"{patience:g} s, although the node is still running"
+            f"{timeout:g} s, although the node is still running"
         )
     return (
-        f"the node runs, but published no command on {CONTROL} for {patience:g} s; "
+        f"the node runs, but published no command on {CONTROL} for {timeout:g} s; "
         f"{_published(world)}"
     )
 

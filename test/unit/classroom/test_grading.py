@@ -64,7 +64,7 @@ class Course:
         workspace = pathlib.Path(tempfile.mkdtemp(dir=self.folder))
         found = collect([str(self.folder / "class")], str(workspace))
         plans = {"plan": read_plan(str(self.folder / "plan.txt"))}
-        others = {"remap": (), "patience": 9.0, "sandbox": Sandbox(), "ros": {}}
+        others = {"remap": (), "timeout": 9.0, "sandbox": Sandbox(), "ros": {}}
         setting = read_setting(PACKAGE, "ideal", "none", **self.setting, **others)
         options = grading.Options(**self.options)
         store = Store(str(self.out))

@@ -147,7 +147,7 @@ def test_each_submission_has_its_own_plan(tmp_path):
 def test_a_plan_that_hits_a_wall_is_refused():
     """Otherwise all students fail."""
     plans = Plans(parse_arguments(["class", "--plans", "slalom", "--out", "out"], ""))
-    others = {"remap": (), "patience": 9.0, "tolerances": {}, "sandbox": Sandbox(), "ros": {}}
+    others = {"remap": (), "timeout": 9.0, "tolerances": {}, "sandbox": Sandbox(), "ros": {}}
     for name in ("sandbox", "none"):
         plans.check_map(read_setting(PACKAGE, "ideal", name, None, **others))
     with pytest.raises(
