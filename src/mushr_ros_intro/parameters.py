@@ -8,6 +8,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import user_path
+from mushr_ros_intro.wording import similar
 
 
 class Declaration(NamedTuple):
@@ -59,8 +60,7 @@ class Parameters:
         """Return a message for each parameter that is set, but that no method was asked for."""
         messages = []
         for name in sorted(set(self._values) - set(self.declared)):
-            close = get_close_matches(name, self.declared, 1)
-            hint = f"; did you mean {self._prefix}{close[0]}?" if close else ""
+            hint = similar(name, self.declared, self._prefix)
             messages.append(f"parameter {self._prefix}{name} is not known, and has no effect{hint}")
         return messages
 

@@ -1,9 +1,9 @@
 """Find files of this package and of the user."""
 
 import os
-from difflib import get_close_matches
 
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.wording import similar
 
 
 def package_folder(name: str) -> str:
@@ -49,9 +49,9 @@ def find_file(name: str, folder: str, ending: str) -> str:
         if is_there(candidate):
             return candidate
     known = sorted(entry[: -len(ending)] for entry in os.listdir(folder) if entry.endswith(ending))
-    close = get_close_matches(os.path.basename(name).replace(ending, ""), known, 1)
+    close = similar(os.path.basename(name).replace(ending, ""), known)
     searched = dict.fromkeys(os.path.dirname(candidate) for candidate in candidates)
     raise UserError(
-        f"{name}: no such file{''.join(f'; did you mean {each}?' for each in close)} "
+        f"{name}: no such file{close} "
         f"(searched: {', '.join(searched)}); expected a path, or one of {', '.join(known)}"
     )

@@ -386,6 +386,16 @@ NODE = ("--node", "mushr_ros_intro", "path_publisher.py")
             2,
             "there is no node 'nothing.py'",
         ),
+        (
+            ("figure_8", "--node", "mushr_ros_intro", "path_publisher"),
+            2,
+            "no node 'path_publisher' in the package 'mushr_ros_intro'; did you mean path_publ",
+        ),
+        (
+            ("figure_8", "--node", "mushr_ros_into", "path_publisher.py"),
+            2,
+            "; did you mean mushr_ros_intro? Is its workspace sourced",
+        ),
         (("figure_8", *NODE, "--seed", "-1"), 2, "car ideal: seed is -1; expected"),
         (("figure_8", *NODE, "--points", "p.yaml"), 2, "--points needs submissions"),
         (

@@ -35,11 +35,13 @@ def tolerance(text: str) -> float:
 def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespace:
     """Return the command line; exit with status 2 if it is wrong."""
     form = argparse.RawDescriptionHelpFormatter
+    usage = "grade.py PLAN... --node PACKAGE FILE [OPTION...]\n       grade.py SUBMISSION... "
+    usage += "--plans PLAN... --out FOLDER [OPTION...]"
     example = (
         "Example: rosrun mushr_ros_intro grade.py test_drive --node my_ros_intro path_publisher.py"
     )
     parser = argparse.ArgumentParser(
-        "grade.py", description=description, epilog=example, formatter_class=form
+        "grade.py", usage, description=description, epilog=example, formatter_class=form
     )
     add = parser.add_argument
     add("inputs", nargs="*", metavar="PLAN or SUBMISSION")

@@ -8,11 +8,11 @@ A file feedback.yaml has the names of submissions, as in the first column of gra
 The points are added to the score of the submission, which is at least 0.
 """
 
-from difflib import get_close_matches
 from typing import Any, Dict, Iterable, NamedTuple
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.wording import similar
 from mushr_ros_intro.yaml_file import read_mapping
 
 _MAX_POINTS = 1e6
@@ -42,8 +42,7 @@ def read_feedback(path: str, names: Iterable[str]) -> Dict[str, Feedback]:
     for key, value in (read_mapping(path, _FORM) if path else {}).items():
         name = str(key)
         if name not in known:
-            close = "".join(f"; did you mean {each}?" for each in get_close_matches(name, known, 1))
-            raise UserError(f"{path}: there is no submission {name}{close}")
+            raise UserError(f"{path}: there is no submission {name}{similar(name, known)}")
         found[name] = _feedback(value, f"{path}: {name}: ")
     return found
 

@@ -94,7 +94,8 @@ def _notes(recorded: Recorded) -> Iterator[str]:
     for run, group in zip(runs_of(recorded.plan), groups_of(recorded) if recorded.sent else ()):
         if abs(len(group) - run.expected) == 1 and group[0].values == run[:2] and run.speed:
             yield f"{run}: {counted(len(group), 'command')} received; expected {run.expected}"
-    if recorded.sent and recorded.sent[-1].speed != 0.0:
+    is_more = recorded.sent and len(groups_of(recorded)) > len(runs_of(recorded.plan))
+    if recorded.sent and not is_more and recorded.sent[-1].speed != 0.0:
         seconds = recorded.car.command_timeout / NANOSECONDS
         yield (
             "the node sends no stop at the end, so the car rolls on until its last command "
@@ -198,16 +199,17 @@ def _commands(judgement: Judgement) -> Tuple[bool, str]:
 
 def _surplus(more: Sequence[Tuple[float, ...]]) -> str:
     """Return a description of the commands after the last row, of which there is at least one."""
+    text = f"after the last row the node sent {_shown(more[0])}; expected only a stop"
     if more[0][0] == 0.0 and more[1:]:
-        return (
-            f"after the plan and a stop the node sent {_shown(more[1])}; expected nothing after "
-            "the stop (does the node repeat the plan?)"
-        )
-    return f"after the last row the node sent {_shown(more[0])}; expected only a stop"
+        text = f"after the plan and a stop the node sent {_shown(more[1])}; expected nothing after "
+        text += "the stop"
+    return f"{text} (does the node repeat the plan?)"
 
 
 def _mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...]]) -> str:
     """Return a sentence about a common mistake that explains all commands, if there is one."""
+    if any(speed for speed, _ in wanted) and not any(speed for speed, _ in got):
+        return ". All speeds are 0"
     if len(got) == len(wanted):
         if [command[::-1] for command in got] == list(wanted):
             return ". Speed and steering angle are swapped in all commands"

@@ -14,6 +14,7 @@ from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.job import Job, Setting
+from mushr_ros_intro.wording import similar
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
 
@@ -56,17 +57,23 @@ def find_executable(package: str, name: str) -> str:
     Raises:
         UserError: there is no such package, no such executable in it, or it cannot be started.
     """
+    rospack = rospkg.RosPack()
     try:
         found = roslib.packages.find_node(package, name)
     except rospkg.ResourceNotFound:
         raise UserError(
-            f"there is no package '{package}' (rospack find {package}). "
+            f"there is no package '{package}' (rospack find {package})"
+            f"{similar(package, rospack.list()) or '.'} "
             "Is its workspace sourced (source devel/setup.bash)?"
         ) from None
     if not found:
-        folder = rospkg.RosPack().get_path(package)
-        files = glob.glob(f"{glob.escape(folder)}/**/{glob.escape(name)}", recursive=True)
-        hint = f". It is not executable; type: chmod +x {files[0]}" if files else ""
+        folder = glob.escape(rospack.get_path(package))
+        folders = ("", "bin", "nodes", "scripts", "src")
+        files = [path for each in folders for path in glob.glob(f"{folder}/{each}/*")]
+        programs = {os.path.basename(path): os.path.normpath(path) for path in files}
+        hint = similar(name, programs)
+        if name in programs:
+            hint = f". It is not executable; type: chmod +x {shlex.quote(programs[name])}"
         raise UserError(f"there is no node '{name}' in the package '{package}'{hint}")
     path = str(found[0])
     with open(path, "rb") as file:

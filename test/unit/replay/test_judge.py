@@ -217,9 +217,12 @@ ROW = "commands: row 1 (1 s): received "
         (scaled(1, 0.25), "expected 2 m/s, 0.1 rad. All steering angles are 0.25 times those of"),
         (scaled(0.5, 1), "expected 2 m/s, 0.1 rad. All speeds are 0.5 times those of the plan\n"),
         (scaled(2, -1), "All speeds are 2 times those of the plan. All steering angles have the"),
-        ([COMMANDS[-1]], ROW + "0 m/s, 0 rad; expected 2 m/s, 0.1 rad"),
+        ([COMMANDS[-1]], ROW + "0 m/s, 0 rad; expected 2 m/s, 0.1 rad. All speeds are 0"),
         (COMMANDS[:10], "commands: no command after row 1; expected rows 2 to 3 (0.75 s)"),
-        (changed(-1, speed=3.0), "commands: after the last row the node sent 3 m/s, 0 rad; expec"),
+        (
+            changed(-1, speed=3.0),
+            "after the last row the node sent 3 m/s, 0 rad; expected only a stop (does the node re",
+        ),
         (
             [*COMMANDS, *COMMANDS],
             "after the plan and a stop the node sent 2 m/s, 0.1 rad; expected",
@@ -237,6 +240,11 @@ ROW = "commands: row 1 (1 s): received "
 def test_commands(sent, said):
     failed, verdict = judged(replay(sent=sent))
     assert said in verdict and bool(failed) == bool(said)
+
+
+def test_a_node_that_repeats_the_plan_is_ended_before_its_stop():
+    _, verdict = judged(replay(sent=commands([*ROWS, *ROWS])))
+    assert "(does the node repeat the plan?)" in verdict and "note:" not in verdict
 
 
 def test_a_symmetric_plan_does_not_tell_two_mistakes_apart():
