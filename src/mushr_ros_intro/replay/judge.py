@@ -12,8 +12,16 @@ import numpy as np
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose, curvature
 from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.replay.rate import groups_of, judge_rate
-from mushr_ros_intro.replay.recording import START_TOLERANCE, Drive, Recorded, drive, runs_of
+from mushr_ros_intro.replay.rate import judge_rate
+from mushr_ros_intro.replay.recording import (
+    START_TOLERANCE,
+    Drive,
+    Recorded,
+    drive,
+    groups_of,
+    matched,
+    runs_of,
+)
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.wording import counted
 
@@ -91,8 +99,8 @@ def _notes(recorded: Recorded) -> Iterator[str]:
     """Yield what a node might do better, although no check fails because of it."""
     if stops := len(recorded.sent) - len(recorded.commands):
         yield f"the node sends {counted(stops, 'stop')} before the plan"
-    for run, group in zip(runs_of(recorded.plan), groups_of(recorded) if recorded.sent else ()):
-        if abs(len(group) - run.expected) == 1 and group[0].values == run[:2] and run.speed:
+    for run, group, _ in matched(recorded):
+        if abs(len(group) - run.expected) == 1 and run.speed:
             yield f"{run}: {counted(len(group), 'command')} received; expected {run.expected}"
     is_more = recorded.sent and len(groups_of(recorded)) > len(runs_of(recorded.plan))
     if recorded.sent and not is_more and recorded.sent[-1].speed != 0.0:

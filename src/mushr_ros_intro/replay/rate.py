@@ -1,9 +1,8 @@
 """Judge the rate of the commands of a replay, by their stamps or their arrival."""
 
-from itertools import groupby
-from typing import List, Optional, Sequence, Tuple
+from typing import Optional, Sequence, Tuple
 
-from mushr_ros_intro.replay.recording import Recorded, Run, Sent, runs_of
+from mushr_ros_intro.replay.recording import MAX_SHIFT, Recorded, Run, Sent, matched, runs_of
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, STAMP_TOLERANCE
 from mushr_ros_intro.wording import counted
 
@@ -16,43 +15,25 @@ _JITTER = COMMAND_PERIOD // 2
 _LEAD_TOLERANCE = 5 * COMMAND_PERIOD // 2
 """Allowed difference between two commands in the time from the arrival to the stamp [ns]."""
 
-_MAX_SHIFT = 1
-"""Number of commands by which the border of two rows may be early or late."""
-
 _SPAN_TOLERANCE = 2 * COMMAND_PERIOD
-"""Allowed deviation of the time from a row's first to its last command from its duration [ns]."""
-
-
-def groups_of(recorded: Recorded) -> List[List[Sent]]:
-    """Return the commands in groups of equal neighbours, without the stop at the end."""
-    groups = [list(group) for _, group in groupby(recorded.commands, lambda sent: sent.values)]
-    if groups[-1][0].speed == 0.0 and len(groups) == len(runs_of(recorded.plan)) + 1:
-        groups.pop()
-    return groups
+"""Allowed deviation of the time from a row's first to its last command [ns]."""
 
 
 def judge_rate(recorded: Recorded) -> Tuple[Optional[bool], str]:
-    """Judge whether each row has its number of commands, evenly spaced, by stamp or arrival.
-
-    The border of two rows may be early or late by one command: two threads of a node may wake up at
-    the same time.
-    """
-    runs, groups = runs_of(recorded.plan), groups_of(recorded)
-    surplus, end = 0, None
-    for index, run in enumerate(runs):
-        if index >= len(groups) or groups[index][0].values != run[:2]:
-            return None, f"not judged: the commands of {run} did not arrive in the plan's order"
-        group = groups[index]
-        # If the last row of the plan is a stop, the final stop belongs to the same group.
-        extra = int(run is runs[-1] and run.speed == 0.0 and len(group) > run.expected)
-        surplus += len(group) - run.expected - extra
+    """Judge whether each row has its number of commands, evenly spaced, by stamp or arrival."""
+    runs, end = runs_of(recorded.plan), None
+    count = 0
+    for run, group, surplus in matched(recorded):
         fault = _stamp_fault(group) or _rate_fault(run, group, surplus)
         if not fault and end is not None and group[0].time - end > _LEAD_TOLERANCE:
             seconds = (group[0].time - end) / NANOSECONDS
-            fault = f"its first command comes {seconds:.3g} s after the last one of {runs[index-1]}"
+            fault = f"its first command comes {seconds:.3g} s after the last one of {runs[count-1]}"
         if fault:
             return False, f"{run}: {fault}"
         end = group[-1].time
+        count += 1
+    if count < len(runs):
+        return None, f"not judged: the commands of {runs[count]} did not arrive in the plan's order"
     return _lead_fault(recorded.commands)
 
 
@@ -93,11 +74,12 @@ def _rate_fault(run: Run, group: Sequence[Sent], surplus: int) -> str:
     Args:
         run: the rows.
         group: their commands.
-        surplus: the number of commands, of these rows and those before, that are too many.
+        surplus: see `matched`.
     """
     times = [sent.time for sent in group]
-    seconds, span = run.duration / NANOSECONDS, (times[-1] - times[0]) / NANOSECONDS
-    if abs(surplus) > _MAX_SHIFT:
+    duration = run.duration + (len(group) - run.expected) * COMMAND_PERIOD
+    seconds, span = duration / NANOSECONDS, (times[-1] - times[0]) / NANOSECONDS
+    if abs(surplus) > MAX_SHIFT:
         pace = f", {(len(group) - 1) / span:.3g} per second" if span else ""
         return f"{counted(len(group), 'command')} received{pace}; expected {run.expected}"
     if fault := _step_fault(times):

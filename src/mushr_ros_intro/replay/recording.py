@@ -4,7 +4,7 @@ Stamps are integer nanoseconds of simulated time; poses are in the map frame.
 """
 
 from itertools import groupby
-from typing import List, NamedTuple, Optional, Sequence, Tuple
+from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -17,6 +17,12 @@ from mushr_ros_intro.world.grid import Grid
 
 START_TOLERANCE = 1e-3
 """Allowed difference between the start poses of node and plan [m, rad]: a node may round."""
+
+MAX_SHIFT = 1
+"""Number of commands by which the end of a row may be early or late.
+
+Two threads of a node, one of which changes the row, may wake up at the same time.
+"""
 
 
 class Sent(NamedTuple):
@@ -143,22 +149,65 @@ def runs_of(plan: Plan) -> List[Run]:
     return runs
 
 
+def groups_of(recorded: Recorded) -> List[List[Sent]]:
+    """Return the commands in groups of equal neighbours, without the stop at the end."""
+    groups = [list(group) for _, group in groupby(recorded.commands, lambda sent: sent.values)]
+    if groups and groups[-1][0].speed == 0.0 and len(groups) == len(runs_of(recorded.plan)) + 1:
+        groups.pop()
+    return groups
+
+
+def matched(recorded: Recorded) -> Iterator[Tuple[Run, List[Sent], int]]:
+    """Yield the runs of the plan with their commands, up to the first run with other commands.
+
+    The number is how many more commands than expected the node has sent up to the end of the run.
+    """
+    runs, surplus = runs_of(recorded.plan), 0
+    for run, group in zip(runs, groups_of(recorded)):
+        if group[0].values != run[:2]:
+            return
+        # If the last row of the plan is a stop, the final stop belongs to the same group.
+        extra = int(run is runs[-1] and run.speed == 0.0 and len(group) > run.expected)
+        surplus += len(group) - run.expected - extra
+        yield run, group, surplus
+
+
+def driven_plan(recorded: Recorded) -> Plan:
+    """Return the plan with its rows as long as the node drove them.
+
+    No row ends earlier or later than in the plan by more than MAX_SHIFT commands. If the node did
+    not drive so, return the plan itself.
+    """
+    rows, before = list(recorded.plan.rows), 0
+    entries = list(matched(recorded))
+    for run, _, surplus in entries:
+        # All rows of a run have the same command. So only their total duration matters.
+        index = max(range(run.first - 1, run.last), key=lambda each: rows[each].duration)
+        duration = rows[index].duration + (surplus - before) * COMMAND_PERIOD
+        if abs(surplus) > MAX_SHIFT or duration <= 0:
+            return recorded.plan
+        rows[index], before = rows[index]._replace(duration=duration), surplus
+    is_complete = bool(entries) and entries[-1][0].last == len(rows)
+    return recorded.plan._replace(rows=tuple(rows)) if is_complete else recorded.plan
+
+
 def drive(recorded: Recorded) -> Drive:
     """Return the driven path from the start pose on, and the predicted path.
 
-    The prediction is for a node that sends the commands of the plan. It has the same noise, which
-    depends on the car's seed and on the number of a command. If the recording ends before the plan,
-    the car counts as standing from there on. Both paths end with the last move of either.
+    The prediction is for the commands of `driven_plan`. It has the same noise, which depends on the
+    car's seed and on the number of a command. If the recording ends before the plan, the car counts
+    as standing from there on. Both paths end with the last move of either.
     """
+    plan = driven_plan(recorded)
     begin = _first_pose(recorded)
     driven = recorded.poses[begin:]
     instants = (recorded.stamps[begin:] - recorded.begin).tolist()
-    end, _ = rest(recorded.plan, recorded.car)
+    end, _ = rest(plan, recorded.car)
     step = max(NANOSECONDS // 50, (end - instants[-1]) // 10_000)
     instants += range(instants[-1] + step, end + step, step)
     standing = np.repeat(driven[-1:], len(instants) - len(driven), axis=0)
     driven = np.concatenate([driven, standing])
-    states = states_at(recorded.plan, recorded.car, instants)
+    states = states_at(plan, recorded.car, instants)
     predicted = np.array([state.pose for state in states], float)
     moves, _ = np.nonzero(np.diff(np.hstack([driven, predicted]), axis=0))
     last = int(moves[-1]) + 2 if len(moves) else 1

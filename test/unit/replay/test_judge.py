@@ -308,6 +308,17 @@ def test_one_command_more_or_less_is_a_note():
     assert verdict.endswith("note: rows 2 to 3 (0.75 s): 7 commands received; expected 8")
 
 
+@pytest.mark.parametrize(("shift", "names"), [(0.1, set()), (0.2, {"rate", "path", "final_pose"})])
+def test_the_path_is_judged_with_the_rows_as_long_as_the_node_drove_them(shift, names):
+    """The final heading differs by 0.44 rad and 0.88 rad from that of the plan."""
+    left, right = (2.0, 0.18), (2.0, -0.18)
+    plan = recorded.plan_of((0, 0, 0), [(*left, 1.0), (*right, 0.1), (*right, 0.9), (*left, 1.0)])
+    driven = [(*left, 1.0 + shift), (*right, 1.0 - 2.0 * shift), (*left, 1.0 + shift)]
+    poses = replay(recorded.plan_of((0, 0, 0), driven)).poses
+    failed, verdict = judged(replay(plan, commands([*driven, STOP]), poses=poses))
+    assert set(failed) == names, verdict
+
+
 def test_stops_before_the_plan_are_a_note():
     stops = [each._replace(speed=0.0, steering_angle=0.0) for each in COMMANDS[:3]]
     sent = moved(stops, 3 * [-3 * TENTH]) + COMMANDS
