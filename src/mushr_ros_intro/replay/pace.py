@@ -112,7 +112,8 @@ class Pace:
         If each command is the answer to the step to its due time, the steps before it are without
         effect. The first step after a command then becomes longer each time, until it ends at the
         due time. If the node has slept until an instant between, its next command comes one step
-        late, and from then on all steps have the same length again.
+        late, and from then on all steps have the same length again. They also have if the node
+        receives more than the clock: it may read another message before it reads the time.
         """
         now = self._now
         # Otherwise, the node has waited since the step, or without a step.
@@ -125,7 +126,7 @@ class Pace:
             if not is_answer and (is_in_time or not self._is_tested):
                 self.uses_wall_clock = self._is_tested = True
             self._answers = is_answer and not self.uses_wall_clock
-            is_regular = self._stride and is_answer and left == 0
+            is_regular = self._stride and self._written <= 1 and is_answer and left == 0
             self._stride = min(self._stride + STEP, COMMAND_PERIOD) if is_regular else 0
         self._has_sent = True
         if is_in_time:
@@ -173,7 +174,8 @@ class Pace:
         if now.usages is not self._still.usages:
             return STEP  # it polls
         if now.waited - self._still.waited > STEP_WAIT:
-            return COMMAND_PERIOD if left is None else max(left, STEP)
+            longest = COMMAND_PERIOD if left is None else max(left, STEP)
+            return longest if self._written <= 1 else STEP  # see `heard`
         return 0
 
     def _hold(self) -> int:

@@ -23,17 +23,20 @@ class Node:
         period: in wall-clock time: it wakes up so often before that [s]; 0 in simulated time.
         work: processor time for each command [s].
         delay: returns for how long a thread waits for a processor [s].
+        other: another thread sleeps for so long, again and again, in simulated time [s]; 0 if
+            there is none.
     """
 
-    def __init__(self, sleeps, period, work, delay, parts=1):
+    def __init__(self, sleeps, period, work, delay, parts=1, other=0.0):
         self.sleeps, self.period, self.work, self.delay = sleeps / parts, period, work, delay
         self.parts = self.left = parts
-        self.usages, self.ran = {"clock": 0, "main": 0}, 0.0  # as observed
+        self.other, self.lateness = other, []  # how late the other thread woke up each time [s]
+        self.usages, self.ran = {"clock": 0, "main": 0, "other": 0}, 0.0  # as observed
         self.delayed = 0.0
         self.runs, self.worked = self.usages, 0.0
         self.wall = self.begin = self.seen = 0.0
-        self.wakes = {"clock": NEVER, "main": 0.0}  # when a thread runs [s of wall-clock time]
-        self.runnable = {"clock": NEVER, "main": 0.0}  # since when it waits for a processor
+        self.wakes = {"clock": NEVER, "main": 0.0, "other": NEVER}  # when it runs [s of wall clock]
+        self.runnable = dict(self.wakes)  # since when it waits for a processor
         self.clock, self.works_until = 0, 0.0
 
     def are_waiting(self):
@@ -57,6 +60,12 @@ class Node:
                 self.seen = self.clock
                 if not self.period:
                     self.wake("main", now)
+                if self.other:
+                    self.wake("other", now)
+            elif name == "other":
+                late = self.seen / NANOSECONDS - self.other * (len(self.lateness) + 1)
+                if late > -1e-9:
+                    self.lateness.append(late)
             else:
                 sent += self.run_main(now)
         return sent
@@ -91,16 +100,28 @@ def drive(wall, sleeps, period, work, load, parts=1):
 
     Args:
         wall: the time of the wall clock [s], which advances.
-        sleeps, period, work: as for `Node`.
+        sleeps, period, work, parts: as for `Node`.
         load: how long threads wait for a processor [s], on average.
     """
     chance = random.Random(5)
-    node = Node(
-        sleeps, period, work, lambda: chance.expovariate(1.0 / load) if load else 0.0, parts
-    )
+    delay = lambda: chance.expovariate(1.0 / load) if load else 0.0  # noqa: E731
+    node = Node(sleeps, period, work, delay, parts)
+    return pace_of(wall, node, lambda: 0.001 + delay())
+
+
+def pace_of(wall, node, pause, received=1, steps=None):
+    """Return the intervals between the commands of a node [s of simulated time].
+
+    Args:
+        wall: the time of the wall clock [s], which advances.
+        node: the node.
+        pause: returns the time until the next look at the node [s].
+        received: the number of threads of the node that receive a message in each step.
+        steps: a list for the durations of the steps of the clock [ns].
+    """
     decides, arrivals = Pace(node), []
     while len(arrivals) < 40:
-        wall[0] += 0.001 + (chance.expovariate(1.0 / load) if load else 0.0)
+        wall[0] += pause()
         assert wall[0] < 1000.0
         sent = node.run(wall[0])
         left = arrivals[-1] + COMMAND_PERIOD - node.clock if arrivals else None
@@ -113,8 +134,10 @@ def drive(wall, sleeps, period, work, load, parts=1):
             continue
         if duration := decides.advance(left):
             node.clock += duration
-            decides.stepped(1)
+            decides.stepped(received)
             node.wake("clock", wall[0])
+            if steps is not None:
+                steps.append(duration)
     return [(later - earlier) / NANOSECONDS for earlier, later in zip(arrivals, arrivals[1:])]
 
 
@@ -161,7 +184,38 @@ def test_a_node_that_sleeps_several_times(wall, parts):
 def test_a_slow_node_costs_little_time(wall):
     """The clock waits less and less for commands that do not come when they are due."""
     drive(wall, 0.2, 0.0, 0.0, 0.0)
-    assert wall[0] < 3.0  # 40 commands
+    assert wall[0] < 1.5  # 40 commands
+
+
+@pytest.mark.parametrize("other", [0.05, 0.25])
+def test_two_threads_that_sleep(wall, other):
+    """The clock stops at the instants of both; at most one is late."""
+    node = Node(0.1, 0.0, 0.0, lambda: 0.0, other=other)
+    assert pace_of(wall, node, lambda: 0.001) == pytest.approx([0.1] * 39)
+    assert len(node.lateness) > 10
+    assert sum(late > pace.STEP / NANOSECONDS + 1e-9 for late in node.lateness) <= 1
+
+
+@pytest.mark.parametrize(("received", "longest"), [(1, COMMAND_PERIOD), (2, pace.STEP)])
+def test_a_node_that_receives_more_than_the_clock(wall, received, longest):
+    """Its steps stay short: it may read a pose before it reads the time, and stamp a command."""
+    node, steps = Node(0.1, 0.0, 0.0, lambda: 0.0), []
+    pace_of(wall, node, lambda: 0.001, received, steps)
+    assert max(steps) == longest
+
+
+@pytest.mark.parametrize(("seconds", "is_asleep"), [(0.04, False), (0.06, True)])
+def test_a_command_after_a_sleep_that_was_not_observed(wall, seconds, is_asleep):
+    """On a busy machine, it arrives before the clock looks at the node again."""
+    node = Threads()
+    decides = Pace(node)
+    decides.heard(None)
+    decides.stepped(1)
+    wall[0] += seconds
+    node.runs = {"clock": 1}
+    decides.observe()
+    decides.heard(0)
+    assert decides.uses_wall_clock == is_asleep
 
 
 class Threads:
