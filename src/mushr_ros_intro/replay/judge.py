@@ -99,7 +99,7 @@ def _notes(recorded: Recorded) -> Iterator[str]:
     """Yield what a node might do better, although no check fails because of it."""
     if stops := len(recorded.sent) - len(recorded.commands):
         yield f"the node sends {counted(stops, 'stop')} before the plan"
-    for run, group, _ in matched(recorded):
+    for run, group in matched(recorded):
         if abs(len(group) - run.expected) == 1 and run.speed:
             yield f"{run}: {counted(len(group), 'command')} received; expected {run.expected}"
     is_more = recorded.sent and len(groups_of(recorded)) > len(runs_of(recorded.plan))

@@ -16,14 +16,16 @@ _LEAD_TOLERANCE = 5 * COMMAND_PERIOD // 2
 """Allowed difference between two commands in the time from the arrival to the stamp [ns]."""
 
 _SPAN_TOLERANCE = 2 * COMMAND_PERIOD
-"""Allowed deviation of the time from a row's first to its last command [ns]."""
+"""Allowed deviation of the time from a row's first to its last command from its duration [ns]."""
 
 
 def judge_rate(recorded: Recorded) -> Tuple[Optional[bool], str]:
     """Judge whether each row has its number of commands, evenly spaced, by stamp or arrival."""
-    runs, end = runs_of(recorded.plan), None
-    count = 0
-    for run, group, surplus in matched(recorded):
+    runs, count, surplus, end = runs_of(recorded.plan), 0, 0, None
+    for run, group in matched(recorded):
+        # If the last row of the plan is a stop, the final stop belongs to the same group.
+        extra = int(run is runs[-1] and run.speed == 0.0 and len(group) > run.expected)
+        surplus += len(group) - run.expected - extra
         fault = _stamp_fault(group) or _rate_fault(run, group, surplus)
         if not fault and end is not None and group[0].time - end > _LEAD_TOLERANCE:
             seconds = (group[0].time - end) / NANOSECONDS
@@ -74,11 +76,10 @@ def _rate_fault(run: Run, group: Sequence[Sent], surplus: int) -> str:
     Args:
         run: the rows.
         group: their commands.
-        surplus: see `matched`.
+        surplus: the number of commands, of these rows and those before, that are too many.
     """
     times = [sent.time for sent in group]
-    duration = run.duration + (len(group) - run.expected) * COMMAND_PERIOD
-    seconds, span = duration / NANOSECONDS, (times[-1] - times[0]) / NANOSECONDS
+    seconds, span = run.duration / NANOSECONDS, (times[-1] - times[0]) / NANOSECONDS
     if abs(surplus) > MAX_SHIFT:
         pace = f", {(len(group) - 1) / span:.3g} per second" if span else ""
         return f"{counted(len(group), 'command')} received{pace}; expected {run.expected}"

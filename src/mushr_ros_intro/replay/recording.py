@@ -157,19 +157,12 @@ def groups_of(recorded: Recorded) -> List[List[Sent]]:
     return groups
 
 
-def matched(recorded: Recorded) -> Iterator[Tuple[Run, List[Sent], int]]:
-    """Yield the runs of the plan with their commands, up to the first run with other commands.
-
-    The number is how many more commands than expected the node has sent up to the end of the run.
-    """
-    runs, surplus = runs_of(recorded.plan), 0
-    for run, group in zip(runs, groups_of(recorded)):
+def matched(recorded: Recorded) -> Iterator[Tuple[Run, List[Sent]]]:
+    """Yield the runs of the plan with their commands, up to the first run with other commands."""
+    for run, group in zip(runs_of(recorded.plan), groups_of(recorded)):
         if group[0].values != run[:2]:
             return
-        # If the last row of the plan is a stop, the final stop belongs to the same group.
-        extra = int(run is runs[-1] and run.speed == 0.0 and len(group) > run.expected)
-        surplus += len(group) - run.expected - extra
-        yield run, group, surplus
+        yield run, group
 
 
 def driven_plan(recorded: Recorded) -> Plan:
@@ -178,16 +171,18 @@ def driven_plan(recorded: Recorded) -> Plan:
     No row ends earlier or later than in the plan by more than MAX_SHIFT commands. If the node did
     not drive so, return the plan itself.
     """
-    rows, before = list(recorded.plan.rows), 0
-    entries = list(matched(recorded))
-    for run, _, surplus in entries:
+    rows, begin, before, end = list(recorded.plan.rows), recorded.begin, 0, 0
+    for run, group in matched(recorded):
+        expected = begin + (run.expected - 1) * COMMAND_PERIOD
+        shift = round((group[-1].time - expected) / COMMAND_PERIOD)
         # All rows of a run have the same command. So only their total duration matters.
-        index = max(range(run.first - 1, run.last), key=lambda each: rows[each].duration)
-        duration = rows[index].duration + (surplus - before) * COMMAND_PERIOD
-        if abs(surplus) > MAX_SHIFT or duration <= 0:
+        index = max(range(end, run.last), key=lambda each: rows[each].duration)
+        duration = rows[index].duration + (shift - before) * COMMAND_PERIOD
+        if abs(shift) > MAX_SHIFT or duration <= 0:
             return recorded.plan
-        rows[index], before = rows[index]._replace(duration=duration), surplus
-    is_complete = bool(entries) and entries[-1][0].last == len(rows)
+        rows[index] = rows[index]._replace(duration=duration)
+        begin, before, end = begin + run.duration, shift, run.last
+    is_complete = end == len(rows)
     return recorded.plan._replace(rows=tuple(rows)) if is_complete else recorded.plan
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.replay import recording
 from mushr_ros_intro.replay.judge import POSE_TYPE, compare, default_tolerances
 from mushr_ros_intro.replay.recording import START_TOLERANCE
 from support import cars, recorded
@@ -309,14 +310,24 @@ def test_one_command_more_or_less_is_a_note():
 
 
 @pytest.mark.parametrize(("shift", "names"), [(0.1, set()), (0.2, {"rate", "path", "final_pose"})])
-def test_the_path_is_judged_with_the_rows_as_long_as_the_node_drove_them(shift, names):
+@pytest.mark.parametrize("stop", [[STOP], []])
+def test_the_path_is_judged_with_the_rows_as_long_as_the_node_drove_them(shift, names, stop):
     """The final heading differs by 0.44 rad and 0.88 rad from that of the plan."""
     left, right = (2.0, 0.18), (2.0, -0.18)
-    plan = recorded.plan_of((0, 0, 0), [(*left, 1.0), (*right, 0.1), (*right, 0.9), (*left, 1.0)])
-    driven = [(*left, 1.0 + shift), (*right, 1.0 - 2.0 * shift), (*left, 1.0 + shift)]
-    poses = replay(recorded.plan_of((0, 0, 0), driven)).poses
-    failed, verdict = judged(replay(plan, commands([*driven, STOP]), poses=poses))
+    rows = [(*left, 1.0), (*right, 0.1), (*right, 0.9), (*left, 1.0), (*right, 1.0)]
+    plan = recorded.plan_of((0, 0, 0), rows)
+    pair = [(*left, 1.0 + shift), (*right, 1.0 - shift)]
+    poses = replay(recorded.plan_of((0, 0, 0), 2 * pair)).poses
+    failed, verdict = judged(replay(plan, commands([*pair, *pair, *stop]), poses=poses))
     assert set(failed) == names, verdict
+
+
+def test_two_commands_at_one_time_do_not_make_a_row_longer():
+    left, right = (2.0, 0.18), (2.0, -0.18)
+    seen = replay(recorded.plan_of((0, 0, 0), [(*left, 1.0), (*right, 1.0)]))
+    sent = commands([(*left, 1.0), (*right, 1.0), STOP])
+    plan = recording.driven_plan(seen._replace(sent=(sent[0], *sent)))
+    assert plan == seen.plan
 
 
 def test_stops_before_the_plan_are_a_note():
