@@ -2,6 +2,7 @@
 """Grade nodes that drive plans: one node, or the submissions of a class.
 
 A node:   grade.py PLAN... --node PACKAGE FILE [--remap FROM:=TO...]
+          grade.py --follow PATH... --node PACKAGE FILE
 A class:  grade.py SUBMISSION... --plans PLAN... --out FOLDER [--points FILE]
 Parts:    grade.py --merge FOLDER... --out FOLDER [--points FILE]
 Machine:  grade.py --check-environment
@@ -22,7 +23,7 @@ from typing import Any, Dict, List, Sequence
 
 from mushr_ros_intro.classroom import services, tables
 from mushr_ros_intro.classroom.arguments import parse_arguments
-from mushr_ros_intro.classroom.assignment import Plans, choose, setting_from
+from mushr_ros_intro.classroom.assignment import Plans, choose, read_exercises, setting_from
 from mushr_ros_intro.classroom.environment import check_environment
 from mushr_ros_intro.classroom.feedback import read_feedback
 from mushr_ros_intro.classroom.grades import Grade
@@ -34,7 +35,9 @@ from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
+from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
 from mushr_ros_intro.replay.job import ReplayError, run_job
+from mushr_ros_intro.replay.judge import CHECK_NAMES
 from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.replay.setting import job_for
@@ -87,7 +90,7 @@ def grade_node(arguments: argparse.Namespace) -> int:
     """Grade one installed node; print each verdict."""
     setting = setting_from(arguments, Sandbox())
     status = PASSED
-    for plan_name, plan in read_plans(arguments.inputs, package_folder("plans")).items():
+    for plan_name, plan in read_exercises(arguments, arguments.inputs).items():
         job = job_for(arguments.node, plan, setting)
         if arguments.bag:
             os.makedirs(arguments.out, exist_ok=True)
@@ -103,7 +106,8 @@ def grade_node(arguments: argparse.Namespace) -> int:
 def grade_class(arguments: argparse.Namespace) -> int:
     """Grade submissions; print a line for each new result, and write the results."""
     plans = Plans(arguments)
-    points = read_points(arguments.points, plans.names)
+    checks = FOLLOW_CHECK_NAMES if arguments.follow else CHECK_NAMES
+    points = read_points(arguments.points, plans.names, checks)
     store = Store(arguments.out)
     folder = os.path.realpath(arguments.out)
     inputs = [each if os.path.isdir(each) else os.path.dirname(each) for each in arguments.inputs]
@@ -168,8 +172,10 @@ def merge(arguments: argparse.Namespace) -> int:
     for name in sorted(records):
         store.save(records[name])
     results = [records[name].grade for name in sorted(records)]
-    plans = list(dict.fromkeys(plan.plan for each in results for plan in each.plans))
-    points = read_points(arguments.points, plans)
+    drives = [plan for each in results for plan in each.plans]
+    plans = list(dict.fromkeys(plan.plan for plan in drives))
+    checks = [check.name for check in drives[0].checks] if drives else CHECK_NAMES
+    points = read_points(arguments.points, plans, checks)
     points = points._replace(feedback=read_feedback(arguments.feedback, records))
     return finish(arguments.out, results, points, plans)
 

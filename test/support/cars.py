@@ -15,7 +15,7 @@ from support.paths import PACKAGE, PLANS
 FOLDER = os.path.join(PACKAGE, "config", "cars")
 PROFILES = {name: read_profile(os.path.join(FOLDER, f"{name}.yaml")) for name in names_in(FOLDER)}
 CARS = {name: car_from(Parameters(values)) for name, values in PROFILES.items()}
-PLAN_NAMES = sorted(entry[:-4] for entry in os.listdir(PLANS))
+PLAN_NAMES = sorted(entry[:-4] for entry in os.listdir(PLANS) if entry.endswith(".txt"))
 
 MS = 1_000_000
 SECOND = 1000 * MS

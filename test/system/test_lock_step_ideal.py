@@ -1,12 +1,10 @@
 """The tests of test_lock_step.py for every plan, with an ideal car and 2.5 poses per second."""
 
-import os
-
 import pytest
 import rosgraph
 import test_lock_step
 
-from support.paths import PLANS
+from support.cars import PLAN_NAMES
 from support.world import LOCK_STEP, launch
 
 pytestmark = pytest.mark.full
@@ -19,4 +17,4 @@ def start_world():
 
 
 class TestEveryPlan(test_lock_step.TestLockStep):
-    plans = sorted(os.path.splitext(name)[0] for name in os.listdir(PLANS))
+    plans = PLAN_NAMES

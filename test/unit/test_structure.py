@@ -36,7 +36,16 @@ WITHOUT_ROS = {"preview", "car", "world", "plan", ""}
 
 WITH_ROS = {
     "browser": {"bridge", "map", "messages", "plan_drive", "rosapi"},
-    "replay": {"bag", "guarded_master", "replay_car", "setting", "workspace", "world"},
+    "replay": {
+        "bag",
+        "follow_world",
+        "guarded_master",
+        "replay_car",
+        "setting",
+        "simulated_time",
+        "workspace",
+        "world",
+    },
     "comparison": {"bag_file"},
     "drive": {"car_pose", "command_publisher", "drive_monitor", "preview_publisher", "timetable"},
     "doctor": {"listener", "network", "observation"},

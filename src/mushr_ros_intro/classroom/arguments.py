@@ -6,7 +6,7 @@ import re
 from contextlib import suppress
 from typing import Sequence
 
-from mushr_ros_intro.replay.judge import Tolerances
+from mushr_ros_intro.replay.following import TOLERANCE_UNITS
 
 _OF_A_CLASS = (
     *("plans_for", "points", "feedback", "jobs", "shard", "user", "only", "rejudge"),
@@ -48,6 +48,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--node", nargs=2, metavar=("PACKAGE", "FILE"), help="the node, as for rosrun")
     add("--file", default="path_publisher.py", help="the node in each submission")
     add("--plans", nargs="+", metavar="PLAN", help="names in plans/, or paths")
+    add("--follow", nargs="+", metavar="PATH", help="grade controllers that follow these paths")
     add("--plans-for", metavar="FOLDER", help="a plan for each student, made by make_plans")
     add("--out", metavar="FOLDER", help="write the results to this folder")
     add("--bag", action="store_true", help="also write each drive as a bag")
@@ -55,11 +56,12 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--feedback", default="", metavar="FILE", help="points and comments by hand")
     add("--remap", nargs="+", default=[], metavar="FROM:=TO", help="for the nodes, as for rosrun")
     add("--car", default="ideal", help="as in sim.launch; default ideal")
-    add("--map", default="sandbox", help="as in sim.launch; default sandbox")
+    add("--map", help="as in sim.launch; default sandbox, or none with --follow")
     add("--seed", type=int, help="drive with the noise of the car, and with this seed")
     add("--timeout", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
-    for name, unit in zip(Tolerances._fields, ("m", "rad", "m")):
-        add(f"--{name}-tolerance", type=tolerance, metavar=unit, help="see docs/grading.md")
+    for name, unit in TOLERANCE_UNITS.items():
+        option = f"--{name.replace('_', '-')}-tolerance"
+        add(option, type=tolerance, metavar=unit, help="see docs/grading.md")
     add("--jobs", type=int, default=2 * (os.cpu_count() or 1), help="simultaneous replays")
     add("--shard", type=shard, default=(1, 1), metavar="I/N", help="grade part I of N only")
     add("--only", nargs="+", default=[], metavar="NAME", help="grade these submissions again")
@@ -74,6 +76,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
             help="also write the result of one submission in its format",
         )
     arguments = parser.parse_args(words)
+    arguments.map = arguments.map or ("none" if arguments.follow else "sandbox")
     values = vars(arguments)
     given = [name for name in _OF_A_CLASS if values[name] != parser.get_default(name)]
     if fault := _fault(arguments, given):
@@ -90,9 +93,11 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
     if arguments.node and of_a_class:
         option = of_a_class[0].replace("_", "-")
         return f"--{option} needs submissions; --node grades one installed node"
-    if arguments.node and (arguments.plans or not arguments.inputs):
-        return "expected PLAN... --node PACKAGE FILE"
-    plans = arguments.plans or arguments.plans_for
+    if arguments.follow and (arguments.plans or arguments.plans_for):
+        return "expected --follow, or --plans and --plans-for"
+    if arguments.node and (arguments.plans or bool(arguments.inputs) == bool(arguments.follow)):
+        return "expected PLAN... --node PACKAGE FILE, or --follow PATH... --node PACKAGE FILE"
+    plans = arguments.plans or arguments.plans_for or arguments.follow
     if is_class and not (arguments.inputs and plans and arguments.out):
         return "expected PLAN... --node PACKAGE FILE, or SUBMISSION... --plans PLAN... --out FOLDER"
     if (arguments.merge or arguments.bag) and not arguments.out:

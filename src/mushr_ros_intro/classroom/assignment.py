@@ -12,15 +12,28 @@ from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.walls import refuse_walls
-from mushr_ros_intro.replay.job import Setting
-from mushr_ros_intro.replay.judge import Tolerances
+from mushr_ros_intro.replay.following import TOLERANCE_UNITS
+from mushr_ros_intro.replay.job import Exercise, Setting
+from mushr_ros_intro.replay.reference import read_references
 from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.setting import read_setting
 from mushr_ros_intro.wording import counted
 
 
+def read_exercises(arguments: argparse.Namespace, plans: Sequence[str]) -> Dict[str, Exercise]:
+    """Return by name what a node has to do: the paths of --follow, or plans.
+
+    Raises:
+        UserError: a file is missing, or has faults.
+    """
+    folder = package_folder("plans")
+    if arguments.follow:
+        return {**read_references(arguments.follow, folder)}
+    return {**read_plans(plans, folder)}
+
+
 class Plans:
-    """The plans that the command line names."""
+    """The plans, or the paths, that the command line names."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         """Read the plans.
@@ -28,7 +41,7 @@ class Plans:
         Raises:
             UserError: a plan is missing, has faults, or is in a submission.
         """
-        self._common = read_plans(arguments.plans or [], package_folder("plans"))
+        self._common = read_exercises(arguments, arguments.plans or [])
         self._own: Optional[OwnPlans] = None
         self.names = list(self._common)
         self._all = list(self._common.values())
@@ -52,11 +65,13 @@ class Plans:
         Raises:
             UserError: there is such a plan.
         """
-        refuse_walls(self._all, setting.parameters, setting.grid)
+        refuse_walls(
+            [each for each in self._all if isinstance(each, Plan)], setting.parameters, setting.grid
+        )
 
     def task(self, submission: Submission, is_chosen: bool) -> Task:
         """Return the grading of a submission; it fails if there is no plan for its students."""
-        plans: Dict[str, Plan] = dict(self._common)
+        plans: Dict[str, Exercise] = dict(self._common)
         error = ""
         if self._own and (plan := self._own.find(submission)):
             plans[self._own.name] = plan
@@ -89,7 +104,7 @@ def choose(arguments: argparse.Namespace, found: Sequence[Submission]) -> Sequen
 
 def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
     """Return the setting that the command line describes."""
-    values = ((name, getattr(arguments, f"{name}_tolerance")) for name in Tolerances._fields)
+    values = ((name, getattr(arguments, f"{name}_tolerance")) for name in TOLERANCE_UNITS)
     return read_setting(
         package_folder("."),
         arguments.car,

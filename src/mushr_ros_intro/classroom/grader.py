@@ -6,9 +6,9 @@ import tempfile
 from typing import Dict, List, Optional, Sequence, Tuple
 
 from mushr_ros_intro.classroom.submissions import Submission
-from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.job import (
     MAX_OVERHEAD,
+    Exercise,
     Job,
     ReplayError,
     Setting,
@@ -32,7 +32,7 @@ open(os.path.join(os.environ["HOME"], "probe"), "w").close()
 """
 
 
-def probe(plan: Plan, setting: Setting) -> None:
+def probe(plan: Exercise, setting: Setting) -> None:
     """Check that a node of a submission can run in the sandbox, and read and write its files.
 
     Raises:

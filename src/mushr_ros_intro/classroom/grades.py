@@ -50,7 +50,7 @@ class PlanGrade(NamedTuple):
     @property
     def has_commands(self) -> bool:
         """Whether the node has sent a command; otherwise most checks cannot be judged."""
-        return any(check.is_judged for check in self.checks if check.name == "commands")
+        return any(check.is_judged for check in self.checks if check.name not in ("node", "topics"))
 
     @property
     def notes(self) -> List[str]:

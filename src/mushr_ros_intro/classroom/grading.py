@@ -25,9 +25,9 @@ from mushr_ros_intro.classroom.store import (
 from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.replay.job import Job, Setting, run_job
-from mushr_ros_intro.replay.judge import Judgement, default_tolerances, judge
+from mushr_ros_intro.replay.following import judge_drive
+from mushr_ros_intro.replay.job import Exercise, Job, Setting, run_job
+from mushr_ros_intro.replay.judge import Judgement
 
 MAX_SOURCE = 100_000
 """Size of the stored part of a node's source [bytes]."""
@@ -41,7 +41,7 @@ class Task(NamedTuple):
     """A submission, and the plans that it drives."""
 
     submission: Submission
-    plans: Dict[str, Plan]
+    plans: Dict[str, Exercise]
     """By name."""
     error: str = ""
     """Why it cannot be graded; empty if it can."""
@@ -158,7 +158,8 @@ class Grading:
         files = hash_of_folder(submission.folder)
         for name, plan in progress.task.plans.items():
             with open(plan.path, "rb") as file:
-                key = Key(files, hash_of(file.read()), **self._common)
+                kind = type(plan).__name__
+                key = Key(files, hash_of(file.read(), kind), **self._common)
             old = progress.record and progress.record.drives.get(name)
             if old and not self._is_usable(old, key, submission, name):
                 old = None
@@ -195,7 +196,7 @@ class Grading:
         return os.path.join(self._options.bags, f"{submission.name}.{plan}.bag")
 
     def _drive(
-        self, submission: Submission, built: "Future[str]", key: Key, name: str, plan: Plan
+        self, submission: Submission, built: "Future[str]", key: Key, name: str, plan: Exercise
     ) -> Drive:
         """Replay a plan with a submission.
 
@@ -212,7 +213,7 @@ class Grading:
             give_to_user(bag)
         return self._judged(key, name, judgement)
 
-    def _judge_again(self, old: Drive, key: Key, name: str, plan: Plan) -> Drive:
+    def _judge_again(self, old: Drive, key: Key, name: str, plan: Exercise) -> Drive:
         """Judge a stored drive with the present tolerances."""
         key = old.key._replace(tolerances=key.tolerances)
         if old.fault:
@@ -220,8 +221,8 @@ class Grading:
         values = dict(old.recorded)
         title = values.pop("title")
         recorded = recorded_from_json(values, plan, self._car, self._setting.grid)
-        tolerances = default_tolerances(plan, self._car)._replace(**self._setting.tolerances)
-        return self._judged(key, name, judge(recorded, tolerances)._replace(title=title))
+        judgement = judge_drive(recorded, self._setting.tolerances)
+        return self._judged(key, name, judgement._replace(title=title))
 
     def _judged(self, key: Key, name: str, judgement: Judgement) -> Drive:
         """Return a judged drive, without the paths of this machine."""

@@ -20,7 +20,6 @@ from mushr_ros_intro.classroom.html_page import (
 )
 from mushr_ros_intro.classroom.pages import FOLDER, file_name
 from mushr_ros_intro.classroom.points import Points
-from mushr_ros_intro.replay.judge import CHECK_NAMES
 from mushr_ros_intro.wording import counted
 
 _NOTE_LENGTH = 200
@@ -127,7 +126,7 @@ def _statistics(results: Sequence[Grade], points: Points) -> str:
         f'<tr><th scope="row">{check}</th>'
         + "".join(f"<td>{_counts(check, drives)}</td>" for drives in plans.values())
         + "</tr>"
-        for check in CHECK_NAMES
+        for check in points.check_names
     )
     heads = ["Check", *(plan_title(each, points) for each in plans)]
     return f"<h2>The class</h2>\n<p>Scores: {numbers}.</p>\n{table('counts', heads, rows)}"

@@ -14,6 +14,8 @@ The keys of `default` and of each plan are:
                                     give 0; if it names none, each check gives 1.
     all_or_nothing                  true: the plan gives its points only if all checks passed that
                                     give points. Otherwise the plan gives the sum.
+    in_proportion                   true: a failed check of a controller gives a part of its points,
+                                    less the further a value is above its limit.
     hidden                          true: students do not see the plan before grades are published.
 
 A check that is not judged, because another one failed, costs no points: the other one has cost
@@ -31,22 +33,24 @@ from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
 from mushr_ros_intro.replay.judge import CHECK_NAMES
 from mushr_ros_intro.yaml_file import read_mapping
 
 _MAX_POINTS = 1e6  # of one check
 _DECIMALS = 6  # of a sum, so that 0.1 + 0.2 is 0.3
 _FORM = "keys such as 'default: {path: 3}' and 'plans: {figure_8: {path: 4}}'"
-_OPTIONS = ("all_or_nothing", "hidden")
+_OPTIONS = ("all_or_nothing", "hidden", "in_proportion")
 
 
 class PlanPoints(NamedTuple):
     """What one plan gives."""
 
-    checks: Mapping[str, float] = dict.fromkeys(CHECK_NAMES, 1.0)
+    checks: Mapping[str, float] = dict.fromkeys((*CHECK_NAMES, *FOLLOW_CHECK_NAMES), 1.0)
     """The points of each check; a check that is missing gives 0."""
     all_or_nothing: bool = False
     hidden: bool = False
+    in_proportion: bool = False
 
 
 class Points(NamedTuple):
@@ -57,6 +61,8 @@ class Points(NamedTuple):
     plans: Mapping[str, PlanPoints] = {}
     feedback: Mapping[str, Feedback] = {}
     """What the course has added by hand, by the names of submissions."""
+    check_names: Tuple[str, ...] = CHECK_NAMES
+    """The checks of the plans, or of the paths that controllers follow."""
 
     def points(self, plan: str, check: str) -> float:
         """Return the points that a check of a plan gives if it passes."""
@@ -69,14 +75,20 @@ class Points(NamedTuple):
     def max_score(self, plans: Optional[Iterable[str]] = None) -> float:
         """Return the points of all checks of plans; None means all graded plans."""
         names = self.plan_names if plans is None else plans
-        return _sum(self.points(name, check) for name in names for check in CHECK_NAMES)
+        return _sum(self.points(name, check) for name in names for check in self.check_names)
 
     def earned(self, plan: PlanGrade) -> List[float]:
         """Return the points that each check of a drive gives, in the order of its checks."""
         lost = bool(self.loss(plan)) or not plan.has_commands
-        is_earned = (not lost and (each.passed or not each.is_judged) for each in plan.checks)
+        if lost:
+            return [0.0] * len(plan.checks)
+        partial = self._of(plan.plan).in_proportion
+        shares = (
+            1.0 if each.passed or not each.is_judged else each.share * partial
+            for each in plan.checks
+        )
         points = (self.points(plan.plan, each.name) for each in plan.checks)
-        return [given if earned else 0.0 for earned, given in zip(is_earned, points)]
+        return [_sum([share * given]) for share, given in zip(shares, points)]
 
     def loss(self, plan: PlanGrade) -> str:
         """Return why a drive gives no points whatever its checks give, or nothing."""
@@ -102,7 +114,9 @@ class Points(NamedTuple):
         return self.plans.get(plan, self.default)
 
 
-def read_points(path: Optional[str], plan_names: Iterable[str]) -> Points:
+def read_points(
+    path: Optional[str], plan_names: Iterable[str], check_names: Sequence[str] = CHECK_NAMES
+) -> Points:
     """Return the points in a file for the graded plans, or the default points without a path.
 
     Raises:
@@ -110,29 +124,31 @@ def read_points(path: Optional[str], plan_names: Iterable[str]) -> Points:
     """
     names = tuple(plan_names)
     if path is None:
-        return Points(names)
+        return Points(names, check_names=tuple(check_names))
     values = _mapping(read_mapping(path, _FORM), f"{path}: ", ("default", "plans"))
-    default = _plan_points(values.get("default"), f"{path}: default: ", None)
+    default = _plan_points(values.get("default"), f"{path}: default: ", None, check_names)
     entries = _mapping(values.get("plans"), f"{path}: plans: ", names)
     plans = {
-        name: _plan_points(entry, f"{path}: plans: {name}: ", default)
+        name: _plan_points(entry, f"{path}: plans: {name}: ", default, check_names)
         for name, entry in entries.items()
     }
-    points = Points(names, default, plans)
+    points = Points(names, default, plans, check_names=tuple(check_names))
     if not points.max_score():
         raise UserError(f"{path}: all checks give 0 points; expected points for at least one check")
     return points
 
 
-def _plan_points(entry: Any, place: str, default: Optional[PlanPoints]) -> PlanPoints:
+def _plan_points(
+    entry: Any, place: str, default: Optional[PlanPoints], check_names: Sequence[str]
+) -> PlanPoints:
     """Return what the entry of a plan says, or the entry `default` if there is no default yet.
 
     Raises:
         UserError: the entry is not valid.
     """
-    raw = _mapping(entry, place, (*CHECK_NAMES, *_OPTIONS))
+    raw = _mapping(entry, place, (*check_names, *_OPTIONS))
     read = Parameters(raw, place)
-    named = [name for name in CHECK_NAMES if name in raw]
+    named = [name for name in check_names if name in raw]
     checks = {name: read.number(name, math.nan, "points", 0.0, _MAX_POINTS) for name in named}
     if default is None:
         default = PlanPoints({}) if checks else PlanPoints()

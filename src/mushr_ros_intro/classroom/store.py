@@ -18,7 +18,6 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade, Student, plan_from_json, plan_to_json
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.recording import Recorded, Sent
 from mushr_ros_intro.world.grid import Grid
 
@@ -197,7 +196,7 @@ def recorded_to_json(recorded: Recorded) -> Dict[str, Any]:
 
 
 def recorded_from_json(
-    values: Dict[str, Any], plan: Plan, car: Car, grid: Optional[Grid]
+    values: Dict[str, Any], plan: Any, car: Car, grid: Optional[Grid]
 ) -> Recorded:
     """Return the recording that `recorded_to_json` has converted."""
     changes = {

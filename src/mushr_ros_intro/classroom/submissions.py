@@ -18,7 +18,7 @@ from mushr_ros_intro.classroom.submission_check import check_submission
 from mushr_ros_intro.classroom.submission_files import Files, SubmissionError
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
-from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.replay.job import Exercise
 from mushr_ros_intro.replay.workspace import is_junk
 
 MAX_CLASS = 100_000, 10_000_000_000
@@ -98,7 +98,7 @@ def collect(
     return found
 
 
-def check_authors(plans: Iterable[Plan], submissions: Iterable[str]) -> None:
+def check_authors(plans: Iterable[Exercise], submissions: Iterable[str]) -> None:
     """Refuse a plan in a submission, whose author may have written it.
 
     The name figure_8 means figure_8.txt in the current directory, if there is one, and that

@@ -12,7 +12,7 @@ import tempfile
 import time
 import traceback
 from multiprocessing.connection import Connection
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeVar
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeVar, Union
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
@@ -20,13 +20,16 @@ from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.replay.bag import write_bag
-from mushr_ros_intro.replay.judge import Judgement, default_tolerances, judge
+from mushr_ros_intro.replay.follow_world import FollowWorld, is_python
+from mushr_ros_intro.replay.following import judge_drive
+from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.replay.node_process import WAS_KILLED, NodeProcess
 from mushr_ros_intro.replay.pace import Pace
 from mushr_ros_intro.replay.recording import Recorded, count_leading_stops
+from mushr_ros_intro.replay.reference import Reference
 from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.workspace import environment_of
-from mushr_ros_intro.replay.world import CAR, CONTROL, ReplayWorld
+from mushr_ros_intro.replay.world import CAR, CHECK_PERIOD, CONTROL, MAX_SILENCE, ReplayWorld
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 
@@ -41,15 +44,6 @@ MIN_SILENCE = 0.5
 EXIT_TIMEOUT = 5.0
 """Longest wait for the exit of a node that has left ROS [s of wall-clock time]."""
 
-MAX_SILENCE = 60.0
-"""A node that sends no command for this time hangs [s of simulated time]."""
-
-CHECK_PERIOD = 0.05
-"""Period of the checks of a running node [s of wall-clock time]."""
-
-COMMAND_TYPE = "ackermann_msgs/AckermannDriveStamped"
-"""The type of the messages on CONTROL."""
-
 MAX_DURATION = 120.0
 """Time limit of a drive [s, without waits for a processor]; for a long plan, twice its duration."""
 
@@ -61,6 +55,9 @@ MAX_OVERHEAD = 60.0
 
 MAX_SLOWDOWN = 5.0
 """A replay that takes so many times longer than its limit has no verdict: the machine is busy."""
+
+SIMULATED_TIME = os.path.join(os.path.dirname(__file__), "simulated_time.py")
+"""The program that runs a controller in simulated time."""
 
 _PR_SET_PDEATHSIG = 1
 """See prctl(2): the signal to this process if the parent process dies."""
@@ -97,14 +94,18 @@ class Setting(NamedTuple):
     """The environment variables for ROS of the nodes."""
 
 
+Exercise = Union[Plan, Reference]
+"""What a node does: it drives a plan, or it is a controller and follows a path."""
+
+
 class Job(NamedTuple):
-    """One replay: a node drives a plan."""
+    """One replay: a node drives a plan, or follows a path."""
 
     name: str
     """Of the node, for the verdict."""
     command: Tuple[str, ...]
     """The path of the node's executable, and its arguments."""
-    plan: Plan
+    plan: Exercise
     setting: Setting
     folder: str = ""
     """The folder that the node may read besides the system; "" if there is none."""
@@ -209,11 +210,15 @@ def _run_here(job: Job) -> Judgement:
     began, setting, sandbox = time.monotonic(), job.setting, job.setting.sandbox
     car = car_from(Parameters(setting.parameters))
     sandbox.enter()
-    world = ReplayWorld(setting.parameters, setting.mux, setting.grid)
+    world = _world_of(job)
     with tempfile.TemporaryDirectory(dir=sandbox.folder or None) as folder:
         process = NodeProcess(sandboxed(job, folder), sandbox.has_namespaces)
         try:
-            outcome = _watch(process, world, job)
+            outcome = (
+                world.watch(process, setting.timeout)
+                if isinstance(world, FollowWorld)
+                else _watch(process, world, job)
+            )
         finally:
             process.end()
             sandbox.end_processes()
@@ -236,12 +241,20 @@ def _run_here(job: Job) -> Judgement:
         start_delay=world.start_delay,
         published=tuple(sorted(world.published.items())),
     )
-    tolerances = default_tolerances(job.plan, car)._replace(**setting.tolerances)
-    title = f"{job.name} drives {job.plan.path} with the car {setting.car}:"
-    report = judge(recorded, tolerances)._replace(title=title)
+    verb = "follows" if isinstance(job.plan, Reference) else "drives"
+    title = f"{job.name} {verb} {job.plan.path} with the car {setting.car}:"
+    report = judge_drive(recorded, setting.tolerances)._replace(title=title)
     if job.bag:
         write_bag(job.bag, report, states)
     return report
+
+
+def _world_of(job: Job) -> ReplayWorld:
+    """Return the world of a replay."""
+    values = job.setting.parameters, job.setting.mux, job.setting.grid
+    if isinstance(job.plan, Reference):
+        return FollowWorld(*values, job.plan, is_python(job.command[0]))
+    return ReplayWorld(*values)
 
 
 def sandboxed(job: Job, folder: str) -> List[str]:
@@ -255,6 +268,10 @@ def sandboxed(job: Job, folder: str) -> List[str]:
     os.chmod(home, 0o777)
     command = [*job.command, *job.setting.remap, f"_plan_file:={plan}"]
     environment = environment_of(job.setting.ros, job.packages)
+    if isinstance(job.plan, Reference) and is_python(job.command[0]):
+        environment["PYTHONHASHSEED"] = "0"
+        with open(SIMULATED_TIME, encoding="ascii") as file:
+            command = ["/usr/bin/python3", "-c", file.read(), *command]
     return job.setting.sandbox.wrap(command, environment, home, plan, job.folder)
 
 
@@ -264,6 +281,7 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
     Returns:
         A description of the node's failure; empty if there is none.
     """
+    assert isinstance(job.plan, Plan)
     expected, timeout = count_commands(job.plan), job.setting.timeout
     pace = Pace(process.threads)
     count, heard, checked = 0, 0.0, time.monotonic()
@@ -285,7 +303,7 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
     fault = process.describe_failure()
     if fault or world.sent:
         return fault
-    return f"the node ended without publishing a command on {CONTROL}; {_published(world)}"
+    return f"the node ended without publishing a command on {CONTROL}; {world.describe_topics()}"
 
 
 def _fault(process: NodeProcess, world: ReplayWorld, job: Job, duration: float) -> str:
@@ -315,13 +333,5 @@ def _describe_silence(count: int, expected: int, timeout: float, world: ReplayWo
         )
     return (
         f"the node runs, but published no command on {CONTROL} for {timeout:g} s; "
-        f"{_published(world)}"
+        f"{world.describe_topics()}"
     )
-
-
-def _published(world: ReplayWorld) -> str:
-    """Return what the node publishes."""
-    if world.published.get(CONTROL, COMMAND_TYPE) != COMMAND_TYPE:
-        return f"it publishes {world.published[CONTROL]} there; expected {COMMAND_TYPE}"
-    topics = [topic for topic in sorted(world.published) if topic != "/rosout"]
-    return f"it publishes {', '.join(topics) or 'no topic at all'}"

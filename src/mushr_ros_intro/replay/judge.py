@@ -5,7 +5,7 @@ Stamps are integer nanoseconds of simulated time; poses are in the map frame.
 
 import math
 from itertools import groupby
-from typing import Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -55,6 +55,8 @@ class Check(NamedTuple):
     """What was found, and what was expected; or why the check was not judged."""
     is_judged: bool = True
     """If not, it has not passed, and another failure is the reason."""
+    share: float = 0.0
+    """Which share of the points a failed check earns if the course grades in proportion, 0 to 1."""
 
 
 class Judgement(NamedTuple):
@@ -62,8 +64,11 @@ class Judgement(NamedTuple):
 
     recorded: Recorded
     drive: Drive
-    tolerances: Tolerances
+    tolerances: Any
+    """`Tolerances`; those of a controller are `following.FollowTolerances`."""
     checks: Sequence[Check] = ()
+    notes: Sequence[str] = ()
+    """What a node might do better, although no check fails because of it."""
     title: str = ""
     """The first line of the verdict: the node, the plan and the car."""
 
@@ -89,7 +94,7 @@ class Judgement(NamedTuple):
         counts = f"{counted(len(failed), 'check')} failed"
         counts += f", {len(open_checks)} not judged" if open_checks else ""
         lines.append("all checks passed" if self.passed else counts)
-        lines += [f"note: {note}" for note in _notes(self.recorded)]
+        lines += [f"note: {note}" for note in self.notes]
         if output := self.recorded.outcome.splitlines()[1:]:
             lines += ["the last output of the node:", *output]
         return "\n".join(lines)
@@ -296,7 +301,7 @@ def _map(judgement: Judgement) -> Tuple[bool, str]:
     return True, f"the car hit no wall and stayed on the map of {size}"
 
 
-_CHECKS: Dict[str, Callable[[Judgement], Tuple[Optional[bool], str]]] = {
+CHECKS: Dict[str, Callable[[Judgement], Tuple[Optional[bool], str]]] = {
     "topics": _topics,
     "start_pose": _start_pose,
     "commands": _commands,
@@ -308,7 +313,7 @@ _CHECKS: Dict[str, Callable[[Judgement], Tuple[Optional[bool], str]]] = {
 }
 """Each function returns whether a check passed, or None if it cannot be judged, and a message."""
 
-CHECK_NAMES = ("node", *_CHECKS)
+CHECK_NAMES = ("node", *CHECKS)
 """The names of all checks. A failure often explains those after it."""
 
 
@@ -318,9 +323,9 @@ def judge(recorded: Recorded, tolerances: Tolerances) -> Judgement:
     checks = [
         Check("node", not recorded.outcome, recorded.outcome or "the node ran without an error")
     ]
-    for name, check in _CHECKS.items():
+    for name, check in CHECKS.items():
         passed, message = None, "not judged: the node sent no command"
         if recorded.sent or (name == "topics" and recorded.actions):
             passed, message = check(judgement)
         checks.append(Check(name, bool(passed), message, passed is not None))
-    return judgement._replace(checks=checks)
+    return judgement._replace(checks=checks, notes=tuple(_notes(recorded)))

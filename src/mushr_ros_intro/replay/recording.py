@@ -4,7 +4,7 @@ Stamps are integer nanoseconds of simulated time; poses are in the map frame.
 """
 
 from itertools import groupby
-from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -50,7 +50,8 @@ class Sent(NamedTuple):
 class Recorded(NamedTuple):
     """Everything that was recorded in a replay."""
 
-    plan: Plan
+    plan: Any
+    """The `Plan`, or the `Reference` that a controller follows."""
     car: Car
     outcome: str
     """How the node failed to run or to exit; empty if it did not fail."""

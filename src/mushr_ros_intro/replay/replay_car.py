@@ -1,7 +1,7 @@
 """The simulated car and its mux in a replay: they process messages when the world calls them."""
 
 from collections import deque
-from typing import Deque, List, Sequence, Tuple
+from typing import Deque, Iterator, List, Sequence, Tuple
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -40,6 +40,10 @@ class ReplayCar(CarSim):
     def publish(self, states: List[State]) -> None:
         """Publish states."""
         self._publisher.publish(states)
+
+    def publish_each(self, states: List[State]) -> Iterator[int]:
+        """Publish states on each topic that has a subscriber; yield its number of connections."""
+        return self._publisher.publish_each(states)
 
     def count_connections(self) -> int:
         """Return the number of connections to which each state is written."""

@@ -12,8 +12,7 @@ from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file
-from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.replay.job import Job, Setting
+from mushr_ros_intro.replay.job import Exercise, Job, Setting
 from mushr_ros_intro.wording import similar
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
@@ -86,12 +85,12 @@ def find_executable(package: str, name: str) -> str:
     return path
 
 
-def job_for(words: Sequence[str], plan: Plan, setting: Setting) -> Job:
+def job_for(words: Sequence[str], plan: Exercise, setting: Setting) -> Job:
     """Return the replay of a plan with an installed node.
 
     Args:
         words: the package, the name of the executable, and arguments.
-        plan: the plan.
+        plan: the plan, or the path.
         setting: the setting.
 
     Raises:

@@ -45,6 +45,15 @@ SHORT_NAP, LONG_NAP = 0.0002, 0.002
 MAX_QUEUED = 10_000
 """A node that sends more commands without a pause does not stop the clock."""
 
+MAX_SILENCE = 60.0
+"""A node that sends no command for this time hangs [s of simulated time]."""
+
+CHECK_PERIOD = 0.05
+"""Period of the checks of a running node [s of wall-clock time]."""
+
+COMMAND_TYPE = "ackermann_msgs/AckermannDriveStamped"
+"""The type of the messages on CONTROL."""
+
 CLOSE_TIMEOUT = 1.0
 """Longest wait until the messages of an ended node have arrived [s of wall-clock time]."""
 
@@ -97,6 +106,7 @@ class ReplayWorld:
             maps.publish(conversions.grid_to_msg(grid, 0, conversions.MAP_FRAME))
             self._car.use_map(grid)
         self._mux = ReplayMux(self._commands, self._car)
+        self._offer()
         self._master.guard(
             CAR,
             ("/use_sim_time", CAR, MUX),
@@ -107,6 +117,9 @@ class ReplayWorld:
         )
         self._receiving = Threads(os.getpid(), False, _other_threads())
         self._nap = SHORT_NAP
+
+    def _offer(self) -> None:
+        """Offer more topics and services, before the node under test is started."""
 
     @property
     def actions(self) -> Tuple[str, ...]:
@@ -127,6 +140,13 @@ class ReplayWorld:
     def published(self) -> Dict[str, str]:
         """The types of the topics on which the node has published, by topic."""
         return self._master.published
+
+    def describe_topics(self) -> str:
+        """Return what the node publishes."""
+        if self.published.get(CONTROL, COMMAND_TYPE) != COMMAND_TYPE:
+            return f"it publishes {self.published[CONTROL]} there; expected {COMMAND_TYPE}"
+        topics = [topic for topic in sorted(self.published) if topic != "/rosout"]
+        return f"it publishes {', '.join(topics) or 'no topic at all'}"
 
     @property
     def silence(self) -> float:

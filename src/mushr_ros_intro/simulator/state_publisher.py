@@ -4,7 +4,7 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
-from typing import Callable, Deque, List, Optional, Tuple
+from typing import Callable, Deque, Iterator, List, Optional, Tuple
 
 import rospy
 from geometry_msgs.msg import PoseArray, PoseStamped
@@ -88,11 +88,17 @@ class StatePublisher:
 
     def publish(self, states: List[State]) -> None:
         """Publish states on every topic that has a subscriber."""
+        for _ in self.publish_each(states):
+            pass
+
+    def publish_each(self, states: List[State]) -> Iterator[int]:
+        """Publish states on each topic that has a subscriber; yield its number of connections."""
         pairs = [(state, self._odometer.read(state)) for state in states]
         for publisher, convert in self._publishers:
             if publisher.get_num_connections():
                 messages = [convert(state, measured) for state, measured in pairs]
                 rospy_fixes.publish_together(publisher, messages)
+                yield publisher.get_num_connections()
         for state in states:
             self._draw(state)
             self._last = state

@@ -1,0 +1,212 @@
+"""Judge a replay in which a controller follows a path.
+
+The car counts as following the path from its begin to its end: each driven pose is compared with
+the nearest point that is not far from the one before along the path. So a path may cross itself.
+"""
+
+from typing import Callable, Dict, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.plan.plan import as_float32
+from mushr_ros_intro.replay.judge import (
+    CHECKS,
+    Check,
+    Judgement,
+    Tolerances,
+    default_tolerances,
+    judge,
+)
+from mushr_ros_intro.replay.recording import Drive, Recorded, frechet_distance
+from mushr_ros_intro.replay.reference import STEP, Reference, resampled
+from mushr_ros_intro.stamps import NANOSECONDS
+
+AHEAD, BEHIND = 2.0, 0.5
+"""The nearest point is searched so far ahead and behind of the one before [m]."""
+
+EXTRA_TIME = 5.0
+"""A car may start late, and become slower at the end [s]."""
+
+
+class FollowTolerances(NamedTuple):
+    """What a controller must keep."""
+
+    position: float = 0.5
+    """Distance of the last position from the end of the path [m]."""
+    path: float = 0.4
+    """Discrete Frechet distance of the driven path [m]."""
+    cross_track: float = 0.4
+    """Largest distance from the path [m]."""
+    rms: float = 0.2
+    """Root mean square of the distance from the path [m]."""
+    time: float = 1.5
+    """Duration of the drive, as a multiple of that of the path; EXTRA_TIME is added."""
+    steering_rate: float = 4.0
+    """Mean rate of the commanded steering angle [rad/s]."""
+
+
+TOLERANCE_UNITS = {
+    "position": "m",
+    "angle": "rad",
+    "path": "m",
+    "cross_track": "m",
+    "rms": "m",
+    "time": "FACTOR",
+    "steering_rate": "rad/s",
+}
+"""The units of `Tolerances` and `FollowTolerances`, by name."""
+
+
+def judge_drive(recorded: Recorded, changes: Dict[str, float]) -> Judgement:
+    """Return the verdict on a replay, given the tolerances that differ from the default."""
+    if not isinstance(recorded.plan, Reference):
+        known = {name: each for name, each in changes.items() if name in Tolerances._fields}
+        return judge(recorded, default_tolerances(recorded.plan, recorded.car)._replace(**known))
+    known = {name: each for name, each in changes.items() if name in FollowTolerances._fields}
+    judgement = Judgement(recorded, _drive(recorded), FollowTolerances(**known))
+    outcome = recorded.outcome
+    checks = [Check("node", not outcome, outcome or "the node ran without an error")]
+    for name, check in _CHECKS.items():
+        passed, message, share = False, "not judged: the node sent no command", 0.0
+        is_judged = bool(recorded.sent) or (name == "topics" and bool(recorded.actions))
+        if is_judged:
+            passed, message, share = check(judgement)
+        checks.append(Check(name, passed, message, is_judged, share))
+    notes = (f"the car ignored {recorded.ignored}",) if recorded.ignored else ()
+    return judgement._replace(checks=checks, notes=notes)
+
+
+def _drive(recorded: Recorded) -> Drive:
+    """Return the driven path and the nearest points of the path.
+
+    If the car has not reached the end of the path, it counts as standing while the rest of the path
+    goes by.
+    """
+    moves = np.nonzero(np.diff(recorded.poses, axis=0).any(axis=1))[0]
+    first, last = (int(moves[0]), int(moves[-1]) + 2) if len(moves) else (0, 1)
+    driven, times = recorded.poses[first:last], recorded.stamps[first:last] - recorded.stamps[first]
+    path = resampled(np.array(recorded.plan.poses), STEP / 5.0)
+    indices, index = [], 0
+    for pose in driven:
+        begin = max(0, index - int(BEHIND / STEP * 5.0))
+        window = path[begin : index + int(AHEAD / STEP * 5.0) + 1, :2]
+        index = begin + int(np.argmin(np.hypot(*(window - pose[:2]).T)))
+        indices.append(index)
+    indices += range(index + 5, len(path), 5)
+    more = len(indices) - len(driven)
+    seconds = times / NANOSECONDS
+    seconds = np.append(seconds, seconds[-1] + 0.02 * np.arange(1, more + 1))
+    distance = frechet_distance(resampled(driven)[:, :2], path[::5, :2])
+    driven = np.concatenate([driven, np.repeat(driven[-1:], more, axis=0)])
+    return Drive(seconds, driven, path[indices], distance)
+
+
+def _limited(value: float, limit: float) -> Tuple[bool, float]:
+    """Return whether a value keeps a limit, and which share of the points it earns.
+
+    The share falls from 1 at the limit to 0 at twice the limit.
+    """
+    share = max(0.0, min(1.0, 2.0 - float(value) / limit)) if limit else 0.0
+    return bool(value <= limit), round(share, 2)
+
+
+def _path(judgement: Judgement) -> Tuple[bool, str, float]:
+    distance, limit = judgement.drive.frechet_distance, judgement.tolerances.path
+    passed, share = _limited(distance, limit)
+    text = f"the Frechet distance of the driven path is {distance:.3f} m; tolerance {limit:g} m"
+    return passed, text, share
+
+
+def _miss(judgement: Judgement) -> float:
+    """Return the distance of the last position from the end of the path [m]."""
+    last = Pose(*judgement.drive.driven[-1])
+    return last.distance_to(judgement.recorded.plan.poses[-1])
+
+
+def _if_it_arrives(check: "_Check") -> "_Check":
+    """Return a check that fails if the car does not reach the end: it proves nothing then."""
+
+    def judged(judgement: Judgement) -> Tuple[bool, str, float]:
+        if _miss(judgement) > judgement.tolerances.position:
+            return False, "the car did not reach the end of the path", 0.0
+        return check(judgement)
+
+    return judged
+
+
+def _cross_track(judgement: Judgement) -> Tuple[bool, str, float]:
+    errors, limits = judgement.drive.distances, judgement.tolerances
+    largest, rms = float(np.max(errors)), float(np.sqrt(np.mean(errors**2)))
+    (passed, share), (rms_passed, rms_share) = (
+        _limited(largest, limits.cross_track),
+        _limited(rms, limits.rms),
+    )
+    text = (
+        f"the distance from the path is at most {largest:.3f} m, rms {rms:.3f} m; "
+        f"tolerances {limits.cross_track:g} m and {limits.rms:g} m"
+    )
+    return passed and rms_passed, text, min(share, rms_share)
+
+
+def _final_pose(judgement: Judgement) -> Tuple[bool, str, float]:
+    end, limit = Pose(*judgement.drive.driven[-1]), judgement.tolerances.position
+    passed, share = _limited(_miss(judgement), limit)
+    text = f"the car ended {_miss(judgement):.3f} m from the end of the path, at {end}"
+    return passed, f"{text}; tolerance {limit:g} m", share
+
+
+def _time(judgement: Judgement) -> Tuple[bool, str, float]:
+    moves = np.nonzero(np.diff(judgement.recorded.poses, axis=0).any(axis=1))[0]
+    stamps = judgement.recorded.stamps
+    seconds = (stamps[moves[-1] + 1] - stamps[moves[0]]) / NANOSECONDS
+    wanted = judgement.recorded.plan.duration / NANOSECONDS
+    limit = judgement.tolerances.time * wanted + EXTRA_TIME
+    passed, share = _limited(seconds, limit)
+    text = (
+        f"the drive takes {seconds:.2f} s; the path {wanted:.2f} s, at most {limit:.2f} s allowed"
+    )
+    return passed, text, share
+
+
+def _smoothness(judgement: Judgement) -> Tuple[bool, str, float]:
+    """Judge the steering: its mean rate; how often it is at the limit of the car is only named."""
+    sent, car, limit = judgement.recorded.sent, judgement.recorded.car, judgement.tolerances
+    angles = np.array([each.steering_angle for each in sent])
+    seconds = (sent[-1].arrived - sent[0].arrived) / NANOSECONDS
+    rate = float(np.sum(np.abs(np.diff(angles)))) / seconds if seconds else 0.0
+    possible = [tuple(map(as_float32, car.within_limits(*each.values))) for each in sent]
+    saturated = np.mean([each.values != values for each, values in zip(sent, possible)])
+    passed, share = _limited(rate, limit.steering_rate)
+    text = (
+        f"the mean steering rate is {rate:.2f} rad/s, tolerance {limit.steering_rate:g} rad/s; "
+        f"{saturated:.0%} of {len(sent)} commands exceed the limits of the car"
+    )
+    return passed, text, share
+
+
+def _full(check: Callable[[Judgement], Tuple[Optional[bool], str]]) -> "_Check":
+    """Return a check that earns all points or none."""
+
+    def judged(judgement: Judgement) -> Tuple[bool, str, float]:
+        passed, message = check(judgement)
+        return bool(passed), message, float(bool(passed))
+
+    return judged
+
+
+_Check = Callable[[Judgement], Tuple[bool, str, float]]
+
+_CHECKS: Dict[str, _Check] = {
+    "topics": _full(CHECKS["topics"]),
+    "path": _path,
+    "cross_track": _cross_track,
+    "final_pose": _final_pose,
+    "time": _if_it_arrives(_time),
+    "smoothness": _if_it_arrives(_smoothness),
+    "map": _full(CHECKS["map"]),
+}
+"""Each function returns whether a check passed, a message, and the share of the points earned."""
+
+FOLLOW_CHECK_NAMES = ("node", *_CHECKS)
+"""The names of the checks of a controller."""

@@ -1,0 +1,139 @@
+"""The path that a controller follows: a CSV file, or the predicted path of a plan.
+
+Each line of a CSV file is a pose and a speed: x [m], y [m], heading [rad], speed [m/s]. The first
+line may name the columns; comments begin with ``#``. The path is straight between the poses.
+"""
+
+import csv
+import math
+import os
+from typing import Dict, List, NamedTuple, Sequence, Tuple
+
+import numpy as np
+
+from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.paths import find_file
+from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.plan.plan import MAX_COORDINATE
+from mushr_ros_intro.preview.prediction import trajectory
+from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
+
+COLUMNS = ("x", "y", "heading", "speed")
+"""Of a CSV file [m, m, rad, m/s]."""
+
+MIN_SPEED = 0.1
+"""A lower speed counts as this one when the duration of a path is computed [m/s]."""
+
+STEP = 0.05
+"""Distance between the points of a resampled path [m]."""
+
+
+class Reference(NamedTuple):
+    """A path that a controller follows; it has at least two poses, and is not a single point."""
+
+    path: str
+    """The file that it was read from."""
+    poses: Tuple[Pose, ...]
+    """In the map frame."""
+    stamps: Tuple[int, ...]
+    """When a car that drives the path is there, since its start [ns]; rising."""
+
+    @property
+    def name(self) -> str:
+        """The name of the file without its ending."""
+        return os.path.splitext(os.path.basename(self.path))[0]
+
+    @property
+    def start(self) -> Pose:
+        """The pose at which the car starts."""
+        return self.poses[0]
+
+    @property
+    def duration(self) -> int:
+        """How long a car that drives the path takes [ns]."""
+        return self.stamps[-1]
+
+    @property
+    def speed(self) -> float:
+        """The highest speed [m/s]."""
+        seconds = np.diff(self.stamps) / NANOSECONDS
+        return float(np.max(np.diff(lengths(np.array(self.poses)[:, :2])) / seconds))
+
+
+def lengths(points: np.ndarray) -> np.ndarray:
+    """Return the length of a polyline from its begin to each of its points [m]; N x 2 -> N."""
+    return np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
+
+
+def resampled(poses: np.ndarray, step: float = STEP) -> np.ndarray:
+    """Return poses on a polyline, `step` [m] apart, and its last pose; N x 3 -> M x 3."""
+    along = lengths(poses[:, :2])
+    places = np.append(np.arange(0.0, along[-1], step), along[-1])
+    x, y, theta = (np.interp(places, along, each) for each in (*poses.T[:2], np.unwrap(poses.T[2])))
+    return np.column_stack([x, y, theta])
+
+
+def read_references(names: Sequence[str], folder: str) -> Dict[str, Reference]:
+    """Return paths by name, given the names of files in `folder`, or paths of files.
+
+    Raises:
+        UserError: a file is missing, or has a fault; or two files have the same name.
+    """
+    found: Dict[str, Reference] = {}
+    for name in names:
+        try:
+            path = find_file(name, folder, ".csv")
+        except UserError:
+            path = find_file(name, folder, ".txt")
+        reference = _from_csv(path) if path.endswith(".csv") else _from_plan(path)
+        if reference.name in found:
+            raise UserError(f"there are two paths with the name '{reference.name}'")
+        found[reference.name] = reference
+    return found
+
+
+def _from_plan(path: str) -> Reference:
+    """Return the path that the ideal car drives with a plan."""
+    states = list(trajectory(read_plan(path), Car()))
+    return _checked(path, [s.pose for s in states], [s.stamp for s in states])
+
+
+def _from_csv(path: str) -> Reference:
+    """Return the path in a CSV file."""
+    rows: List[List[float]] = []
+    with open(path, encoding="utf-8-sig", errors="replace", newline="") as file:
+        for number, cells in enumerate(csv.reader(file), 1):
+            if not cells or cells[0].lstrip().startswith("#"):
+                continue
+            if not rows and [cell.strip().lower() for cell in cells] == [*COLUMNS]:
+                continue
+            try:
+                values = [float(cell) for cell in cells]
+            except ValueError:
+                values = []
+            if len(values) != len(COLUMNS) or not all(abs(v) <= MAX_COORDINATE for v in values):
+                raise UserError(
+                    f"{path}:{number}: found {','.join(cells)!r}; expected four numbers: "
+                    "x [m], y [m], heading [rad], speed [m/s]"
+                )
+            rows.append(values)
+    poses, seconds = [Pose(*row[:3]) for row in rows], 0.0
+    stamps = [0] if rows else []
+    for (before, pose), row in zip(zip(poses, poses[1:]), rows[1:]):
+        seconds += before.distance_to(pose) / max(MIN_SPEED, abs(row[3]))
+        stamps.append(from_seconds(seconds))
+    return _checked(path, poses, stamps)
+
+
+def _checked(path: str, poses: Sequence[Pose], stamps: Sequence[int]) -> Reference:
+    """Return a path without poses that repeat the one before; raise UserError if it is a point."""
+    kept = [
+        index
+        for index, pose in enumerate(poses)
+        if index == 0 or (pose != poses[index - 1] and stamps[index] > stamps[index - 1])
+    ]
+    if len(kept) < 2 or not math.isfinite(sum(map(sum, poses))):
+        raise UserError(f"{path}: expected a path of at least two different poses")
+    return Reference(path, tuple(poses[i] for i in kept), tuple(stamps[i] for i in kept))

@@ -1,0 +1,106 @@
+"""Check the verdicts on computed drives of controllers."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES, judge_drive
+from mushr_ros_intro.replay.recording import Sent
+from mushr_ros_intro.replay.reference import read_references, resampled
+from support import recorded
+from support.geometry import float32
+from support.paths import CHECKOUT
+
+REFERENCES = read_references(["line", "circle", "wave", "figure_8"], f"{CHECKOUT}/plans")
+STEP = 10_000_000
+
+
+def drive(name, offset=0.0, part=1.0, speed=2.0, angles=(0.1,), **changes):
+    """Return a drive on a part of a path, `offset` to the left of it [m], 100 poses per second."""
+    reference = REFERENCES[name]
+    path = resampled(np.array(reference.poses), speed / 100.0)
+    path = path[: max(1, round(part * len(path)))]
+    x, y, theta = path.T
+    poses = np.column_stack([x - offset * np.sin(theta), y + offset * np.cos(theta), theta])
+    poses = np.vstack([np.repeat(poses[:1], 50, axis=0), poses, np.repeat(poses[-1:], 50, axis=0)])
+    stamps = recorded.BEGIN + STEP * np.arange(len(poses))
+    sent = [
+        Sent(int(stamp), False, speed, float32(angles[index % len(angles)]), int(stamp), 0)
+        for index, stamp in enumerate(stamps[50:-50:5])
+    ]
+    seen = recorded.replay(sent=sent, grid=None, stamps=stamps, poses=poses)
+    return seen._replace(plan=reference, start=reference.start, **changes)
+
+
+def failed(seen, **tolerances):
+    """Return the messages of the failed checks, by name."""
+    judgement = judge_drive(seen, tolerances)
+    assert tuple(each.name for each in judgement.checks) == FOLLOW_CHECK_NAMES
+    return {each.name: each.message for each in judgement.checks if not each.passed}
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_a_drive_on_the_path(name):
+    """Also if the path crosses itself, or ends where it began."""
+    exact = {"path": 0.05, "cross_track": 0.011, "rms": 0.006, "position": 1e-3}
+    assert failed(drive(name), **exact) == {}
+
+
+def test_a_drive_beside_the_path():
+    assert failed(drive("line", 0.19)) == {}
+    messages = failed(drive("line", 0.25))
+    assert messages == {
+        "cross_track": "the distance from the path is at most 0.250 m, rms 0.250 m; "
+        "tolerances 0.4 m and 0.2 m"
+    }
+    assert set(failed(drive("line", 0.55))) == {
+        *("path", "cross_track", "final_pose", "time", "smoothness")
+    }
+
+
+def test_half_a_drive_proves_nothing():
+    messages = failed(drive("wave", part=0.5))
+    assert set(messages) == {"path", "cross_track", "final_pose", "time", "smoothness"}
+    assert messages["time"] == "the car did not reach the end of the path"
+    assert "6.2" in messages["final_pose"] or "6.3" in messages["final_pose"]
+
+
+def test_no_command():
+    judgement = judge_drive(drive("line", part=0.0)._replace(sent=(), outcome="it hangs"), {})
+    assert [each.name for each in judgement.checks if each.is_judged] == ["node"]
+    assert judgement.checks[1].message == "not judged: the node sent no command"
+
+
+def test_a_slow_drive():
+    assert failed(drive("line", speed=0.5))["time"] == (
+        "the drive takes 20.00 s; the path 5.00 s, at most 12.50 s allowed"
+    )
+    assert failed(drive("line", speed=0.5), time=3.1) == {}
+
+
+def test_a_shaking_wheel():
+    """Two angles in turn, every 0.05 s: 0.2 rad / 0.05 s."""
+    message = failed(drive("line", angles=(0.11, -0.11)))["smoothness"]
+    assert message.startswith("the mean steering rate is 4.40 rad/s, tolerance 4 rad/s; 0% of ")
+    assert failed(drive("line", angles=(0.11, -0.11)), steering_rate=5.0) == {}
+
+
+def test_collisions_and_other_actions():
+    messages = failed(drive("line", collisions=(Pose(1, 0, 0),), actions=("jumps",)))
+    assert set(messages) == {"topics", "map"}
+    assert messages["map"].startswith("the car hit a wall at (1.0000 m, 0.0000 m,")
+
+
+@pytest.mark.parametrize(("offset", "share"), [(0.2, 1.0), (0.25, 0.75), (0.3, 0.5), (0.5, 0.0)])
+def test_the_share_of_the_points(offset, share):
+    checks = {each.name: each for each in judge_drive(drive("line", offset), {}).checks}
+    assert checks["cross_track"].share == pytest.approx(share)
+
+
+def test_the_nearest_point_is_near_along_the_path():
+    """The circle ends 0.5 m before its begin: the first pose is not at its end."""
+    found = judge_drive(drive("circle"), {}).drive
+    assert found.predicted[0] == pytest.approx([0, 0, 0], abs=0.02)
+    assert math.dist(found.predicted[-1][:2], found.driven[-1][:2]) < 0.02

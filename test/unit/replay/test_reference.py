@@ -1,0 +1,84 @@
+"""Check the paths that controllers follow, and the messages about bad files."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.replay.reference import read_references, resampled
+from support.paths import CHECKOUT
+
+PLANS = f"{CHECKOUT}/plans"
+CSV = "\ufeffx,y,heading,speed\n# a comment\n0,0,0,1\n3,0,0,2\n\n3,0,0,2\n3,-4,-1.5,0.01\n"
+
+
+def read(folder, text):
+    path = folder / "path.csv"
+    path.write_text(text)
+    (reference,) = read_references([str(path)], PLANS).values()
+    return reference
+
+
+def test_a_file(tmp_path):
+    """The second of two equal lines is left out; the lowest speed is 0.1 m/s."""
+    reference = read(tmp_path, CSV)
+    assert reference.poses == (Pose(0, 0, 0), Pose(3, 0, 0), Pose(3, -4, -1.5))
+    assert reference.stamps == (0, 1_500_000_000, 41_500_000_000)
+    assert (reference.name, reference.start) == ("path", Pose(0, 0, 0))
+    assert reference.speed == 2.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "0,0,0,1\n1,0,0\n",
+            r"path.csv:2: found '1,0,0'; expected four numbers: x \[m\], y \[m\],",
+        ),
+        ("0,0,0,1\nx,y,heading,speed\n", "path.csv:2: found"),
+        ("0,0,0,1\n1,nan,0,1\n", "path.csv:2: found"),
+        ("0,0,0,1\n", "path.csv: expected a path of at least two different poses"),
+        ("", "path.csv: expected a path"),
+    ],
+)
+def test_a_bad_file(tmp_path, text, message):
+    with pytest.raises(UserError, match=message):
+        read(tmp_path, text)
+
+
+def test_the_paths_of_the_courses():
+    """Each begins at the origin, and is smooth except for saw."""
+    names = ["line", "circle", "left_turn", "right_turn", "wave", "saw"]
+    references = read_references(names, PLANS)
+    assert [*references] == names
+    for name, reference in references.items():
+        poses = np.array(reference.poses)
+        headings = np.arctan2(*np.diff(poses[:, :2], axis=0).T[::-1])
+        middle = (poses[1:, 2] + poses[:-1, 2]) / 2.0
+        off = np.abs(np.remainder(headings - middle + math.pi, math.tau) - math.pi)
+        assert poses[0, :2].tolist() == [0, 0]
+        assert off.max() < (2.0 if name == "saw" else 0.04), name
+        assert reference.speed == pytest.approx(2.0, rel=1e-3)
+
+
+def test_a_plan_is_its_predicted_path():
+    (reference,) = read_references(["figure_8"], PLANS).values()
+    assert reference.start == Pose(0, 0, 0.785)
+    assert reference.poses[-1].is_close_to(Pose(-1.547709, -1.180325, 0.785), 1e-5)
+    assert reference.duration == pytest.approx(22e9, rel=1e-3)
+
+
+def test_unknown_and_equal_names(tmp_path):
+    with pytest.raises(UserError, match="waves: no such file"):
+        read_references(["waves"], PLANS)
+    (tmp_path / "wave.csv").write_text(CSV)
+    with pytest.raises(UserError, match="two paths with the name 'wave'"):
+        read_references(["wave", str(tmp_path / "wave.csv")], PLANS)
+
+
+def test_resampling_keeps_the_ends_and_the_turns():
+    path = resampled(np.array([[0, 0, 3.1], [1, 0, -3.1]]), 0.25)
+    assert path[:, 0].tolist() == [0, 0.25, 0.5, 0.75, 1]
+    assert path[:, 2] == pytest.approx(np.linspace(3.1, math.tau - 3.1, 5))
