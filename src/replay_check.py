@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Let a node drive a plan on the simulated car, and judge it: the test node of replay.test.
+"""Let a node drive a plan or follow a path, and judge it: the test node of replay.test.
 
 The parameters are private, and are documented in replay.test. The results are written as a JUnit
 file with one test case for each check. The verdict is also published on ~verdict
@@ -24,8 +24,10 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.replay.job import run_job
-from mushr_ros_intro.replay.judge import Check, Judgement, Tolerances
+from mushr_ros_intro.replay.following import TOLERANCE_UNITS
+from mushr_ros_intro.replay.job import Exercise, run_job
+from mushr_ros_intro.replay.judge import Check, Judgement
+from mushr_ros_intro.replay.reference import Reference, read_references
 from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.setting import job_for, read_setting
@@ -55,7 +57,7 @@ def judge() -> Judgement:
     arguments = rospy.get_param("~")
     given = {name: each for name, each in arguments.items() if each not in ("", "auto")}
     parameters = Parameters(given)
-    plan = read_plan(find_file(parameters.text("plan_file"), package_folder("plans"), ".txt"))
+    exercise = _exercise(parameters)
     words = shlex.split(parameters.text("publisher"))
     if len(words) < 2:
         raise parameters.error("publisher", "'PACKAGE NODE [ARGUMENT...]'")
@@ -63,23 +65,35 @@ def judge() -> Judgement:
     setting = read_setting(
         package_folder("."),
         parameters.text("car"),
-        parameters.text("map"),
+        parameters.optional_text("map")
+        or ("none" if isinstance(exercise, Reference) else "sandbox"),
         seed,
         remap=tuple(_remappings(parameters.optional_text("remap") or "")),
         timeout=parameters.number("timeout", 30.0, "s", 0.1, 1e4),
         tolerances={
-            name: parameters.number(f"{name}_tolerance", 0.0, "m or rad", 0.0, 1e6)
-            for name in Tolerances._fields
+            name: parameters.number(f"{name}_tolerance", 0.0, unit, 0.0, 1e6)
+            for name, unit in TOLERANCE_UNITS.items()
             if f"{name}_tolerance" in given
         },
         sandbox=Sandbox(),
         ros=inherited(),
     )
-    judgement = run_job(job_for(words, plan, setting))
+    judgement = run_job(job_for(words, exercise, setting))
     folder = parameters.optional_text("report")
     if folder:
         write_report(user_path(folder), judgement, arguments)
     return judgement
+
+
+def _exercise(parameters: Parameters) -> Exercise:
+    """Return the plan that the node drives, or the path that it follows; raise UserError."""
+    plan, path = map(parameters.optional_text, ("plan_file", "follow"))
+    if bool(plan) == bool(path):
+        raise UserError("expected either plan_file:=PLAN or follow:=PATH")
+    folder = package_folder("plans")
+    if path:
+        return next(iter(read_references([path], folder).values()))
+    return read_plan(find_file(parameters.text("plan_file"), folder, ".txt"))
 
 
 def _remappings(text: str) -> List[str]:
