@@ -3,16 +3,15 @@
 import contextlib
 import os
 import signal
-import threading
 
-import rosgraph.xmlrpc
+import rosgraph
 import roslaunch.config
 import rospy
 import yaml
 from roslaunch.core import local_machine, setup_env
 from roslaunch.node_args import create_local_process_args
-from rosmaster.master_api import ROSMasterHandler
 
+from mushr_ros_intro.replay.guarded_master import GuardedMaster
 from support.helpers import ForkedProcess, Process
 from support.paths import PACKAGE
 
@@ -22,10 +21,7 @@ LOCK_STEP = {"use_sim_time": True, "real_time_factor": 0}
 
 def serve_master():
     """Start a master in this process at a free port of the loopback interface, and use it."""
-    server = rosgraph.xmlrpc.XmlRpcNode(0, ROSMasterHandler())
-    server._run_init()
-    threading.Thread(target=server.server.serve_forever, daemon=True).start()
-    os.environ["ROS_MASTER_URI"] = server.uri
+    os.environ["ROS_MASTER_URI"] = GuardedMaster().serve(0)  # nodes end at once with this master
     rosgraph.Master("/world").setParam("/run_id", "test")  # each roslaunch would set another one
 
 

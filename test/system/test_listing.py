@@ -9,16 +9,16 @@ import sys
 from unittest import mock
 
 import pytest
-import rosgraph
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between, closed_form
-from support.helpers import Process, Recording, failures_in, free_port, rostest_results, wait_for
+from support.helpers import PATIENCE, ForkedProcess, Process, Recording, node, wait_for
 from support.listing_page import states
 from support.messages import COMMAND_TIMEOUT, NAVIGATION, OUTPUT
 from support.paths import PACKAGE, PLANS
+from support.world import launch
 
 EXAMPLE = os.path.join(PACKAGE, "examples", "my_ros_intro")
 NODE = os.path.join(EXAMPLE, "src", "path_publisher.py")
@@ -44,18 +44,23 @@ FAULTS = {
 }
 
 
-@pytest.fixture(scope="module")
-def environment(tmp_path_factory):
-    """Use another master and a copy of the example in this process and its child processes.
+def start_world():
+    """Run the simulated car in real time."""
+    return launch("sim.launch", map="none", laser=False, model=False)
 
-    As a student does, copy the example and make its node executable.
+
+@pytest.fixture(scope="module")
+def example(tmp_path_factory):
+    """Return the path of the node in a copy of the example, as a student makes it.
+
+    It is executable, and ROS finds the copy.
     """
     copied = shutil.copytree(EXAMPLE, str(tmp_path_factory.mktemp("src") / "my_ros_intro"))
-    os.chmod(os.path.join(copied, "src", "path_publisher.py"), 0o755)
+    path = os.path.join(copied, "src", "path_publisher.py")
+    os.chmod(path, 0o755)
     packages = os.pathsep.join((copied, os.environ["ROS_PACKAGE_PATH"]))
-    master = f"http://localhost:{free_port()}"
-    with mock.patch.dict(os.environ, ROS_PACKAGE_PATH=packages, ROS_MASTER_URI=master):
-        yield
+    with mock.patch.dict(os.environ, ROS_PACKAGE_PATH=packages):
+        yield path
 
 
 class Car:
@@ -79,15 +84,9 @@ class Car:
 
 
 @pytest.fixture(scope="module")
-def sim(environment):
-    """Start the simulated car in real time; connect this process to it."""
-    options = ("map:=none", "laser:=false", "model:=false")
-    port = os.environ["ROS_MASTER_URI"].rsplit(":", 1)[1]
-    with Process("roslaunch", "-p", port, "mushr_ros_intro", "sim.launch", *options):
-        wait_for(rosgraph.is_master_online, "the master")
-        rospy.init_node("test_listing", disable_signals=True)
-        yield Car()
-        rospy.signal_shutdown("the tests have ended")
+def sim():
+    """Return the car."""
+    return Car()
 
 
 @pytest.fixture
@@ -101,25 +100,23 @@ def car(sim):
 @pytest.mark.parametrize(
     "name", ["figure_8", pytest.param("short_rows.txt", marks=pytest.mark.full)]
 )
-def test_replay(environment, tmp_path, name):
+def test_replay(example, tmp_path, name):
     """Every check passes, with errors of at most 1e-9 m and rad.
 
     If rows do not last whole tenths of a second, commands arrive late and correct reported poses.
     """
     (tmp_path / "short_rows.txt").write_text("1,2,2.5\n2.0,0.1,0.25\n1.0,-0.3,0.35\n-1,0.2,0.25\n")
     plan = tmp_path / name if name.endswith(".txt") else name
-    tolerances = [f"{name}_tolerance:=1e-9" for name in ("position", "angle", "path")]
-    drive = ("publisher:=my_ros_intro path_publisher.py", f"plan_file:={plan}")
-    command = ("mushr_ros_intro", "replay.test", "result:=listing", *drive, *tolerances)
-    path = f"{tmp_path}/mushr_ros_intro/rosunit-replay_listing.xml"
-    process, result = rostest_results(path, *command)
-    assert process.wait() == 0, process.output
-    assert len(failures_in(result)) > 8
-    # There is no note about a missing stop.
-    assert result.findtext("system-out").splitlines()[-1] == "all checks passed"
+    tolerances = [f"--{each}-tolerance=1e-9" for each in ("position", "angle", "path")]
+    drives = ("--node", "my_ros_intro", "path_publisher.py", *tolerances)
+    with node("grade.py", str(plan), *drives) as process:
+        assert process.wait(2 * PATIENCE) == 0, process.output
+    lines = process.output.splitlines()
+    assert len([line for line in lines if line.startswith("ok  ")]) > 8
+    assert lines[-1] == "all checks passed"  # there is no note about a missing stop
 
 
-def test_real_time(car, tmp_path):
+def test_real_time(example, car, tmp_path):
     """In real time, the stamps and the final pose are exact, too."""
     rows = [(2.0, 0.09, 1.0), (3.0, -0.15, 0.25), (-1.0, 0.3, 0.3)]
     plan = tmp_path / "plan.txt"
@@ -140,11 +137,11 @@ def test_real_time(car, tmp_path):
 
 
 @ENDS_WITHOUT_ERROR
-def test_interrupted(car, tmp_path):
+def test_interrupted(example, car, tmp_path):
     """Ctrl-C: the last message is a stop, and the car stops at its stamp."""
     plan = tmp_path / "plan.txt"
     plan.write_text("1,2,2.5\n1.0,0.2,60\n")
-    with Process("rosrun", "my_ros_intro", "path_publisher.py", f"_plan_file:={plan}") as publisher:
+    with ForkedProcess(example, f"_plan_file:={plan}") as publisher:
         wait_for(lambda: len(car.commands.messages) >= 5, "five commands")
         publisher.send_signal(signal.SIGINT)
         assert publisher.wait() == 0, publisher.output
@@ -167,7 +164,7 @@ def test_refused(sim, tmp_path):
         if plan is not None:
             path.write_text(plan)
         own_name = f"__name:=faulty_{number}"
-        processes[name] = Process(sys.executable, NODE, f"_plan_file:={path}", own_name, *arguments)
+        processes[name] = ForkedProcess(NODE, f"_plan_file:={path}", own_name, *arguments)
     for name, each in processes.items():
         assert each.wait() == 1, name
         assert FAULTS[name][2] in each.output, name
@@ -186,14 +183,14 @@ def test_is_a_students():
 
 @pytest.mark.full
 @pytest.mark.parametrize("heading", states())
-def test_each_change_of_the_page(environment, tmp_path, heading):
+def test_each_change_of_the_page(tmp_path, heading):
     """The program of docs/listing.md passes all checks after each of its changes."""
-    node = tmp_path / "path_publisher.py"
-    node.write_text(states()[heading])
-    node.chmod(0o755)
+    typed = tmp_path / "path_publisher.py"
+    typed.write_text(states()[heading])
+    typed.chmod(0o755)
     (tmp_path / "package.xml").write_text("<package><name>typed</name></package>")
     packages = os.pathsep.join((str(tmp_path), os.environ["ROS_PACKAGE_PATH"]))
-    grade = ("rosrun", "mushr_ros_intro", "grade.py", "test_drive")
-    with Process(*grade, "--node", "typed", node.name, ROS_PACKAGE_PATH=packages) as process:
+    drives = ("--node", "typed", typed.name)
+    with node("grade.py", "test_drive", *drives, ROS_PACKAGE_PATH=packages) as process:
         assert process.wait() == 0, process.output
     assert "all checks passed" in process.output
