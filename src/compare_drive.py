@@ -21,7 +21,6 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.ros import node
 
 _MUX = "/car/mux/ackermann_cmd_mux"
 
@@ -98,7 +97,6 @@ def read_logs(arguments: argparse.Namespace, options: Parameters, car: Car) -> L
     source = Source(arguments.commands, arguments.pose, frames, pose_offset)
     if arguments.record is not None:
         seconds = options.number("record", math.nan, "s", 1.0, 1e5)
-        node.init_node("compare_drive", anonymous=True)
         print(f"recording {', '.join(source.topics)} for {seconds:g} s", file=sys.stderr)
         record(arguments.bags[0], source, seconds)
     logs = [read_bag(path, source, car.command_timeout) for path in arguments.bags]

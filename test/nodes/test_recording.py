@@ -97,6 +97,20 @@ class TestRecording(RosTestCase):
         answer = rospy.ServiceProxy(f"{self.name}/{service}", Trigger)()
         return answer.success, answer.message
 
+    def test_a_drive_is_recorded_into_a_bag_and_compared(self):
+        path = os.path.join(self.folder, "drive.bag")
+        plan = self.plan("0, 0, 0\n1.0, 0.1, 1.5\n1.0, -0.1, 1.5")
+        recorder = self.ending(node("compare_drive.py", path, "--record", "60", "--plan", plan))
+        wait_for(lambda: os.path.exists(f"{path}.active"), "the recording")
+        self.drive_plan(plan)
+        recorder.send_signal(signal.SIGINT)
+        self.assertEqual(recorder.wait(), 0)
+        self.assertIn(" 2    1.00   0.1000    1.50  1.500  1.500 ", recorder.output)
+        self.assertIn("final error     0.000 m", recorder.output)
+        output = node("compare_drive.py", path, "--record", "60")
+        self.assertEqual(output.wait(), 2)
+        self.assertIn("drive.bag cannot be written (File exists); expected", output.output)
+
     def save(self, name):
         """Save the plan; check that the file has this name, and return its path."""
         path = os.path.join(os.path.realpath(self.folder), name)

@@ -3,11 +3,11 @@
 import contextlib
 import io
 import os
-import threading
+import subprocess
+import sys
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import rosbag
-import roslib.message
 import rospy
 import tf2_py
 from geometry_msgs.msg import Pose as PoseMsg
@@ -54,34 +54,21 @@ class Source(NamedTuple):
 def record(path: str, source: Source, seconds: float) -> None:
     """Record the topics of a drive into a new bag, until `seconds` have passed or Ctrl-C.
 
-    The node publishes nothing.
-
     Raises:
-        UserError: the file exists already, or cannot be written.
+        UserError: the bag cannot be written.
     """
-    if os.path.exists(path):
-        raise UserError(f"--record: {path} exists already; expected the name of a new bag")
     try:
-        bag = rosbag.Bag(path, "w")
+        open(path, "x").close()
+        os.remove(path)
     except OSError as error:
         text = f"{path} cannot be written ({error.strerror}); expected the name of a new bag"
         raise UserError(f"--record: {text}") from None
-    lock = threading.Lock()
-    has_ended = False
-
-    def add(msg: rospy.AnyMsg, topic: str) -> None:
-        kind = roslib.message.get_message_class(msg._connection_header["type"])
-        with lock:
-            if kind is not None and not has_ended:  # other types cannot be compared
-                bag.write(topic, kind().deserialize(msg._buff), rospy.Time.now())
-
-    for topic in source.topics:
-        rospy.Subscriber(topic, rospy.AnyMsg, add, topic)
-    with contextlib.suppress(rospy.ROSInterruptException):  # Ctrl-C ends the recording
-        rospy.sleep(seconds)
-    with lock:
-        has_ended = True
-        bag.close()
+    command = ["rosrun", "rosbag", "record", "--output-name", path, "--duration", str(seconds)]
+    process = subprocess.Popen([*command, *source.topics], stdout=sys.stderr)
+    with contextlib.suppress(KeyboardInterrupt):  # it also ends the recording
+        process.wait()
+    if process.wait():
+        raise UserError(f"--record: rosbag record failed, exit status {process.returncode}")
 
 
 def read_bag(path: str, source: Source, timeout: int) -> DriveLog:

@@ -334,6 +334,8 @@ def fit(logs: Sequence[DriveLog], car: Car) -> Fit:
             values.append(fitted_value(names[column], number, before, errors[column]))
     found: Dict[str, Any] = {name: each.value for name, each in zip(names[:_COUNT], values)}
     found.update(zip(Noise._fields[2:], noise[2:]))
+    for name in ("speed_gain", "steering_offset"):  # the next drive differs from the fitted value
+        found[f"{name}_spread"] = math.hypot(found[f"{name}_spread"], errors[names.index(name)])
     return Fit(
         car._replace(**found),
         dict(zip(names[:_COUNT], values)),

@@ -40,6 +40,9 @@ OF_DRIVE = (
 RATES = ("acceleration", "steering_rate")
 """The parameters of which the inverse is fitted."""
 
+_AT_ONCE = 1e-3
+"""A smaller inverse of a rate means no limit."""
+
 
 class Value(NamedTuple):
     """The fitted value of a parameter."""
@@ -114,6 +117,6 @@ def fitted_value(name: str, number: float, before: float, error: float) -> Value
     if name not in RATES:
         return Value(number, error, low, high, change=change)
     rate, highest, lowest = (
-        math.inf if each <= 0.0 else 1.0 / each for each in (number, low, high)
+        1.0 / each if each > _AT_ONCE else math.inf for each in (number, low, high)
     )
     return Value(rate, error * rate**2, lowest, highest, change=change)

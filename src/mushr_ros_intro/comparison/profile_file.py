@@ -42,7 +42,9 @@ def _lines(fit: Fit, profile: str, drives: Sequence[str]) -> Iterator[str]:
     car = fit.car._asdict()
     for name, unit, low, high, meaning in NUMBERS:
         value = fit.values.get(name)
-        if name in Noise._fields:
+        if name.endswith("_spread") and len(drives) == 1:
+            source = "Assumed: one drive does not tell."
+        elif name in Noise._fields:
             source = "Estimated from the drives."
         elif value is None:
             source = f"{profile}."

@@ -1,18 +1,16 @@
 """Drives in bags: types of poses, compression, names of topics, and files that are no such bag."""
 
-import io
 import random
 
 import numpy as np
 import pytest
 import rosbag
-import rospy
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from tf2_msgs.msg import TFMessage
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.comparison.bag_file import Source, read_bag, record
+from mushr_ros_intro.comparison.bag_file import Source, read_bag
 from mushr_ros_intro.comparison.drive_log import drive_log
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose, compose, inverse
@@ -139,47 +137,3 @@ def test_the_pose_may_be_that_of_a_point_in_front_of_the_rear_axle(tmp_path):
     x, y, theta = LOG.poses.T
     expected = np.column_stack([x - 0.5 * np.cos(theta), y - 0.5 * np.sin(theta), theta])
     assert log.poses == pytest.approx(expected, abs=NEAR)
-
-
-def test_a_recording_contains_the_topics_and_is_read_back(tmp_path, monkeypatch):
-    path = str(tmp_path / "a.bag")
-    messages = []
-    for command in commands_of(PLAN):
-        messages.append((command.stamp, "/commands", conversions.command_to_msg(command, "base")))
-    for stamp, pose in zip(POSES.stamps, POSES.values):
-        messages.append((stamp, "/pose", stamped(PoseStamped, stamp, Pose(*pose))))
-    callbacks = {}
-
-    def sleep(_):
-        for stamp, topic, msg in sorted(messages, key=lambda each: each[0]):
-            monkeypatch.setattr("rospy.Time.now", lambda stamp=stamp: conversions.time_from(stamp))
-            buffer = io.BytesIO()
-            msg.serialize(buffer)
-            received = rospy.AnyMsg().deserialize(buffer.getvalue())
-            received._connection_header = {"type": msg._type}
-            callbacks[topic](received, topic)
-        unknown = rospy.AnyMsg()
-        unknown._connection_header = {"type": "no_msgs/Such"}
-        callbacks["/pose"](unknown, "/pose")
-        raise rospy.ROSInterruptException  # Ctrl-C
-
-    monkeypatch.setattr(
-        "rospy.Subscriber", lambda topic, _, add, __: callbacks.update({topic: add})
-    )
-    monkeypatch.setattr("rospy.sleep", sleep)
-    source = Source("/commands", "/pose")
-    record(path, source, 10.0)
-    assert sorted(callbacks) == ["/commands", "/pose"]
-    callbacks["/pose"](unknown_late(), "/pose")  # after the end
-    assert_same(read_bag(path, source, CAR.command_timeout))
-    with pytest.raises(UserError, match="exists already; expected the name of a new bag"):
-        record(path, source, 10.0)
-    with pytest.raises(UserError, match="cannot be written"):
-        record(str(tmp_path / "none" / "a.bag"), source, 10.0)
-
-
-def unknown_late():
-    """Return a message of a known type that arrives late."""
-    msg = rospy.AnyMsg()
-    msg._connection_header = {"type": "geometry_msgs/PoseStamped"}
-    return msg

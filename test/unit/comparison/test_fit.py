@@ -138,7 +138,7 @@ def test_the_range_of_a_rate_is_not_symmetric():
     value = fitted_value("acceleration", 0.3, 0.25, 0.1)
     assert (value.value, value.low, value.high) == pytest.approx((1.0 / 0.3, 2.0, 10.0))
     assert fitted_value("acceleration", 0.3, 0.25, 0.2).high == math.inf
-    none = fitted_value("acceleration", 0.0, 0.25, 0.1)
+    none = fitted_value("acceleration", 1e-9, 0.25, 0.1)
     assert (none.value, none.low, none.high) == pytest.approx((math.inf, 5.0, math.inf))
 
 
