@@ -175,6 +175,8 @@ class TestPathPublisher(RosTestCase):
         cases = {
             f"{broken}:": [f"_plan_file:={broken}"],
             "circle, closed_figure_8, figure_8": ["_plan_file:=figure_9"],
+            # Also if the value of an earlier run is wrong.
+            "~plan is not known": ["_plan_file:=figure_9", "_plan:=figure_8"],
             "parameter ~loop is 'maybe'": ["_loop:=maybe"],
             "'plan_file:=circle' sets no parameter; expected _plan_file:=circle": [
                 "plan_file:=circle"

@@ -68,7 +68,7 @@ class TestProfiles(RosTestCase):
 
         # The car warns of a plan that exceeds its limits, but not of one that reaches them.
         def warnings():
-            return [m.msg for m in log.messages if "limited to" in m.msg]
+            return [m.msg for m in log.messages if "within its limits" in m.msg]
 
         self.assertIn("asks for 1 m/s and 0 rad", wait_for(warnings, "a warning")[0])
 

@@ -10,7 +10,7 @@ import time
 import traceback
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
-from typing import Any, Callable, ContextManager, Iterator, List, NoReturn, Optional, Tuple
+from typing import Any, Callable, ContextManager, Iterator, NoReturn, Optional, Tuple
 
 import rosgraph
 import rospy
@@ -32,9 +32,6 @@ _ends: "SimpleQueue[Tuple[str, Optional[int]]]" = SimpleQueue()
 A SimpleQueue, because no other queue may be used in a signal handler.
 """
 
-
-_read: List[Parameters] = []
-"""The private parameters of this node."""
 
 _description: Optional[Description] = None
 """What the node declares, while its parameters are described and not read."""
@@ -105,10 +102,7 @@ def _run(node_class: Callable[[], Any]) -> None:
     """Run a node; if it fails, log the reason."""
     status = 1
     try:
-        made = node_class()
-        for message in [each for read in _read for each in read.unknown()]:
-            rospy.logwarn("%s", message)
-        status = made.run() or 0
+        status = node_class().run() or 0
     except rospy.ROSInterruptException:
         status = 0
     except UserError as error:
@@ -216,6 +210,8 @@ def help_text(node_class: Callable[[], Any]) -> str:
 def parameters(name: str = "~") -> Iterator[Parameters]:
     """Give the parameters of this node to a block, which reads them and does nothing else.
 
+    Those that the block does not read are logged.
+
     Args:
         name: of the node; by default this one.
 
@@ -231,8 +227,10 @@ def parameters(name: str = "~") -> Iterator[Parameters]:
     for argument in sys.argv[1:]:
         if argument.partition(":=")[0] in values:
             raise UserError(f"'{argument}' sets no parameter; expected _{argument}")
-    _read.append(Parameters(values))
-    yield _read[-1]
+    read = Parameters(values)
+    yield read
+    for message in read.unknown():
+        rospy.logwarn("%s", message)
 
 
 def frame_prefix(read: Parameters) -> str:
