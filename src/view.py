@@ -33,7 +33,7 @@ def main() -> None:
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         sys.exit(
             "view.py: DISPLAY is not set; expected a display for the window of rviz. "
-            "The car drives without one"
+            "To see the car in a browser, type: roslaunch mushr_ros_intro web.launch"
         )
     path = package_folder("rviz/default.rviz")
     if car_name != "car":

@@ -228,7 +228,7 @@ class DriveMonitor:
         if self._is_done or not self._timetable.start:
             return
         self._is_done = True
-        position = self._timetable.position(ros_time.now())
+        position = self._timetable.stop_position()
         stands = ros_time.wait_for(self._car_pose.stands, HALT_TIMEOUT)
         last = self._car_pose.last
         text = f"stopped in {position}" if stands else f"the drive ended in {position}"

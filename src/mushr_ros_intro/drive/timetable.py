@@ -45,6 +45,8 @@ class Timetable:
         """When the next row begins [ns]."""
         self.end = 0
         """When the plan ends [ns]; the stamp of the stop."""
+        self._newest = 0
+        """When the newest command is due [ns]."""
 
     def begin(self) -> int:
         """Return the stamp for the initial pose [ns]; it is later than the end of the last drive.
@@ -80,6 +82,7 @@ class Timetable:
         next_line = begin
         for due in range(begin, self.due, COMMAND_PERIOD):
             self.wait_until(due)
+            self._newest = due
             yield due
             if due >= next_line:
                 next_line += NANOSECONDS
@@ -91,6 +94,10 @@ class Timetable:
         index = bisect_right(self._row_ends, instant - self.start)
         lap = f"lap {self._lap}, " if self._has_laps else ""
         return f"{lap}line {rows[min(index, len(rows) - 1)].line} of {rows[-1].line}"
+
+    def stop_position(self) -> str:
+        """Return the position now, or that of the newest command if the node was suspended."""
+        return self.position(min(ros_time.now(), self._newest + COMMAND_PERIOD - 1))
 
     def wait_until(self, due: int) -> None:
         """Sleep until a command that is due at `due` [ns] has to be sent.
@@ -105,10 +112,11 @@ class Timetable:
             now = ros_time.now()
             early = wake - now
             if abs(early) > STAMP_TOLERANCE:
+                seconds = abs(early) / NANOSECONDS
+                when = f"is due in {seconds:.1f} s" if early > 0 else f"was due {seconds:.1f} s ago"
                 raise UserError(
-                    f"a command has to be sent {early / NANOSECONDS:+.1f} s from now; expected at "
-                    "most 1 s. Either the clock was set, or this machine or node was suspended. "
-                    "The drive ends"
+                    f"the next command {when}; expected at most 1 s. Either the clock was set, or "
+                    "this machine or node was suspended. The drive ends"
                 )
             if early <= 0:
                 return

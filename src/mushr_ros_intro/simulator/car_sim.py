@@ -202,8 +202,8 @@ class CarSim:
         if asked != tuple(map(as_float32, possible)):  # a command has float32 values
             rospy.logwarn_throttle(
                 10.0,
-                "a command asks for {:g} m/s and {:g} rad; within its limits, the car drives {:g} m/s "
-                "and {:g} rad".format(*asked, *possible),
+                "a command asks for {:g} m/s and {:g} rad; within its limits, the car drives {:g} "
+                "m/s and {:g} rad".format(*asked, *possible),
             )
         return True
 

@@ -107,3 +107,12 @@ def test_known_arguments(monkeypatch):
     arguments = ["__name:=a", "_x:=-1", "/tf:=/tf_old", "--gtest_output=xml:a.xml"]
     monkeypatch.setattr(sys, "argv", ["node.py", *arguments])
     node.check_arguments(CarSim, "--gtest_output=")
+
+
+def test_rviz_without_a_display(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.syspath_prepend(f"{PACKAGE}/src")
+    monkeypatch.setattr(sys, "argv", ["view.py", "car"])
+    with pytest.raises(SystemExit, match="in a browser, type: roslaunch mushr_ros_intro web"):
+        importlib.import_module("view").main()
