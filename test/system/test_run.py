@@ -149,11 +149,12 @@ def test_in_a_terminal(tmp_path):
         assert script.processes() == []
 
 
-@pytest.mark.full
 def test_a_plan_that_is_not_there(tmp_path):
-    with Run(tmp_path, 1.0) as script:
-        script.wait_for_text("starting")
-        (tmp_path / "a plan.txt").unlink()
-        assert script.process.wait(PATIENCE) == 1
-        assert "a plan.txt: no such file" in script.log.read_text()
-        assert script.processes() == []
+    """The script starts nothing."""
+    command = [f"{CHECKOUT}/scripts/run", "figure_9"]
+    output = subprocess.STDOUT
+    script = subprocess.run(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=output, text=True)
+    assert script.returncode == 2
+    assert "figure_9: no such file; did you mean figure_8?" in script.stdout
+    assert "starting" not in script.stdout
+
