@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import Sequence
 
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS
+from mushr_ros_intro.replay.reference import OFFSETS
 
 _OF_A_CLASS = (
     *("plans_for", "points", "feedback", "jobs", "shard", "user", "only", "rejudge"),
@@ -49,6 +50,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--file", default="path_publisher.py", help="the node in each submission")
     add("--plans", nargs="+", metavar="PLAN", help="names in plans/, or paths")
     add("--follow", nargs="+", metavar="PATH", help="grade controllers that follow these paths")
+    add("--starts", type=int, default=1, help="start each path of --follow at so many poses")
     add("--plans-for", metavar="FOLDER", help="a plan for each student, made by make_plans")
     add("--out", metavar="FOLDER", help="write the results to this folder")
     add("--bag", action="store_true", help="also write each drive as a bag")
@@ -93,6 +95,8 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
     if arguments.node and of_a_class:
         option = of_a_class[0].replace("_", "-")
         return f"--{option} needs submissions; --node grades one installed node"
+    if not 1 <= arguments.starts <= len(OFFSETS):
+        return f"expected --starts of 1 to {len(OFFSETS)}"
     if arguments.follow and (arguments.plans or arguments.plans_for):
         return "expected --follow, or --plans and --plans-for"
     if arguments.node and (arguments.plans or bool(arguments.inputs) == bool(arguments.follow)):

@@ -28,7 +28,7 @@ def read_exercises(arguments: argparse.Namespace, plans: Sequence[str]) -> Dict[
     """
     folder = package_folder("plans")
     if arguments.follow:
-        return {**read_references(arguments.follow, folder)}
+        return {**read_references(arguments.follow, folder, arguments.starts)}
     return {**read_plans(plans, folder)}
 
 

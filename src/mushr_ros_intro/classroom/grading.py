@@ -158,7 +158,7 @@ class Grading:
         files = hash_of_folder(submission.folder)
         for name, plan in progress.task.plans.items():
             with open(plan.path, "rb") as file:
-                kind = type(plan).__name__
+                kind = type(plan).__name__, plan.start
                 key = Key(files, hash_of(file.read(), kind), **self._common)
             old = progress.record and progress.record.drives.get(name)
             if old and not self._is_usable(old, key, submission, name):

@@ -52,6 +52,9 @@ MAX_TIME = 3.0
 MAX_COMPUTATION = 2.0
 """A node that runs for a longer time without waiting polls the clock [s of processor time]."""
 
+MAX_TURNS = 50
+"""So many threads of a node can be due at the same time."""
+
 REST = 2 * NANOSECONDS
 """The drive has ended if the car stands for this time [ns]."""
 
@@ -81,7 +84,7 @@ class FollowPace(Pace):
         if not self.has_received:
             return self._poll(now)
         self._thinking = MAX_COMPUTATION
-        if not self.has_path:
+        if not (self.has_path or self._has_sent):
             return STEP if now.waited - self.quiet_since > SETTLING else 0
         if self._has_sent and not self._is_tested:
             self._still = self._still or now
@@ -159,6 +162,7 @@ class FollowWorld(ReplayWorld):
         states = [at_rest(s, pose) for s, pose in zip(reference.stamps, reference.poses)]
         self._path = conversions.path_to_msg(states, START)
         self._paths = rospy.Publisher(PATH, Path, queue_size=1, latch=True, tcp_nodelay=True)
+        self._car.add_frames("odom", "base_footprint")  # of courses without a prefix
         threading.Thread(target=self._call_service, daemon=True).start()
         if self._grid is not None:
             grid = conversions.grid_to_msg(self._grid, 0, conversions.MAP_FRAME)
@@ -281,7 +285,7 @@ class FollowWorld(ReplayWorld):
         yield from self._car.publish_each(states)
         if self._pace:
             yield from self._give_path(self._pace)
-        while True:
+        for _ in range(MAX_TURNS):
             self._clock.publish(Clock(clock=conversions.time_from(self.now)))
             yield self._clock.get_num_connections()
             if not (self._has_turns and self._pace and self._pace.has_reacted):

@@ -19,7 +19,7 @@ from mushr_ros_intro.replay.judge import (
     judge,
 )
 from mushr_ros_intro.replay.recording import Drive, Recorded, frechet_distance
-from mushr_ros_intro.replay.reference import STEP, Reference, resampled
+from mushr_ros_intro.replay.reference import STEP, Reference, lengths, resampled
 from mushr_ros_intro.stamps import NANOSECONDS
 
 AHEAD, BEHIND = 2.0, 0.5
@@ -119,9 +119,11 @@ def _path(judgement: Judgement) -> Tuple[bool, str, float]:
 
 
 def _miss(judgement: Judgement) -> float:
-    """Return the distance of the last position from the end of the path [m]."""
-    last = Pose(*judgement.drive.driven[-1])
-    return last.distance_to(judgement.recorded.plan.poses[-1])
+    """Return how far the car ended from the end of the path, also along the path [m]."""
+    _, driven, passed, _ = judgement.drive
+    rest = passed[(driven == driven[-1]).all(axis=1), :2]
+    last = Pose(*driven[-1])
+    return max(last.distance_to(judgement.recorded.plan.poses[-1]), float(lengths(rest)[-1]))
 
 
 def _if_it_arrives(check: "_Check") -> "_Check":

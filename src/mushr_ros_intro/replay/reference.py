@@ -13,7 +13,7 @@ import numpy as np
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.geometry import Pose, compose
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import MAX_COORDINATE
@@ -25,6 +25,12 @@ COLUMNS = ("x", "y", "heading", "speed")
 
 MIN_SPEED = 0.1
 """A lower speed counts as this one when the duration of a path is computed [m/s]."""
+
+OFFSETS = (
+    *(Pose(0.0, 0.0, 0.0), Pose(0.0, 0.3, 0.0), Pose(0.0, -0.3, 0.0)),
+    *(Pose(0.0, 0.0, 0.4), Pose(0.0, 0.0, -0.4)),
+)
+"""The start poses of the car, in the frame of the begin of the path."""
 
 STEP = 0.05
 """Distance between the points of a resampled path [m]."""
@@ -40,15 +46,16 @@ class Reference(NamedTuple):
     stamps: Tuple[int, ...]
     """When a car that drives the path is there, since its start [ns]; rising."""
 
-    @property
-    def name(self) -> str:
-        """The name of the file without its ending."""
-        return os.path.splitext(os.path.basename(self.path))[0]
+    start: Pose
+    """The pose at which the car starts."""
+    number: int = 1
+    """Of the start."""
 
     @property
-    def start(self) -> Pose:
-        """The pose at which the car starts."""
-        return self.poses[0]
+    def name(self) -> str:
+        """The name of the file without its ending, and the number of the start from 2 on."""
+        name = os.path.splitext(os.path.basename(self.path))[0]
+        return name if self.number == 1 else f"{name}_{self.number}"
 
     @property
     def duration(self) -> int:
@@ -75,8 +82,10 @@ def resampled(poses: np.ndarray, step: float = STEP) -> np.ndarray:
     return np.column_stack([x, y, theta])
 
 
-def read_references(names: Sequence[str], folder: str) -> Dict[str, Reference]:
+def read_references(names: Sequence[str], folder: str, starts: int = 1) -> Dict[str, Reference]:
     """Return paths by name, given the names of files in `folder`, or paths of files.
+
+    Each path is there `starts` times, with another start pose of `OFFSETS`.
 
     Raises:
         UserError: a file is missing, or has a fault; or two files have the same name.
@@ -90,7 +99,10 @@ def read_references(names: Sequence[str], folder: str) -> Dict[str, Reference]:
         reference = _from_csv(path) if path.endswith(".csv") else _from_plan(path)
         if reference.name in found:
             raise UserError(f"there are two paths with the name '{reference.name}'")
-        found[reference.name] = reference
+        for number, offset in enumerate(OFFSETS[:starts], 1):
+            start = compose(reference.start, offset)
+            other = reference._replace(start=start, number=number)
+            found[other.name] = other
     return found
 
 
@@ -136,4 +148,4 @@ def _checked(path: str, poses: Sequence[Pose], stamps: Sequence[int]) -> Referen
     ]
     if len(kept) < 2 or not math.isfinite(sum(map(sum, poses))):
         raise UserError(f"{path}: expected a path of at least two different poses")
-    return Reference(path, tuple(poses[i] for i in kept), tuple(stamps[i] for i in kept))
+    return Reference(path, tuple(poses[i] for i in kept), tuple(stamps[i] for i in kept), poses[0])

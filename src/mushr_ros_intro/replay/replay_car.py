@@ -6,8 +6,10 @@ from typing import Deque, Iterator, List, Sequence, Tuple
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from tf2_msgs.msg import TFMessage
 
 from mushr_ros_intro.car.model import State
+from mushr_ros_intro.car.odometry import Odometry
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.simulator.ackermann_cmd_mux import AckermannCmdMux
 from mushr_ros_intro.simulator.car_sim import CarSim
@@ -40,6 +42,14 @@ class ReplayCar(CarSim):
     def publish(self, states: List[State]) -> None:
         """Publish states."""
         self._publisher.publish(states)
+
+    def add_frames(self, odometry: str, base: str) -> None:
+        """Publish the transforms with other names of the frames, too."""
+
+        def convert(_: State, measured: Odometry) -> TFMessage:
+            return conversions.transforms_to_msg(measured.state, odometry, base, True)
+
+        self._publisher.add("/tf", TFMessage, convert)
 
     def publish_each(self, states: List[State]) -> Iterator[int]:
         """Publish states on each topic that has a subscriber; yield its number of connections."""

@@ -48,7 +48,7 @@ def write_report(folder: str, judgement: Judgement, arguments: Dict[str, Any]) -
     title, tolerances, grid = _title(judgement), judgement.tolerances, judgement.recorded.grid
     figure = locations(path, title, tolerances.position, grid)
     figure.savefig(os.path.join(folder, "locations.png"))
-    figure = distances(path, title, tolerances.path)
+    figure = distances(path, title, getattr(tolerances, "cross_track", tolerances.path))
     figure.savefig(os.path.join(folder, "distances.png"))
 
 

@@ -70,6 +70,14 @@ def test_a_plan_is_its_predicted_path():
     assert reference.duration == pytest.approx(22e9, rel=1e-3)
 
 
+def test_several_starts():
+    references = read_references(["left_turn", "line"], PLANS, 3)
+    assert [*references] == ["left_turn", "left_turn_2", "left_turn_3", "line", "line_2", "line_3"]
+    starts = [references[name].start for name in ("line", "line_2", "line_3")]
+    assert starts == [Pose(0, 0, 0), Pose(0, 0.3, 0), Pose(0, -0.3, 0)]
+    assert references["line_2"].poses == references["line"].poses
+
+
 def test_unknown_and_equal_names(tmp_path):
     with pytest.raises(UserError, match="waves: no such file"):
         read_references(["waves"], PLANS)
