@@ -157,4 +157,3 @@ def test_a_plan_that_is_not_there(tmp_path):
     assert script.returncode == 2
     assert "figure_9: no such file; did you mean figure_8?" in script.stdout
     assert "starting" not in script.stdout
-
