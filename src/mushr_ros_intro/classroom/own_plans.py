@@ -4,13 +4,13 @@ The plans and the table plans.csv are in one folder.
 """
 
 import csv
-import io
 import math
 import os
 import random
 from itertools import groupby
 from typing import Callable, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
+from mushr_ros_intro.classroom.csv_text import as_csv, plain
 from mushr_ros_intro.classroom.store import make_folder, write_text
 from mushr_ros_intro.classroom.submissions import Submission, unique_name
 from mushr_ros_intro.errors import UserError
@@ -204,9 +204,7 @@ def write_folder(folder: str, plans: Sequence[OwnPlan]) -> None:
     make_folder(folder, 0o700)
     if os.listdir(folder):
         raise UserError(f"--out {folder}: expected a new or empty folder")
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(_HEADS)
+    table: List[Sequence[str]] = [_HEADS]
     taken = {os.path.splitext(TABLE)[0]}
     for person, report in plans:
         name = unique_name(person.name or person.key, taken) + ".txt"
@@ -215,8 +213,8 @@ def write_folder(folder: str, plans: Sequence[OwnPlan]) -> None:
         x, y, theta = report.final_pose
         numbers = (x, y, math.remainder(theta, math.tau), report.length)
         values = [*(f"{each + 0.0:.4f}" for each in numbers), f"{_seconds(report.plan):g}"]
-        table.writerow([person.name, "; ".join(person.ids), name, *values])
-    write_text(os.path.join(folder, TABLE), text.getvalue())
+        table.append([person.name, "; ".join(map(plain, person.ids)), name, *values])
+    write_text(os.path.join(folder, TABLE), as_csv(table))
 
 
 def _seconds(plan: Plan) -> float:
@@ -254,7 +252,7 @@ class OwnPlans:
             plan = read_plan(os.path.join(folder, row["plan"]))
             self.plans.append(plan)
             names = {row.get("name", ""), plan.name, *row.get("ids", "").split("; ")}
-            for each in {name.lower() for name in names if name}:
+            for each in {plain(name).lower() for name in names if name}:
                 self._plans[each] = None if each in self._plans else plan
 
     def find(self, submission: Submission) -> Optional[Plan]:
@@ -264,5 +262,5 @@ class OwnPlans:
         """
         names = [each for student in submission.students for each in (student.id, student.email)]
         names += [student.name for student in submission.students]
-        found = (self._plans.get(each.lower()) for each in (*names, submission.name))
+        found = (self._plans.get(plain(each).lower()) for each in (*names, submission.name))
         return next((each for each in found if each), None)

@@ -1,14 +1,11 @@
 """Write results as files for the course: pages, tables, and JUnit."""
 
-import csv
-import io
 import os
-import re
-import unicodedata
 from typing import Iterable, Iterator, List, Sequence
 from xml.etree import ElementTree
 
 from mushr_ros_intro.classroom import pages
+from mushr_ros_intro.classroom.csv_text import as_csv, plain
 from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.html_page import clean, shown
@@ -16,11 +13,6 @@ from mushr_ros_intro.classroom.index_page import index_page
 from mushr_ros_intro.classroom.points import Points
 from mushr_ros_intro.classroom.store import make_folder, write_text
 from mushr_ros_intro.replay.judge import CHECK_NAMES
-
-_FORMULA = ("=", "+", "-", "@")
-"""A cell that begins like this is a formula in spreadsheet programs."""
-
-_NUMBER = re.compile(r"-?[0-9.]+")
 
 _CANVAS_COLUMNS = ("Student", "ID", "SIS User ID", "SIS Login ID", "Section")
 
@@ -56,23 +48,9 @@ def write_results(
             write_text(os.path.join(folder, kind, name), function(result, points))
         for name in set(os.listdir(folder + kind)) - set(names):
             os.unlink(os.path.join(folder, kind, name))
-    write_text(f"{folder}grades.csv", _csv(_grades(results, points)))
-    write_text(f"{folder}canvas.csv", _csv(_canvas(results, points, assignment)))
+    write_text(f"{folder}grades.csv", as_csv(_grades(results, points)))
+    write_text(f"{folder}canvas.csv", as_csv(_canvas(results, points, assignment)))
     write_text(f"{folder}results.xml", _junit(results))
-
-
-def _csv(rows: Iterable[Sequence[str]]) -> str:
-    """Return rows as CSV; text that looks like a formula gets a leading apostrophe."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([*map(_plain, row)] for row in rows)
-    return text.getvalue()
-
-
-def _plain(text: str) -> str:
-    """Return text on one line that no spreadsheet program takes for a formula."""
-    line = " ".join(clean(text).split())
-    is_formula = unicodedata.normalize("NFKC", line).lstrip().startswith(_FORMULA)
-    return f"'{line}" if is_formula and not _NUMBER.fullmatch(line) else line
 
 
 def _grades(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
@@ -86,8 +64,8 @@ def _grades(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
         feedback = points.feedback.get(result.name, Feedback())
         yield [
             result.name,
-            "; ".join(_plain(each.name) for each in result.students),
-            "; ".join(_plain(each.id) for each in result.students),
+            "; ".join(plain(each.name) for each in result.students),
+            "; ".join(plain(each.id) for each in result.students),
             *(scores.get(name, missing) for name in names),
             "" if result.error else shown(points.score(result)),
             shown(points.max_score()),

@@ -144,6 +144,23 @@ def test_each_submission_has_its_own_plan(tmp_path):
             assert task.error == "plans/plans.csv has no plan for bob; add a line"
 
 
+def test_names_that_look_like_formulas(tmp_path):
+    """They get an apostrophe in the table, and their students still get their plans."""
+    students = "name,id,login\n=1+1,-ann,@ann\nBob,18,@bob\n"
+    assert make(tmp_path, "--seed", 7, students=students) == 0
+    with open(tmp_path / "plans" / "plans.csv", newline="") as file:
+        found = [(row["Name"], row["IDs"]) for row in csv.DictReader(file)]
+    assert found == [("'=1+1", "'-ann; '@ann"), ("Bob", "18; '@bob")]
+    own = own_plans.OwnPlans(str(tmp_path / "plans"))
+    for student, name in (
+        (("=1+1", "", ""), "1_1"),
+        (("", "-ann", ""), "1_1"),
+        (("", "@bob", ""), "Bob"),
+    ):
+        submission = Submission("x", (Student(*student),), "", (), "", (), (), False)
+        assert own.find(submission).name == name
+
+
 def test_a_plan_that_hits_a_wall_is_refused():
     """Otherwise all students fail."""
     plans = Plans(parse_arguments(["class", "--plans", "slalom", "--out", "out"], ""))
