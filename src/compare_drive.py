@@ -70,9 +70,10 @@ def run() -> int:
             show("with the fitted car:", *diagnosis.errors_text(fitted), "")
     show(*diagnosis.fit_text(result, car), "")
     useless = [each["drive"] for each in drives if not each["fits"]]
+    if (arguments.fit or arguments.vesc) and not useless:
+        show(*vesc_text(result.car, arguments.vesc and user_path(arguments.vesc)), "")
     if arguments.fit and not useless:
         path = user_path(arguments.fit)
-        show(*vesc_text(result.car, arguments.vesc and user_path(arguments.vesc)), "")
         write_profile(path, result, profile, arguments.bags)
         show(f"written: {path}", "")
     show(*(f"{each['drive']}: {each['verdict'][-1]}" for each in drives))

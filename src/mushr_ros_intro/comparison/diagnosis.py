@@ -1,13 +1,20 @@
 """Describe what makes a drive differ from its prediction, as text and as JSON."""
 
 import math
-from typing import Any, Dict, Iterator, List, Optional
+from typing import Any, Dict, Iterator, List
 
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.comparison import Comparison, compare
-from mushr_ros_intro.comparison.fitted_car import PARAMETERS, RATES, Fit, Value
+from mushr_ros_intro.comparison.fitted_car import (
+    DELAY,
+    PARAMETERS,
+    RATES,
+    Fit,
+    Parameter,
+    Value,
+)
 from mushr_ros_intro.plan.plan import shortest_decimal
 from mushr_ros_intro.preview.text import SHOWN_ROWS
 from mushr_ros_intro.stamps import NANOSECONDS
@@ -171,17 +178,9 @@ def fit_text(fit: Fit, car: Car) -> Iterator[str]:
     """Yield the lines of a fit."""
     yield "parameter            before     fitted   standard error   95 % range"
     for each in PARAMETERS:
-        value = fit.values[each.name]
-        before = getattr(car, each.name)
-        line = f"{each.name:17}{before:10.4g} "
-        if not value.is_fitted:
-            line += f"   unknown   {_reason(value)}"
-        else:
-            line += _fitted(value, each.unit)
-        yield line.rstrip()
+        yield _value_line(each, getattr(car, each.name), fit.values[each.name])
     for delay in fit.delays:
-        known = _fitted(delay, "s") if delay.is_fitted else "   unknown"
-        yield f"{'delay':17}{0.0:10.4g} {known}"
+        yield _value_line(DELAY, 0.0, delay)
     noise = fit.noise
     yield (
         f"random errors: pose {noise.position:.3f} m and {noise.heading:.3f} rad; of each command, "
@@ -202,17 +201,17 @@ def fit_text(fit: Fit, car: Car) -> Iterator[str]:
         yield "plans/identification.txt drives so that all parameters can be fitted"
 
 
-def _fitted(value: Value, unit: str) -> str:
-    """Return the columns of a fitted value."""
-    shown = f"{value.low:.4f} to {value.high:.4f} {unit}"
-    return f"{value.value:10.4f}{value.error:11.4f}         {shown}"
-
-
-def _reason(value: Value) -> str:
-    """Return why a parameter was not fitted."""
+def _value_line(parameter: Parameter, before: float, value: Value) -> str:
+    """Return the line of a parameter in the table."""
+    begin = f"{parameter.name:17}{before:10.4g} "
+    if value.is_fitted:
+        shown = f"{value.low:.4f} to {value.high:.4f} {parameter.unit}"
+        return f"{begin}{value.value:10.4f}{value.error:11.4f}         {shown}".rstrip()
     if value.confused_with:
-        return f"these drives cannot tell it from {', '.join(value.confused_with)}"
-    return "these drives say too little about it"
+        return (
+            f"{begin}   unknown   these drives cannot tell it from {', '.join(value.confused_with)}"
+        )
+    return f"{begin}   unknown   these drives say too little about it"
 
 
 def as_json(
@@ -244,20 +243,10 @@ def as_json(
     }
 
 
-def _finite(number: float) -> Optional[float]:
-    """Return a number for JSON, which has no infinity."""
-    return number if math.isfinite(number) else None
-
-
 def fit_as_json(fit: Fit) -> Dict[str, Any]:
-    """Return a fit as values for JSON."""
-    numbers = ("value", "error", "low", "high")
+    """Return a fit as values for JSON, which has no infinity."""
     values: Dict[str, Any] = {
-        name: {
-            **{each: _finite(getattr(value, each)) for each in numbers},
-            "fitted": value.is_fitted,
-            "confused_with": list(value.confused_with),
-        }
+        name: {key: None if each == math.inf else each for key, each in value._asdict().items()}
         for name, value in fit.values.items()
     }
     values["delay"] = [delay.value for delay in fit.delays]

@@ -214,7 +214,7 @@ def with_rows_of(log: DriveLog, plan: Plan) -> DriveLog:
                 f"{plan.path}:{row.line}:1: the plan asks for {shortest_decimal(row.speed):g} m/s "
                 f"and {shortest_decimal(row.steering_angle):g} rad, but the commands in {log.name} "
                 f"{shown} {middle / NANOSECONDS:.2f} s after the first one; expected the plan that "
-                "was driven"
+                "was driven to its end, or no --plan"
             )
         rows.append(row._replace(speed=sent.speed))
         now += row.duration

@@ -29,8 +29,10 @@ PARAMETERS = (
     Parameter("steering_rate", "rad/s", 0.1, 1e-3, 0.0, 10.0),
 )
 
+DELAY = Parameter("delay", "s", 0.1, 1e-3, -3.0, 3.0)
+
 OF_DRIVE = (
-    Parameter("delay", "s", 0.1, 1e-3, -3.0, 3.0),
+    DELAY,
     # How the speed gain and the steering offset differ from those of the car.
     Parameter("change of speed_gain", "", 0.05, 1e-3, -5.0, 5.0),
     Parameter("change of steering_offset", "rad", 0.02, 1e-4, -0.5, 0.5),

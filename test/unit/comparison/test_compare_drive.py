@@ -114,7 +114,7 @@ def test_json(run):
     values = json.loads(text)
     assert [each["drive"] for each in values["drives"]] == ["a.bag", "b.bag"]
     assert values["fit"]["speed_gain"]["value"] == pytest.approx(0.9, abs=0.05)
-    assert values["fit"]["steering_gain"]["fitted"] is False
+    assert values["fit"]["steering_gain"]["is_fitted"] is False
 
 
 @pytest.mark.parametrize(
@@ -124,6 +124,7 @@ def test_json(run):
         (("a.bag", "--plan", "figure8"), "figure8: no such file; did you mean figure_8"),
         (("a.bag", "--car", "nano"), "nano: no such file"),
         (("a.bag", "--vesc", "v.yaml", "--fit", "/none/a.yaml"), "v.yaml: the file cannot be read"),
+        (("a.bag", "--vesc", "v.yaml"), "v.yaml: the file cannot be read"),
         (("a.bag", "--fit", "/none/a.yaml"), "--fit: /none/a.yaml cannot be written (No such"),
         (("a.bag", "--out", "/proc/out"), "--out: /proc/out cannot be written ("),
         (("a.bag", "--pose_offset", "far"), "parameter --pose_offset is 'far'; expected a number"),
