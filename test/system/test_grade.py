@@ -19,7 +19,7 @@ import rosbag
 from roslib.packages import find_node
 
 from support import classroom as submissions
-from support.helpers import Process, wait_for
+from support.helpers import ForkedProcess, Process, wait_for
 from support.paths import PACKAGE
 
 PLAN = "0,0,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n"
@@ -43,9 +43,10 @@ WITHOUT_NAMESPACES = ("/usr/bin/python3", "-c", _FILTER)
 
 
 def grade(*arguments, prefix=(), **environment):
-    """Run grade.py; return its exit status and its output."""
+    """Run grade.py, in a fork if there is no prefix; return its exit status and its output."""
     command = (*prefix, find_node("mushr_ros_intro", "grade.py")[0], *arguments)
-    with Process(*map(str, command), **environment) as process:
+    kind = Process if prefix else ForkedProcess
+    with kind(*map(str, command), **environment) as process:
         return process.wait(300), process.output
 
 
@@ -108,8 +109,7 @@ def grade_class(folder, server):
     out = folder / "results"
     out.mkdir()  # readable for all users, so that only the sandbox hides it
     arguments = (classroom, "--plans", folder / "open.txt", "--out", out, "--timeout", 5)
-    with Process("rosrun", "mushr_ros_intro", "grade.py", *map(str, arguments)) as process:
-        return process.wait(300), process.output, out
+    return *grade(*arguments), out
 
 
 def result_of(graded, name):
@@ -341,7 +341,7 @@ def test_empty_part(parts, tmp_path):
 
 def test_gradescope(parts, tmp_path):
     path = tmp_path / "results.json"
-    command = (parts / "class" / "builds", "--plans", parts / "plan.txt", "--out", tmp_path)
+    command = (parts / "zipped", "--plans", parts / "plan.txt", "--out", tmp_path)
     assert_status(0, *command, "--gradescope", path)
     assert sum(test["score"] for test in json.loads(path.read_text())["tests"]) == 9
 

@@ -2,8 +2,6 @@
 
 from typing import Sequence
 
-import rosbag
-
 from mushr_ros_intro.car.model import Command, State, at_rest
 from mushr_ros_intro.car.odometry import Odometer
 from mushr_ros_intro.geometry import Pose
@@ -25,6 +23,8 @@ def write_bag(path: str, judgement: Judgement, states: Sequence[State]) -> None:
     Raises:
         OSError: the file cannot be written.
     """
+    import rosbag  # slow, because it imports encryption, and rarely needed
+
     begin = states[0].stamp
     with rosbag.Bag(path, "w", compression="lz4") as bag:
 
