@@ -41,7 +41,7 @@ def diagnose(facts: Facts, package: str = "") -> List[Finding]:
         problem = (
             f"the car '{facts.car}' was started with a map, but no node publishes /map now, so "
         )
-        problem += "path_publisher.py and check_plan.py cannot check a plan against its walls"
+        problem += "path_publisher.py cannot check a plan against its walls"
         remedy = "Type: rosrun mushr_ros_intro map_server.py _map_file:=sandbox (or the name of "
         found.append(Finding(problem, f"{remedy}another map)"))
     if facts.contact:

@@ -199,7 +199,7 @@ def test_master(master, problem, remedy):
         ),
         (
             {"lacks_map": True},
-            "the car 'car' was started with a map, but no node publishes /map now",
+            "no node publishes /map now, so path_publisher.py cannot check a plan against its",
             "rosrun mushr_ros_intro map_server.py _map_file:=",
         ),
         (
