@@ -1,10 +1,12 @@
 """Check what happens if the process of a replay, or the node, is killed."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from mushr_ros_intro.replay import job
 from mushr_ros_intro.replay.job import Job, KilledError, ReplayError, run_job
-from support.recorded import PLAN, replay, reported
+from support.recorded import PLAN, commands, replay, reported
 
 RIGHT = reported(replay())
 KILLED = reported(replay(outcome="the node was killed by signal SIGKILL; it printed nothing"))
@@ -49,3 +51,28 @@ def test_memory_of_the_replay():
     """A node cannot make the process of its replay use all memory."""
     with pytest.raises(KilledError):
         job.in_own_process(bytearray, 3_000_000_000, seconds=60.0)
+
+
+class Standing:
+    """A world, and the threads of its node, after the commands of a plan; nothing follows."""
+
+    usages, ran, delayed = {}, 0.0, 0.0
+    is_ending, silence = False, 0.0
+
+    def __init__(self, sent):
+        self.sent, self.count, self.waited_for = sent, len(sent), []
+
+    def observe(self, _, is_driving):
+        self.waited_for.append((round(self.silence, 2), is_driving))
+        self.silence += 0.05
+        self.ran += 0.05
+
+
+def test_a_stop_that_is_late_is_not_waited_for():
+    """Otherwise a busy machine takes a node that sends no stop for one that hangs."""
+    world = Standing(commands())
+    process = SimpleNamespace(has_ended=False, threads=world)
+    setting = SimpleNamespace(timeout=15.0)
+    assert job._watch(process, world, Job("node", ("node",), PLAN, setting)) == ""
+    silences = [silence for silence, is_driving in world.waited_for if is_driving]
+    assert silences == [0.0, 0.05, 0.1]
