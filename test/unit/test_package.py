@@ -254,3 +254,9 @@ def test_every_section_of_the_readme_has_promises():
 def test_a_promise_without_its_test_is_found(cell, fault):
     (found,) = faults_in(cell)
     assert fault in found
+
+
+def test_the_page_lists_every_plan():
+    listed = re.findall(r"^\| `(\w+)` \| [\d.]+ s \|", read("docs/tutorial.md"), re.M)
+    files = glob.glob(os.path.join(PACKAGE, "plans", "*.txt"))
+    assert sorted(listed) == sorted(os.path.basename(path)[:-4] for path in files)
