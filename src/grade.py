@@ -132,7 +132,9 @@ def grade_class(arguments: argparse.Namespace) -> int:
         ]
         store.set_aside(task.submission.name for task in tasks)
         is_again = bool(arguments.only)
-        options = Options(arguments.jobs, bags, is_again, arguments.rejudge, missing)
+        options = Options(
+            arguments.jobs, bags, is_again, arguments.rejudge, missing, arguments.params
+        )
         places = {
             **dict.fromkeys(plans.folders, ""),
             package_folder("."): "mushr_ros_intro/",

@@ -57,6 +57,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--points", metavar="FILE", help="points per check and plan; default one point each")
     add("--feedback", default="", metavar="FILE", help="points and comments by hand")
     add("--remap", nargs="+", default=[], metavar="FROM:=TO", help="for the nodes, as for rosrun")
+    add("--params", default="", metavar="FILE", help="parameters of the node; in each submission")
     add("--car", default="ideal", help="as in sim.launch; default ideal")
     add("--map", help="as in sim.launch; default sandbox, or none with --follow")
     add("--seed", type=int, help="drive with the noise of the car, and with this seed")

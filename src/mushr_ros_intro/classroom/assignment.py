@@ -16,7 +16,7 @@ from mushr_ros_intro.replay.following import TOLERANCE_UNITS
 from mushr_ros_intro.replay.job import Exercise, Setting
 from mushr_ros_intro.replay.reference import read_references
 from mushr_ros_intro.replay.sandbox import Sandbox
-from mushr_ros_intro.replay.setting import read_setting
+from mushr_ros_intro.replay.setting import parameter_words, read_setting
 from mushr_ros_intro.wording import counted
 
 
@@ -104,13 +104,15 @@ def choose(arguments: argparse.Namespace, found: Sequence[Submission]) -> Sequen
 
 def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
     """Return the setting that the command line describes."""
+    own = arguments.node and arguments.params  # each submission has a file of its own
+    words = parameter_words(arguments.params) if own else ()
     values = ((name, getattr(arguments, f"{name}_tolerance")) for name in TOLERANCE_UNITS)
     return read_setting(
         package_folder("."),
         arguments.car,
         arguments.map,
         arguments.seed,
-        remap=tuple(arguments.remap),
+        remap=(*arguments.remap, *words),
         timeout=arguments.timeout,
         tolerances={name: value for name, value in values if value is not None},
         sandbox=sandbox,

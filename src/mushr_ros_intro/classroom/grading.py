@@ -28,6 +28,7 @@ from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.job import Exercise, Job, Setting, run_job
 from mushr_ros_intro.replay.judge import Judgement
+from mushr_ros_intro.replay.setting import parameter_words
 
 MAX_SOURCE = 100_000
 """Size of the stored part of a node's source [bytes]."""
@@ -62,6 +63,8 @@ class Options(NamedTuple):
     """Whether nothing is driven, and all stored drives are judged again."""
     isolation: str
     """What is missing in the isolation of the nodes; "" if nothing."""
+    params: str = ""
+    """The file with the parameters of the node, in the package of each submission; "" for none."""
 
 
 class _Progress:
@@ -103,7 +106,7 @@ class Grading:
         world = grid and (grid.cells.tobytes(), grid.cells.shape, grid.resolution, grid.origin)
         fields = (setting.car, setting.parameters, setting.mux, setting.remap, setting.timeout)
         self._common = {
-            "options": hash_of(*fields, world, options.isolation),
+            "options": hash_of(*fields, world, options.isolation, options.params),
             "package": hash_of_folder(_LIBRARY, _NO_INFLUENCE),
             "tolerances": hash_of(sorted(setting.tolerances.items())),
         }
@@ -206,12 +209,24 @@ class Grading:
         if fault := built.result():
             return Drive(key, self._shorten(fault), None, {})
         bag = self._bag(submission, name) if self._options.bags else ""
-        command, folder, packages = submission.command, submission.folder, submission.packages
+        folder, packages = submission.folder, submission.packages
+        try:
+            command = (*submission.command, *self._parameters(submission))
+        except UserError as error:
+            return Drive(key, self._shorten(str(error)), None, {})
         job = Job(submission.name, command, plan, self._setting, folder, packages, bag)
         judgement = run_job(job)
         if bag:
             give_to_user(bag)
         return self._judged(key, name, judgement)
+
+    def _parameters(self, submission: Submission) -> Tuple[str, ...]:
+        """Return the parameters in the file of a submission; raise UserError if it is wrong."""
+        if not self._options.params:
+            return ()
+        node = submission.command[0]
+        own = [each for each in submission.packages if node.startswith(f"{each}/")]
+        return parameter_words(os.path.join(*[*own, submission.folder][:1], self._options.params))
 
     def _judge_again(self, old: Drive, key: Key, name: str, plan: Exercise) -> Drive:
         """Judge a stored drive with the present tolerances."""

@@ -42,8 +42,8 @@ class FollowTolerances(NamedTuple):
     """Root mean square of the distance from the path [m]."""
     time: float = 1.5
     """Duration of the drive, as a multiple of that of the path; EXTRA_TIME is added."""
-    steering_rate: float = 4.0
-    """Mean rate of the commanded steering angle [rad/s]."""
+    steering_rate: float = 15.0
+    """Mean rate of the commanded steering angle [rad/s]; 9 for a good controller that samples."""
 
 
 TOLERANCE_UNITS = {

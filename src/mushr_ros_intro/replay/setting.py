@@ -1,9 +1,11 @@
 """Describe replays: find the car, the map and the node."""
 
 import glob
+import json
 import os
 import shlex
-from typing import Any, Optional, Sequence
+from itertools import islice
+from typing import Any, Dict, Iterator, Optional, Sequence, Tuple
 
 import roslib.packages
 import rospkg
@@ -16,6 +18,9 @@ from mushr_ros_intro.replay.job import Exercise, Job, Setting
 from mushr_ros_intro.wording import similar
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
+
+MAX_PARAMETERS = 1000
+"""So many parameters of a file are used; aliases can repeat a value without end."""
 
 
 def read_setting(
@@ -48,6 +53,24 @@ def read_setting(
     if map_name != "none":
         grid = read_map(find_file(map_name, os.path.join(package, "maps"), ".yaml"))
     return Setting(car, parameters, mux, grid, **others)
+
+
+def parameter_words(path: str) -> Tuple[str, ...]:
+    """Return the parameters in a YAML file as arguments of a node, such as "_pid/kp:=1".
+
+    Raises:
+        UserError: the file cannot be read, or is not a mapping.
+    """
+
+    def words(prefix: str, values: Dict[str, Any]) -> Iterator[str]:
+        for name, value in values.items():
+            if isinstance(value, dict):
+                yield from words(f"{prefix}{name}/", value)
+            else:
+                yield f"{prefix}{name}:={json.dumps(value, default=str)}"
+
+    mapping = read_mapping(path, "keys with the names of parameters")
+    return tuple(islice(words("_", mapping), MAX_PARAMETERS))
 
 
 def find_executable(package: str, name: str) -> str:

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.replay.setting import find_executable
+from mushr_ros_intro.replay.setting import find_executable, parameter_words
 
 
 @pytest.fixture
@@ -35,3 +35,13 @@ def test_a_node_that_is_not_executable(node):
     node.chmod(0o644)
     with pytest.raises(UserError, match="It is not executable; type: chmod"):
         find_executable("student", "drive.py")
+
+
+def test_parameters_of_a_file(tmp_path):
+    path = tmp_path / "parameters.yaml"
+    path.write_text("pid: {kp: 1, gains: [1, 2.5]}\nname: a b\n")
+    words = ("_pid/kp:=1", "_pid/gains:=[1, 2.5]", '_name:="a b"')
+    assert parameter_words(str(path)) == words
+    path.write_text("- 1")
+    with pytest.raises(UserError, match="expected keys with the names of parameters"):
+        parameter_words(str(path))
