@@ -93,21 +93,26 @@ def test_a_controller_that_steers_the_wrong_way(folder):
 
 def test_a_class(tmp_path):
     """Isolated, with points in proportion; the same command again drives nothing."""
-    for name, style in (("ann", "loop"), ("bob", "three_threads")):
+    for name, style in (("ann", "loop"), ("bob", "three_threads"), ("cleo", "loop")):
         (tmp_path / name).mkdir()
         shutil.copy(f"{CONTROLLERS}/pursuit.py", tmp_path / name)
         shutil.copy(f"{CONTROLLERS}/{style}.py", tmp_path / name / "controller.py")
+    for name in ("ann", "bob"):
+        (tmp_path / name / "gains.yaml").write_text("gain: 1.0")
     points = tmp_path / "points.yaml"
     points.write_text("default: {cross_track: 3, final_pose: 1, in_proportion: true}")
     command = (
-        *(find_node("mushr_ros_intro", "grade.py")[0], tmp_path / "ann", tmp_path / "bob"),
+        find_node("mushr_ros_intro", "grade.py")[0],
+        *(tmp_path / name for name in ("ann", "bob", "cleo")),
         *("--follow", "wave", "--file", "controller.py", "--points", points),
+        *("--params", "gains.yaml"),
         *("--cross-track-tolerance", "0.035", "--out", tmp_path / "out"),
     )
     for _ in range(2):
         with Process(*map(str, command)) as process:
             assert process.wait(300) == 1, process.output
         with open(tmp_path / "out" / "grades.csv", encoding="utf-8") as file:
-            ann, bob = csv.DictReader(file)
+            ann, bob, cleo = csv.DictReader(file)
     assert 1.0 < float(ann["Score"]) < 4.0, ann
     assert float(bob["Score"]) == 1.0, bob
+    assert cleo["Error/Fault"].startswith("gains.yaml: the file cannot be read"), cleo
