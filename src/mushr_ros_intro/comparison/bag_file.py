@@ -8,6 +8,7 @@ import sys
 from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import rosbag
+import roslib.packages
 import rospy
 import tf2_py
 from geometry_msgs.msg import Pose as PoseMsg
@@ -63,8 +64,9 @@ def record(path: str, source: Source, seconds: float) -> None:
     except OSError as error:
         text = f"{path} cannot be written ({error.strerror}); expected the name of a new bag"
         raise UserError(f"--record: {text}") from None
-    command = ["rosrun", "rosbag", "record", "--output-name", path, "--duration", str(seconds)]
-    process = subprocess.Popen([*command, *source.topics], stdout=sys.stderr)
+    (program,) = roslib.packages.find_node("rosbag", "record")
+    options = ["--output-name", path, "--duration", str(seconds)]
+    process = subprocess.Popen([program, *options, *source.topics], stdout=sys.stderr)
     with contextlib.suppress(KeyboardInterrupt):  # it also ends the recording
         process.wait()
     if process.wait():
