@@ -61,12 +61,12 @@ class ClickPlanner:
         )
         self._speed = min(speed, car.speed_limit)
         rospy.loginfo(
-            "speed %g m/s, wheelbase %g m, steering from %g to %g rad; plans go to %s",
+            "speed %g m/s, wheelbase %g m, steering from %g to %g rad; %s",
             self._speed,
             self._car.wheelbase,
             -self._car.steering_limit_right,
             self._car.steering_limit_left,
-            self._file.folder,
+            self._file.destination(),
         )
 
         self._lock = threading.Lock()

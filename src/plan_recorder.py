@@ -55,7 +55,7 @@ class PlanRecorder:
         output = f"/{car_name}/mux/ackermann_cmd_mux/output"
         rospy.Subscriber(output, AckermannDriveStamped, self._on_command, tcp_nodelay=True)
         rospy.loginfo(f"recording begins with the first command on {output}")
-        rospy.loginfo(f"plans go to {self._file.folder}")
+        rospy.loginfo("%s", self._file.destination())
 
     def run(self) -> None:
         """Record until the node is shut down; then save the drive, and log what was saved.

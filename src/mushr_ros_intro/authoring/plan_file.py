@@ -27,13 +27,20 @@ class PlanFile:
     """
 
     def __init__(self, parameters: Parameters, default_name: str) -> None:
-        self.folder = parameters.folder(
+        self._folder = parameters.folder(
             "folder", ".", "folder of the plans; . is the directory of your shell"
         )
         meaning = "file name; if the file exists, a number is added to the name"
         self._name = parameters.file_name("name", default_name, meaning)
         self._saved: Optional[Plan] = None
         self._last = ""  # path and size of that plan
+
+    def destination(self) -> str:
+        """Return a clause that names the folder, and says if it cannot be written to."""
+        text = f"plans go to {self._folder}"
+        if os.access(self._folder, os.W_OK | os.X_OK, effective_ids=True):
+            return text
+        return f"{text}, but you cannot write there: choose another folder with _folder:=PATH"
 
     def save(self, plan: Optional[Plan], if_empty: str) -> str:
         """Write a plan into a new file; return a message with its path and size.
@@ -51,7 +58,7 @@ class PlanFile:
         stem, ending = os.path.splitext(self._name)
         numbered = (f"{stem}_{number}{ending}" for number in itertools.count(2))
         paths = (
-            os.path.join(self.folder, each) for each in itertools.chain([self._name], numbered)
+            os.path.join(self._folder, each) for each in itertools.chain([self._name], numbered)
         )
         path = next(each for each in paths if not os.path.lexists(each))
         try:

@@ -38,6 +38,8 @@ def test_no_file_is_overwritten(file, tmp_path):
 
 
 def test_a_folder_without_write_access(file, tmp_path):
+    """The node says so at its start, not only after the drive."""
+    assert file.destination() == f"plans go to {tmp_path}"
     tmp_path.chmod(0o555)
     user = os.geteuid()
     if user == 0:
@@ -45,6 +47,7 @@ def test_a_folder_without_write_access(file, tmp_path):
     try:
         with pytest.raises(UserError, match=r"mine.txt cannot be written \(Permission denied\)"):
             save(file)
+        assert "but you cannot write there" in file.destination()
     finally:
         os.seteuid(user)
     assert os.listdir(str(tmp_path)) == []
