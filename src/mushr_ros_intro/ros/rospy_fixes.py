@@ -174,6 +174,29 @@ def set_time(now: int) -> None:
     rospy.rostime._set_rostime(rospy.Time(*divmod(now, NANOSECONDS)))
 
 
+def _registration_manager() -> Any:
+    """Return rospy's manager of the topics of this node, after rospy.init_node."""
+    listeners = rospy.impl.registration.get_registration_listeners().listeners
+    (manager,) = (each for each in listeners if hasattr(each, "publisher_update"))
+    return manager
+
+
+def end_at_once() -> None:
+    """Let this node end without a wait. Call this function after rospy.init_node.
+
+    Symptom: a node that ends uses a processor for 0.5 s more than necessary.
+    Cause: rospy waits for a thread that looks every 0.5 s whether the node ends
+    (rospy/impl/registration.py). Meanwhile, another thread polls a closed socket.
+    """
+    condition = _registration_manager().cond
+
+    def wake_up(_: str) -> None:
+        with condition:
+            condition.notify_all()
+
+    rospy.core.add_shutdown_hook(wake_up)
+
+
 def take_publisher_updates(on_call: Callable[[], None]) -> Callable[[str, List[str]], None]:
     """Let nobody else tell this node the publishers of a topic; return the function that does.
 
@@ -183,8 +206,7 @@ def take_publisher_updates(on_call: Callable[[], None]) -> Callable[[str, List[s
     Args:
         on_call: called instead if another process tells this node publishers.
     """
-    listeners = rospy.impl.registration.get_registration_listeners().listeners
-    (manager,) = (each for each in listeners if hasattr(each, "publisher_update"))
+    manager = _registration_manager()
     update: Callable[[str, List[str]], None] = manager.publisher_update
     manager.publisher_update = lambda topic, publishers: on_call()
     return update

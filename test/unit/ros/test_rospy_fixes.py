@@ -7,10 +7,11 @@ import time
 from types import SimpleNamespace
 
 import pytest
+import rospy
 from rospy.exceptions import TransportException
 from rospy.impl.tcpros_base import TCPROSTransport, TCPROSTransportProtocol
 
-from mushr_ros_intro.ros.rospy_fixes import DirectConnection, publish_together
+from mushr_ros_intro.ros.rospy_fixes import DirectConnection, end_at_once, publish_together
 from support.helpers import wait_for
 
 
@@ -125,3 +126,18 @@ def test_messages_that_are_published_together_are_one_packet(ends, monkeypatch):
         publish_together(publisher, [b"one", b"two", b"three"])
         connection.write_data(b"alone")
     assert sent == 2 * [(b"one", True), (b"two", True), (b"three", False), (b"alone", False)]
+
+
+def test_a_node_ends_at_once(monkeypatch):
+    """The hook wakes up rospy's thread after the shutdown has begun."""
+    manager = SimpleNamespace(cond=threading.Condition(), publisher_update=None)
+    listeners = rospy.impl.registration.get_registration_listeners()
+    monkeypatch.setattr(listeners, "listeners", [manager])
+    monkeypatch.setattr(rospy.core, "_shutdown_hooks", [])
+    end_at_once()
+    (hook,) = rospy.core._shutdown_hooks
+    with manager.cond:
+        thread = threading.Thread(target=hook, args=["the node ends"])
+        thread.start()
+        assert manager.cond.wait(10.0)
+    thread.join()
