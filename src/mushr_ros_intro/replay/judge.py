@@ -169,7 +169,10 @@ def _start_pose(judgement: Judgement) -> Tuple[bool, str]:
     if not sent:
         return False, f"{_missing_start(judgement.recorded)}; expected {wanted}"
     if not sent.is_close_to(wanted, START_TOLERANCE):  # also if it is NaN
-        return False, f"the node sent the start pose {sent}; expected {wanted}"
+        found = f"the node sent the start pose {sent}"
+        if not all(map(math.isfinite, sent)):
+            found = f"the car ignored {judgement.recorded.ignored}"
+        return False, f"{found}; expected {wanted}"
     passed, difference = compare(
         Pose(*judgement.drive.driven[0]), wanted, *judgement.tolerances[:2]
     )

@@ -93,7 +93,11 @@ def test_an_ignored_message_is_noted():
         ),
         ({"start": Pose(1, 2.002, 0.5)}, "start_pose", "start pose (1.0000 m, 2.0020 m"),
         ({"start": Pose(1, 2, 0.502)}, "start_pose", "2.0000 m, 0.5020 rad); expected"),
-        ({"start": Pose(math.nan, 2, 0.5)}, "start_pose", "start pose (nan m"),
+        (
+            {"start": Pose(math.nan, 2, 0.5), "ignored": "a message on /initialpose: x is nan"},
+            "start_pose",
+            "the car ignored a message on /initialpose: x is nan; expected (1.0000 m, 2.0000",
+        ),
         ({"collisions": (Pose(3, 2, 0),)}, "map", "a wall at (3.0000 m, 2.0000 m"),
         ({"grid": map_of(7, 20, Pose(-5, -5, 0))}, "map", "left the map at (2.0"),
         ({"grid": map_of(20, 20, Pose(2, -5, 0))}, "map", "the map is 20 m x 20 m"),
