@@ -7,6 +7,7 @@ line may name the columns; comments begin with ``#``. The path is straight betwe
 import csv
 import math
 import os
+from contextlib import suppress
 from typing import Dict, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
@@ -92,10 +93,7 @@ def read_references(names: Sequence[str], folder: str, starts: int = 1) -> Dict[
     """
     found: Dict[str, Reference] = {}
     for name in names:
-        try:
-            path = find_file(name, folder, ".csv")
-        except UserError:
-            path = find_file(name, folder, ".txt")
+        path = _find(name, folder)
         reference = _from_csv(path) if path.endswith(".csv") else _from_plan(path)
         if reference.name in found:
             raise UserError(f"there are two paths with the name '{reference.name}'")
@@ -104,6 +102,16 @@ def read_references(names: Sequence[str], folder: str, starts: int = 1) -> Dict[
             other = reference._replace(start=start, number=number)
             found[other.name] = other
     return found
+
+
+def _find(name: str, folder: str) -> str:
+    """Return the path of a CSV file, or of a plan if there is none; raise UserError."""
+    try:
+        return find_file(name, folder, ".csv")
+    except UserError:
+        with suppress(UserError):
+            return find_file(name, folder, ".txt")
+        raise
 
 
 def _from_plan(path: str) -> Reference:

@@ -79,7 +79,7 @@ def test_several_starts():
 
 
 def test_unknown_and_equal_names(tmp_path):
-    with pytest.raises(UserError, match="waves: no such file"):
+    with pytest.raises(UserError, match=r"waves: no such file; did you mean wave\?"):
         read_references(["waves"], PLANS)
     (tmp_path / "wave.csv").write_text(CSV)
     with pytest.raises(UserError, match="two paths with the name 'wave'"):
