@@ -33,15 +33,15 @@ from mushr_ros_intro.classroom.progress import Progress
 from mushr_ros_intro.classroom.store import Store, load_newest, make_folder
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.isolation.sandbox import Sandbox, make_sandbox
+from mushr_ros_intro.isolation.workspace import temporary_folder
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
 from mushr_ros_intro.replay.job import ReplayError, run_job
 from mushr_ros_intro.replay.judge import CHECK_NAMES
 from mushr_ros_intro.replay.report_files import write_report
-from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.replay.setting import job_for
-from mushr_ros_intro.replay.workspace import temporary_folder
 from mushr_ros_intro.wording import counted
 
 PASSED, FAILED, USAGE, NOT_GRADED = range(4)

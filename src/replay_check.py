@@ -21,6 +21,8 @@ import rospy
 from std_msgs.msg import String
 
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.isolation.sandbox import Sandbox
+from mushr_ros_intro.isolation.workspace import inherited
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
@@ -29,9 +31,7 @@ from mushr_ros_intro.replay.job import Exercise, run_job
 from mushr_ros_intro.replay.judge import Check, Judgement
 from mushr_ros_intro.replay.reference import Reference, read_references
 from mushr_ros_intro.replay.report_files import write_report
-from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.setting import job_for, read_setting
-from mushr_ros_intro.replay.workspace import inherited
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.ros_time import wait_for
 

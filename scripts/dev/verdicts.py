@@ -21,11 +21,11 @@ CHECKOUT = os.path.abspath(os.path.join(os.path.dirname(__file__), "../.."))
 sys.path.insert(0, os.path.join(CHECKOUT, "test"))
 
 from mushr_ros_intro.errors import UserError  # noqa: E402
+from mushr_ros_intro.isolation.sandbox import Sandbox  # noqa: E402
+from mushr_ros_intro.isolation.workspace import inherited  # noqa: E402
 from mushr_ros_intro.plan.parse import read_plan  # noqa: E402
 from mushr_ros_intro.replay.job import Job, run_job  # noqa: E402
-from mushr_ros_intro.replay.sandbox import Sandbox  # noqa: E402
 from mushr_ros_intro.replay.setting import read_setting  # noqa: E402
-from mushr_ros_intro.replay.workspace import inherited  # noqa: E402
 from support import styles  # noqa: E402
 
 BUSY = "while True: pass"

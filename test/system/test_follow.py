@@ -11,11 +11,11 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from roslib.packages import find_node
 
+from mushr_ros_intro.isolation.sandbox import Sandbox
+from mushr_ros_intro.isolation.workspace import inherited
 from mushr_ros_intro.replay.job import Job, run_job
 from mushr_ros_intro.replay.reference import read_references
-from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.setting import read_setting
-from mushr_ros_intro.replay.workspace import inherited
 from support.helpers import Process
 from support.paths import CHECKOUT, PACKAGE
 

@@ -34,7 +34,7 @@ AS_ROOT = pytest.mark.skipif(os.geteuid() != 0, reason="only root may mount, or 
 
 _FILTER = """
 import os, sys
-from mushr_ros_intro.replay.system_calls import make_filter
+from mushr_ros_intro.isolation.system_calls import make_filter
 make_filter().load()
 os.execvp(sys.argv[1], sys.argv[1:])
 """

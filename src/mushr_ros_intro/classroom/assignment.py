@@ -8,6 +8,7 @@ from mushr_ros_intro.classroom.grading import Task
 from mushr_ros_intro.classroom.own_plans import TABLE, OwnPlans
 from mushr_ros_intro.classroom.submissions import Submission, check_authors
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.plan.plan import Plan
@@ -15,7 +16,6 @@ from mushr_ros_intro.preview.walls import refuse_walls
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS
 from mushr_ros_intro.replay.job import Exercise, Setting
 from mushr_ros_intro.replay.reference import read_references
-from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.setting import parameter_words, read_setting
 from mushr_ros_intro.wording import counted
 

@@ -12,11 +12,11 @@ from typing import Dict, List
 
 from mushr_ros_intro.classroom import attacks
 from mushr_ros_intro.classroom.attacks import LEAVE, REPEATED, Targets
+from mushr_ros_intro.isolation import system_calls
+from mushr_ros_intro.isolation.workspace import temporary_folder
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.replay import system_calls
 from mushr_ros_intro.replay.job import Job, ReplayError, Setting, run_job
-from mushr_ros_intro.replay.workspace import temporary_folder
 
 INSTALLED = ("/usr/lib/mushr_ros_intro", "/usr/share/doc/ros-mushr-ros-intro/examples")
 """Where Debian's packages have solutions."""

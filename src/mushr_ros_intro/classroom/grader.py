@@ -6,6 +6,9 @@ import tempfile
 from typing import Dict, List, Optional, Sequence, Tuple
 
 from mushr_ros_intro.classroom.submissions import Submission
+from mushr_ros_intro.isolation.node_process import SHOWN_LINES
+from mushr_ros_intro.isolation.sandbox import Sandbox
+from mushr_ros_intro.isolation.workspace import environment_of
 from mushr_ros_intro.replay.job import (
     MAX_OVERHEAD,
     Exercise,
@@ -15,10 +18,7 @@ from mushr_ros_intro.replay.job import (
     in_own_process,
     sandboxed,
 )
-from mushr_ros_intro.replay.node_process import SHOWN_LINES
 from mushr_ros_intro.replay.recording import Drive
-from mushr_ros_intro.replay.sandbox import Sandbox
-from mushr_ros_intro.replay.workspace import environment_of
 
 TIMEOUT = 120.0
 """For the build of one submission, and for the probe [s of wall-clock time]."""

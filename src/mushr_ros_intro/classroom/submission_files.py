@@ -7,7 +7,7 @@ import zipfile
 from functools import partial
 from typing import IO, List, Sequence, Tuple
 
-from mushr_ros_intro.replay.workspace import is_junk
+from mushr_ros_intro.isolation.workspace import is_junk
 
 MAX_FILES = 2_000
 """A submission with more files is refused."""

@@ -17,9 +17,9 @@ from mushr_ros_intro.classroom.grades import Student
 from mushr_ros_intro.classroom.submission_check import check_submission
 from mushr_ros_intro.classroom.submission_files import Files, SubmissionError
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.isolation.workspace import is_junk
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.replay.job import Exercise
-from mushr_ros_intro.replay.workspace import is_junk
 
 MAX_CLASS = 100_000, 10_000_000_000
 """Limits for a zip with the submissions of a whole class: files, bytes."""

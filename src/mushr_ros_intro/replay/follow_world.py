@@ -17,11 +17,11 @@ from nav_msgs.srv import GetMap
 from rosgraph_msgs.msg import Clock
 
 from mushr_ros_intro.car.model import at_rest
+from mushr_ros_intro.isolation.node_process import NodeProcess
+from mushr_ros_intro.isolation.threads import Threads
 from mushr_ros_intro.replay.following import EXTRA_TIME
-from mushr_ros_intro.replay.node_process import NodeProcess
 from mushr_ros_intro.replay.pace import STEP, Pace
 from mushr_ros_intro.replay.reference import Reference
-from mushr_ros_intro.replay.threads import Threads
 from mushr_ros_intro.replay.world import (
     CAR,
     CHECK_PERIOD,

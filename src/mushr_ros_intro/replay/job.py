@@ -16,6 +16,9 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeV
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.isolation.node_process import WAS_KILLED, NodeProcess
+from mushr_ros_intro.isolation.sandbox import Sandbox
+from mushr_ros_intro.isolation.workspace import environment_of
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import count_commands
@@ -23,12 +26,9 @@ from mushr_ros_intro.replay.bag import write_bag
 from mushr_ros_intro.replay.follow_world import FollowWorld, is_python
 from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.judge import Judgement
-from mushr_ros_intro.replay.node_process import WAS_KILLED, NodeProcess
 from mushr_ros_intro.replay.pace import Pace
 from mushr_ros_intro.replay.recording import Recorded, count_leading_stops
 from mushr_ros_intro.replay.reference import Reference
-from mushr_ros_intro.replay.sandbox import Sandbox
-from mushr_ros_intro.replay.workspace import environment_of
 from mushr_ros_intro.replay.world import CAR, CHECK_PERIOD, CONTROL, MAX_SILENCE, ReplayWorld
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 from mushr_ros_intro.world.grid import Grid

@@ -9,7 +9,7 @@ waits, and while it runs, but not while it waits for a processor.
 import time
 from typing import NamedTuple, Optional
 
-from mushr_ros_intro.replay.threads import Threads, Usages
+from mushr_ros_intro.isolation.threads import Threads, Usages
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 
 STEP = NANOSECONDS // 100

@@ -21,12 +21,12 @@ from rosmaster.threadpool import ThreadPoolThread
 
 from mushr_ros_intro.car.model import State
 from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.isolation.threads import Threads
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
 from mushr_ros_intro.replay.judge import INITIAL_POSES
 from mushr_ros_intro.replay.pace import Pace
 from mushr_ros_intro.replay.recording import Sent
 from mushr_ros_intro.replay.replay_car import MUX, ReplayCar, ReplayMux
-from mushr_ros_intro.replay.threads import Threads
 from mushr_ros_intro.ros import conversions, node, ros_time, rospy_fixes
 from mushr_ros_intro.simulator.mux import Input
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, effective_stamp

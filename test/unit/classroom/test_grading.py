@@ -13,9 +13,9 @@ from mushr_ros_intro.classroom import grading
 from mushr_ros_intro.classroom.store import Store, load_all
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.replay.job import ReplayError
-from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.setting import read_setting
 from support.paths import PACKAGE
 from support.recorded import replay, reported

@@ -14,8 +14,8 @@ from mushr_ros_intro.classroom.assignment import Plans
 from mushr_ros_intro.classroom.grades import Student
 from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.replay.sandbox import Sandbox
 from mushr_ros_intro.replay.setting import read_setting
 from support.geometry import closed_form
 from support.paths import CHECKOUT, PACKAGE

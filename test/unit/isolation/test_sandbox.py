@@ -5,8 +5,8 @@ import os
 import pytest
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.replay import sandbox
-from mushr_ros_intro.replay.sandbox import Sandbox, make_sandbox
+from mushr_ros_intro.isolation import sandbox
+from mushr_ros_intro.isolation.sandbox import Sandbox, make_sandbox
 
 ENVIRONMENT = {"PATH": "/usr/bin", "ROS_PACKAGE_PATH": "/home/ann/.ros/0:/usr/share"}
 

@@ -10,7 +10,7 @@ from functools import partial
 from typing import List
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.replay.threads import Threads
+from mushr_ros_intro.isolation.threads import Threads
 
 SHOWN_LINES = 15
 """Number of lines at the end of the node's output that a message quotes."""

@@ -5,8 +5,8 @@ import sys
 
 import pytest
 
-from mushr_ros_intro.replay import node_process
-from mushr_ros_intro.replay.node_process import MAX_OUTPUT, NodeProcess
+from mushr_ros_intro.isolation import node_process
+from mushr_ros_intro.isolation.node_process import MAX_OUTPUT, NodeProcess
 from support.helpers import wait_for
 
 LEAVES = """

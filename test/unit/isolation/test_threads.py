@@ -7,8 +7,8 @@ import threading
 
 import pytest
 
-from mushr_ros_intro.replay import threads
-from mushr_ros_intro.replay.threads import Threads
+from mushr_ros_intro.isolation import threads
+from mushr_ros_intro.isolation.threads import Threads
 from support.helpers import wait_for
 
 

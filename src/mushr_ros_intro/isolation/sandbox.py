@@ -15,9 +15,9 @@ import tempfile
 from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.isolation import system_calls, workspace
+from mushr_ros_intro.isolation.node_process import MAX_MEMORY
 from mushr_ros_intro.paths import package_folder
-from mushr_ros_intro.replay import system_calls, workspace
-from mushr_ros_intro.replay.node_process import MAX_MEMORY
 
 FIRST_USER = 60_000
 USERS = 5_000

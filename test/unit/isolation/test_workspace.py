@@ -3,7 +3,7 @@
 import os
 import stat
 
-from mushr_ros_intro.replay.workspace import copy_workspaces, environment_of
+from mushr_ros_intro.isolation.workspace import copy_workspaces, environment_of
 
 XML = "<package><name>{}</name></package>"
 VARIABLES = ("CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "ROS_PACKAGE_PATH")

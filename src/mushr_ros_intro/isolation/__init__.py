@@ -1,0 +1,1 @@
+"""Run a node that is not trusted, and observe it: files, system calls, memory, threads."""
