@@ -112,8 +112,7 @@ class Pace:
         If each command is the answer to the step to its due time, the steps before it are without
         effect. The first step after a command then becomes longer each time, until it ends at the
         due time. If the node has slept until an instant between, its next command comes one step
-        late, and from then on all steps have the same length again. They also have if the node
-        receives more than the clock: it may read another message before it reads the time.
+        late, and from then on all steps have the same length again.
         """
         now = self._now
         # Otherwise, the node has waited since the step, or without a step.
@@ -126,7 +125,7 @@ class Pace:
             if not is_answer and (is_in_time or not self._is_tested):
                 self.uses_wall_clock = self._is_tested = True
             self._answers = is_answer and not self.uses_wall_clock
-            is_regular = self._stride and self._written <= 1 and is_answer and left == 0
+            is_regular = self._stride and is_answer and left == 0
             self._stride = min(self._stride + STEP, COMMAND_PERIOD) if is_regular else 0
         self._has_sent = True
         if is_in_time:
@@ -141,6 +140,11 @@ class Pace:
         """Whether the node waits, and has received the messages of the last step."""
         usages = self._node.usages
         return self._is_waiting and (not self._written or usages is not self._step.usages)
+
+    @property
+    def knows_time(self) -> bool:
+        """Whether the node has received the time of the last step, also if it polls."""
+        return self.has_received or self._node.ran - self._step.ran > POLL
 
     def advance(self, left: Optional[int]) -> int:
         """Return by how much the clock advances now [ns]; 0 if it stands.
@@ -174,8 +178,7 @@ class Pace:
         if now.usages is not self._still.usages:
             return STEP  # it polls
         if now.waited - self._still.waited > STEP_WAIT:
-            longest = COMMAND_PERIOD if left is None else max(left, STEP)
-            return longest if self._written <= 1 else STEP  # see `heard`
+            return COMMAND_PERIOD if left is None else max(left, STEP)
         return 0
 
     def _hold(self) -> int:

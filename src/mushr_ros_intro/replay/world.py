@@ -166,7 +166,7 @@ class ReplayWorld:
             has_news = self._master.notify() or self._process(pace)
             if has_news and not pace.uses_wall_clock:
                 return
-        written = self._advance(pace, is_node_waiting, is_driving) if is_received else None
+        written = self._advance(pace, is_driving) if is_received else None
         if written is None:
             self._nap = min(LONG_NAP, 1.5 * self._nap)
         else:
@@ -174,13 +174,13 @@ class ReplayWorld:
             self._nap = SHORT_NAP
         time.sleep(self._nap)
 
-    def _advance(self, pace: Pace, is_node_waiting: bool, is_driving: bool) -> Optional[int]:
+    def _advance(self, pace: Pace, is_driving: bool) -> Optional[int]:
         """Send the reports that are due, or advance the clock, if it is time to do so.
 
         Returns:
             To how many threads of the node messages were sent; None if it is too early.
         """
-        if self._reports and (pace.has_received or not is_node_waiting):
+        if self._reports and pace.knows_time:
             return self._report()
         duration = pace.advance(self._time_left() if is_driving else None)
         if not duration:

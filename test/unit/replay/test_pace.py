@@ -109,15 +109,13 @@ def drive(wall, sleeps, period, work, load, parts=1):
     return pace_of(wall, node, lambda: 0.001 + delay())
 
 
-def pace_of(wall, node, pause, received=1, steps=None):
+def pace_of(wall, node, pause):
     """Return the intervals between the commands of a node [s of simulated time].
 
     Args:
         wall: the time of the wall clock [s], which advances.
         node: the node.
         pause: returns the time until the next look at the node [s].
-        received: the number of threads of the node that receive a message in each step.
-        steps: a list for the durations of the steps of the clock [ns].
     """
     decides, arrivals = Pace(node), []
     while len(arrivals) < 40:
@@ -134,10 +132,8 @@ def pace_of(wall, node, pause, received=1, steps=None):
             continue
         if duration := decides.advance(left):
             node.clock += duration
-            decides.stepped(received)
+            decides.stepped(1)
             node.wake("clock", wall[0])
-            if steps is not None:
-                steps.append(duration)
     return [(later - earlier) / NANOSECONDS for earlier, later in zip(arrivals, arrivals[1:])]
 
 
@@ -196,12 +192,23 @@ def test_two_threads_that_sleep(wall, other):
     assert sum(late > pace.STEP / NANOSECONDS + 1e-9 for late in node.lateness) <= 1
 
 
-@pytest.mark.parametrize(("received", "longest"), [(1, COMMAND_PERIOD), (2, pace.STEP)])
-def test_a_node_that_receives_more_than_the_clock(wall, received, longest):
-    """Its steps stay short: it may read a pose before it reads the time, and stamp a command."""
-    node, steps = Node(0.1, 0.0, 0.0, lambda: 0.0), []
-    pace_of(wall, node, lambda: 0.001, received, steps)
-    assert max(steps) == longest
+@pytest.mark.parametrize(
+    ("waits", "has_run", "seconds", "knows"),
+    [
+        (True, False, 0.0, False),
+        (True, True, 0.0, True),
+        (False, True, 0.005, False),
+        (False, True, 0.02, True),
+    ],
+)
+def test_when_a_node_knows_the_time(wall, waits, has_run, seconds, knows):
+    """Poses are sent then: a node may stamp its command when it receives a pose."""
+    node = Threads()
+    decides = Pace(node)
+    decides.stepped(1)
+    node.waits, node.runs, node.ran = waits, {"clock": 1} if has_run else node.runs, seconds
+    decides.observe()
+    assert decides.knows_time == knows
 
 
 @pytest.mark.parametrize(("seconds", "is_asleep"), [(0.04, False), (0.06, True)])
