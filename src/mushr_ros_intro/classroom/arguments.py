@@ -73,11 +73,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")
     add("--check-environment", action="store_true", help="try attacks of a node on this machine")
     for name in ("gradescope", "classroom50", "github"):
-        add(
-            f"--{name}",
-            metavar="FILE",
-            help="also write the result of one submission in its format",
-        )
+        add(f"--{name}", metavar="FILE", help="also write the result of one submission in its form")
     arguments = parser.parse_args(words)
     arguments.map = arguments.map or ("none" if arguments.follow else "sandbox")
     values = vars(arguments)

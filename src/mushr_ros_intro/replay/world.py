@@ -102,8 +102,7 @@ class ReplayWorld:
         rospy.on_shutdown(lambda: self._master.record(f"shuts down the node {CAR}"))
         self._car = ReplayCar(self._poses)
         if grid is not None:
-            maps = rospy.Publisher("/map", OccupancyGrid, queue_size=1, latch=True)
-            maps.publish(conversions.grid_to_msg(grid, 0, conversions.MAP_FRAME))
+            _publish_map(grid)
             self._car.use_map(grid)
         self._mux = ReplayMux(self._commands, self._car)
         self._offer()
@@ -315,6 +314,11 @@ def _join(uri: str, parameters: Dict[str, Any], mux: Dict[str, Any]) -> None:
     rospy.set_param(MUX, mux)
     argv = [f"initialpose:={INITIAL_POSES}"]
     node.init_node("car_sim", argv=argv, disable_rostime=True, disable_signals=True)
+
+
+def _publish_map(grid: Grid) -> None:
+    maps = rospy.Publisher("/map", OccupancyGrid, queue_size=1, latch=True)
+    maps.publish(conversions.grid_to_msg(grid, 0, conversions.MAP_FRAME))
 
 
 def _other_threads() -> List[int]:
