@@ -51,7 +51,7 @@ def run() -> int:
     car_name = os.path.splitext(os.path.basename(path))[0]
     car = car_from(Parameters({**read_profile(path), "noise": True}, f"{path}: "))
     map_path, grid = "", None
-    if arguments.map is not None:
+    if arguments.map != "none":
         map_path = shortened(find_file(arguments.map, maps, ".yaml"))
         grid = read_map(map_path)
 
@@ -99,7 +99,8 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
     add("plans", metavar="PLAN", nargs="+", help="path of a plan, or a name here or in plans/")
     car_help = f"path of a profile, or one of {cars}; default ideal"
     add("--car", metavar="CAR", default="ideal", help=car_help)
-    add("--map", metavar="MAP", help="path of a map, or a name here or in maps/; default none")
+    map_help = "path of a map, or a name here or in maps/; default none"
+    add("--map", metavar="MAP", default="none", help=map_help)
     add("--json", action="store_true", help="print JSON: a list, one item per plan")
     add("--plot", metavar="FILE.png", help="draw the path, speed and steering angle")
     add("--runs", metavar="N", help=spread_help)

@@ -413,6 +413,12 @@ def test_a_plan_without_faults_ends_with_status_0():
     assert result.output.split("\n")[1] == "no faults"
 
 
+def test_no_map_has_a_name(run):
+    """The same name as in sim.launch and grade.py."""
+    assert run("circle", "--map", "none") == run("circle")
+    assert run("circle")[0] == 0
+
+
 def test_one_plan_with_faults_among_others_ends_with_status_1(run, tmp_path):
     (tmp_path / "fast.txt").write_text("0,0,0\n0.5,0\n6.6,0\n")
     status, output, errors = run("circle", "fast.txt", "--car=mushr_tx2")
