@@ -147,7 +147,9 @@ def _rows(plan: Plan, car: Car, stamps: np.ndarray, driven: np.ndarray) -> Tuple
     ends[-1] = max(ends[-1], stamps[-1])
     instants = np.append(0, ends[ends <= stamps[-1]])
     fine = np.union1d(stamps, instants)
-    path = np.column_stack([np.interp(fine, stamps, column) for column in driven.T])
+    # Before the first pose of the drive, the car was at the start pose.
+    columns = zip(driven.T, plan.start)
+    path = np.column_stack([np.interp(fine, stamps, column, start) for column, start in columns])
     places = np.searchsorted(fine, instants)
     table = np.array(  # x, y, theta and distance, predicted and driven, at the ends of the rows
         [

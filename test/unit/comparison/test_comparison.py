@@ -40,6 +40,13 @@ def test_a_slow_car_on_a_straight_line_falls_short():
     assert "largest error   0.200 m, 4.00 s after" in text
 
 
+@pytest.mark.parametrize("delay", [-1e-6, 1e-6, 0.013])
+def test_the_first_row_begins_at_the_start_pose(delay):
+    """Also if the first pose of the drive comes some time after the first command."""
+    log = driven(plan_of("1, 2, 3\n0.5, 0.1, 4"), Car(), random.Random(1), **EXACT)
+    assert compare(log, Car(), delay).rows[0].distance == pytest.approx((2.0, 2.0), abs=1e-3)
+
+
 def test_a_car_that_steers_to_the_left_is_left_of_the_path():
     car = Car(steering_offset=0.02)
     found = compared("0, 0, 0.7\n1, 0.1, 1", car)
