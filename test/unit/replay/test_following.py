@@ -13,7 +13,9 @@ from support import recorded
 from support.geometry import float32
 from support.paths import CHECKOUT
 
-REFERENCES = read_references(["line", "circle", "wave", "figure_8"], f"{CHECKOUT}/plans")
+REFERENCES = read_references(
+    ["line", "circle", "wave", "figure_8", "closed_figure_8"], f"{CHECKOUT}/plans"
+)
 STEP = 10_000_000
 
 
@@ -46,6 +48,15 @@ def test_a_drive_on_the_path(name):
     """Also if the path crosses itself, or ends where it began."""
     exact = {"path": 0.05, "cross_track": 0.011, "rms": 0.006, "position": 1e-3}
     assert failed(drive(name), **exact) == {}
+
+
+def test_a_car_that_drives_beyond_the_end_of_a_closed_path():
+    """The begin of the path is nearer to it than the end, but does not count as the nearest."""
+    seen = drive("closed_figure_8")
+    begin, beyond = seen.poses[:50], seen.poses[51:61]
+    seen.poses[-50:] = np.vstack([beyond, np.repeat(beyond[-1:], 40, axis=0)])
+    assert math.dist(seen.poses[-1, :2], begin[0, :2]) == pytest.approx(0.2, abs=0.01)
+    assert failed(seen) == {}
 
 
 def test_a_drive_beside_the_path():

@@ -30,6 +30,10 @@ def test_a_file(tmp_path):
     assert reference.speed == 2.0
 
 
+def test_a_path_in_reverse(tmp_path):
+    assert read(tmp_path, "0,0,0,-1\n-2,0,0,-1\n").stamps == (0, 2_000_000_000)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -39,6 +43,7 @@ def test_a_file(tmp_path):
         ),
         ("0,0,0,1\nx,y,heading,speed\n", "path.csv:2: found"),
         ("0,0,0,1\n1,nan,0,1\n", "path.csv:2: found"),
+        ("0,0,0,1\n2e6,0,0,1\n", "path.csv:2: found"),
         ("0,0,0,1\n", "path.csv: expected a path of at least two different poses"),
         ("", "path.csv: expected a path"),
     ],
