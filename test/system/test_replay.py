@@ -74,7 +74,7 @@ REPLAYS = {
 
 
 CORE = ("ours", "crash")
-"""The replays of each run of the tests; test_grade.py grades nodes with the other faults, too."""
+"""The replays of each run of the tests; test_grade_class.py grades nodes with other faults."""
 
 EACH_REPLAY = [
     name if name in CORE else pytest.param(name, marks=pytest.mark.full) for name in REPLAYS

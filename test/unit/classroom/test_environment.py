@@ -1,4 +1,4 @@
-"""Check the table of attacks in docs/grading.md; test/system/test_grade.py tries them."""
+"""Check the table of attacks in docs/grading.md; test/system/test_grade_class.py tries them."""
 
 import glob
 import os
@@ -66,9 +66,7 @@ def test_all_cheats_are_documented():
 
 @pytest.mark.parametrize("name", FILES.values())
 def test_the_tests_exist(name):
-    files = (
-        *glob.glob(f"{CHECKOUT}/test/unit/classroom/*.py"),
-        f"{CHECKOUT}/test/system/test_grade.py",
-    )
+    folders = ("unit/classroom/", "system/test_grade")
+    files = (path for each in folders for path in glob.glob(f"{CHECKOUT}/test/{each}*.py"))
     texts = (pathlib.Path(path).read_text(encoding="utf-8") for path in files)
     assert any(f"\ndef {name}(" in text for text in texts)

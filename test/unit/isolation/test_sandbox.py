@@ -1,4 +1,4 @@
-"""Check what a node sees and gets; test/system/test_grade.py runs nodes in the sandbox."""
+"""Check what a node sees and gets; test/system/test_grade_class.py runs nodes in the sandbox."""
 
 import os
 

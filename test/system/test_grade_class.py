@@ -1,0 +1,132 @@
+"""Grade a class with right, wrong, broken and dishonest submissions."""
+
+import contextlib
+import csv
+import glob
+import os
+import socket
+from xml.etree import ElementTree
+
+import pytest
+
+from support import classroom as submissions
+from support.grading import ISOLATED, PLAN, grade, load, verdicts_of
+
+RIGHT = ("right", "spins", "no_stamps", "places_twice")
+WRONG = ("sign", "crashes", "hangs", "five_hz", "frame")
+
+
+@pytest.fixture(scope="module")
+def server():
+    """Return the port of a server on the loopback interface."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        yield listening.getsockname()[1]
+
+
+@pytest.fixture(scope="module")
+def graded(server, tmp_path_factory):
+    """Grade a class; return the exit status, the output and the folder of the results."""
+    return grade_class(tmp_path_factory.mktemp("course"), server)
+
+
+def grade_class(folder, server):
+    """Grade a class in a folder; return the exit status, the output and the folder of results."""
+    classroom = folder / "submissions"
+    (folder / "open.txt").write_text(PLAN)
+    (folder / "writable.json").touch()
+    (folder / "writable.json").chmod(0o666)  # so that only the sandbox protects it
+    for name in RIGHT:
+        submissions.write(classroom, name, submissions.CORRECT[name])
+    for name in WRONG:
+        submissions.write(classroom, name, submissions.WRONG[name][0])
+    for name, (source, _) in submissions.BROKEN.items():
+        submissions.write(classroom, name, source)
+    for name in submissions.CHEATS:
+        submissions.write(classroom, f"cheat_{name}", submissions.cheat(name, server, folder))
+    out = folder / "results"
+    out.mkdir()  # readable for all users, so that only the sandbox hides it
+    arguments = (classroom, "--plans", folder / "open.txt", "--out", out, "--timeout", 5)
+    return *grade(*arguments), out
+
+
+def result_of(graded, name):
+    path = graded[2] / "data" / f"{name}.json"
+    assert path.exists(), graded[1]
+    return load(path)
+
+
+def failed_checks(result):
+    assert len(result["plans"]) == 1, verdicts_of(result)
+    (plan,) = result["plans"]
+    return {check["name"]: check["message"] for check in plan["checks"] if not check["passed"]}
+
+
+@ISOLATED
+@pytest.mark.parametrize("name", RIGHT)
+def test_right(graded, name):
+    result = result_of(graded, name)
+    assert failed_checks(result) == {}, verdicts_of(result)
+
+
+@ISOLATED
+@pytest.mark.parametrize("name", WRONG)
+def test_wrong(graded, name):
+    result = result_of(graded, name)
+    assert submissions.WRONG[name][1] in failed_checks(result), verdicts_of(result)
+    if name == "frame":
+        note = "note: the car ignored a message on /initialpose: pose is in the frame 'odom'"
+        assert note in result["plans"][0]["verdict"]
+
+
+@ISOLATED
+@pytest.mark.parametrize("name", submissions.BROKEN)
+def test_broken(graded, name):
+    result = result_of(graded, name)
+    assert submissions.BROKEN[name][1] in result["fault"], verdicts_of(result)
+    assert not result["plans"]
+
+
+@ISOLATED
+@pytest.mark.parametrize("name", submissions.CHEATS)
+def test_cheat(graded, name):
+    """The cheat fails, and either its message names the action, or it had no effect."""
+    result = result_of(graded, f"cheat_{name}")
+    (plan,) = result["plans"]
+    assert failed_checks(result), plan["verdict"]
+    assert submissions.CHEATS[name][1] in plan["verdict"]
+    if name != "says_so":
+        assert "ended without publishing" not in plan["verdict"]
+
+
+@ISOLATED
+@pytest.mark.parametrize("name", submissions.MISUSES)
+def test_misuse(graded, name):
+    message = failed_checks(result_of(graded, "cheat_misuses"))["topics"]
+    assert f"{submissions.MISUSES[name][1]}, " in message.replace("; expected", ", ")
+
+
+@ISOLATED
+def test_nothing_is_left(graded):
+    """No process of a submission survives, and no file outside of its own folders is written."""
+    for path in glob.glob("/proc/[0-9]*/cmdline"):
+        with contextlib.suppress(OSError), open(path, "rb") as file:  # it has ended
+            assert b"/cheat_survivor" not in file.read()
+    assert (graded[2].parent / "writable.json").read_text() == ""
+    for folder in ("/tmp", "/var/tmp", "/dev/shm", "/mnt", "/run", "/"):
+        assert not os.path.exists(f"{folder}/fill0"), folder
+
+
+@ISOLATED
+def test_files(graded):
+    status, output, out = graded
+    assert status == 1, output
+    with open(out / "grades.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    count = len(RIGHT) + len(WRONG) + len(submissions.BROKEN) + len(submissions.CHEATS)
+    assert len(rows) == count
+    assert {row["Name"] for row in rows if row["Passed"] == "yes"} == set(RIGHT)
+    assert f"{len(RIGHT)} of {count} submissions passed" in output
+    suites = ElementTree.parse(out / "results.xml").getroot().findall("testsuite")
+    assert len(suites) == count
+    index = (out / "index.html").read_text()
+    assert index.count("<img") >= count - len(submissions.BROKEN)

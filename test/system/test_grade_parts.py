@@ -1,0 +1,105 @@
+"""Grade submissions that are built, in parts; and a machine on which no node can run."""
+
+import csv
+import json
+import os
+import shutil
+import tempfile
+
+import pytest
+import rosbag
+
+from support import classroom as submissions
+from support.grading import AS_ROOT, ISOLATED, PLAN, WITHOUT_NAMESPACES, assert_status, load
+
+GENERATES = """
+find_package(catkin REQUIRED COMPONENTS ackermann_msgs)
+if(NOT EXISTS ${ackermann_msgs_INSTALL_PREFIX}/share AND NOT ackermann_msgs_SOURCE_PREFIX)
+  message(FATAL_ERROR "ackermann_msgs is not there")
+endif()
+file(WRITE ${CATKIN_DEVEL_PREFIX}/lib/python3/dist-packages/generated.py "ANSWER = 42\\n")
+"""
+
+
+@pytest.fixture(scope="module")
+def parts(tmp_path_factory):
+    """Grade a zip and two packages that have to be built, in two parts; return their folder.
+
+    The users of the nodes of the first part, which are not isolated, cannot reach the folder.
+    """
+    folder = tmp_path_factory.mktemp("parts")
+    package = submissions.write(folder, "zipped", submissions.RIGHT)
+    shutil.make_archive(str(folder / "class" / "zipped"), "zip", package)
+    uses = submissions.before("import generated\nassert generated.ANSWER == 42")
+    submissions.write(folder / "class", "builds", uses, cmake=GENERATES)
+    sees = f'if(EXISTS "{folder}/plan.txt")\n  message("sees the plan")\nendif()\n'
+    fails = f"{sees}add_custom_target(broken ALL COMMAND false)\n"
+    submissions.write(folder / "class", "cannot_build", submissions.RIGHT, cmake=fails)
+    (folder / "plan.txt").write_text(PLAN)
+    (folder / "points.yaml").write_text("default: {path: 3, rest: 1}\n")
+    (folder / "private").mkdir(0o700)
+    plan = ("--plans", folder / "plan.txt", "--points", folder / "points.yaml")
+    command = (folder / "class", *plan, "--shard")
+    first = (*command, "1/2", "--out", folder / "1", "--bag")
+    assert_status(0, *first, prefix=WITHOUT_NAMESPACES, TMPDIR=str(folder / "private"))
+    assert_status(1, *command, "2/2", "--out", folder / "2")
+    return folder
+
+
+def test_merge(parts):
+    command = ("--merge", parts / "1", parts / "2", "--points", parts / "points.yaml")
+    output = assert_status(1, *command, "--out", parts / "all")
+    assert "2 of 3 submissions passed" in output
+    with open(parts / "all" / "grades.csv", newline="") as file:
+        rows = {row["Name"]: row for row in csv.DictReader(file)}
+    assert {name: row["Score"] for name, row in rows.items()} == {
+        "builds": "4",
+        "cannot_build": "0",
+        "zipped": "4",
+    }
+    assert "the package does not build" in rows["cannot_build"]["Error/Fault"]
+
+
+@ISOLATED
+def test_build_sees_no_plan(parts):
+    fault = load(parts / "2" / "data" / "cannot_build.json")["fault"]
+    assert "does not build" in fault and "sees the plan" not in fault
+
+
+def test_bag(parts):
+    with rosbag.Bag(str(parts / "1" / "bags" / "builds.plan.bag")) as bag:
+        counts = {
+            name: info.message_count for name, info in bag.get_type_and_topic_info()[1].items()
+        }
+    assert counts["/car/mux/ackermann_cmd_mux/input/navigation"] == 41
+    assert counts["/car/car_pose"] > 200
+    assert counts["/car/driven_path"] == counts["/car/predicted_path"] == 1
+
+
+def test_empty_part(parts, tmp_path):
+    """A part without a submission is no failure."""
+    plan = ("--plans", parts / "plan.txt", "--out", tmp_path)
+    assert_status(0, parts / "class" / "zipped.zip", *plan, "--shard", "2/2")
+
+
+def test_gradescope(parts, tmp_path):
+    path = tmp_path / "results.json"
+    command = (parts / "zipped", "--plans", parts / "plan.txt", "--out", tmp_path)
+    assert_status(0, *command, "--gradescope", path)
+    assert sum(test["score"] for test in json.loads(path.read_text())["tests"]) == 9
+
+
+@AS_ROOT
+def test_no_node_can_run(parts, tmp_path):
+    """If a fault of the machine would make each submission fail, grade.py judges none."""
+    folders = ("/tmp", "/var/tmp")
+    mount = " && ".join(f"mount -t tmpfs -o noexec tmpfs {folder}" for folder in folders)
+    command = ("unshare", "--mount", "sh", "-c", f'{mount} && exec "$@"', "sh", *WITHOUT_NAMESPACES)
+    with tempfile.TemporaryDirectory(dir="/var/lib") as name:
+        package = submissions.write(name, "right", submissions.RIGHT)
+        plan = shutil.copy(parts / "plan.txt", name)
+        arguments = (package, "--plans", plan, "--out", f"{name}/out")
+        output = assert_status(3, *arguments, prefix=command, TMPDIR="/tmp")
+        assert os.listdir(f"{name}/out") == ["data"]
+    assert "nodes cannot run here, so nothing is graded: " in output
+    assert "Permission denied" in output and "Set TMPDIR to a folder" in output
