@@ -1,0 +1,35 @@
+"""Controllers that follow a path."""
+
+import glob
+import os
+import shutil
+
+from mushr_ros_intro.isolation.sandbox import Sandbox
+from mushr_ros_intro.isolation.workspace import inherited
+from mushr_ros_intro.replay.job import Job, run_job
+from mushr_ros_intro.replay.reference import read_references
+from mushr_ros_intro.replay.setting import read_setting
+from support.paths import CHECKOUT, PACKAGE
+
+CONTROLLERS = f"{CHECKOUT}/test/fixtures/controllers"
+
+(WAVE,) = read_references(["wave"], f"{CHECKOUT}/plans").values()
+
+
+def copy_controllers(folder):
+    """Copy the controllers to a folder; rosrun must not find those of the fixtures."""
+    for path in glob.glob(f"{CONTROLLERS}/*.py"):
+        os.chmod(shutil.copy(path, folder), 0o755)
+
+
+def follow(name, folder, *remap):
+    """Return the judgement on a controller."""
+    setting = read_setting(
+        *(PACKAGE, "ideal", "none", None),
+        remap=remap,
+        timeout=15.0,
+        tolerances={},
+        sandbox=Sandbox(),
+        ros=inherited(),
+    )
+    return run_job(Job(name, (os.path.join(folder, f"{name}.py"),), WAVE, setting))
