@@ -1,17 +1,23 @@
-"""Check the arguments `car` and `map` of sim.launch: check_names.py CAR MAP.
+"""Check the arguments of sim.launch: check_names.py CAR MAP NODE.
 
-roslaunch runs it while it loads sim.launch. If it prints the valid names instead of CAR and exits
-with status 1, roslaunch starts no node.
+roslaunch runs it while it loads sim.launch. If there is no such car or map, or if the car NODE is
+running already, it prints a message instead of CAR and exits with status 1; then roslaunch starts
+no node.
 """
 
 import sys
+from contextlib import suppress
+
+import rosgraph
 
 from mushr_ros_intro.car.profile import names_in
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import find_file, package_folder
+from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
+from mushr_ros_intro.stamps import CALL_TIMEOUT
 
 if __name__ == "__main__":
-    _, car, map_name = sys.argv
+    _, car, map_name, node = sys.argv
     cars = names_in(package_folder("config/cars"))
     if car not in cars:
         sys.exit(f"\nsim.launch: car:={car}: no such car; expected one of {', '.join(cars)}\n")
@@ -20,4 +26,11 @@ if __name__ == "__main__":
             find_file(map_name, package_folder("maps"), ".yaml")
     except UserError as error:
         sys.exit(f"\nsim.launch: map:={error}, none\n")
+    with suppress(CallError):  # no master runs, it has no such node, or the node does not respond
+        uri = ask(rosgraph.get_master_uri(), CALL_TIMEOUT, "/sim_launch", "lookupNode", node)
+        ask(uri, CALL_TIMEOUT, "/sim_launch", "getPid")
+        sys.exit(
+            f"\nsim.launch: {node} is running already; end it first (Ctrl-C in its terminal), "
+            "or start another car, such as car_name:=car2\n"
+        )
     print(car, end="")

@@ -11,7 +11,6 @@ from nav_msgs.msg import Path
 
 from mushr_ros_intro.authoring.clicks import extend
 from mushr_ros_intro.authoring.plan_file import PlanFile, summary
-from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.plan import MAX_SPEED, MAX_STEERING_ANGLE, Plan
@@ -53,11 +52,15 @@ class ClickPlanner:
         if limit is None:
             limit = max(car.steering_limit_left, car.steering_limit_right)
             limit = DEFAULT_STEERING_LIMIT if math.isinf(limit) else min(limit, MAX_STEERING_ANGLE)
-        # Without ramps: a plan's rows change speed and steering angle at once.
-        self._car = Car(
+        # A plan's rows change speed and steering angle at once, and the noise is not known.
+        self._car = car._replace(
             wheelbase=car.wheelbase if wheelbase is None else wheelbase,
             steering_limit_left=min(limit, car.steering_limit_left),
             steering_limit_right=min(limit, car.steering_limit_right),
+            acceleration=math.inf,
+            steering_rate=math.inf,
+            speed_noise=0.0,
+            steering_noise=0.0,
         )
         self._speed = min(speed, car.speed_limit)
         rospy.loginfo(

@@ -2,14 +2,13 @@
 """Serve a map from a YAML file and an image, like ROS's own map_server."""
 
 import sys
+from functools import lru_cache
 from typing import Tuple
 
 import rospy
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap, GetMapRequest, GetMapResponse
-from rospy.client import load_command_line_node_params
 
-from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.world.grid import Grid
@@ -28,9 +27,9 @@ class MapServer:
     def __init__(self) -> None:
         with node.parameters() as parameters:
             expected = "the name or the path of a map, such as _map_file:=sandbox"
-            name = parameters.text("map_file", expected=expected)
+            found = parameters.loaded("map_file", expected, read)
             frame = parameters.text("frame_id", conversions.MAP_FRAME, meaning="frame of the map")
-        path, grid = read(name)
+        path, grid = found
         self._msg = conversions.grid_to_msg(grid, ros_time.now(), frame)
         # First, because nodes of courses call the service without waiting for it.
         self._service = rospy.Service("static_map", GetMap, self._on_request)
@@ -50,6 +49,7 @@ class MapServer:
         return GetMapResponse(map=self._msg)
 
 
+@lru_cache(maxsize=1)  # to check the map before the node registers, and to serve it
 def read(name: str) -> Tuple[str, Grid]:
     """Return the path and the grid of a map, which is given by its name or path.
 
@@ -60,24 +60,9 @@ def read(name: str) -> Tuple[str, Grid]:
     return path, read_map(path)
 
 
-def check_command_line() -> None:
-    """End the program if the map on the command line is not valid.
-
-    FILE, as with ROS's map_server, means _map_file:=FILE. The check comes before the registration
-    of the node, because the master then ends the map server that is running.
-    """
-    sys.argv[1:] = [
+if __name__ == "__main__":
+    sys.argv[1:] = [  # FILE, as with ROS's map_server, means _map_file:=FILE
         each if ":=" in each or each.startswith("-") else f"_map_file:={each}"
         for each in sys.argv[1:]
     ]
-    name = load_command_line_node_params(sys.argv).get("map_file")
-    if isinstance(name, str):
-        try:
-            read(name)
-        except UserError as error:
-            sys.exit(f"[FATAL] map_server: {error}")
-
-
-if __name__ == "__main__":
-    check_command_line()
     node.main("map_server", MapServer)

@@ -1,6 +1,8 @@
 #!/usr/bin/python3
 """Drive a plan: publish its start pose, and then a command ten times per second."""
 
+from functools import lru_cache
+
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
@@ -13,9 +15,10 @@ from mushr_ros_intro.drive.preview_publisher import Preview, preview_options
 from mushr_ros_intro.drive.timetable import Timetable
 from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.plan.plan import Row
+from mushr_ros_intro.plan.plan import Plan, Row
 from mushr_ros_intro.ros import connections, conversions, node, ros_time
 
+PLAN = "a plan, such as _plan_file:=figure_8"
 ACTIVE_TOPIC = "topic ~active of the mux; if another input drives the car, the drive ends"
 TIMEOUT = "timeout for subscribers, for the start pose, and for /clock"
 
@@ -35,7 +38,7 @@ class PathPublisher:
     def __init__(self) -> None:
         with node.parameters() as parameters:
             text, flag, number = parameters.text, parameters.flag, parameters.number
-            name = text("plan_file", expected="a plan, such as _plan_file:=figure_8")
+            plan = parameters.loaded("plan_file", PLAN, read)
             car_name = text("car_name", "car", meaning="the car to drive").strip("/")
             control_topic = f"/{car_name}/mux/ackermann_cmd_mux/input/navigation"
             control_topic = text("control_topic", control_topic, meaning="topic of the commands")
@@ -50,7 +53,6 @@ class PathPublisher:
             )
             self.timeout = number("subscriber_timeout", 10.0, "s", 0.0, 1e6, TIMEOUT)
             options = preview_options(parameters)
-        plan = read_plan(find_file(name, package_folder("plans"), ".txt"))
         self.preview = Preview(plan, options, car_name, self.places_car)
         self.plan = self.preview.plan  # its speeds are limited to ~max_speed
 
@@ -121,6 +123,12 @@ class PathPublisher:
             msg.drive.speed = row.speed
             msg.drive.steering_angle = row.steering_angle
             self.pub_controls.publish(msg)
+
+
+@lru_cache(maxsize=1)  # to check the plan before the node registers, and to drive it
+def read(name: str) -> Plan:
+    """Return the plan that is given by its name or path."""
+    return read_plan(find_file(name, package_folder("plans"), ".txt"))
 
 
 if __name__ == "__main__":

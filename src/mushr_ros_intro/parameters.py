@@ -4,11 +4,13 @@ import math
 import os
 import textwrap
 from difflib import get_close_matches
-from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Sequence, TypeVar
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import user_path
 from mushr_ros_intro.wording import similar
+
+T = TypeVar("T")
 
 
 class Declaration(NamedTuple):
@@ -115,6 +117,10 @@ class Parameters:
         is_text = isinstance(value, str) and bool(value.strip())
         return str(self._checked(name, value, is_text, expected or "text that is not empty"))
 
+    def loaded(self, name: str, expected: str, load: Callable[[str], T]) -> T:
+        """Return what `load` reads from the file that text means; the parameter is required."""
+        return load(self.text(name, expected=expected))
+
     def any_text(self, name: str, default: str, shown: str, meaning: str) -> str:
         """Return text, which may be empty; `shown` describes the default."""
         value = self._get(name, default, meaning, "", shown)
@@ -197,3 +203,7 @@ class Description(Parameters):
 
     def _checked(self, name: str, value: Any, is_valid: bool, expected: str) -> Any:
         return value
+
+    def loaded(self, name: str, expected: str, load: Callable[[str], Any]) -> Any:
+        """Declare the parameter, and load nothing."""
+        return super().loaded(name, expected, lambda _: None)

@@ -96,16 +96,19 @@ class TestMapServer(RosTestCase):
 
     def test_wrong_names_in_sim_launch(self):
         """roslaunch stops before it starts a node."""
+        car = self.ending(node("car_sim.py", "__ns:=fifth"))
+        wait_for(lambda: "command timeout" in car.output, "the car")
         cases = (
             (
                 "car:=nano",
-                "no such car; expected one of ideal, mushr_nano, mushr_nano_master, mushr_sim, "
-                "mushr_tx2, racecar_mit\n",
+                "car:=nano: no such car; expected one of ideal, mushr_nano, mushr_nano_master, "
+                "mushr_sim, mushr_tx2, racecar_mit\n",
             ),
-            ("map:=sandbx", "no such file; did you mean sandbox? (searched: "),
+            ("map:=sandbx", "map:=sandbx: no such file; did you mean sandbox? ("),
+            ("car_name:=fifth", "/fifth/car_sim is running already; end it first (Ctrl-C in its"),
         )
         for argument, message in cases:
             with Process("roslaunch", "mushr_ros_intro", "sim.launch", argument) as launch:
                 self.assertEqual(launch.wait(), 1, launch.output)
-                self.assertIn(f"\nsim.launch: {argument}: {message}", launch.output)
+                self.assertIn(f"\nsim.launch: {message}", launch.output)
                 self.assertNotIn("process[", launch.output)

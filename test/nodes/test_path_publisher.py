@@ -92,6 +92,16 @@ class TestPathPublisher(RosTestCase):
         self.assertIn(f"/other also published on {NAVIGATION}", publisher.output)
         self.assertNotIn("has been driven", publisher.output)
 
+    def test_wrong_parameters_do_not_end_the_node_that_drives(self):
+        path = self.plan("0,0,0\n1.0,0.2,60\n")
+        with driver(path) as publisher:
+            wait_for(self.drives, "five commands")
+            wrong = (f"_plan_file:={path}", "_loop:=maybe"), ("_plan_file:=figure_9",)
+            for arguments in wrong:
+                with node("path_publisher.py", *arguments) as second:
+                    self.assertEqual(second.wait(), 1)
+            self.assertTrue(publisher.running)
+
     def test_the_car_dies(self):
         """The node warns, and ends with exit status 1."""
         path = self.plan("0,0,0\n1.0,0.2,2\n")

@@ -1,12 +1,15 @@
 """Check that the documented commands work in scripts/shell, with any settings of the user."""
 
+import fcntl
 import glob
 import os
+import shutil
+import signal
 import subprocess
 
 import pytest
 
-from support.helpers import PATIENCE
+from support.helpers import PATIENCE, Process, wait_for
 from support.paths import CHECKOUT
 from support.scripts import add_programs, needs_workspace
 
@@ -99,3 +102,18 @@ def test_the_workspace_around_the_checkout(shell, tmp_path):
     checkout = workspace / "src" / "mushr_ros_intro"
     assert shell("printenv", "MINE", "ARGUMENTS", checkout=checkout) == ["yes", "0"]
     assert shell(typed="echo $MINE\ngreet\n", checkout=checkout) == ["yes", "greeting"]
+
+
+def test_only_one_script_builds(tmp_path):
+    """In a new checkout, the second of two scripts waits for the first one."""
+    checkout = tmp_path / "checkout"
+    shutil.copytree(CHECKOUT, checkout, ignore=shutil.ignore_patterns("build", ".git"))
+    workspace = checkout / "build" / ".workspace"
+    workspace.mkdir(parents=True)
+    with open(workspace / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with Process(f"{checkout}/scripts/setup") as second:
+            wait_for(lambda: "waiting for another script" in second.output, "a message")
+            second.send_signal(signal.SIGINT)
+            assert second.wait() == 130
+    assert os.listdir(workspace) == ["lock"]

@@ -43,7 +43,7 @@ def arc_to(pose: Pose, point: Tuple[float, float]) -> Tuple[float, float]:
 def extend(plan: Plan, point: Tuple[float, float], speed: float, car: Car) -> Plan:
     """Return a plan with one more row, which ends at a point (x [m], y [m]) in the map frame.
 
-    Forward and in reverse, the car drives with `speed` [m/s].
+    The row has the speed `speed` [m/s], forward or in reverse.
 
     Raises:
         UserError: the point is where the car is, or needs too much steering.
@@ -51,10 +51,10 @@ def extend(plan: Plan, point: Tuple[float, float], speed: float, car: Car) -> Pl
     shown = f"({point[0]:.3f}, {point[1]:.3f})"
     distance, curvature = arc_to(rest(plan, car)[1], point)
     speed = as_float32(speed)
-    duration = from_seconds(abs(distance) / speed)
+    duration = from_seconds(abs(distance) / car.response(speed, 0.0)[0])
     if duration == 0:
         raise UserError(f"the plan already ends at the point {shown}; expected another point")
-    angle = math.atan(curvature * car.wheelbase)
+    angle = car.command_for(math.atan(curvature * car.wheelbase))
     nearest = car.within_limits(0.0, angle)[1]
     if nearest != angle:
         raise UserError(

@@ -103,6 +103,10 @@ class Car(NamedTuple):
         speed, steering_angle = self.within_limits(speed, steering_angle)
         return speed * self.speed_gain, steering_angle * self.steering_gain + self.steering_offset
 
+    def command_for(self, steering_angle: float) -> float:
+        """Return the command [rad] that `response` turns into a steering angle, without limits."""
+        return (steering_angle - self.steering_offset) / self.steering_gain
+
 
 class Contact(NamedTuple):
     """Contact between the car, which stands, and a wall."""

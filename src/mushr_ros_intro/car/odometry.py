@@ -84,7 +84,7 @@ class Odometer:
 
     def _commanded(self, steering_angle: float) -> float:
         """Return a steering angle without the gain and the offset of the car [rad]."""
-        angle = (steering_angle - self._car.steering_offset) / self._car.steering_gain
+        angle = self._car.command_for(steering_angle)
         return max(-MAX_STEERING_ANGLE, min(angle, MAX_STEERING_ANGLE))
 
     def _drive(self, moved: float, turned: float, distance: float) -> None:

@@ -10,11 +10,12 @@ import time
 import traceback
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
-from typing import Any, Callable, ContextManager, Iterator, NoReturn, Optional, Tuple
+from typing import Any, Callable, ContextManager, Iterator, List, NoReturn, Optional, Tuple
 
 import rosgraph
 import rospy
 from rosgraph_msgs.msg import Clock
+from rospy.client import load_command_line_node_params
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro.errors import UserError
@@ -33,12 +34,12 @@ A SimpleQueue, because no other queue may be used in a signal handler.
 """
 
 
-_description: Optional[Description] = None
-"""What the node declares, while its parameters are described and not read."""
+_declarations: Optional[Parameters] = None
+"""What the node declares, while its parameters are described or checked before it registers."""
 
 
-class _DescribedError(Exception):
-    """The end of the declarations of a node whose parameters are described."""
+class _DeclaredError(Exception):
+    """The end of the declarations of a node that has not registered."""
 
 
 def main(
@@ -55,7 +56,9 @@ def main(
     Args:
         name: the node's name, unless the command line sets another.
         node_class: returns an object with a method `run`. `run` returns when the node is done, and
-            may raise rospy.ROSInterruptException if the node is shut down.
+            may raise rospy.ROSInterruptException if the node is shut down. The object begins with a
+            block `parameters`, which is also executed before the node registers: the master then
+            ends a node of the same name, which must not happen if a parameter is not valid.
         is_replaceable: whether this node ends a running one of the same name, as is usual in ROS.
             Otherwise it ends itself.
         options: for rospy.init_node.
@@ -65,7 +68,7 @@ def main(
         _refuse_a_second_one(name)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _: _ends.put((f"signal {received}", None)))
-    init_node(name, disable_signals=True, **options)
+    init_node(name, node_class, disable_signals=True, **options)
     rospy.on_shutdown(lambda: _ends.put(("shut down", None)))
     threading.Thread(target=_run, args=[node_class], daemon=True).start()
     reason, status = _ends.get()
@@ -85,10 +88,15 @@ def main(
     os._exit(status)  # not sys.exit, which waits for threads of rospy that may sleep for a minute
 
 
+def _full_name(name: str) -> str:
+    """Return the name and namespace that this node is going to have."""
+    name = rosgraph.names.load_mappings(sys.argv).get("__name", name)
+    return str(rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(argv=sys.argv), name))
+
+
 def _refuse_a_second_one(name: str) -> None:
     """Raise SystemExit if a node with the name that this one is going to have runs already."""
-    name = rosgraph.names.load_mappings(sys.argv).get("__name", name)
-    name = rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(argv=sys.argv), name)
+    name = _full_name(name)
     if responds(name):
         sys.exit(f"{name} is running already; end it first, or add __name:=ANOTHER_NAME")
 
@@ -126,15 +134,17 @@ def _fail(reason: str) -> int:
     return 1
 
 
-def init_node(name: str, **options: Any) -> None:
+def init_node(name: str, node_class: Optional[Callable[[], Any]] = None, **options: Any) -> None:
     """Initialise a node with working logs, timeouts for calls to the master, and a running clock.
 
     Args:
         name: the node's name, unless the command line sets another.
+        node_class: see `main`; None: do not check the parameters.
         options: for rospy.init_node.
 
     Raises:
-        SystemExit: the master does not answer; the exception has a message for the user.
+        SystemExit: the master does not answer, or a parameter is not valid; the exception has a
+            message for the user.
     """
     rospy_fixes.apply_before_init_node()
     no_master = (
@@ -143,6 +153,8 @@ def init_node(name: str, **options: Any) -> None:
     )
     if not _is_master_online():
         sys.exit(no_master)
+    if node_class:
+        _check_parameters(_full_name(name), node_class)
     try:
         rospy.init_node(name, **options)
     except (TimeoutError, ConnectionError):
@@ -161,6 +173,22 @@ def _is_master_online() -> bool:
         return bool(rosgraph.is_master_online())
     except ValueError:  # ROS_MASTER_URI is no address
         return False
+
+
+def _check_parameters(name: str, node_class: Callable[[], Any]) -> None:
+    """Raise SystemExit if a parameter that the node `name` is going to have is not valid."""
+    values: Any = {}
+    with suppress(rosgraph.MasterException, OSError):  # none is set
+        values = rosgraph.Master(name).getParam(name)
+    warnings: List[str] = []
+    try:
+        read = _own_parameters(name, values)
+        read = read.with_values(**load_command_line_node_params(sys.argv))
+        read.declared.update(_declare(node_class, Description()).declared)
+        warnings = read.unknown()
+        _declare(node_class, read)
+    except UserError as error:
+        sys.exit("\n".join([*(f"[WARN] {each}" for each in warnings), f"[FATAL] {name}: {error}"]))
 
 
 def check_arguments(node_class: Callable[[], Any], *known: str) -> None:
@@ -192,11 +220,7 @@ def help_text(node_class: Callable[[], Any]) -> str:
         node_class: see `main`. The first paragraph of its module's docstring is the purpose. The
             docstring of the class describes the topics, and ends with an example.
     """
-    global _description
-    _description = Description()
-    with suppress(_DescribedError):
-        node_class()
-    declared, _description = _description.declared, None
+    declared = _declare(node_class, Description()).declared
     # Not of sys.modules: catkin's wrapper runs a program with exec, as a part of its own module.
     function = node_class if inspect.isfunction(node_class) else vars(node_class)["__init__"]
     purpose = inspect.cleandoc(function.__globals__["__doc__"] or "").partition("\n\n")[0]
@@ -205,6 +229,18 @@ def help_text(node_class: Callable[[], Any]) -> str:
     paragraphs = [purpose, *(textwrap.fill(each, 100) for each in topics), how]
     lines = [each.text(name) for name, each in declared.items()]
     return "\n".join(["\n\n".join(paragraphs), *lines])
+
+
+def _declare(node_class: Callable[[], Any], given: Parameters) -> Parameters:
+    """Execute the declarations of a node with the parameters `given`, and return them."""
+    global _declarations
+    _declarations = given
+    try:
+        with suppress(_DeclaredError):
+            node_class()
+    finally:
+        _declarations = None
+    return given
 
 
 @contextmanager
@@ -219,19 +255,23 @@ def parameters(name: str = "~") -> Iterator[Parameters]:
     Raises:
         UserError: an argument such as plan_file:=... has the name of a parameter of an earlier run.
     """
-    if _description is not None:
-        yield _description
-        raise _DescribedError
-    values = rospy.get_param(name, {})
+    if _declarations is not None:
+        yield _declarations
+        raise _DeclaredError
+    read = _own_parameters(name, rospy.get_param(name, {}))
+    yield read
+    for message in read.unknown():
+        rospy.logwarn("%s", message)
+
+
+def _own_parameters(name: str, values: Any) -> Parameters:
+    """Return the parameters of a node from their values at the master; see `parameters`."""
     if not isinstance(values, dict):
         raise UserError(f"parameter {name} is {values!r}; expected the parameters of the node")
     for argument in sys.argv[1:]:
         if argument.partition(":=")[0] in values:
             raise UserError(f"'{argument}' sets no parameter; expected _{argument}")
-    read = Parameters(values)
-    yield read
-    for message in read.unknown():
-        rospy.logwarn("%s", message)
+    return Parameters(values)
 
 
 def frame_prefix(read: Parameters) -> str:

@@ -81,6 +81,16 @@ def test_rows_by_hand(x, speed):
     assert row.duration == pytest.approx(math.pi / as_float32(0.7) * SECOND, abs=1)
 
 
+@pytest.mark.parametrize("point", [(3.0, 1.0), (-2.0, -0.5), (4.0, 0.0)])
+def test_the_gains_of_the_car(point):
+    """The car multiplies the commands by its gains, and adds its offset."""
+    car = CAR._replace(speed_gain=0.8, steering_gain=1.2, steering_offset=-0.03)
+    row = row_to(point, 0.7, car)
+    assert abs(row.speed) == as_float32(0.7)
+    driven = (row.speed * 0.8, row.steering_angle * 1.2 - 0.03, row.duration)
+    assert math.dist(end_of(ORIGIN, [driven]), point) < CLICK_TOLERANCE
+
+
 @given(poses, st.floats(0.1, 6.6), st.integers(0, 2**32))
 def test_fifty_clicks(start, speed, seed):
     """The car passes every click when it drives the saved file."""
