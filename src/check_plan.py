@@ -12,7 +12,7 @@ import signal
 import sys
 from typing import List
 
-from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.car.profile import named_car, names_in
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file, package_folder
@@ -47,9 +47,7 @@ def run() -> int:
     options = Parameters(vars(arguments), "--")
     runs = 0 if arguments.runs is None else options.integer("runs", 2, 2, MAX_RUNS)
     seed = options.integer("seed", 1, 0, 2**32)
-    path = find_file(arguments.car, profiles, ".yaml")
-    car_name = os.path.splitext(os.path.basename(path))[0]
-    car = car_from(Parameters({**read_profile(path), "noise": True}, f"{path}: "))
+    _, car_name, car = named_car(arguments.car, profiles)
     map_path, grid = "", None
     if arguments.map != "none":
         map_path = shortened(find_file(arguments.map, maps, ".yaml"))

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, Dict, List
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.car.profile import named_car, names_in
 from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.bag_file import Source, read_bag, record
 from mushr_ros_intro.comparison.comparison import compare
@@ -44,9 +44,7 @@ def run() -> int:
     profiles = package_folder("config/cars")
     arguments = parse_arguments(profiles)
     options = Parameters(vars(arguments), "--")
-    profile = find_file(arguments.car, profiles, ".yaml")
-    car_name = os.path.splitext(os.path.basename(profile))[0]
-    car = car_from(Parameters({**read_profile(profile), "noise": True}, f"{profile}: "))
+    profile, car_name, car = named_car(arguments.car, profiles)
     logs = read_logs(arguments, options, car)
 
     from mushr_ros_intro.comparison.fit import fit  # scipy is slow to import

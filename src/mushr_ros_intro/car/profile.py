@@ -2,10 +2,11 @@
 
 import math
 import os
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Tuple
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.yaml_file import read_mapping
 
@@ -43,6 +44,21 @@ def read_profile(path: str) -> Dict[str, Any]:
         UserError: the file cannot be read, or is not a mapping.
     """
     return read_mapping(path, "parameters such as 'track: 0.25'")
+
+
+def named_car(name: str, folder: str) -> Tuple[str, str, Car]:
+    """Return the path of a profile, the name of its car, and the car with its noise.
+
+    Args:
+        name: path of the profile, or its name in `folder`.
+        folder: of the profiles.
+
+    Raises:
+        UserError: there is no such profile, or it is wrong.
+    """
+    path = find_file(name, folder, ".yaml")
+    car_name = os.path.splitext(os.path.basename(path))[0]
+    return path, car_name, car_from(Parameters({**read_profile(path), "noise": True}, f"{path}: "))
 
 
 def car_from(parameters: Parameters) -> Car:

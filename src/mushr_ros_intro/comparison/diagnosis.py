@@ -1,7 +1,7 @@
 """Describe what makes a drive differ from its prediction, as text and as JSON."""
 
 import math
-from typing import Any, Dict, Iterator, List
+from typing import Any, Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
@@ -191,6 +191,9 @@ def fit_text(fit: Fit, car: Car) -> Iterator[str]:
             "between the drives, as standard deviations: speed_gain "
             f"{noise.speed_gain_spread:.3f}, steering_offset {noise.steering_offset_spread:.3f} rad"
         )
+    for number, glitches in enumerate(fit.glitches, 1):
+        if glitches:
+            yield f"note: {_glitch_text(glitches, number if len(fit.glitches) > 1 else 0)}"
     if noise.position < _NO_NOISE:
         yield (
             "note: the poses have no random errors. If they come from wheel speeds or commands, "
@@ -199,6 +202,18 @@ def fit_text(fit: Fit, car: Car) -> Iterator[str]:
         )
     if not all(value.is_fitted for value in fit.values.values()):
         yield "plans/identification.txt drives so that all parameters can be fitted"
+
+
+def _glitch_text(glitches: Sequence[Tuple[float, float]], drive: int) -> str:
+    """Return the text on the glitches of a drive; the number of the only drive is 0."""
+    first, last = glitches[0], glitches[-1]
+    where = f" in drive {drive}" if drive else ""
+    when = f"{first[0]:.2f} to {first[1]:.2f} s"
+    return (
+        f"the fit ignores {len(glitches)} of the steps from pose to pose{where}, because no random "
+        f"error explains them: a stall, a push, or a jump of the localisation; the first is from "
+        f"{when}, the last ends at {last[1]:.2f} s"
+    )
 
 
 def _value_line(parameter: Parameter, before: float, value: Value) -> str:
@@ -251,5 +266,6 @@ def fit_as_json(fit: Fit) -> Dict[str, Any]:
     }
     values["delay"] = [delay.value for delay in fit.delays]
     values["noise"] = fit.noise._asdict()
+    values["glitches"] = fit.glitches
     values["misfits"] = [each._asdict() if each.is_found else None for each in fit.misfits]
     return values

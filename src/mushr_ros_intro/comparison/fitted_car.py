@@ -95,6 +95,10 @@ class Fit(NamedTuple):
     """The random errors of the measured poses and of the car."""
     misfits: Tuple[Misfit, ...]
     """Of each drive."""
+    glitches: Tuple[Tuple[Tuple[float, float], ...], ...]
+    """Of each drive: the times between which the car or its poses moved as by no random error [s].
+
+    The fit does not use what happened between them."""
 
 
 def numbers_of(car: Car) -> List[float]:
@@ -112,10 +116,18 @@ def car_with(car: Car, numbers: Sequence[float]) -> Car:
     return car._replace(**values)
 
 
-def fitted_value(name: str, number: float, before: float, error: float) -> Value:
-    """Return the value of a parameter, given the fitted number and its standard error."""
+def fitted_value(name: str, number: float, before: float, error: float, factor: float) -> Value:
+    """Return the value of a parameter.
+
+    Args:
+        name: of the parameter.
+        number: the fitted number.
+        before: the number before the fit.
+        error: standard error of the number.
+        factor: so many standard errors does the 95 % range reach to each side.
+    """
     change = (number - before) / error if error else 0.0
-    low, high = number - 2.0 * error, number + 2.0 * error
+    low, high = number - factor * error, number + factor * error
     if name not in RATES:
         return Value(number, error, low, high, change=change)
     rate, highest, lowest = (

@@ -10,7 +10,7 @@ The errors are those in the frame of the car. Then their covariance depends on t
 not on the pose (Barrau and Bonnabel, "The invariant extended Kalman filter as a stable observer").
 """
 
-from typing import List, NamedTuple
+from typing import List, NamedTuple, Sequence
 
 import numpy as np
 
@@ -50,6 +50,10 @@ MIN_NOISE = Noise(1e-4, 1e-4, 1e-5, 1e-5, 1e-5, 1e-5)
 MAX_NOISE = Noise(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
 
+_ANY_MOTION = 10.0
+"""Standard deviation of a step in which the car may have moved in any way [m, rad]."""
+
+
 class Steps(NamedTuple):
     """The motion of a car from each pose to the next one, in the frame of the car."""
 
@@ -60,14 +64,14 @@ class Steps(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """The gains of the filter, and what makes its prediction errors independent."""
+    """The gains of filters, one for each noise, and what makes their errors independent."""
 
     gains: np.ndarray
-    """(N - 1, 3, 3)."""
+    """(N - 1, filters, 3, 3)."""
     whitening: np.ndarray
-    """(N - 1, 3, 3)."""
-    log_determinant: float
-    """Of the covariance of all prediction errors."""
+    """(N - 1, filters, 3, 3)."""
+    log_determinants: np.ndarray
+    """Of the covariance of all prediction errors, (filters,)."""
 
 
 def usual_noise(car: Car) -> Noise:
@@ -89,29 +93,39 @@ def steps_of(poses: np.ndarray) -> Steps:
     return Steps(moves, np.diff(theta, axis=-1))
 
 
-def weights_of(steps: Steps, seconds: np.ndarray, wheelbase: float, noise: Noise) -> Weights:
-    """Return the weights of a motion.
+def weights_of(
+    steps: Steps,
+    seconds: np.ndarray,
+    is_unknown: np.ndarray,
+    wheelbase: float,
+    noises: Sequence[Noise],
+) -> Weights:
+    """Return the weights of a motion, for each noise.
 
     Args:
         steps: of one car, (N - 1,).
         seconds: duration of each step [s], (N - 1,).
+        is_unknown: whether the car may have moved in any way in each step, (N - 1,).
         wheelbase: of the car [m].
-        noise: of the measurement and of the car.
+        noises: of the measurement and of the car.
     """
-    measured = np.diag([noise.position, noise.position, noise.heading]) ** 2
-    changes = _changes(steps, seconds, wheelbase, noise)
+    deviations = [(noise.position, noise.position, noise.heading) for noise in noises]
+    measured = np.array([np.diag(each) ** 2 for each in deviations])
+    changes = np.array([_changes(steps, seconds, wheelbase, noise) for noise in noises])
+    changes[:, is_unknown] += _ANY_MOTION**2 * np.eye(3)
     covariance = measured.copy()  # of the first pose
     gains: List[np.ndarray] = []
     sums = []
-    for transition, change in zip(_transitions(steps), changes):
+    for transition, change in zip(_transitions(steps), changes.swapaxes(0, 1)):
         covariance = transition @ covariance @ transition.T + change
         total = covariance + measured
         gains.append(covariance @ np.linalg.inv(total))
         covariance = covariance - gains[-1] @ covariance
         sums.append(total)
     factors = np.linalg.cholesky(np.array(sums))
-    diagonals = np.diagonal(factors, axis1=1, axis2=2)
-    return Weights(np.array(gains), np.linalg.inv(factors), float(2.0 * np.sum(np.log(diagonals))))
+    diagonals = np.diagonal(factors, axis1=2, axis2=3)
+    determinants = 2.0 * np.log(diagonals).sum(axis=(0, 2))
+    return Weights(np.array(gains), np.linalg.inv(factors), determinants)
 
 
 def _transitions(steps: Steps) -> np.ndarray:
@@ -154,26 +168,53 @@ def prediction_errors(steps: Steps, poses: np.ndarray, weights: Weights) -> np.n
         weights: of the motion.
 
     Returns:
-        (cars, N - 1, 3).
+        (filters, cars, N - 1, 3).
     """
     measured = poses[:, 0] + 1j * poses[:, 1]
     headings = np.exp(1j * poses[:, 2])
     moves, turns = steps.moves.T.copy(), np.exp(1j * steps.turns.T)
-    place = np.full(moves.shape[1], measured[0])
-    heading = np.full(moves.shape[1], headings[0])
-    errors = np.empty((len(moves), 3, moves.shape[1]))
+    filters, cars = weights.gains.shape[1], moves.shape[1]
+    place = np.full((filters, cars), measured[0])
+    heading = np.full((filters, cars), headings[0])
+    errors = np.empty((len(moves), filters, 3, cars))
     for k, (move, turn) in enumerate(zip(moves, turns)):
         place = place + heading * move
         heading = heading * turn
         apart = (measured[k + 1] - place) / heading
-        errors[k] = apart.real, apart.imag, np.angle(headings[k + 1] / heading)
-        along, across, angle = weights.gains[k] @ errors[k]
+        errors[k, :, 0] = apart.real
+        errors[k, :, 1] = apart.imag
+        errors[k, :, 2] = np.angle(headings[k + 1] / heading)
+        along, across, angle = (weights.gains[k] @ errors[k]).swapaxes(0, 1)
         place = place + heading * (along + 1j * across)
         heading = heading * np.exp(1j * angle)
         heading /= np.abs(heading)
-    return np.moveaxis(weights.whitening @ errors, -1, 0)
+    return (weights.whitening @ errors).transpose(1, 3, 0, 2)
 
 
-def deviance(errors: np.ndarray, weights: Weights) -> float:
-    """Return minus twice the logarithm of the likelihood of the prediction errors of one car."""
-    return float(np.sum(errors**2)) + weights.log_determinant
+def glitch_sizes(errors: np.ndarray, steps: Steps, weights: Weights) -> np.ndarray:
+    """Return how much better a motion fits if the car may have moved in any way in one step.
+
+    A step that moves the car wrongly shows in all later prediction errors. So this is the score
+    test for an additional motion in each step, over all later errors (de Jong and Penzer,
+    "Diagnosing shocks in time series", 1998).
+
+    Args:
+        errors: the prediction errors of one car, (N - 1, 3).
+        steps: of the car.
+        weights: of one filter.
+
+    Returns:
+        (N - 1,); each follows the chi-square distribution with 3 degrees of freedom, if only the
+        random errors of the filter move the car.
+    """
+    transitions = _transitions(Steps(steps.moves.reshape(-1), steps.turns.reshape(-1)))
+    score, information = np.zeros(3), np.zeros((3, 3))
+    kept = np.eye(3) - weights.gains[:, 0]
+    later = np.concatenate([transitions[1:] @ kept[:-1], np.zeros((1, 3, 3))])
+    sizes = np.empty(len(errors))
+    for k in reversed(range(len(errors))):
+        whitening = weights.whitening[k, 0]
+        score = whitening.T @ errors[k] + later[k].T @ score
+        information = whitening.T @ whitening + later[k].T @ information @ later[k]
+        sizes[k] = score @ np.linalg.solve(information, score)
+    return sizes

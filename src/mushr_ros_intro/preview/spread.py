@@ -12,6 +12,7 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.plan import Plan, Row
 from mushr_ros_intro.preview.prediction import count_commands
+from mushr_ros_intro.preview.side_by_side import arcs, ramped
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 
 MAX_CAR_COMMANDS = 2_000_000_000
@@ -220,20 +221,12 @@ def _advanced(
     steps = _STEPS if np.max(ramps) > 0.5 * seconds else 1
     dt = seconds / steps
     for _ in range(steps):
-        mean_speed, speed = _ramped(speed, speeds, car.acceleration * dt)
-        mean_angle, angle = _ramped(angle, angles, car.steering_rate * dt)
+        mean_speed, speed = ramped(speed, speeds, car.acceleration * dt)
+        mean_angle, angle = ramped(angle, angles, car.steering_rate * dt)
         distance = mean_speed * dt
-        half_turn = 0.5 * distance * np.tan(mean_angle) / car.wheelbase  # see `geometry.drive_arc`
-        chord = distance * np.sinc(half_turn / math.pi)
-        x = x + chord * np.cos(theta + half_turn)
-        y = y + chord * np.sin(theta + half_turn)
-        theta = theta + 2.0 * half_turn
+        chord, turn = arcs(distance, mean_angle, car.wheelbase)
+        x = x + chord * np.cos(theta + 0.5 * turn)
+        y = y + chord * np.sin(theta + 0.5 * turn)
+        theta = theta + turn
         driven = driven + np.abs(distance)
     return np.array([x, y, theta, driven, speed, angle])
-
-
-def _ramped(begin: np.ndarray, end: np.ndarray, reach: float) -> Tuple[np.ndarray, np.ndarray]:
-    """Return the mean and the last value of a ramp towards `end` that changes by up to `reach`."""
-    last = np.clip(end, begin - reach, begin + reach)
-    change = last - begin
-    return last - 0.5 * change * np.abs(change) / reach, last

@@ -5,14 +5,16 @@ import random
 import re
 import statistics
 
+import numpy as np
 import pytest
 
 from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.comparison import compare
 from mushr_ros_intro.comparison.fit import fit
 from mushr_ros_intro.comparison.fitted_car import fitted_value
+from mushr_ros_intro.comparison.noise_fit import range_factor
 from support.cars import CARS, plan_named, plan_of
-from support.recorded_drive import driven
+from support.recorded_drive import driven, stalled
 
 NANO = CARS["mushr_nano"]
 NOISE = {"speed_noise": 0.013, "steering_noise": 0.01}
@@ -124,6 +126,45 @@ def test_several_drives_show_how_the_car_differs_between_them():
     assert re.search("between the drives, as standard deviations: speed_gain 0.0[4-7]", text)
 
 
+def assert_ignores(log, begin, end):
+    """Assert that the fit finds the hidden parameters, and ignores only what is in this time [s].
+
+    The 95 % range of the speed gain is 0.018 wide without the glitch, and 0.07 to 0.10 with it, if
+    the fit does not ignore it.
+    """
+    result = fit([log], NANO)
+    (glitches,) = result.glitches
+    assert glitches
+    assert all(begin < first < last < end for first, last in glitches)
+    for name, true in HIDDEN.items():
+        value = result.values[name]
+        assert abs(value.value - true) < STANDARD_ERRORS * value.error, name
+    assert result.values["speed_gain"].high - result.values["speed_gain"].low < 0.03
+    assert result.noise.position == pytest.approx(0.02, rel=0.1)
+    assert result.noise.speed_noise == pytest.approx(NOISE["speed_noise"], rel=0.5)
+    assert "the fit ignores" in "\n".join(diagnosis.fit_text(result, NANO))
+
+
+def test_a_stall_of_the_computer_is_ignored():
+    """A row changes within the 0.3 s, so the car follows the wrong row."""
+    car = NANO._replace(seed=5, **HIDDEN, **NOISE)
+    log = stalled(plan_named("identification"), car, random.Random(5), 4.1, 0.3, rate=12.0)
+    assert_ignores(log, 4.0, 4.6)
+
+
+def test_a_jump_of_the_localisation_is_ignored():
+    """Three poses are 0.2 m away from the car."""
+    car = NANO._replace(seed=5, **HIDDEN, **NOISE)
+    log = driven(plan_named("identification"), car, random.Random(5), rate=12.0)
+    first = np.searchsorted(log.stamps, 5_500_000_000)
+    log.poses[first : first + 3, 0] += 0.2
+    assert_ignores(log, 5.2, 5.9)
+
+
+def test_random_errors_are_no_glitch(identified):
+    assert identified[1].glitches == ((),)
+
+
 def test_a_drive_that_tells_nothing():
     plan = plan_of("0, 0, 0\n0.02, 0, 4")
     log = driven(plan, NANO, random.Random(1), rate=6.0)
@@ -133,12 +174,27 @@ def test_a_drive_that_tells_nothing():
     assert "the fit explains none of the error" in verdict(log, result)[0]
 
 
+def test_a_range_is_wider_if_the_size_of_the_random_errors_is_not_known():
+    """The factor 2 in the variance, one standard deviation; the number is normal for each size."""
+    dice = np.random.default_rng(1)
+    numbers = dice.normal(size=200_000) * 2.0 ** (0.5 * dice.normal(size=200_000))
+    factor = range_factor(math.log(2.0))
+    assert np.mean(np.abs(numbers) < factor) == pytest.approx(0.95, abs=0.002)
+    assert range_factor(0.0) == pytest.approx(1.95996, abs=1e-4)
+
+
+def test_the_range_of_the_speed_gain_is_wider_than_two_standard_errors(identified):
+    """One drive of 12 s says little about the random errors of the speed."""
+    value = identified[1].values["speed_gain"]
+    assert 2.1 < (value.high - value.value) / value.error < 2.9
+
+
 def test_the_range_of_a_rate_is_not_symmetric():
     """The inverse is fitted."""
-    value = fitted_value("acceleration", 0.3, 0.25, 0.1)
+    value = fitted_value("acceleration", 0.3, 0.25, 0.1, 2.0)
     assert (value.value, value.low, value.high) == pytest.approx((1.0 / 0.3, 2.0, 10.0))
-    assert fitted_value("acceleration", 0.3, 0.25, 0.2).high == math.inf
-    none = fitted_value("acceleration", 1e-9, 0.25, 0.1)
+    assert fitted_value("acceleration", 0.3, 0.25, 0.2, 2.0).high == math.inf
+    none = fitted_value("acceleration", 1e-9, 0.25, 0.1, 2.0)
     assert (none.value, none.low, none.high) == pytest.approx((math.inf, 5.0, math.inf))
 
 
