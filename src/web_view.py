@@ -131,13 +131,21 @@ class WebView:
     def _look(self) -> Dict[str, Any]:
         """Return the part of the state that may change without a message; takes time."""
         car = f"/{self._car_name}/car_sim"
-        seen = {"holds_clock": False, **car_limits(Parameters({})), **self._seen, "problem": ""}
+        seen = {
+            "holds_clock": False,
+            "plan": None,
+            **car_limits(Parameters({})),
+            **self._seen,
+            "problem": "",
+        }
         seen["plans"] = plans.versions(self._folders)
         try:
             services = rosapi.services()
             is_simulated = f"{car}/reset" in services
             values = simulated_car_parameters(self._car_name) if is_simulated else Parameters({})
             seen.update(car_limits(values), holds_clock=f"{car}/pause" in services)
+            plan = rospy.get_param(f"{self._prefix}/path_publisher/plan_file", "")
+            seen["plan"] = plans.name_of(str(plan), seen["plans"])
         except (CallError, OSError) as error:
             seen["problem"] = f"the ROS master does not answer ({error}); restart the simulation"
         except UserError as error:

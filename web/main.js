@@ -64,6 +64,7 @@ function onStatus(isConnected, delay) {
 
 function onState(state) {
   const isFirst = !server.state;
+  const lastPlan = server.state?.plan;
   server.state = state;
   updateDrive(state.drive);
   find("time-section").hidden = !state.holds_clock;
@@ -74,6 +75,11 @@ function onState(state) {
     if (state.map !== (view.map?.number ?? null)) loadMap(state.map);
     if (JSON.stringify(state.plans) !== plans) listPlans();
     plans = JSON.stringify(state.plans);
+    // A plan that is driven from a terminal.
+    const isNew = state.plan && state.plan !== lastPlan;
+    const isShown = state.plan === find("plan").value;
+    if (isNew && !isShown && !state.drive?.running)
+      listPlans(state.plan).then(fit);
     return;
   }
   plans = JSON.stringify(state.plans);

@@ -24,7 +24,7 @@ let missing = ""; // the plan to show as soon as the server lists it
 
 /** Show the names of the server's state; read the plan with this name, and show it. */
 export async function listPlans(
-  name = missing || names.value || drive?.plan || "figure_8",
+  name = missing || names.value || (server.state.plan ?? "figure_8"),
 ) {
   const plans = Object.keys(server.state.plans);
   const isOld =

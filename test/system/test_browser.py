@@ -72,7 +72,7 @@ def load(page, sim):
     page.driver.get(sim.url)
     page.wait(lambda: page.text("connection") == "connected", "a connection")
     page.wait(page.pose, "the pose in the page")
-    page.shows("check", "no faults")
+    page.wait(lambda: page.text("check") not in ("", "reading the plan"), "the plan")
     page.wait(lambda: not page.find("stop").is_enabled(), "the end of an earlier drive")
 
 
@@ -395,6 +395,16 @@ OFF_WALLS = """
       return !data.some((value, i) => i % 4 === 0 && value < 50);
     }).length;
 """
+
+
+def test_a_drive_in_a_terminal(page, sim):
+    """The page shows its plan, also if it is opened later."""
+    with node("path_publisher.py", "_plan_file:=circle", **sim.environment) as process:
+        page.wait(lambda: page.find("plan").get_attribute("value") == "circle", "the plan")
+        page.shows("check", "12.00 m")
+        assert process.wait() == 0
+    load(page, sim)
+    page.shows("check", "12.00 m")
 
 
 def test_scan_in_turns(page):

@@ -117,3 +117,18 @@ def test_only_one_script_builds(tmp_path):
             second.send_signal(signal.SIGINT)
             assert second.wait() == 130
     assert os.listdir(workspace) == ["lock"]
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can change the owner of files")
+def test_root_leaves_no_files_in_the_checkout_of_another_user(tmp_path):
+    checkout = tmp_path / "checkout"
+    shutil.copytree(f"{CHECKOUT}/scripts", checkout / "scripts")
+    (checkout / "build").mkdir()
+    subprocess.run(["chown", "-R", "1234:1235", str(checkout)], check=True)
+    (checkout / "build" / ".workspace").touch()  # where the build would be, so that it fails
+    (checkout / "build" / "link").symlink_to("/etc/passwd")
+    failed = subprocess.run([f"{checkout}/scripts/setup"], timeout=PATIENCE)
+    assert failed.returncode == 1
+    for path in (*checkout.glob("**/*"), checkout):
+        assert (path.lstat().st_uid, path.lstat().st_gid) == (1234, 1235), path
+    assert os.stat("/etc/passwd").st_uid == 0

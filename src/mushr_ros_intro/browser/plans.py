@@ -2,7 +2,7 @@
 
 import os
 from contextlib import suppress
-from typing import Any, Dict, List, Sequence
+from typing import Any, Container, Dict, List, Optional, Sequence
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.plan.parse import read_plan
@@ -37,6 +37,13 @@ def versions(folders: Sequence[str]) -> Dict[str, float]:
         with suppress(FileNotFoundError):  # it has just been deleted
             times[name] = os.stat(path).st_mtime
     return times
+
+
+def name_of(path: str, names: Container[str]) -> Optional[str]:
+    """Return the name of the plan with this path or name, or None if it is not one of `names`."""
+    name = os.path.basename(path)
+    name = name[: -len(SUFFIX)] if name.endswith(SUFFIX) else name
+    return name if name in names else None
 
 
 def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:

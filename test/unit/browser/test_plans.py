@@ -46,6 +46,14 @@ def test_versions_of_plans(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "path, name",
+    [("/x/a.txt", "a"), ("a", "a"), ("a.txt", "a"), ("/x/b.txt", None), ("", None)],
+)
+def test_the_name_of_a_plan(path, name):
+    assert plans.name_of(path, {"a": 1.0}) == name
+
+
+@pytest.mark.parametrize(
     ("profile", "hand", "has_noise"),
     [
         (None, (2.0, 0.34), False),
