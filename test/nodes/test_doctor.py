@@ -1,7 +1,6 @@
 """The findings of the doctor in a running system, one fault after the other."""
 
 import contextlib
-import os
 import signal
 import socket
 import sys
@@ -12,7 +11,6 @@ from unittest import mock
 
 import rosgraph
 import rosgraph.network
-import roslib.packages
 import rosnode
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -24,6 +22,7 @@ from mushr_ros_intro.doctor.observation import Observer
 from mushr_ros_intro.doctor.rules import diagnose
 from support.ghost import Ghost
 from support.helpers import (
+    ForkedProcess,
     Process,
     Recording,
     RosTestCase,
@@ -37,7 +36,6 @@ from support.helpers import (
 from support.messages import MUX, NAVIGATION, OUTPUT, TELEOP, command, placement
 from support.world import launch
 
-DOCTOR = os.path.join(roslib.packages.get_pkg_dir("mushr_ros_intro"), "src", "doctor.py")
 NOWHERE = "http://localhost:1/"
 """An address without a server."""
 
@@ -106,7 +104,7 @@ class TestDoctor(RosTestCase):
         self.expect(f"no node publishes commands: {NAVIGATION} has no publisher")
         with driver("circle", "_loop:=true") as process:
             self.expect()
-            with Process(sys.executable, DOCTOR) as doctor:
+            with node("doctor.py") as doctor:
                 self.assertEqual(doctor.wait(), 0, doctor.output)
             expected = "no fault found: /path_publisher sends commands, and the car moves\n"
             self.assertEqual(doctor.output, expected)
@@ -274,14 +272,14 @@ class TestDoctor(RosTestCase):
             *node, ROS_MASTER_URI=self.uri, ROS_NAMESPACE="/car"
         ), contextlib.ExitStack() as stack:
             time.sleep(0.05)  # Linux measures the start of a process in steps of 0.01 s
-            stack.enter_context(Process("rosmaster", "-p", str(port)))
+            stack.enter_context(ForkedProcess("rosmaster", "-p", str(port)))
             wait_for(rosgraph.Master("/doctor_test", self.uri).is_online, "the master")
             with Process(*node, ROS_MASTER_URI=self.uri):  # it may still register
                 problem = "/car/rviz (process "
                 self.expect(problem, "the car 'car' is not running", default_master=NOWHERE)
 
     def test_no_master(self):
-        with Process(sys.executable, DOCTOR, ROS_MASTER_URI=NOWHERE) as doctor:
+        with node("doctor.py", ROS_MASTER_URI=NOWHERE) as doctor:
             self.assertEqual(doctor.wait(), 1, doctor.output)
         self.assertEqual(doctor.output.count("\n"), 1, doctor.output)
         self.assertIn(f"ROS_MASTER_URI is {NOWHERE}, but no master runs there", doctor.output)
@@ -293,7 +291,7 @@ class TestDoctor(RosTestCase):
 
         with master("/doctor_test") as (roscore, proxy):
             uri = proxy.master_uri
-            with Process(sys.executable, DOCTOR, ROS_MASTER_URI=uri) as doctor:
+            with node("doctor.py", ROS_MASTER_URI=uri) as doctor:
                 wait_for(nodes, "the doctor to join")
 
                 def is_interrupted():
@@ -303,7 +301,7 @@ class TestDoctor(RosTestCase):
                 wait_for(is_interrupted, "the end of the doctor")
                 self.assertEqual(doctor.wait(), 130, doctor.output)
             self.assertEqual((nodes(), doctor.output), ([], ""))
-            with Process(sys.executable, DOCTOR, ROS_MASTER_URI=uri) as doctor:
+            with node("doctor.py", ROS_MASTER_URI=uri) as doctor:
                 wait_for(nodes, "the doctor to join")
                 roscore.send_signal(signal.SIGSTOP)
                 self.assertEqual(doctor.wait(), 1, doctor.output)

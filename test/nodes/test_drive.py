@@ -9,7 +9,7 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from support.geometry import closed_form, float32, planar
-from support.helpers import Process, Recording, RosTestCase, node, wait_for
+from support.helpers import ForkedProcess, Recording, RosTestCase, node, wait_for
 from support.paths import PLANS
 from support.world import launch
 
@@ -64,7 +64,7 @@ class TestDrive(RosTestCase):
     def start(name):
         """Start the publisher of a plan as a user does, with roslaunch."""
         arguments = ("path_publisher.launch", f"car_name:={name}", f"plan_file:={name}")
-        return Process("roslaunch", "mushr_ros_intro", *arguments)
+        return ForkedProcess("roslaunch", "mushr_ros_intro", *arguments)
 
     def setUp(self):
         super().setUp()

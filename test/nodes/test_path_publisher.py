@@ -12,7 +12,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from support.geometry import closed_form, planar
 from support.ghost import Ghost
-from support.helpers import Process, Recording, RosTestCase, driver, kill, node, wait_for
+from support.helpers import ForkedProcess, Recording, RosTestCase, driver, kill, node, wait_for
 from support.messages import COMMAND_TIMEOUT, NAVIGATION, OUTPUT
 from support.paths import FIXTURES
 from support.world import launch
@@ -58,7 +58,7 @@ class TestPathPublisher(RosTestCase):
         """Each lap is a drive of its own, placed after the end of the last one."""
         path = self.plan("1,2,0.5\n1.0,0.2,0.25\n-1.0,0.1,0.3\n")
         options = (f"plan_file:={path}", "loop:=true")
-        with Process(
+        with ForkedProcess(
             "roslaunch", "mushr_ros_intro", "path_publisher.launch", *options
         ) as publisher:
             wait_for(lambda: len(self.placements.messages) >= 4, "four laps")
@@ -168,7 +168,7 @@ class TestPathPublisher(RosTestCase):
         # The car is slow, so a late message does not change the printed digits.
         path = self.plan("3,4,1\n0.02,0.1,1\n", "figure_8.txt")
         launch = ("roslaunch", "mushr_ros_intro", "path_publisher.launch", "plan_file:=figure_8")
-        with Process(*launch, PWD=self.folder) as publisher:
+        with ForkedProcess(*launch, PWD=self.folder) as publisher:
             self.assertEqual(publisher.wait(), 0)
         first = next(line for line in publisher.output.splitlines() if "[INFO]" in line)
         self.assertIn(f"plan {path}: 1 row, 1 s, 0.02 m", first)
@@ -218,7 +218,7 @@ class TestPathPublisher(RosTestCase):
         with driver(path, "_init_pose_topic:=/wrong_initialpose", "_subscriber_timeout:=1") as plan:
             self.assertEqual(plan.wait(), 1)
         command = re.search("Type: (.*) and then start", plan.output)[1]
-        with Process(*shlex.split(command)) as place:
+        with ForkedProcess(*shlex.split(command)) as place:
             self.assertEqual(place.wait(), 0)
         wait_for(lambda: reposition.last, "the pose")
         self.assert_pose(planar(reposition.last.pose), (5.0, 6.0, 0.5))

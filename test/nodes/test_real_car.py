@@ -15,7 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from mushr_ros_intro.ros.connections import registered_nodes
 from support.geometry import angle_between, closed_form, planar
-from support.helpers import Process, Recording, RosTestCase, driver, publisher, wait_for
+from support.helpers import ForkedProcess, Recording, RosTestCase, driver, publisher, wait_for
 from support.messages import MUX, NAVIGATION, TELEOP
 from support.world import LOCK_STEP, launch
 
@@ -149,7 +149,7 @@ class TestRealCar(RosTestCase):
         rospy.set_param("/path_publisher/loop", True)  # as if from an earlier drive
         plan = self.plan("5,6,1\n2.0,0.0\n-1.5,0.0,0.5\n0.5,0.0\n")
         arguments = (f"plan_file:={plan}", "countdown:=1", "car:=ideal")
-        with Process("roslaunch", "mushr_ros_intro", "real_car.launch", *arguments) as launch:
+        with ForkedProcess("roslaunch", "mushr_ros_intro", "real_car.launch", *arguments) as launch:
             launch.wait()
         self.assertIn("process has finished cleanly", launch.output)
         warning = "lines 2 to 3 ask for -1.5 to 2 m/s; the largest speed allowed is 1 m/s"
@@ -221,7 +221,7 @@ class TestRealCar(RosTestCase):
     def test_the_mux_is_killed(self):
         """The plan ends, although a node still subscribes to the commands; this car drives on."""
         plan = self.plan("0,0,0\n0.5,0.1,900\n")
-        mux = Process("rostopic", "pub", "/killed", "std_msgs/String", "Navigation")
+        mux = ForkedProcess("rostopic", "pub", "/killed", "std_msgs/String", "Navigation")
         poses = rospy.Publisher("/other/car_pose", PoseStamped, queue_size=10)
         self.addCleanup(poses.unregister)
         pose = PoseStamped()

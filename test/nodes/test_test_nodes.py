@@ -18,7 +18,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_srvs.srv import Trigger
 
 from support.geometry import closed_form
-from support.helpers import Process, Recording, RosTestCase, driver, wait_for
+from support.helpers import ForkedProcess, Recording, RosTestCase, driver, wait_for
 from support.messages import NAVIGATION, at
 from support.paths import FIXTURES, PACKAGE
 from support.world import LOCK_STEP, launch
@@ -205,7 +205,7 @@ class TestTestNodes(RosTestCase):
     def test_in_a_test_file(self):
         """The result files of rostest contain the failures of the test nodes."""
         fixture = os.path.join(FIXTURES, "missing_topics.test.xml")
-        with Process("rostest", fixture, ROS_TEST_RESULTS_DIR=self.folder) as run:
+        with ForkedProcess("rostest", fixture, ROS_TEST_RESULTS_DIR=self.folder) as run:
             self.assertNotEqual(run.wait(PATIENCE), 0, run.output)
         path = os.path.join(self.folder, "mushr_ros_intro", "rosunit-pose_nowhere.xml")
         (failure,) = ElementTree.parse(path).iter("failure")

@@ -32,8 +32,8 @@ _MODULES = """
     PIL.Image numpy pytest yaml tornado.httpserver tornado.web tornado.websocket
     ackermann_msgs.msg genpy.message geometry_msgs.msg nav_msgs.msg nav_msgs.srv rosgraph_msgs.msg
     rosgraph.xmlrpc roslib.message roslib.packages rosmaster.master_api rosgraph.roslogging
-    roslaunch.node_args rospkg sensor_msgs.msg std_msgs.msg std_srvs.srv tf2_msgs.msg
-    visualization_msgs.msg
+    roslaunch.node_args roslaunch.parent rosmaster.main rospkg rostest sensor_msgs.msg std_msgs.msg
+    std_srvs.srv tf2_msgs.msg visualization_msgs.msg
 """
 
 
@@ -193,10 +193,11 @@ if __name__ == "__main__":
         _import_all()
         _request, _output = _serve(_listener)
     _become(_request, _output)
+    # In place: the defaults of some functions that are imported already are the same list.
     if _request["command"][0] == "-m":
-        sys.argv = _request["command"][1:]
+        sys.argv[:] = _request["command"][1:]
         runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
     else:
-        sys.argv = _request["command"]
+        sys.argv[:] = _request["command"]
         sys.path[0] = os.path.dirname(sys.argv[0])
         runpy.run_path(sys.argv[0], run_name="__main__")

@@ -353,8 +353,9 @@ class Process:
         return f"(threads: {', '.join(threads)})"
 
     def send_signal(self, number):
-        """Send a signal to the process and to its child processes."""
-        os.killpg(self._process.pid, number)
+        """Send a signal to the process and to its child processes, unless it has ended."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, number)
 
     def wait(self, patience=PATIENCE):
         """Wait for the end of the process; return its exit status."""
@@ -390,7 +391,10 @@ class Process:
 class ForkedProcess(Process):
     """A Python program of the fork server, which starts six times faster than other processes."""
 
-    _start = staticmethod(fork_server.Forked)
+    @staticmethod
+    def _start(command, environment):
+        program = shutil.which(command[0]) or command[0]
+        return fork_server.Forked((program, *command[1:]), environment)
 
 
 def node(name, *arguments, **environment):
@@ -409,7 +413,7 @@ def master(caller, **environment):
     """Run a master; yield its process, and a proxy with which `caller` calls it."""
     port = free_port()
     proxy = rosgraph.Master(caller, f"http://localhost:{port}")
-    with Process("rosmaster", "--core", "-p", str(port), **environment) as process:
+    with ForkedProcess("rosmaster", "--core", "-p", str(port), **environment) as process:
         wait_for(proxy.is_online, "the master")
         yield process, proxy
 
@@ -420,7 +424,7 @@ def rostest_results(path, *arguments, **environment):
     `path` is the pattern of the result file: FOLDER/PACKAGE/FILE.
     """
     environment["ROS_TEST_RESULTS_DIR"] = os.path.dirname(os.path.dirname(path))
-    with Process("rostest", *arguments, **environment) as process:
+    with ForkedProcess("rostest", *arguments, **environment) as process:
         process.wait(2 * PATIENCE)
     paths = glob.glob(path)
     if len(paths) != 1:

@@ -18,7 +18,7 @@ from PIL import Image
 
 from support import web
 from support.geometry import closed_form
-from support.helpers import PATIENCE, Process, free_port, node, wait_for
+from support.helpers import PATIENCE, ForkedProcess, Process, free_port, node, wait_for
 from support.messages import TELEOP
 from support.paths import CHECKOUT
 
@@ -410,7 +410,9 @@ def test_latched_messages_of_publishers_that_have_ended(sim):
     """A later client gets the messages of live publishers only."""
 
     def latch(text):
-        return Process("rostopic", "pub", "/latched", "std_msgs/String", text, **sim.environment)
+        return ForkedProcess(
+            "rostopic", "pub", "/latched", "std_msgs/String", text, **sim.environment
+        )
 
     first = sim.client("/latched")
     with latch("lives"), latch("is interrupted") as interrupted, latch("is killed") as killed:

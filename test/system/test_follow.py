@@ -6,7 +6,7 @@ import shutil
 from roslib.packages import find_node
 
 from support.controllers import CONTROLLERS, copy_controllers, follow
-from support.helpers import Process
+from support.helpers import ForkedProcess
 
 
 def test_a_node_that_waits_in_wall_clock_time(tmp_path):
@@ -45,7 +45,7 @@ def test_a_class(tmp_path):
         *("--cross-track-tolerance", "0.035", "--out", tmp_path / "out"),
     )
     for _ in range(2):
-        with Process(*map(str, command)) as process:
+        with ForkedProcess(*map(str, command)) as process:
             assert process.wait(300) == 1, process.output
         with open(tmp_path / "out" / "grades.csv", encoding="utf-8") as file:
             ann, bob, cleo = csv.DictReader(file)

@@ -14,7 +14,7 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between, closed_form
-from support.helpers import PATIENCE, ForkedProcess, Process, Recording, node, wait_for
+from support.helpers import PATIENCE, ForkedProcess, Recording, node, wait_for
 from support.listing_page import states
 from support.messages import COMMAND_TIMEOUT, NAVIGATION, OUTPUT
 from support.paths import PACKAGE, PLANS
@@ -122,7 +122,7 @@ def test_real_time(example, car, tmp_path):
     plan = tmp_path / "plan.txt"
     plan.write_text("# comment\n\n1, 2, 2.5\n2.0, 0.09\n3.0, -0.15, 0.25  # short\n-1,0.3,0.3\n\n")
     launch = ("roslaunch", "my_ros_intro", "my_path_publisher.launch.xml", f"plan_file:={plan}")
-    with Process(*launch) as publisher:
+    with ForkedProcess(*launch) as publisher:
         assert publisher.wait() == 0, publisher.output
     car.wait_for_stop()
     car.assert_is_at(closed_form(START, rows))

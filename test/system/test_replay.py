@@ -7,7 +7,7 @@ import os
 
 import pytest
 
-from support.helpers import Process, failures_in, master, node, rostest_results
+from support.helpers import ForkedProcess, failures_in, master, node, rostest_results
 from support.paths import PACKAGE, copy_package
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
@@ -128,7 +128,7 @@ def test_verdict(replay, name):
 def test_a_publisher_that_roslaunch_ignores():
     """With two := the argument does not arrive; no other node may pass in its place."""
     arguments = ("plan_file:=slalom", "publisher:=my_package node.py _loop:=true")
-    with Process("rostest", "mushr_ros_intro", "replay.test", *arguments) as process:
+    with ForkedProcess("rostest", "mushr_ros_intro", "replay.test", *arguments) as process:
         assert process.wait() != 0, process.output
     assert "requires the 'publisher' arg to be set" in process.output
 

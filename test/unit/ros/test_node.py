@@ -8,7 +8,7 @@ import tempfile
 import pytest
 import rosgraph
 
-from support.helpers import ForkedProcess, Process, free_port, node, wait_for
+from support.helpers import ForkedProcess, free_port, node, wait_for
 
 PREAMBLE = """
 import linecache, os, signal, sys, threading, time, xmlrpc.client
@@ -79,7 +79,7 @@ def running_master():
     """Start a master; yield its process and its address."""
     port = free_port()
     uri = f"http://localhost:{port}"
-    with Process("rosmaster", "--core", "-p", str(port), ROS_MASTER_URI=uri) as process:
+    with ForkedProcess("rosmaster", "--core", "-p", str(port), ROS_MASTER_URI=uri) as process:
         wait_for(rosgraph.Master("/test_node", uri).is_online, "the master")
         yield process, uri
 
