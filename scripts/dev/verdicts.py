@@ -32,15 +32,20 @@ BUSY = "while True: pass"
 
 
 def grade(name, folder, plan, setting):
-    """Return the name of a node, and a letter for each check: . passed, F failed, - not judged."""
+    """Return the name of a node, a letter for each check, the drive, and the failed checks.
+
+    The letters are: . passed, F failed, - not judged.
+    """
     path = os.path.join(folder, name, "path_publisher.py")
     try:
         judgement = run_job(Job(name, (path,), plan, setting))
     except UserError as error:
-        return name, str(error), []
+        return name, str(error), "", []
     failed = [each.name for each in judgement.checks if each.is_judged and not each.passed]
     letters = "".join("-F."[each.is_judged + each.passed] for each in judgement.checks)
-    return name, letters, failed
+    sent = judgement.recorded.sent
+    commands = [(each.arrived - sent[0].arrived, each.time - each.arrived, each) for each in sent]
+    return name, letters, str(commands and [each[:2] + each[2].values for each in commands]), failed
 
 
 def is_expected(name, failed):
@@ -57,20 +62,24 @@ def measure(names, folder, options):
         CHECKOUT, "ideal", "none", None, **others, sandbox=Sandbox(), ros=inherited()
     )
     seen = {name: set() for name in names}
+    drives = {name: set() for name in names}
     wrong = set()
     for run in range(options.runs):
         began = time.monotonic()
         with ThreadPoolExecutor(options.jobs) as pool:
-            for name, letters, failed in pool.map(
+            for name, letters, drive, failed in pool.map(
                 lambda name: grade(name, folder, plan, setting), names
             ):
                 seen[name].add(letters)
+                drives[name].add(drive)
                 if not is_expected(name, failed):
                     wrong.add(name)
         print(f"run {run + 1}: {time.monotonic() - began:.0f} s", flush=True)
     faults = [name for name in names if name in wrong or len(seen[name]) > 1]
     for name in faults:
         print(f"{name}: {' '.join(sorted(seen[name]))}")
+    several = [name for name in names if len(drives[name]) > 1]
+    print(f"different drives: {' '.join(several) or 'none'}")
     print(f"{len(names)} nodes, {options.runs} runs: {len(faults)} judged wrongly or differently")
     return len(faults)
 

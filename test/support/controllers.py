@@ -1,4 +1,4 @@
-"""Controllers that follow a path."""
+"""Replays of nodes, and controllers that follow a path."""
 
 import glob
 import os
@@ -22,8 +22,8 @@ def copy_controllers(folder):
         os.chmod(shutil.copy(path, folder), 0o755)
 
 
-def follow(name, folder, *remap):
-    """Return the judgement on a controller."""
+def replay(path, exercise, remap=()):
+    """Return the judgement on a node, given its path and what it drives."""
     setting = read_setting(
         *(PACKAGE, "ideal", "none", None),
         remap=remap,
@@ -32,4 +32,9 @@ def follow(name, folder, *remap):
         sandbox=Sandbox(),
         ros=inherited(),
     )
-    return run_job(Job(name, (os.path.join(folder, f"{name}.py"),), WAVE, setting))
+    return run_job(Job(os.path.basename(path), (os.fspath(path),), exercise, setting))
+
+
+def follow(name, folder, *remap):
+    """Return the judgement on a controller."""
+    return replay(os.path.join(folder, f"{name}.py"), WAVE, remap)

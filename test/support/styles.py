@@ -229,11 +229,6 @@ RIGHT = {
         "class Wall:\n    def sleep(self):\n        rospy.rostime.wallsleep(0.1)\nrate = Wall()",
     ),
     "asyncio": {"functions": ASYNC, "drive": "asyncio.run(drive())"},
-    "alarm": {
-        **paced("signal.sigwait([signal.SIGALRM])"),
-        "imports": "signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])  # of all threads",
-        "warm_up": "signal.setitimer(signal.ITIMER_REAL, 0.1, 0.1)",
-    },
     "timer": {
         "functions": TIMER,
         "drive": MAIN.format(start="tick(None); timer = rospy.Timer(rospy.Duration(0.1), tick)"),
@@ -486,6 +481,15 @@ WRONG = {
         },
         "node",
     ),
+    "alarm": (
+        {
+            **paced("signal.sigwait([signal.SIGALRM])"),
+            "imports": "signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])",
+            "warm_up": "signal.setitimer(signal.ITIMER_REAL, 0.1, 0.1)",
+        },
+        "node",
+    ),
+    "child_sleeps": (paced('subprocess.run(["sleep", "0.1"])'), "node"),
     "hangs_at_once": ({"connect": "rospy.spin()"}, "node"),
     "hangs_midway": (
         paced("rate.sleep()", "rate = rospy.Rate(10)", "if v == 2.0:\n    rospy.spin()"),

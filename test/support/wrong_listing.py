@@ -7,8 +7,8 @@ not exact on a busy machine. The fault "hold_up" stops the replay, not the node,
 
 import os
 import signal
+import subprocess
 import sys
-import threading
 
 import rosnode
 import rospy
@@ -21,7 +21,7 @@ from mushr_ros_intro.ros.connections import wait_until_connected
 FAULTS = ("crash", "hang", "hold_up", "kill_car", "kill_replay", "silent")
 
 HELD_UP = 0.5
-"""[s] Longer than the delay that a replay tolerates."""
+"""[s of wall-clock time] The time of the node is simulated, and that of a child process is not."""
 
 
 def main(fault):
@@ -37,7 +37,7 @@ def main(fault):
 
     if fault == "hold_up":
         os.kill(os.getppid(), signal.SIGSTOP)
-        threading.Timer(HELD_UP, os.kill, [os.getppid(), signal.SIGCONT]).start()
+        subprocess.Popen(["sh", "-c", f"sleep {HELD_UP}; kill -CONT {os.getppid()}"])
     placements.publish(placement(rospy.Time(), *plan[0], frame=""))
     for row, (speed, steering_angle) in enumerate(plan[1:], 1):
         if fault == "crash" and row == 3:

@@ -13,8 +13,14 @@ def test_a_node_that_waits_in_wall_clock_time(tmp_path):
     """A lock with a timeout cannot wait in simulated time."""
     copy_controllers(tmp_path)
     path = tmp_path / "loop.py"
-    text = path.read_text().replace("rate.sleep()", "threading.Event().wait(0.05)")
-    path.write_text(text.replace("import rospy\n", "import threading\n\nimport rospy\n", 1))
+    text = path.read_text().replace("rate.sleep()", "lock.acquire(timeout=0.05)")
+    path.write_text(
+        text.replace(
+            "import rospy\n",
+            "import threading\n\nimport rospy\n\nlock = threading.Lock()\nlock.acquire()\n",
+            1,
+        )
+    )
     (check, *_) = follow("loop", tmp_path).checks
     assert not check.passed
     assert check.message.startswith("the node sends commands while the simulated clock stands, so")

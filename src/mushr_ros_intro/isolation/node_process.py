@@ -42,12 +42,13 @@ WAS_KILLED = "the node was killed by signal SIGKILL"
 class NodeProcess:
     """The process of the node in a replay, with all processes of its group."""
 
-    def __init__(self, command: List[str], has_namespaces: bool = False) -> None:
+    def __init__(self, command: List[str], has_namespaces: bool = False, *files: int) -> None:
         """Start the node.
 
         Args:
             command: the program and its arguments, which include the environment.
             has_namespaces: whether it is bwrap, which runs the node in a process group of its own.
+            files: the numbers of open files for the node.
 
         Raises:
             UserError: the program cannot be started.
@@ -59,6 +60,7 @@ class NodeProcess:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
+                pass_fds=files,
             )
         except OSError as error:
             raise UserError(f"{command[0]} cannot be started ({error.strerror})") from None

@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from typing import Collection, Dict, Iterable, List, NamedTuple, Tuple
+from typing import Collection, Dict, Iterable, List, NamedTuple
 
 from mushr_ros_intro.stamps import NANOSECONDS
 
@@ -47,8 +47,6 @@ class Threads:
         """When the threads were last observed; the same object if none has run since then."""
         self.ran = 0.0
         """For how long the threads have run [s of processor time]."""
-        self.delayed = 0.0
-        """For how long they have waited for a processor [s]; 0 if there are no statistics."""
 
     @property
     def processes(self) -> List[int]:
@@ -90,13 +88,9 @@ class Threads:
                 os.close(file)
         self._add_new(found, [name for name in found if found[name] != self.usages.get(name)])
         for name, usage in found.items():
-            before = self.usages.get(name, b"0 0")
+            before = self.usages.get(name, b"0")
             if usage != before:
-                ran, delayed = (
-                    after - earlier for after, earlier in zip(_times(usage), _times(before))
-                )
-                self.ran += ran / NANOSECONDS
-                self.delayed += delayed / NANOSECONDS
+                self.ran += (int(usage.split()[0]) - int(before.split()[0])) / NANOSECONDS
         self.usages, self._texts = found, list(found.values())
 
     def _add_new(self, found: Usages, changed: Iterable[str]) -> None:
@@ -144,12 +138,6 @@ class Threads:
         fields = stat[stat.rindex(b")") + 2 :].split()
         times = (int(fields[11]) + int(fields[12])) * _TICK
         return b"%d 0 %s" % (times, counts[counts.rindex(b"\nvoluntary_ctxt_switches") :])
-
-
-def _times(usage: bytes) -> Tuple[int, int]:
-    """Return for how long a thread has run, and has waited for a processor [ns]."""
-    ran, delayed = usage.split()[:2]
-    return int(ran), int(delayed)
 
 
 def _has_statistics() -> bool:

@@ -5,6 +5,7 @@ import ctypes
 import multiprocessing
 import multiprocessing.popen_forkserver  # threads that first import it together may fail
 import os
+import re
 import resource
 import shutil
 import signal
@@ -23,23 +24,20 @@ from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.replay.bag import write_bag
-from mushr_ros_intro.replay.follow_world import FollowWorld, is_python
+from mushr_ros_intro.replay.follow_world import FollowWorld
 from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.judge import Judgement
-from mushr_ros_intro.replay.pace import Pace
+from mushr_ros_intro.replay.pace import WALL_CLOCK, Pace
 from mushr_ros_intro.replay.recording import Recorded, count_leading_stops
 from mushr_ros_intro.replay.reference import Reference
 from mushr_ros_intro.replay.world import CAR, CHECK_PERIOD, CONTROL, MAX_SILENCE, ReplayWorld
-from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
+from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 
 T = TypeVar("T")
 
 DONE_AFTER = 2.0
 """If no command follows the last one for this time, the node is done [s of simulated time]."""
-
-MIN_SILENCE = 0.5
-"""The same in wall-clock time, because a node may sleep in wall-clock time [s]."""
 
 EXIT_TIMEOUT = 5.0
 """Longest wait for the exit of a node that has left ROS [s of wall-clock time]."""
@@ -212,7 +210,9 @@ def _run_here(job: Job) -> Judgement:
     sandbox.enter()
     world = _world_of(job)
     with tempfile.TemporaryDirectory(dir=sandbox.folder or None) as folder:
-        process = NodeProcess(sandboxed(job, folder), sandbox.has_namespaces)
+        process = NodeProcess(
+            sandboxed(job, folder, world.due_file), sandbox.has_namespaces, world.due_file
+        )
         try:
             outcome = (
                 world.watch(process, setting.timeout)
@@ -253,12 +253,26 @@ def _world_of(job: Job) -> ReplayWorld:
     """Return the world of a replay."""
     values = job.setting.parameters, job.setting.mux, job.setting.grid
     if isinstance(job.plan, Reference):
-        return FollowWorld(*values, job.plan, is_python(job.command[0]))
+        return FollowWorld(*values, job.plan)
     return ReplayWorld(*values)
 
 
-def sandboxed(job: Job, folder: str) -> List[str]:
-    """Return the command that runs the node; create its plan and its home in an empty folder."""
+def interpreter_of(path: str) -> List[str]:
+    """Return the words in the first line of a Python program; none of another program."""
+    with open(path, "rb") as file:
+        words = re.fullmatch(r"#![ \t]*([^ \t]+)[ \t]*(.*)\n", os.fsdecode(file.readline(200)))
+    is_python = words and "python" in words[0] and os.access(path, os.X_OK)
+    return [each for each in words.groups() if each] if words and is_python else []
+
+
+def sandboxed(job: Job, folder: str, due_file: Optional[int] = None) -> List[str]:
+    """Return the command that runs the node; create its plan and its home in an empty folder.
+
+    Args:
+        job: the replay.
+        folder: the folder.
+        due_file: the number of an open file for `simulated_time`; None for the real time.
+    """
     os.chmod(folder, 0o755)
     plan = os.path.join(folder, os.path.basename(job.plan.path))
     shutil.copyfile(job.plan.path, plan)
@@ -268,10 +282,10 @@ def sandboxed(job: Job, folder: str) -> List[str]:
     os.chmod(home, 0o777)
     command = [*job.command, *job.setting.remap, f"_plan_file:={plan}"]
     environment = environment_of(job.setting.ros, job.packages)
-    if isinstance(job.plan, Reference) and is_python(job.command[0]):
+    if due_file is not None and (interpreter := interpreter_of(job.command[0])):
         environment["PYTHONHASHSEED"] = "0"
         with open(SIMULATED_TIME, encoding="ascii") as file:
-            command = ["/usr/bin/python3", "-c", file.read(), *command]
+            command = [*interpreter, "-c", file.read(), str(due_file), *command]
     return job.setting.sandbox.wrap(command, environment, home, plan, job.folder)
 
 
@@ -287,20 +301,18 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
     count, heard, checked = 0, 0.0, time.monotonic()
     while not process.has_ended:
         driven = len(world.sent) - count_leading_stops(world.sent, job.plan)
-        # After the plan, the clock waits for a stop, but not for one that is late.
-        is_late = driven == expected and world.silence > COMMAND_PERIOD / NANOSECONDS
-        world.observe(pace, driven <= expected and not is_late)
+        world.observe(pace, world.time_left if driven <= expected else None)
         if world.count != count:
             count, heard = world.count, pace.seconds
         silence = pace.seconds - heard
         if driven >= expected and world.silence > DONE_AFTER:
-            if silence > (EXIT_TIMEOUT if world.is_ending else MIN_SILENCE):
+            if not world.is_ending or silence > EXIT_TIMEOUT:
                 return ""  # a node that has driven the plan need not end
-        elif silence > timeout or (world.silence > MAX_SILENCE and silence > MIN_SILENCE):
+        elif silence > timeout or world.silence > MAX_SILENCE:
             return _describe_silence(driven, expected, timeout, world)
         if time.monotonic() > checked + CHECK_PERIOD:
             checked = time.monotonic()
-            if fault := _fault(process, world, job, pace.seconds):
+            if fault := _fault(process, world, job, pace):
                 return fault
     fault = process.describe_failure()
     if fault or world.sent:
@@ -308,10 +320,12 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
     return f"the node ended without publishing a command on {CONTROL}; {world.describe_topics()}"
 
 
-def _fault(process: NodeProcess, world: ReplayWorld, job: Job, duration: float) -> str:
-    """Return why a node that runs for `duration` [s] has failed; empty if it has not failed."""
+def _fault(process: NodeProcess, world: ReplayWorld, job: Job, pace: Pace) -> str:
+    """Return why a running node has failed; empty if it has not failed."""
     if not world.is_alive:
         return f"the node has shut down {CAR}"
+    if pace.uses_wall_clock:
+        return WALL_CLOCK
     if excess := process.excess():
         return excess
     sent, limit = world.sent, job.plan.duration * 3 // 2 + 5 * NANOSECONDS
@@ -320,7 +334,7 @@ def _fault(process: NodeProcess, world: ReplayWorld, job: Job, duration: float) 
             f"the node still sends commands {(limit - job.plan.duration) / NANOSECONDS:g} s "
             f"after the end of the plan, which takes {job.plan.duration / NANOSECONDS:g} s"
         )
-    if duration > _deadline(job):
+    if pace.seconds > _deadline(job):
         seconds = f"{_deadline(job):g} s of wall-clock time"
         return f"the node did not drive the plan within {seconds}"
     return ""

@@ -1,116 +1,302 @@
-"""Run a Python program in simulated time: `python3 -c THIS_FILE PROGRAM ARGUMENT...`.
+"""Run a Python program in simulated time: `python3 -c THIS_FILE FILE PROGRAM ARGUMENT...`.
 
-The program gets the time of ROS from `time.time`, `time.monotonic` and `time.perf_counter`, and
-sleeps in it with `time.sleep`, `rospy.sleep`, `rospy.Rate` and `rospy.Timer`. If several threads
-are due, each message on /clock wakes one of them, in the order of their due times, so that the
-order does not depend on the load of the machine. The random numbers of `random` and
-`numpy.random` are the same in each run.
+The clocks of the module time advance with the time of ROS, from other values on, so that a stamp of
+one of them is recognised. The program sleeps in this time with `time.sleep`, `rospy.sleep`,
+`rospy.Rate` and `rospy.Timer`, and waits in it with the timeouts of threading, queue, select and
+asyncio. A thread that reads the time again and again sleeps for POLL_PERIOD. The random numbers of
+`random` and `numpy.random` are the same in each run.
+
+If several threads are due, each message on /clock wakes one of them, in the order of their due
+times. So the order does not depend on the load of the machine. The program writes to FILE, the
+number of an open file, when the next thread is due [ns], as 8 bytes, little-endian; 0 if no thread
+sleeps.
+
+Libraries of ROS, and child processes, keep the real time.
 
 This file is a program of its own, which a node in a sandbox can run without this package.
 """
 
+import contextlib
 import heapq
 import itertools
 import os
+import queue
 import random
 import runpy
+import select
+import selectors
 import sys
 import threading
 import time
-import types
-from typing import List, Tuple
+import traceback
+from typing import Any, Callable, List, Optional, Tuple
 
 import genpy
+import rosgraph
 import rospy
 import rospy.impl.simtime
 
-try:  # these must keep the real time, like rospy
-    import numpy
-    import tf2_ros  # noqa: F401
-except ImportError:  # the program does not need them
-    numpy = None  # type: ignore
-
 START = 1_000_000_000_000_000_000
-"""The time of a replay until the first message on /clock [ns]."""
+"""The time of ROS until the first message on /clock [ns]."""
 
-SHUTDOWN_POLL = 0.3
-"""Period at which a sleeping thread notices that ROS has shut down [s of wall-clock time]."""
+STARTS = {"time": 1_800_000_000_000_000_000, "monotonic": 0, "perf_counter": 0}
+"""The times of other clocks then, by their names in the module time [ns]."""
+
+SHUTDOWN_POLL = 0.001
+"""Period at which a thread waits for the end of a shutdown of ROS [s of wall-clock time]."""
+
+MAX_READS = 100
+"""A thread that reads the same time more often polls the clock."""
+
+POLL_PERIOD = 10_000_000
+"""A thread that polls looks once in this time [ns]."""
+
+LIBRARIES = (os.path.dirname(os.__file__) + os.sep, "<frozen", sys._getframe().f_code.co_filename)
+"""Files of the standard library, and this one: they act for the file that calls them."""
+
+ROS = tuple(os.path.dirname(each.__file__) + os.sep for each in (rospy, rosgraph, genpy))
+"""Files that keep the real time."""
+
+real_sleep, real_wait, get_rostime = time.sleep, threading.Condition.wait, rospy.get_rostime
+is_child = False
+"""Whether this is a child process, in which no thread receives /clock."""
+
+
+class Waiter:
+    """What a thread waits for: it is released by another thread, or when it is due."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._lock.acquire()
+        self.acquire = self._lock.acquire
+
+    def release(self) -> None:
+        """Let the thread run."""
+        with contextlib.suppress(RuntimeError):  # it was released
+            self._lock.release()
 
 
 class Sleepers:
     """The threads that sleep in simulated time."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._queue: List[Tuple[int, int, threading.Event]] = []  # due [ns], number, ...
+        self.file: Optional[int] = None
+        """The number of the open file."""
+        self._lock = threading.RLock()  # a signal handler may shut down ROS at any time
+        self._queue: List[Tuple[int, int, Waiter]] = []  # due [ns], number, ...
         self._numbers = itertools.count()
 
-    def sleep(self, duration: int) -> None:
-        """Sleep for a duration [ns]."""
-        woken = threading.Event()
+    def sleep(self, duration: int, waiter: Optional[Waiter] = None) -> bool:
+        """Sleep for a duration [ns], or until another thread releases `waiter`; return if it did.
+
+        If ROS shuts down, the sleep ends afterwards.
+        """
+        entry = (read() + duration, next(self._numbers), waiter or Waiter())
         with self._lock:
-            heapq.heappush(self._queue, (read() + duration, next(self._numbers), woken))
-        while not woken.wait(SHUTDOWN_POLL):
-            if rospy.is_shutdown():
-                return
+            heapq.heappush(self._queue, entry)
+            self._write()
+        entry[-1].acquire()
+        with self._lock:
+            is_due = entry not in self._queue
+            if not is_due:
+                self._queue.remove(entry)
+                heapq.heapify(self._queue)
+                self._write()
+        if is_due or (waiter and not rospy.core.is_shutdown_requested()):
+            return not is_due
+        while not rospy.is_shutdown():
+            real_sleep(SHUTDOWN_POLL)
+        return False
 
     def on_time(self, now: int) -> None:
         """Wake the thread that is due first at a time [ns], if any."""
         with self._lock:
             if self._queue and self._queue[0][0] <= now:
-                heapq.heappop(self._queue)[-1].set()
+                heapq.heappop(self._queue)[-1].release()
+                self._write()
+
+    def _write(self) -> None:
+        if self.file is not None:
+            due = self._queue[0][0] if self._queue else 0
+            os.pwrite(self.file, due.to_bytes(8, "little"), 0)
+
+    def on_shutdown(self, reason: str) -> None:
+        """Wake all threads."""
+        with self._lock:
+            for _, _, waiter in self._queue:
+                waiter.release()
+
+
+class Reads(threading.local):
+    """How often a thread has read the same time."""
+
+    time, count = 0, 0
+
+
+sleepers, reads = Sleepers(), Reads()
+
+
+def is_initialized() -> bool:
+    """Return whether ROS publishes the time, and runs."""
+    is_known = rospy.rostime.is_rostime_initialized() and not rospy.rostime.is_wallclock()
+    return is_known and not is_child and not rospy.is_shutdown()
+
+
+def is_for_node() -> bool:
+    """Return whether a file of the node has called a function, itself or through a library."""
+    frame: Any = sys._getframe(1)
+    while frame and frame.f_code.co_filename.startswith(LIBRARIES):
+        frame = frame.f_back
+    return not (frame and frame.f_code.co_filename.startswith(ROS))
 
 
 def is_simulated() -> bool:
-    """Return whether ROS has been initialised, and publishes the time."""
-    return rospy.rostime.is_rostime_initialized() and not rospy.rostime.is_wallclock()
+    """Return whether to use the simulated time."""
+    return is_initialized() and is_for_node()
 
 
 def read() -> int:
     """Return the time [ns]."""
-    return max(START, rospy.get_rostime().to_nsec()) if is_simulated() else START
+    return max(START, get_rostime().to_nsec()) if is_initialized() else START
 
 
-def simulate(sleepers: Sleepers) -> None:
-    """Replace the functions of rospy and of the module time."""
-    on_clock, sleep = rospy.impl.simtime._set_rostime_clock_wrapper, time.sleep
+def poll() -> None:
+    """Note that a thread reads the time."""
+    now = read()
+    if now != reads.time:
+        reads.time, reads.count = now, 0
+    reads.count += 1
+    if reads.count > MAX_READS and is_initialized():
+        reads.count = 0
+        sleepers.sleep(POLL_PERIOD)
 
-    def on_message(msg) -> None:  # type: ignore
+
+def simulate_clock(name: str, start: int) -> None:
+    """Replace a clock of the module time, given its time at START [ns]."""
+
+    def replace(name: str, convert: Callable[[int], Any]) -> None:
+        real = getattr(time, name)
+
+        def now() -> Any:
+            if is_child or not is_for_node():
+                return real()
+            poll()
+            return convert(read() - START + start)
+
+        setattr(time, name, now)
+
+    replace(name, lambda now: now / 1e9)
+    replace(f"{name}_ns", lambda now: now)
+
+
+def read_in_ros() -> Any:
+    """Return the time, as `rospy.get_rostime`."""
+    poll()
+    return get_rostime()
+
+
+def sleep_in_ros(duration: Any) -> None:
+    """Sleep, as `rospy.sleep`."""
+    if not isinstance(duration, genpy.Duration):
+        duration = genpy.Duration.from_sec(duration)
+    if duration.to_nsec() > 0:
+        sleepers.sleep(duration.to_nsec())
+    if rospy.is_shutdown():
+        raise rospy.ROSInterruptException("ROS shutdown request")
+
+
+def sleep_for(seconds: float) -> None:
+    """Sleep, as the functions of rospy that sleep in wall-clock time."""
+    if seconds > 0.0 and is_initialized():
+        sleepers.sleep(round(seconds * 1e9))
+    else:
+        real_sleep(seconds)
+
+
+def sleep(seconds: float) -> None:
+    """Sleep, as `time.sleep`."""
+    (sleep_for if is_for_node() else real_sleep)(seconds)
+
+
+def wait(condition: Any, timeout: Optional[float] = None) -> bool:
+    """Wait, as `threading.Condition.wait`."""
+    if timeout is None or timeout <= 0.0 or not is_simulated():
+        return bool(real_wait(condition, timeout))
+    waiter = Waiter()
+    condition._waiters.append(waiter)
+    state = condition._release_save()
+    try:
+        return sleepers.sleep(round(timeout * 1e9), waiter)
+    finally:
+        condition._acquire_restore(state)
+        with contextlib.suppress(ValueError):
+            condition._waiters.remove(waiter)
+
+
+def polling(real: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that waits for files, whose last argument is a timeout [s].
+
+    It looks for them once in POLL_PERIOD.
+    """
+
+    def select_files(*arguments: Any) -> Any:
+        *files, timeout = arguments
+        if not isinstance(timeout, (int, float)) or timeout <= 0.0 or not is_simulated():
+            return real(*arguments)
+        due = read() + round(timeout * 1e9)
+        while not any(found := real(*files, 0.0)) and read() < due and is_initialized():
+            sleepers.sleep(min(POLL_PERIOD, due - read()))
+        return found
+
+    return select_files
+
+
+def show_exception(kind: Any, error: BaseException, trace: Any) -> None:
+    """Print an exception, as if Python had started the program."""
+    while trace and trace.tb_frame.f_code.co_filename.startswith(LIBRARIES):
+        trace = trace.tb_next
+    traceback.print_exception(kind, error, trace)
+
+
+def simulate() -> None:
+    """Replace the functions."""
+    on_clock = rospy.impl.simtime._set_rostime_clock_wrapper
+
+    def on_message(msg: Any) -> None:
         on_clock(msg)
         sleepers.on_time(msg.clock.to_nsec())
 
-    def sleep_in_ros(duration) -> None:  # type: ignore
-        if not isinstance(duration, genpy.Duration):
-            duration = genpy.Duration.from_sec(duration)
-        if duration.to_nsec() > 0:
-            sleepers.sleep(duration.to_nsec())
-        if rospy.is_shutdown():
-            raise rospy.ROSInterruptException("ROS shutdown request")
+    def on_fork() -> None:
+        global is_child
+        is_child = True
 
-    def sleep_anywhere(seconds: float) -> None:
-        if seconds > 0.0 and is_simulated() and not rospy.is_shutdown():
-            sleepers.sleep(round(seconds * 1e9))
-        else:
-            sleep(seconds)
-
+    os.register_at_fork(after_in_child=on_fork)
+    rospy.core.add_preshutdown_hook(sleepers.on_shutdown)
     rospy.impl.simtime._set_rostime_clock_wrapper = on_message
     rospy.timer.sleep = rospy.sleep = sleep_in_ros
-    rospy.rostime.wallsleep = sleep_anywhere  # of rospy.spin and rospy.wait_for_message
-    changed = types.ModuleType("time", time.__doc__)
-    changed.__dict__.update(vars(time), sleep=sleep_anywhere)
-    for name in ("time", "monotonic", "perf_counter"):
-        setattr(changed, name, lambda: read() / 1e9)
-        setattr(changed, f"{name}_ns", read)
-    sys.modules["time"] = changed
+    rospy.rostime.get_rostime = rospy.get_rostime = read_in_ros
+    rospy.rostime.wallsleep = sleep_for  # of rospy.spin and rospy.wait_for_message
+    time.sleep = sleep
+    for name, start in STARTS.items():
+        simulate_clock(name, start)
+    threading._time = queue.time = time.monotonic  # type: ignore
+    threading.Condition.wait = wait  # type: ignore
+    select.select = polling(select.select)
+    selectors.EpollSelector.select = polling(selectors.EpollSelector.select)  # type: ignore
 
 
 def main() -> None:
     """Run the program."""
-    simulate(Sleepers())
+    simulate()
+    sys.excepthook = show_exception
     random.seed(0)
-    if numpy:
+    with contextlib.suppress(ImportError):
+        import numpy
+
         numpy.random.seed(0)
-    sys.argv = sys.argv[1:]
+    sleepers.file = int(sys.argv[1])
+    os.set_inheritable(sleepers.file, False)
+    sys.argv = sys.argv[2:]
     sys.path[0] = os.path.dirname(os.path.realpath(sys.argv[0]))
     runpy.run_path(sys.argv[0], run_name="__main__")
 

@@ -6,10 +6,11 @@ here. So the node cannot change the recording, nor move the car by other means.
 """
 
 import os
+import tempfile
 import threading
 import time
 from collections import deque
-from typing import Any, Deque, Dict, List, Optional, Tuple
+from typing import Any, Deque, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -62,12 +63,17 @@ class ReplayWorld:
     """The world of one replay. A process can create it only once.
 
     The clock advances in steps, and only while the node waits and all its messages have been
-    received. Messages are processed just before a step, initial poses first. So neither the speed
-    nor the load of the machine has an effect. See `Pace`, and docs/grading.md.
+    processed, initial poses first. At each instant, the car first reports its states, one topic
+    after another, and then the node receives the time. Each message is sent when the node has
+    processed the one before. So neither the speed nor the load of the machine has an effect. See
+    `Pace`, and docs/grading.md.
     """
 
     def __init__(
-        self, parameters: Dict[str, Any], mux: Dict[str, Any], grid: Optional[Grid]
+        self,
+        parameters: Dict[str, Any],
+        mux: Dict[str, Any],
+        grid: Optional[Grid],
     ) -> None:
         """Start the nodes.
 
@@ -90,7 +96,10 @@ class ReplayWorld:
         """The reported states of the car."""
         self.now = START
         """The simulated time [ns]."""
-        self._reports: List[State] = []  # the states of the last step, which are not published yet
+        self._due = tempfile.TemporaryFile(buffering=0)
+        self.due_file = self._due.fileno()
+        """The number of a file, in which the node says when its next thread is due."""
+        self._pending: Iterator[int] = iter(())  # the messages of this instant that are not sent
         self._begin: Optional[int] = None  # the time of the first command to drive
         self._poses: Deque[PoseWithCovarianceStamped] = deque()
         self._commands: Deque[Tuple[AckermannDriveStamped, Input]] = deque()
@@ -152,44 +161,59 @@ class ReplayWorld:
         """The time since the node's last command, or since the start [s of simulated time]."""
         return (self.now - (self.sent[-1].arrived if self.sent else START)) / NANOSECONDS
 
-    def observe(self, pace: Pace, is_driving: bool) -> None:
-        """Observe the node once; if it waits, process its messages or advance the clock.
+    def observe(self, pace: Pace, left: Optional[int]) -> None:
+        """Observe the node once; if it waits, process its messages or send the next one.
+
+        The threads of this process must not run while the node is observed.
 
         Args:
             pace: of the clock.
-            is_driving: whether the node has to send further commands.
+            left: the time until the next command is due [ns]; None if none is expected.
         """
-        is_node_waiting = pace.observe()
-        is_received = self._receiving.are_waiting() or len(self._commands) > MAX_QUEUED
-        if is_received and is_node_waiting:
-            has_news = self._master.notify() or self._process(pace)
-            if has_news and not pace.uses_wall_clock:
+        is_waiting = pace.observe()
+        if is_waiting and self._receiving.are_waiting() and pace.is_still_waiting:
+            if self._master.notify() or self._process(pace):
+                pace.unsettle()
                 return
-        written = self._advance(pace, is_driving) if is_received else None
-        if written is None:
-            self._nap = min(LONG_NAP, 1.5 * self._nap)
+            duration = pace.advance(left, self._time_until_due)
         else:
-            pace.stepped(written)
+            pace.unsettle()
+            duration = None if is_waiting else pace.advance(left, None)
+            if len(self._commands) <= MAX_QUEUED and not self._receiving.are_waiting():
+                duration = None
+        # Without a connection, the node has not initialised ROS yet.
+        if duration is not None and (self.sent or self._clock.get_num_connections()):
+            self._send(pace, duration)
             self._nap = SHORT_NAP
+        else:
+            self._nap = min(LONG_NAP, 1.5 * self._nap)
         time.sleep(self._nap)
 
-    def _advance(self, pace: Pace, is_driving: bool) -> Optional[int]:
-        """Send the reports that are due, or advance the clock, if it is time to do so.
+    @property
+    def _time_until_due(self) -> Optional[int]:
+        """The time until the next thread of the node is due [ns]; None if unknown.
 
-        Returns:
-            To how many threads of the node messages were sent; None if it is too early.
+        A thread that receives reports of the car is due when the next one is.
         """
-        if self._reports and pace.knows_time:
-            return self._report()
-        duration = pace.advance(self._time_left() if is_driving else None)
-        if not duration:
-            return None
-        self._master.notify()
-        self._process(pace)
-        return self.step(duration)
+        due = int.from_bytes(os.pread(self.due_file, 8, 0), "little")
+        times = [due - self.now] if due else []
+        if self._car.count_connections():
+            times.append(self._car.pose_period - self.now % self._car.pose_period)
+        return min(times, default=None)
 
-    def _time_left(self) -> Optional[int]:
-        """Return the time until the next command is due [ns]; None before the first one."""
+    def _send(self, pace: Pace, duration: int) -> None:
+        """Send the next message of this instant, or advance the clock [ns]."""
+        self._master.notify()  # if the node polls
+        self._process(pace)
+        written = next(self._pending, None)
+        if written is None:
+            self._pending = self.step(duration)
+            written = next(self._pending)
+        pace.wrote(written)
+
+    @property
+    def time_left(self) -> Optional[int]:
+        """The time until the next command is due [ns]; None before the first one."""
         return self.sent[-1].arrived + COMMAND_PERIOD - self.now if self.sent else None
 
     def _process(self, pace: Optional[Pace] = None) -> bool:
@@ -200,35 +224,34 @@ class ReplayWorld:
         while self._poses:
             self._on_initial_pose(self._poses.popleft())
         while self._commands:
-            left = self._time_left()
             self._on_command(*self._commands.popleft())
             if pace:
-                # A node that receives the poses gets each of them before the next step.
-                pace.heard(None if self._car.count_connections() else left)
+                pace.heard()
         return count > 0
 
-    def step(self, duration: int) -> int:
-        """Advance the clock [ns]; return the number of connections to which it was written.
+    def step(self, duration: int) -> Iterator[int]:
+        """Advance the clock [ns], report the states of the car, and then the time.
 
-        The states of the car follow when the node has received the time.
+        Yields:
+            How many threads of the node receive a message. The next one must be sent when the node
+            has processed it.
         """
         end, period = self.now + duration, self._car.pose_period
         reports = range(self.now - self.now % period + period, end + 1, period)
         for self.now in [*reports, end]:
             rospy_fixes.set_time(self.now)
             self._mux.expire()
-        self._reports += self._car.states_at(reports)
+        if reports:
+            states = self._car.states_at(reports)
+            self.states += states
+            yield from self._car.publish_each(states)
+            yield from self._give()
         self._clock.publish(Clock(clock=conversions.time_from(self.now)))
-        if not self._car.count_connections():
-            self._report()
-        return self._clock.get_num_connections()
+        yield self._clock.get_num_connections()
 
-    def _report(self) -> int:
-        """Publish the states of the last step; return the number of connections."""
-        self._car.publish(self._reports)
-        self.states += self._reports
-        self._reports = []
-        return self._car.count_connections()
+    def _give(self) -> Iterator[int]:
+        """Give more to the node; yield how many threads receive each message."""
+        yield from ()
 
     def wait_until_rest(self, timeout: int) -> None:
         """Let the clock run until the car stands and its last command has expired.
@@ -243,7 +266,8 @@ class ReplayWorld:
         )
         self._process()
         while self.is_alive and not self._stands(timeout):
-            self.step(self._car.pose_period)
+            for _ in self.step(self._car.pose_period):
+                pass
 
     def _stands(self, timeout: int) -> bool:
         """Return whether the car is at rest and its last command has expired."""

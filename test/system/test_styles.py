@@ -1,0 +1,57 @@
+"""Nodes that wait in many ways send their commands at the same instants in each replay."""
+
+import pytest
+
+from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.stamps import COMMAND_PERIOD
+from support import styles
+from support.controllers import replay
+
+
+def full(*names):
+    return [pytest.param(name, marks=pytest.mark.full) for name in names]
+
+
+EXACT = [
+    *("time_sleep", "thread_event", "asyncio", "poll_busy_no_stamp"),
+    *full("select", "timer", "thread_sleep_no_stamp", "queue"),
+    *full("pose_listener_time_sleep", "event_wait", "wall_rate", "computes"),
+]
+
+
+def judge(folder, parts):
+    """Return the judgement on a node with parts of its own."""
+    plan, path = folder / "plan.txt", folder / "path_publisher.py"
+    plan.write_text(styles.PLAN)
+    path.write_text(styles.source(parts))
+    path.chmod(0o755)
+    return replay(path, read_plan(plan))
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_exact(tmp_path, name):
+    judgement = judge(tmp_path, styles.RIGHT[name])
+    assert judgement.passed, judgement.verdict
+    arrivals = [sent.arrived for sent in judgement.recorded.sent]
+    steps = {later - earlier for earlier, later in zip(arrivals, arrivals[1:])}
+    assert steps == {COMMAND_PERIOD}
+    assert not judgement.notes
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("child_sleeps", "the node sends commands while the simulated clock stands, so it waits"),
+        pytest.param(
+            "alarm",
+            "the node sends commands while the simulated clock stands, so it waits",
+            marks=pytest.mark.full,
+        ),
+        ("wall_stamps", "row 1 (1 s): the stamp of message 1 is wall-clock time, such as time.tim"),
+    ],
+)
+def test_wrong(tmp_path, name, message):
+    parts, check = styles.WRONG[name]
+    judgement = judge(tmp_path, parts)
+    (found,) = (each for each in judgement.checks if each.name == check)
+    assert not found.passed and found.message.startswith(message), judgement.verdict

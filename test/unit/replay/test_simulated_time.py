@@ -1,0 +1,186 @@
+"""Check how a program waits in simulated time; `test_styles` runs whole programs."""
+
+import os
+import queue
+import select
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from mushr_ros_intro.replay import simulated_time
+from mushr_ros_intro.replay.simulated_time import MAX_READS, POLL_PERIOD, START, Sleepers
+from support.helpers import wait_for
+
+MS = 1_000_000
+
+
+class Ros:
+    """The time of ROS, and the threads that sleep in it."""
+
+    def __init__(self, sleepers):
+        self.now, self.sleepers, self.woken = START, sleepers, []
+
+    def start(self, name, function, *arguments):
+        """Call a function in a thread, and wait until it sleeps; return the thread.
+
+        `woken` gets the name and the result.
+        """
+        before = len(self.sleepers._queue)
+        run = lambda: self.woken.append((name, function(*arguments)))  # noqa: E731
+        thread = threading.Thread(target=run, daemon=True)
+        thread.start()
+        wait_for(lambda: len(self.sleepers._queue) > before, "the thread")
+        return thread
+
+    def tell(self, milliseconds):
+        """Tell the time, and wait until the thread that is woken has ended, if any is due."""
+        self.now = START + milliseconds * MS
+        count = len(self.woken) + (0 < self.due <= milliseconds)
+        self.sleepers.on_time(self.now)
+        wait_for(lambda: len(self.woken) == count, "the thread")
+
+    @property
+    def due(self):
+        """When the next thread is due, as the world reads it [ms]; 0 if none sleeps."""
+        with self.sleepers._lock:  # the thread that begins to sleep has written it
+            due = int.from_bytes(os.pread(self.sleepers.file, 8, 0), "little")
+        return due and (due - START) // MS
+
+
+@pytest.fixture
+def ros(monkeypatch):
+    sleepers = Sleepers()
+    sleepers.file = os.memfd_create("due")
+    ros = Ros(sleepers)
+    monkeypatch.setattr(simulated_time, "sleepers", sleepers)
+    monkeypatch.setattr(simulated_time, "read", lambda: ros.now)
+    monkeypatch.setattr(simulated_time, "is_initialized", lambda: True)
+    yield ros
+    os.close(sleepers.file)
+
+
+def test_each_message_wakes_one_thread(ros):
+    """In the order of the due times."""
+    for name, due in (("third", 30), ("first", 10), ("second", 20)):
+        ros.start(name, ros.sleepers.sleep, due * MS)
+    ros.tell(9)
+    assert (ros.woken, ros.due) == ([], 10)
+    ros.tell(25)
+    assert (ros.woken, ros.due) == ([("first", False)], 20)
+    ros.tell(25)
+    assert ([name for name, _ in ros.woken], ros.due) == (["first", "second"], 30)
+    ros.tell(30)
+    assert ([name for name, _ in ros.woken][2:], ros.due) == (["third"], 0)
+
+
+def test_equal_due_times(ros):
+    """The thread that began to sleep first wakes up first."""
+    for name in ("first", "second"):
+        ros.start(name, ros.sleepers.sleep, 10 * MS)
+    ros.tell(10)
+    assert [name for name, _ in ros.woken] == ["first"]
+
+
+def wait_in(condition, seconds):
+    with condition:
+        return simulated_time.wait(condition, seconds)
+
+
+def test_a_condition_that_is_notified(ros):
+    """It does not wake another thread when it would have been due."""
+    condition = threading.Condition()
+    ros.start("notified", wait_in, condition, 0.01)
+    ros.start("sleeps", ros.sleepers.sleep, 20 * MS)
+    with condition:
+        condition.notify()
+    wait_for(lambda: ros.woken == [("notified", True)], "the thread")
+    assert ros.due == 20
+    ros.tell(20)
+    assert ros.woken[1:] == [("sleeps", False)]
+
+
+def test_a_condition_with_a_timeout(ros):
+    condition = threading.Condition()
+    ros.start("waits", wait_in, condition, 0.01)
+    ros.tell(10)
+    assert ros.woken == [("waits", False)]
+    with condition:
+        condition.notify()  # nobody waits
+    assert condition._waiters == type(condition._waiters)()
+
+
+def test_shutdown(ros, monkeypatch):
+    """A sleep ends after the shutdown, and not before."""
+    is_over = threading.Event()
+    monkeypatch.setattr(simulated_time.rospy.core, "is_shutdown_requested", lambda: True)
+    monkeypatch.setattr(simulated_time.rospy, "is_shutdown", is_over.is_set)
+    thread = ros.start("sleeps", ros.sleepers.sleep, 10 * MS)
+    ros.sleepers.on_shutdown("")
+    time.sleep(0.02)  # long enough to end too early
+    assert ros.woken == []
+    is_over.set()
+    thread.join(60.0)
+    assert ros.woken == [("sleeps", False)]
+
+
+def test_a_thread_that_polls(ros):
+    """Its read at one time ends when the clock has advanced."""
+
+    def read_often():
+        for _ in range(MAX_READS + 1):
+            simulated_time.poll()
+
+    ros.start("polls", read_often)
+    assert ros.due == POLL_PERIOD // MS
+    ros.tell(10)
+    assert ros.woken == [("polls", None)]
+
+
+def test_files(ros):
+    """A pipe is ready when it has been written before the next message on /clock."""
+    receiver, sender = os.pipe()
+    wait = simulated_time.polling(select.select)
+    ros.start("selects", wait, [receiver], [], [], 0.025)
+    os.write(sender, b"x")
+    ros.tell(10)
+    assert ros.woken == [("selects", ([receiver], [], []))]
+    os.read(receiver, 1)
+    ros.start("expires", wait, [receiver], [], [], 0.005)
+    assert ros.due == 15
+    ros.tell(15)
+    assert ros.woken[1:] == [("expires", ([], [], []))]
+
+
+PROGRAM = """
+import sys, time
+import other
+print(time.time(), time.monotonic_ns(), time.perf_counter(), __name__, __file__, sys.argv[1:])
+other.fail()
+"""
+OTHER = "def fail():\n    raise IndexError(3)\n"
+
+
+def test_a_program(tmp_path):
+    """It gets its own name and arguments; a traceback shows its own lines only."""
+    path = tmp_path / "program.py"
+    path.write_text(PROGRAM)
+    (tmp_path / "other.py").write_text(OTHER)
+    with open(simulated_time.__file__, encoding="ascii") as file, open(os.devnull, "wb") as null:
+        command = [sys.executable, "-c", file.read(), str(null.fileno()), path, "a", "b"]
+        done = subprocess.run(command, capture_output=True, text=True, pass_fds=[null.fileno()])
+    assert done.stdout == f"1800000000.0 0 0.0 __main__ {path} ['a', 'b']\n"
+    lines = [line.strip() for line in done.stderr.splitlines()]
+    assert lines[1].startswith(f'File "{path}", line 5, in <module>')
+    assert lines[-1] == "IndexError: 3"
+    assert done.returncode == 1
+
+
+def test_queues_use_the_same_clock():
+    """Otherwise, their timeouts would be compared with the real time."""
+    code = "import mushr_ros_intro.replay.simulated_time as s, queue, threading, time; s.simulate()"
+    check = "assert queue.time is threading._time is time.monotonic"
+    subprocess.run([sys.executable, "-c", f"{code}; {check}"], check=True)
+    assert queue.time is not simulated_time.wait
