@@ -62,4 +62,4 @@ def load(path):
 def verdicts_of(result):
     """Return a result as text: why there is no verdict, or the verdict on each plan."""
     reasons = (result["name"], result["fault"], result["error"])
-    return "\n".join((*reasons, *(plan["verdict"] for plan in result["plans"])))
+    return "\n".join((*reasons, *(plan["verdict"] for plan in result["plans"] if plan)))

@@ -21,6 +21,13 @@ file(WRITE ${CATKIN_DEVEL_PREFIX}/lib/python3/dist-packages/generated.py "ANSWER
 """
 
 
+HOOK = """
+catkin_package()
+catkin_add_env_hooks(attack SHELLS sh DIRECTORY ${CMAKE_CURRENT_SOURCE_DIR}/src)
+"""
+SHADOWS = ("sitecustomize", "usercustomize", "mushr_ros_intro", "rosbag", "rosmaster", "matplotlib")
+
+
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory):
     """Grade a zip and two packages that have to be built, in two parts; return their folder.
@@ -31,7 +38,12 @@ def parts(tmp_path_factory):
     package = submissions.write(folder, "zipped", submissions.RIGHT)
     shutil.make_archive(str(folder / "class" / "zipped"), "zip", package)
     uses = submissions.before("import generated\nassert generated.ANSWER == 42")
-    submissions.write(folder / "class", "builds", uses, cmake=GENERATES)
+    attacked = f"{folder}/attacked"
+    package = submissions.write(folder / "class", "builds", uses, cmake=GENERATES + HOOK)
+    files = {f"{name}.py": f"open({attacked!r}, 'w').close()" for name in SHADOWS}
+    for name, text in {**files, "attack.sh": f"touch {attacked}"}.items():
+        with open(f"{package}/src/{name}", "w", encoding="ascii") as file:
+            file.write(f"{text}\n")
     sees = f'if(EXISTS "{folder}/plan.txt")\n  message("sees the plan")\nendif()\n'
     fails = f"{sees}add_custom_target(broken ALL COMMAND false)\n"
     submissions.write(folder / "class", "cannot_build", submissions.RIGHT, cmake=fails)
@@ -64,6 +76,13 @@ def test_merge(parts):
 def test_build_sees_no_plan(parts):
     fault = load(parts / "2" / "data" / "cannot_build.json")["fault"]
     assert "does not build" in fault and "sees the plan" not in fault
+
+
+def test_hooks_and_modules(parts):
+    """grade.py sources no environment hook of a submission, and imports no module of it."""
+    assert not (parts / "attacked").exists()
+    record = load(parts / "1" / "data" / "builds.json")
+    assert not record["fault"]
 
 
 def test_bag(parts):

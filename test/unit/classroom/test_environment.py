@@ -43,6 +43,9 @@ FILES = {
     "links out of the submission, devices, pipes": "test_links_and_special_files",
     "an endless folder": "test_large_folder",
     "read plans with commands in CMakeLists.txt": "test_build_sees_no_plan",
+    "environment hooks of catkin, modules with the names of those that grade.py imports": (
+        "test_hooks_and_modules"
+    ),
     "HTML, control characters or formulas in names and output": (
         "test_text_of_a_submission_is_escaped"
     ),
