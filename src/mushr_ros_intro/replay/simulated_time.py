@@ -16,6 +16,11 @@ Libraries of ROS, and child processes, keep the real time.
 This file is a program of its own, which a node in a sandbox can run without this package.
 """
 
+import sys
+
+if __name__ == "__main__":
+    del sys.path[0]  # the current directory, whose modules the program does not import
+
 import contextlib
 import heapq
 import itertools
@@ -25,7 +30,6 @@ import random
 import runpy
 import select
 import selectors
-import sys
 import threading
 import time
 import traceback
@@ -297,7 +301,7 @@ def main() -> None:
     sleepers.file = int(sys.argv[1])
     os.set_inheritable(sleepers.file, False)
     sys.argv = sys.argv[2:]
-    sys.path[0] = os.path.dirname(os.path.realpath(sys.argv[0]))
+    sys.path.insert(0, os.path.dirname(os.path.realpath(sys.argv[0])))
     runpy.run_path(sys.argv[0], run_name="__main__")
 
 

@@ -164,13 +164,24 @@ OTHER = "def fail():\n    raise IndexError(3)\n"
 
 
 def test_a_program(tmp_path):
-    """It gets its own name and arguments; a traceback shows its own lines only."""
+    """It gets its own name and arguments; a traceback shows its own lines only.
+
+    Modules in the current directory are not imported.
+    """
     path = tmp_path / "program.py"
     path.write_text(PROGRAM)
     (tmp_path / "other.py").write_text(OTHER)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "queue.py").write_text("raise AssertionError")
     with open(simulated_time.__file__, encoding="ascii") as file, open(os.devnull, "wb") as null:
         command = [sys.executable, "-c", file.read(), str(null.fileno()), path, "a", "b"]
-        done = subprocess.run(command, capture_output=True, text=True, pass_fds=[null.fileno()])
+        done = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            pass_fds=[null.fileno()],
+            cwd=tmp_path / "folder",
+        )
     assert done.stdout == f"1800000000.0 0 0.0 __main__ {path} ['a', 'b']\n"
     lines = [line.strip() for line in done.stderr.splitlines()]
     assert lines[1].startswith(f'File "{path}", line 5, in <module>')
