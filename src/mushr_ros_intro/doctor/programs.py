@@ -1,6 +1,7 @@
 """Find programs of a package that cannot be started, or that are not nodes."""
 
 import ast
+import codecs
 import difflib
 import glob
 import importlib.util
@@ -154,7 +155,10 @@ def _start_findings(path: str) -> Iterator[Finding]:
             text = file.read(100_000)  # a package may contain large recordings
     except OSError:
         return
-    if text.startswith(b"#!"):
+    if text.startswith(codecs.BOM_UTF8 + b"#!"):
+        problem = f"{path} begins with a byte order mark, so its first line does not work"
+        yield Finding(problem, rf"Type: sed -i '1s/^\xef\xbb\xbf//' {shlex.quote(path)}")
+    elif text.startswith(b"#!"):
         yield from _shebang_findings(path, text.split(b"\n")[0])
     elif path.endswith(".py") and re.search(rb"__main__|\binit_node\(", text):
         yield Finding(f"{path} does not start with a shebang line", _SHEBANG_REMEDY)

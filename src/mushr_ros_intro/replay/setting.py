@@ -1,5 +1,6 @@
 """Describe replays: find the car, the map and the node."""
 
+import codecs
 import glob
 import json
 import os
@@ -100,6 +101,11 @@ def find_executable(package: str, name: str) -> str:
     path = str(found[0])
     with open(path, "rb") as file:
         line = file.readline(1000)
+    if line.startswith(codecs.BOM_UTF8):
+        raise UserError(
+            f"{path} begins with a byte order mark, so its first line does not work. Type: "
+            rf"sed -i '1s/^\xef\xbb\xbf//' {shlex.quote(path)}"
+        )
     if line.startswith(b"#!") and line.endswith(b"\r\n"):
         raise UserError(
             f"{path} has Windows line ends (CRLF), so its first line does not work. "

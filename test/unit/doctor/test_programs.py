@@ -17,6 +17,7 @@ from mushr_ros_intro.doctor.programs import program_findings
         ("#!/no/such/env python3\n", 0o755, "interpreter '/no/such/env'"),
         ("#!\n", 0o755, "interpreter ''"),
         ("#!/usr/bin/python3\r\n", 0o755, r"Windows line endings, so the interpreter in its fi"),
+        ("\ufeff#!/usr/bin/python3\n", 0o755, r"a byte order mark, so its first line does not"),
         ("#!/usr/bin/python3\nprint(\n", 0o755, "has a syntax error in line 2: "),
         ("#!/usr/bin/python3\n", 0o644, "is not executable. Type: chmod +x '"),
         (

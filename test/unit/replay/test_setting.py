@@ -1,6 +1,7 @@
 """Find the node of a replay."""
 
 import os
+import subprocess
 
 import pytest
 
@@ -29,6 +30,14 @@ def test_a_first_line_with_a_windows_line_end(node):
         UserError, match=r"has Windows line ends .* Type: sed -i 's/\\r\$//' /.*/dr"
     ):
         find_executable("student", "drive.py")
+
+
+def test_a_byte_order_mark(node):
+    node.write_bytes(b"\xef\xbb\xbf" + node.read_bytes())
+    with pytest.raises(UserError, match="begins with a byte order mark") as error:
+        find_executable("student", "drive.py")
+    subprocess.run(str(error.value).split("Type: ")[1], shell=True, check=True)
+    assert find_executable("student", "drive.py") == str(node)
 
 
 def test_a_node_that_is_not_executable(node):
