@@ -5,6 +5,7 @@ running already, it prints a message instead of CAR and exits with status 1; the
 no node.
 """
 
+import os
 import sys
 from contextlib import suppress
 
@@ -16,6 +17,21 @@ from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
 from mushr_ros_intro.stamps import CALL_TIMEOUT
 
+
+def is_running(node: str) -> bool:
+    """Return whether a node responds at the master that roslaunch is going to use."""
+    with open(f"/proc/{os.getppid()}/cmdline") as file:
+        program, *words = file.read().split("\0")[1:]
+    # rostest, and roslaunch -p, start a master of their own; roslaunch --nodes starts nothing.
+    if os.path.basename(program) != "roslaunch" or any(each.startswith("-") for each in words):
+        return False
+    with suppress(CallError):  # no master runs, it has no such node, or the node does not respond
+        uri = ask(rosgraph.get_master_uri(), CALL_TIMEOUT, "/sim_launch", "lookupNode", node)
+        ask(uri, CALL_TIMEOUT, "/sim_launch", "getPid")
+        return True
+    return False
+
+
 if __name__ == "__main__":
     _, car, map_name, node = sys.argv
     cars = names_in(package_folder("config/cars"))
@@ -26,9 +42,7 @@ if __name__ == "__main__":
             find_file(map_name, package_folder("maps"), ".yaml")
     except UserError as error:
         sys.exit(f"\nsim.launch: map:={error}, none\n")
-    with suppress(CallError):  # no master runs, it has no such node, or the node does not respond
-        uri = ask(rosgraph.get_master_uri(), CALL_TIMEOUT, "/sim_launch", "lookupNode", node)
-        ask(uri, CALL_TIMEOUT, "/sim_launch", "getPid")
+    if is_running(node):
         sys.exit(
             f"\nsim.launch: {node} is running already; end it first (Ctrl-C in its terminal), "
             "or start another car, such as car_name:=car2\n"

@@ -7,8 +7,8 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap
 
 from support.geometry import yaw_of
-from support.helpers import PATIENCE, ForkedProcess, Process, Recording, RosTestCase, node, wait_for
-from support.paths import FIXTURES
+from support.helpers import PATIENCE, Process, Recording, RosTestCase, node, wait_for
+from support.paths import CHECKOUT, FIXTURES
 
 CELLS = (100, 100, 0, -1, 0, 100, 0, 0, 0, 0, 0, 0, 100, 0, -1)
 """The cells of test/fixtures/maps/asymmetric.png, row by row from the bottom."""
@@ -108,7 +108,15 @@ class TestMapServer(RosTestCase):
             ("car_name:=fifth", "/fifth/car_sim is running already; end it first (Ctrl-C in its"),
         )
         for argument, message in cases:
-            with ForkedProcess("roslaunch", "mushr_ros_intro", "sim.launch", argument) as launch:
+            # No fork, because the check reads the command line of roslaunch.
+            with Process("roslaunch", "mushr_ros_intro", "sim.launch", argument) as launch:
                 self.assertEqual(launch.wait(), 1, launch.output)
                 self.assertIn(f"\nsim.launch: {message}", launch.output)
                 self.assertNotIn("process[", launch.output)
+        # roslaunch --nodes starts nothing, and other programs, such as rostest, have own masters.
+        launch = ("mushr_ros_intro", "sim.launch", "car_name:=fifth")
+        program = os.path.join(CHECKOUT, "launch", "check_names.py")
+        check = ("/usr/bin/python3", program, "ideal", "none", "/fifth/car_sim")
+        for command in (("roslaunch", "--nodes", *launch), check):
+            with Process(*command) as process:
+                self.assertEqual(process.wait(), 0, process.output)

@@ -72,7 +72,8 @@ def test_ros_finds_no_test_and_no_example():
     assert found_by_ros("examples") == []
     assert found_by_ros("test") == ["replay.test"]
     # rosrun names files that are not executable, too, as if the user had to change that.
-    files = {os.path.basename(each) for each in glob.glob(f"{PACKAGE}/test/**", recursive=True)}
+    paths = glob.glob(f"{PACKAGE}/test/**", recursive=True)
+    files = {os.path.basename(each) for each in paths if os.path.isfile(each)}
     assert not files & {name.replace(".py", "") for name in executables("src")}
     # Start files of courses, which `roslaunch mushr_sim` finds, too.
     assert all(name.endswith(".launch") for name in found_by_ros("underlay"))

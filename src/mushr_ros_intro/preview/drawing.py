@@ -108,8 +108,9 @@ def _draw_walls(axes: Any, grid: Grid) -> None:
     """Draw the walls and the unknown cells of the visible part of the map."""
     corners = [grid.to_grid(Pose(x, y, 0.0)) for x in axes.get_xlim() for y in axes.get_ylim()]
     cells = np.array(corners)[:, :2] / grid.resolution
-    left, bottom = np.floor(cells.min(axis=0)).astype(int).clip(0)
-    right, top = np.ceil(cells.max(axis=0)).astype(int).clip(0)
+    # Not a cell of which less than half is visible: the legend would name a wall that nobody sees.
+    left, bottom = np.rint(cells.min(axis=0)).astype(int).clip(0)
+    right, top = np.rint(cells.max(axis=0)).astype(int).clip(0)
     occupied, cells = (each[bottom:top, left:right] for each in (grid.occupied, grid.cells))
     if not cells.size:
         return

@@ -537,3 +537,7 @@ def test_the_legend_has_what_is_drawn():
     assert [text.get_text() for text in key.get_legend().get_texts()] == [
         *("predicted path", "predicted start", "predicted end", "heading between two rows"),
     ]
+    # Less than half of a cell of the nearest wall is visible.
+    sandbox = read_map(os.path.join(PACKAGE, "maps", "sandbox.yaml"))
+    _, key, *_ = draw_report(report_on("figure_8"), None, sandbox).axes
+    assert "wall" not in [text.get_text() for text in key.get_legend().get_texts()]
