@@ -51,6 +51,22 @@ class Display:
             text=True,
         ).stdout.split()
 
+    def windows(self, kind):
+        """Return the visible windows of a class, the largest first.
+
+        Each is a box (left, top, right, bottom) [pixel].
+        """
+        boxes = []
+        for window in self.xdotool("search", "--onlyvisible", "--class", kind):
+            # xdotool's own position of a window inside another one is wrong.
+            moved = ("mousemove", "--window", window, "0", "0", "getmouselocation", "--shell")
+            values = dict(each.split("=") for each in self.xdotool(*moved))
+            left, top = int(values["X"]), int(values["Y"])
+            values = self.xdotool("getwindowgeometry", "--shell", window)
+            size = dict(each.split("=") for each in values)
+            boxes.append((left, top, left + int(size["WIDTH"]), top + int(size["HEIGHT"])))
+        return sorted(boxes, key=lambda box: (box[0] - box[2]) * (box[3] - box[1]))
+
     def focus_on(self, title):
         """Wait for a window with this title (a regular expression), and give it the focus."""
         window = wait_for(lambda: self.xdotool("search", "--name", title), f"window {title}")[-1]
