@@ -185,7 +185,7 @@ def marks_of_tests(source):
 
     tree = ast.parse(source)
     assigned = [each for each in tree.body if isinstance(each, ast.Assign)]
-    marks = [each.value for each in assigned if each.targets[0].id == "pytestmark"]
+    marks = [each.value for each in assigned if getattr(each.targets[0], "id", "") == "pytestmark"]
     found = {}
     for owner in (tree, *(each for each in tree.body if isinstance(each, ast.ClassDef))):
         marks_of_owner = marks + getattr(owner, "decorator_list", [])
