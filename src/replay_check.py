@@ -27,9 +27,9 @@ from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS
-from mushr_ros_intro.replay.job import Exercise, run_job
+from mushr_ros_intro.replay.job import run_job
 from mushr_ros_intro.replay.judge import Check, Judgement
-from mushr_ros_intro.replay.reference import Reference, read_references
+from mushr_ros_intro.replay.reference import Exercise, Reference, read_references
 from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.setting import job_for, read_setting
 from mushr_ros_intro.ros import node

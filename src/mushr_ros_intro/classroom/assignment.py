@@ -14,8 +14,8 @@ from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.walls import refuse_walls
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS
-from mushr_ros_intro.replay.job import Exercise, Setting
-from mushr_ros_intro.replay.reference import read_references
+from mushr_ros_intro.replay.job import Setting
+from mushr_ros_intro.replay.reference import Exercise, read_references
 from mushr_ros_intro.replay.setting import parameter_words, read_setting
 from mushr_ros_intro.wording import counted
 

@@ -11,7 +11,6 @@ from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.isolation.workspace import environment_of
 from mushr_ros_intro.replay.job import (
     MAX_OVERHEAD,
-    Exercise,
     Job,
     ReplayError,
     Setting,
@@ -19,6 +18,7 @@ from mushr_ros_intro.replay.job import (
     sandboxed,
 )
 from mushr_ros_intro.replay.recording import Drive
+from mushr_ros_intro.replay.reference import Exercise
 
 TIMEOUT = 120.0
 """For the build of one submission, and for the probe [s of wall-clock time]."""

@@ -26,8 +26,9 @@ from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.replay.following import judge_drive
-from mushr_ros_intro.replay.job import Exercise, Job, Setting, run_job
+from mushr_ros_intro.replay.job import Job, Setting, run_job
 from mushr_ros_intro.replay.judge import Judgement
+from mushr_ros_intro.replay.reference import Exercise
 from mushr_ros_intro.replay.setting import parameter_words
 
 MAX_SOURCE = 100_000

@@ -196,7 +196,7 @@ def _check_program(path: str, place: str) -> None:
         raise SubmissionError(f"{place!r} has no line '#!...' at its start. {_FIRST_LINE}")
     if line.endswith(b"\r"):
         text = f"{place!r} has Windows line ends (CRLF), so its first line does not work."
-        raise SubmissionError(f"{text} Type: dos2unix {shlex.quote(place)}")
+        raise SubmissionError(rf"{text} Type: sed -i 's/\r$//' {shlex.quote(place)}")
     name, program = _interpreter(line[2:].decode(errors="replace"))
     if not program:
         text = f"The first line of {place!r} names {name!r}, which is not on this machine."

@@ -19,7 +19,7 @@ from mushr_ros_intro.classroom.submission_files import Files, SubmissionError
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.workspace import is_junk
 from mushr_ros_intro.paths import package_folder
-from mushr_ros_intro.replay.job import Exercise
+from mushr_ros_intro.replay.reference import Exercise
 
 MAX_CLASS = 100_000, 10_000_000_000
 """Limits for a zip with the submissions of a whole class: files, bytes."""

@@ -56,6 +56,9 @@ def _source_findings(path: str) -> Iterator[Finding]:
     try:
         with open(path, "rb") as file:
             text = file.read()
+        if text.startswith(codecs.BOM_UTF8 + b"#!"):
+            problem = f"{path} begins with a byte order mark, so its first line does not work"
+            yield Finding(problem, rf"Type: sed -i '1s/^\xef\xbb\xbf//' {shlex.quote(path)}")
         tree = compile(text, path, "exec", ast.PyCF_ONLY_AST, dont_inherit=True)
     except SyntaxError as error:
         problem = f"{path} has a syntax error in line {error.lineno}: {error.msg}"
@@ -156,9 +159,8 @@ def _start_findings(path: str) -> Iterator[Finding]:
     except OSError:
         return
     if text.startswith(codecs.BOM_UTF8 + b"#!"):
-        problem = f"{path} begins with a byte order mark, so its first line does not work"
-        yield Finding(problem, rf"Type: sed -i '1s/^\xef\xbb\xbf//' {shlex.quote(path)}")
-    elif text.startswith(b"#!"):
+        return  # see _source_findings
+    if text.startswith(b"#!"):
         yield from _shebang_findings(path, text.split(b"\n")[0])
     elif path.endswith(".py") and re.search(rb"__main__|\binit_node\(", text):
         yield Finding(f"{path} does not start with a shebang line", _SHEBANG_REMEDY)

@@ -13,7 +13,7 @@ import tempfile
 import time
 import traceback
 from multiprocessing.connection import Connection
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeVar, Union
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeVar
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
@@ -29,7 +29,7 @@ from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.replay.pace import WALL_CLOCK, Pace
 from mushr_ros_intro.replay.recording import Recorded, count_leading_stops
-from mushr_ros_intro.replay.reference import Reference
+from mushr_ros_intro.replay.reference import Exercise, Reference
 from mushr_ros_intro.replay.world import CAR, CHECK_PERIOD, CONTROL, MAX_SILENCE, ReplayWorld
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
@@ -90,10 +90,6 @@ class Setting(NamedTuple):
     """How the nodes are isolated."""
     ros: Dict[str, str]
     """The environment variables for ROS of the nodes."""
-
-
-Exercise = Union[Plan, Reference]
-"""What a node does: it drives a plan, or it is a controller and follows a path."""
 
 
 class Job(NamedTuple):

@@ -8,7 +8,7 @@ import csv
 import math
 import os
 from contextlib import suppress
-from typing import Dict, List, NamedTuple, Sequence, Tuple
+from typing import Dict, List, NamedTuple, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose, compose
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.plan.plan import MAX_COORDINATE
+from mushr_ros_intro.plan.plan import MAX_COORDINATE, Plan
 from mushr_ros_intro.preview.prediction import trajectory
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 
@@ -68,6 +68,10 @@ class Reference(NamedTuple):
         """The highest speed [m/s]."""
         seconds = np.diff(self.stamps) / NANOSECONDS
         return float(np.max(np.diff(lengths(np.array(self.poses)[:, :2])) / seconds))
+
+
+Exercise = Union[Plan, Reference]
+"""What a node does: it drives a plan, or it is a controller and follows a path."""
 
 
 def lengths(points: np.ndarray) -> np.ndarray:

@@ -15,7 +15,8 @@ from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file
-from mushr_ros_intro.replay.job import Exercise, Job, Setting
+from mushr_ros_intro.replay.job import Job, Setting
+from mushr_ros_intro.replay.reference import Exercise
 from mushr_ros_intro.wording import similar
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping

@@ -4,6 +4,7 @@ import csv
 import math
 import os
 import runpy
+import subprocess
 import sys
 
 import pytest
@@ -35,6 +36,13 @@ def make(folder, *arguments, like=LIKE, students=CLASS):
         patch.setattr(sys, "path", [*sys.path])
         runpy.run_path(os.path.join(CHECKOUT, "scripts", "make_plans"), run_name="__main__")
     return ended.value.code
+
+
+@pytest.mark.parametrize("name", ["make_plans", "make_autograder"])
+def test_without_a_workspace(name):
+    """The script runs in a terminal in which no workspace is sourced."""
+    command = [os.path.join(CHECKOUT, "scripts", name), "--help"]
+    subprocess.run(command, env={"PATH": "/usr/bin:/bin"}, stdout=subprocess.DEVNULL, check=True)
 
 
 def texts(folder):
