@@ -55,3 +55,10 @@ def test_wrong(tmp_path, name, message):
     judgement = judge(tmp_path, parts)
     (found,) = (each for each in judgement.checks if each.name == check)
     assert not found.passed and found.message.startswith(message), judgement.verdict
+
+
+def test_a_node_that_ends_at_once(tmp_path):
+    """Its commands are received before the end is judged."""
+    parts, _ = styles.WRONG["burst_future_stamps"]
+    node, *_ = judge(tmp_path, parts).checks
+    assert node.passed, node.message

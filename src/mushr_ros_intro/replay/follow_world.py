@@ -161,10 +161,7 @@ class FollowWorld(ReplayWorld):
                 checked = time.monotonic()
                 if fault := self._fault(process, pace):
                     return fault
-        fault = process.describe_failure()
-        if fault or self.sent:
-            return fault
-        return f"the node ended without a command on {CONTROL}; {self.describe_topics()}"
+        return self.describe_end(process)
 
     def _fault(self, process: NodeProcess, pace: Pace) -> str:
         """Return why a running node has failed; empty if it has not failed."""

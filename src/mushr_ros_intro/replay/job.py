@@ -310,10 +310,7 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
             checked = time.monotonic()
             if fault := _fault(process, world, job, pace):
                 return fault
-    fault = process.describe_failure()
-    if fault or world.sent:
-        return fault
-    return f"the node ended without publishing a command on {CONTROL}; {world.describe_topics()}"
+    return world.describe_end(process)
 
 
 def _fault(process: NodeProcess, world: ReplayWorld, job: Job, pace: Pace) -> str:

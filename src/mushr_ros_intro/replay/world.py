@@ -22,6 +22,7 @@ from rosmaster.threadpool import ThreadPoolThread
 
 from mushr_ros_intro.car.model import State
 from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.isolation.node_process import NodeProcess
 from mushr_ros_intro.isolation.threads import Threads
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
 from mushr_ros_intro.replay.judge import INITIAL_POSES
@@ -253,18 +254,23 @@ class ReplayWorld:
         """Give more to the node; yield how many threads receive each message."""
         yield from ()
 
-    def wait_until_rest(self, timeout: int) -> None:
-        """Let the clock run until the car stands and its last command has expired.
-
-        The node under test must have ended.
-
-        Args:
-            timeout: how long a command is valid after its stamp [ns].
-        """
+    def describe_end(self, process: NodeProcess) -> str:
+        """Receive the last messages of a node that has ended; return why it failed, "" if not."""
         ros_time.wait_for(
             lambda: not self._mux.inputs[CONTROL].get_num_connections(), CLOSE_TIMEOUT
         )
         self._process()
+        fault = process.describe_failure()
+        if fault or self.sent:
+            return fault
+        return f"the node ended without a command on {CONTROL}; {self.describe_topics()}"
+
+    def wait_until_rest(self, timeout: int) -> None:
+        """Let the clock run until the car stands and its last command has expired.
+
+        Args:
+            timeout: how long a command is valid after its stamp [ns].
+        """
         while self.is_alive and not self._stands(timeout):
             for _ in self.step(self._car.pose_period):
                 pass
