@@ -107,9 +107,7 @@ def test_a_condition_with_a_timeout(ros):
     ros.start("waits", wait_in, condition, 0.01)
     ros.tell(10)
     assert ros.woken == [("waits", False)]
-    with condition:
-        condition.notify()  # nobody waits
-    assert condition._waiters == type(condition._waiters)()
+    assert not condition._waiters
 
 
 def test_shutdown(ros, monkeypatch):
@@ -187,6 +185,26 @@ def test_a_program(tmp_path):
     assert lines[1].startswith(f'File "{path}", line 5, in <module>')
     assert lines[-1] == "IndexError: 3"
     assert done.returncode == 1
+
+
+FORKS = """
+import os, signal, time
+import mushr_ros_intro.replay.simulated_time as simulated
+simulated.simulate()
+simulated.rospy.rostime.is_rostime_initialized = lambda: True
+simulated.rospy.rostime.is_wallclock = lambda: False
+assert simulated.is_initialized()
+if not os.fork():
+    signal.alarm(20)
+    time.sleep(0.01)
+    os._exit(3)
+assert os.WEXITSTATUS(os.wait()[1]) == 3
+"""
+
+
+def test_a_child_process_keeps_the_real_time():
+    """No thread of it receives the simulated time."""
+    subprocess.run([sys.executable, "-c", FORKS], check=True)
 
 
 def test_queues_use_the_same_clock():
