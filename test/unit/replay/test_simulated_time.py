@@ -2,12 +2,14 @@
 
 import os
 import queue
+import random
 import select
 import subprocess
 import sys
 import threading
 import time
 
+import numpy
 import pytest
 
 from mushr_ros_intro.replay import simulated_time
@@ -153,8 +155,10 @@ def test_files(ros):
 
 
 PROGRAM = """
-import sys, time
+import random, sys, time
+import numpy
 import other
+print(random.random(), numpy.random.random())
 print(time.time(), time.monotonic_ns(), time.perf_counter(), __name__, __file__, sys.argv[1:])
 other.fail()
 """
@@ -164,7 +168,7 @@ OTHER = "def fail():\n    raise IndexError(3)\n"
 def test_a_program(tmp_path):
     """It gets its own name and arguments; a traceback shows its own lines only.
 
-    Modules in the current directory are not imported.
+    Its random numbers are known. Modules in the current directory are not imported.
     """
     path = tmp_path / "program.py"
     path.write_text(PROGRAM)
@@ -180,9 +184,13 @@ def test_a_program(tmp_path):
             pass_fds=[null.fileno()],
             cwd=tmp_path / "folder",
         )
-    assert done.stdout == f"1800000000.0 0 0.0 __main__ {path} ['a', 'b']\n"
+    numbers = random.Random(0).random(), numpy.random.RandomState(0).random_sample()
+    assert done.stdout.splitlines() == [
+        "{} {}".format(*numbers),
+        f"1800000000.0 0 0.0 __main__ {path} ['a', 'b']",
+    ]
     lines = [line.strip() for line in done.stderr.splitlines()]
-    assert lines[1].startswith(f'File "{path}", line 5, in <module>')
+    assert lines[1].startswith(f'File "{path}", line 7, in <module>')
     assert lines[-1] == "IndexError: 3"
     assert done.returncode == 1
 
