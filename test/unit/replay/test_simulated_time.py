@@ -11,6 +11,7 @@ import time
 
 import numpy
 import pytest
+import rospy
 
 from mushr_ros_intro.replay import simulated_time
 from mushr_ros_intro.replay.simulated_time import MAX_READS, POLL_PERIOD, START, Sleepers
@@ -193,6 +194,25 @@ def test_a_program(tmp_path):
     assert lines[1].startswith(f'File "{path}", line 7, in <module>')
     assert lines[-1] == "IndexError: 3"
     assert done.returncode == 1
+
+
+@pytest.mark.parametrize(
+    ("file", "expected"),
+    [("my_node.py", True), (rospy.__file__, False), (queue.__file__, True)],
+)
+def test_who_gets_the_simulated_time(file, expected):
+    """Files of the node, also through the standard library, but not those of rospy."""
+    functions = {}
+    exec(compile("def call(function):\n    return function()", file, "exec"), functions)
+    assert functions["call"](simulated_time.is_for_node) == expected
+
+
+def test_rospy_through_the_standard_library():
+    """A library acts for the file that calls it."""
+    functions = {}
+    for name, file in (("outer", rospy.__file__), ("inner", queue.__file__)):
+        exec(compile(f"def {name}(f, *others):\n    return f(*others)", file, "exec"), functions)
+    assert not functions["outer"](functions["inner"], simulated_time.is_for_node)
 
 
 FORKS = """
