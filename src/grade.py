@@ -22,8 +22,8 @@ from contextlib import closing
 from typing import Any, Dict, List, Sequence
 
 from mushr_ros_intro.classroom import services, tables
-from mushr_ros_intro.classroom.arguments import parse_arguments
-from mushr_ros_intro.classroom.assignment import Plans, choose, read_exercises, setting_from
+from mushr_ros_intro.classroom.arguments import parse_arguments, read_exercises
+from mushr_ros_intro.classroom.assignment import Plans, choose, setting_from
 from mushr_ros_intro.classroom.environment import check_environment
 from mushr_ros_intro.classroom.feedback import read_feedback
 from mushr_ros_intro.classroom.grades import Grade

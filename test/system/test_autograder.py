@@ -15,6 +15,7 @@ import pytest
 
 from support import classroom as submissions
 from support import gradescope
+from support.controllers import CONTROLLERS
 from support.paths import CHECKOUT
 from support.scripts import needs_workspace
 
@@ -52,12 +53,9 @@ def release():
 def reports(tmp_path_factory):
     """Make an autograder, and grade; return the contents of results.json by submission."""
     folder, given = tmp_path_factory.mktemp("course"), tmp_path_factory.mktemp("given")
+    arguments = ("--plans", "secret.txt", "open.txt", "--points", "points.yaml")
     for name, text in (("open.txt", PLAN), ("secret.txt", SECRET), ("points.yaml", POINTS)):
         (folder / name).write_text(text)
-    arguments = ("--plans", "secret.txt", "open.txt", "--points", "points.yaml")
-    make = (f"{CHECKOUT}/scripts/make_autograder", *arguments)
-    subprocess.run(["env", "-i", "-C", folder, *make], check=True)
-    gradescope.unpack(folder / "autograder.zip", folder / "source")
 
     right, wrong = submissions.RIGHT, submissions.WRONG["sign"][0]
     silent = submissions.WRONG["silent"][0]
@@ -69,8 +67,16 @@ def reports(tmp_path_factory):
     for name, source in (("path_publisher.py", right), ("helper.py", "")):
         (given / "files" / name).write_text(source)
     (given / "nothing").mkdir()
+    return grade(folder, arguments, given, tmp_path_factory.mktemp("machine"))
+
+
+def grade(folder, arguments, given, machine):
+    """Make an autograder in a folder, and grade what is given; return results.json by name."""
+    make = (f"{CHECKOUT}/scripts/make_autograder", *arguments)
+    subprocess.run(["env", "-i", "-C", folder, *make], check=True)
+    gradescope.unpack(folder / "autograder.zip", folder / "source")
     bare = os.environ.get("BARE_RELEASE", release())
-    found, log = gradescope.run(folder / "source", given, tmp_path_factory.mktemp("machine"), bare)
+    found, log = gradescope.run(folder / "source", given, machine, bare)
     print(log)
     return found
 
@@ -129,3 +135,23 @@ def test_hidden_plan(reports):
         assert "0.8125" not in text and "0.0625" not in text and "secret" not in text, name
         assert "score" in report or name == "unset" or shown
     assert "exit status 3" in reports["spy"]["tests"][0]["output"], text_of(reports["spy"])
+
+
+def test_controllers(tmp_path):
+    """Controllers follow paths from several starts, with parameters and points in proportion."""
+    course, given, machine = (tmp_path / name for name in ("course", "given", "machine"))
+    for each in (course, given, machine):
+        each.mkdir()
+    (course / "points.yaml").write_text("default: {cross_track: 4, in_proportion: true}")
+    for name, gains in (("right", "gain: 1.0"), ("wrong", "gain: -1.0")):
+        (given / name).mkdir()
+        shutil.copy(f"{CONTROLLERS}/pursuit.py", given / name)
+        shutil.copy(f"{CONTROLLERS}/loop.py", given / name / "controller.py")
+        (given / name / "gains.yaml").write_text(gains)
+    options = "--follow wave --starts 2 --file controller.py --params gains.yaml"
+    options += " --points points.yaml --cross-track-tolerance 0.2"
+    reports = grade(course, options.split(), given, machine)
+    right, wrong = (scores(reports[name]) for name in ("right", "wrong"))
+    assert right["wave: cross_track"] == 4.0, text_of(reports["right"])
+    assert 0.0 < right["wave_2: cross_track"] < 4.0, text_of(reports["right"])  # 0.3 m to the side
+    assert set(wrong.values()) == {0.0}, text_of(reports["wrong"])

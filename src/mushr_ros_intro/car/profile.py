@@ -2,9 +2,10 @@
 
 import math
 import os
-from typing import Any, Dict, List, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
@@ -44,6 +45,29 @@ def read_profile(path: str) -> Dict[str, Any]:
         UserError: the file cannot be read, or is not a mapping.
     """
     return read_mapping(path, "parameters such as 'track: 0.25'")
+
+
+def read_parameters(name: str, config: str, seed: Optional[int] = None) -> Dict[str, Any]:
+    """Return the parameters of the simulated car with a profile.
+
+    Args:
+        name: of the profile.
+        config: the folder of car_sim.yaml and cars/.
+        seed: drive with the noise of the profile and with this seed; None: without noise.
+
+    Raises:
+        UserError: there is no such profile, or it is wrong.
+    """
+    names = names_in(os.path.join(config, "cars"))
+    if name not in names:
+        raise UserError(f"car is '{name}'; expected one of {', '.join(names)}")
+    parameters = {
+        **read_profile(os.path.join(config, "car_sim.yaml")),
+        **read_profile(os.path.join(config, "cars", f"{name}.yaml")),
+        **({} if seed is None else {"noise": True, "seed": seed}),
+    }
+    car_from(Parameters(parameters, f"car {name}: "))  # raises an error here, not in each replay
+    return parameters
 
 
 def named_car(name: str, folder: str) -> Tuple[str, str, Car]:

@@ -4,10 +4,12 @@ import argparse
 import os
 import re
 from contextlib import suppress
-from typing import Sequence
+from typing import Dict, Sequence
 
+from mushr_ros_intro.paths import package_folder
+from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS
-from mushr_ros_intro.replay.reference import OFFSETS
+from mushr_ros_intro.replay.reference import OFFSETS, Exercise, read_references
 
 _OF_A_CLASS = (
     *("plans_for", "points", "feedback", "jobs", "shard", "user", "only", "rejudge"),
@@ -33,6 +35,52 @@ def tolerance(text: str) -> float:
     raise argparse.ArgumentTypeError(f"{text!r}; expected a number of at least 0")
 
 
+def add_exercise_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what submissions do, and how it is judged.
+
+    An autograder has these options, and gives them to grade.py. Each of them takes a value.
+    """
+    add = parser.add_argument
+    add("--file", default="path_publisher.py", help="the node in each submission")
+    add("--plans", nargs="+", metavar="PLAN", help="names in plans/, or paths")
+    add("--follow", nargs="+", metavar="PATH", help="grade controllers that follow these paths")
+    add("--starts", type=int, default=1, help="start each path of --follow at so many poses")
+    add("--points", metavar="FILE", help="points per check and plan; default one point each")
+    add("--remap", nargs="+", default=[], metavar="FROM:=TO", help="for the nodes, as for rosrun")
+    add("--params", default="", metavar="FILE", help="parameters of the node; in each submission")
+    add("--car", default="ideal", help="as in sim.launch; default ideal")
+    add("--map", help="as in sim.launch; default sandbox, or none with --follow")
+    add("--seed", type=int, help="drive with the noise of the car, and with this seed")
+    for name, unit in TOLERANCE_UNITS.items():
+        option = f"--{name.replace('_', '-')}-tolerance"
+        add(option, type=tolerance, metavar=unit, help="see docs/grading.md")
+
+
+def complete(arguments: argparse.Namespace) -> str:
+    """Set the default map; return what is wrong with the options of exercises, "" if nothing."""
+    arguments.map = arguments.map or ("none" if arguments.follow else "sandbox")
+    if not 1 <= arguments.starts <= len(OFFSETS):
+        return f"expected --starts of 1 to {len(OFFSETS)}"
+    for each in arguments.remap:
+        if not re.fullmatch(r"[^:=\s]+:=[^:=\n]+", each):
+            return f"found --remap '{each}'; expected --remap FROM:=TO, such as control:=/cmd"
+    if not re.fullmatch(r"[^-/\s][^/\n]*", arguments.file):
+        return f"found --file '{arguments.file}'; expected a file name without a folder"
+    return ""
+
+
+def read_exercises(arguments: argparse.Namespace, plans: Sequence[str]) -> Dict[str, Exercise]:
+    """Return by name what a node has to do: the paths of --follow, or plans.
+
+    Raises:
+        UserError: a file is missing, or has faults.
+    """
+    folder = package_folder("plans")
+    if arguments.follow:
+        return {**read_references(arguments.follow, folder, arguments.starts)}
+    return {**read_plans(plans, folder)}
+
+
 def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespace:
     """Return the command line; exit with status 2 if it is wrong."""
     form = argparse.RawDescriptionHelpFormatter
@@ -47,24 +95,12 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add = parser.add_argument
     add("inputs", nargs="*", metavar="PLAN or SUBMISSION")
     add("--node", nargs=2, metavar=("PACKAGE", "FILE"), help="the node, as for rosrun")
-    add("--file", default="path_publisher.py", help="the node in each submission")
-    add("--plans", nargs="+", metavar="PLAN", help="names in plans/, or paths")
-    add("--follow", nargs="+", metavar="PATH", help="grade controllers that follow these paths")
-    add("--starts", type=int, default=1, help="start each path of --follow at so many poses")
+    add_exercise_options(parser)
     add("--plans-for", metavar="FOLDER", help="a plan for each student, made by make_plans")
     add("--out", metavar="FOLDER", help="write the results to this folder")
     add("--bag", action="store_true", help="also write each drive as a bag")
-    add("--points", metavar="FILE", help="points per check and plan; default one point each")
     add("--feedback", default="", metavar="FILE", help="points and comments by hand")
-    add("--remap", nargs="+", default=[], metavar="FROM:=TO", help="for the nodes, as for rosrun")
-    add("--params", default="", metavar="FILE", help="parameters of the node; in each submission")
-    add("--car", default="ideal", help="as in sim.launch; default ideal")
-    add("--map", help="as in sim.launch; default sandbox, or none with --follow")
-    add("--seed", type=int, help="drive with the noise of the car, and with this seed")
     add("--timeout", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
-    for name, unit in TOLERANCE_UNITS.items():
-        option = f"--{name.replace('_', '-')}-tolerance"
-        add(option, type=tolerance, metavar=unit, help="see docs/grading.md")
     add("--jobs", type=int, default=2 * (os.cpu_count() or 1), help="simultaneous replays")
     add("--shard", type=shard, default=(1, 1), metavar="I/N", help="grade part I of N only")
     add("--only", nargs="+", default=[], metavar="NAME", help="grade these submissions again")
@@ -75,10 +111,9 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     for name in ("gradescope", "classroom50", "github"):
         add(f"--{name}", metavar="FILE", help="also write the result of one submission in its form")
     arguments = parser.parse_args(words)
-    arguments.map = arguments.map or ("none" if arguments.follow else "sandbox")
     values = vars(arguments)
     given = [name for name in _OF_A_CLASS if values[name] != parser.get_default(name)]
-    if fault := _fault(arguments, given):
+    if fault := complete(arguments) or _fault(arguments, given):
         parser.error(fault)
     return arguments
 
@@ -92,8 +127,6 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
     if arguments.node and of_a_class:
         option = of_a_class[0].replace("_", "-")
         return f"--{option} needs submissions; --node grades one installed node"
-    if not 1 <= arguments.starts <= len(OFFSETS):
-        return f"expected --starts of 1 to {len(OFFSETS)}"
     if arguments.follow and (arguments.plans or arguments.plans_for):
         return "expected --follow, or --plans and --plans-for"
     if arguments.node and (arguments.plans or bool(arguments.inputs) == bool(arguments.follow)):
@@ -105,8 +138,6 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
         return "expected --out FOLDER"
     if arguments.feedback and (arguments.gradescope or arguments.classroom50 or arguments.github):
         return "--feedback is for pages and tables, not for Gradescope, Classroom 50 or GitHub"
-    if not all(re.fullmatch("[^:=]+:=[^:=]+", each) for each in arguments.remap):
-        return "expected --remap FROM:=TO, such as control:=/cmd"
     if arguments.jobs < 1 or not arguments.timeout > 0.0:
         return "expected --jobs of at least 1 and --timeout above 0"
     return ""

@@ -4,32 +4,20 @@ import argparse
 import os
 from typing import Dict, List, Optional, Sequence
 
+from mushr_ros_intro.classroom.arguments import read_exercises
 from mushr_ros_intro.classroom.grading import Task
 from mushr_ros_intro.classroom.own_plans import TABLE, OwnPlans
 from mushr_ros_intro.classroom.submissions import Submission, check_authors
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.paths import package_folder
-from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.walls import refuse_walls
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS
 from mushr_ros_intro.replay.job import Setting
-from mushr_ros_intro.replay.reference import Exercise, read_references
+from mushr_ros_intro.replay.reference import Exercise
 from mushr_ros_intro.replay.setting import parameter_words, read_setting
 from mushr_ros_intro.wording import counted
-
-
-def read_exercises(arguments: argparse.Namespace, plans: Sequence[str]) -> Dict[str, Exercise]:
-    """Return by name what a node has to do: the paths of --follow, or plans.
-
-    Raises:
-        UserError: a file is missing, or has faults.
-    """
-    folder = package_folder("plans")
-    if arguments.follow:
-        return {**read_references(arguments.follow, folder, arguments.starts)}
-    return {**read_plans(plans, folder)}
 
 
 class Plans:

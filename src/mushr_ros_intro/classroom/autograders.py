@@ -1,18 +1,22 @@
 """Collect the contents of an autograder for Gradescope: see docs/grading.md."""
 
+import argparse
 import os
 import re
 import shutil
-from typing import NamedTuple, Optional, Sequence
+from typing import Any, Dict, List
 
 import yaml
 
-from mushr_ros_intro.car.profile import names_in, read_profile
+from mushr_ros_intro.car.profile import read_parameters
+from mushr_ros_intro.classroom.arguments import complete, read_exercises
 from mushr_ros_intro.classroom.points import read_points
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import find_file
-from mushr_ros_intro.plan.parse import read_plans
+from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.walls import refuse_walls
+from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
+from mushr_ros_intro.replay.judge import CHECK_NAMES
 from mushr_ros_intro.wording import counted
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
@@ -41,81 +45,79 @@ MIN_TIMEOUT, MAX_TIMEOUT = 10.0, 30.0
 """One plan waits so long [s of wall-clock time]; with half a core, a node starts in about 2 s."""
 
 
-class Options(NamedTuple):
-    """What the autograder grades, as for grade.py."""
-
-    plans: Sequence[str]
-    points: Optional[str]
-    file: str
-    remap: Sequence[str]
-    car: str
-    map: str
-
-
-def fill(folder: str, options: Options, package: str) -> str:
+def fill(folder: str, arguments: argparse.Namespace, package: str) -> str:
     """Write the contents of the autograder to an empty folder; return a summary.
 
     Args:
         folder: the folder.
-        options: what the autograder grades.
+        arguments: the options of `add_exercise_options`: what the autograder grades.
         package: the folder of this package.
 
     Raises:
         UserError: an option or a file is wrong.
         OSError: a file cannot be read or written.
     """
-    plans = read_plans(options.plans, os.path.join(package, "plans"))
+    if bool(arguments.plans) == bool(arguments.follow):
+        raise UserError("expected --plans PLAN... or --follow PATH...")
+    if fault := complete(arguments):
+        raise UserError(fault)
+    exercises = read_exercises(arguments, arguments.plans or [])
+    kind = "path" if arguments.follow else "plan"
     most = int(SILENCE / MIN_TIMEOUT)
-    if len(plans) > most:
-        raise UserError(f"there are {len(plans)} plans; expected at most {most}")
-    points = read_points(options.points, list(plans))
-    _check(options, names_in(os.path.join(package, "config", "cars")))
+    if len(exercises) > most:
+        raise UserError(f"there are {len(exercises)} {kind}s; expected at most {most}")
+    checks = FOLLOW_CHECK_NAMES if arguments.follow else CHECK_NAMES
+    points = read_points(arguments.points, list(exercises), checks)
+    parameters = read_parameters(arguments.car, os.path.join(package, "config"), arguments.seed)
     copy = os.path.join(folder, "mushr_ros_intro")
-    for each in ("plans", "mushr_ros_intro/maps"):
+    for each in (f"{kind}s", "mushr_ros_intro/maps"):
         os.makedirs(os.path.join(folder, each))
-    map_name = "none"
-    if options.map != "none":
-        map_file = find_file(options.map, os.path.join(package, "maps"), ".yaml")
+    options = {**vars(arguments), "timeout": min(SILENCE / len(exercises), MAX_TIMEOUT)}
+    if arguments.map != "none":
+        map_file = find_file(arguments.map, os.path.join(package, "maps"), ".yaml")
         grid = read_map(map_file)
-        map_name = _copy_map(map_file, os.path.join(copy, "maps"))
-        files = ("car_sim.yaml", f"cars/{options.car}.yaml")
-        profiles = (read_profile(os.path.join(package, "config", each)) for each in files)
-        refuse_walls(plans.values(), {**next(profiles), **next(profiles)}, grid)
-    for name, plan in plans.items():
-        shutil.copyfile(plan.path, os.path.join(folder, "plans", f"{name}.txt"))
+        options["map"] = _copy_map(map_file, os.path.join(copy, "maps"))
+        plans = [each for each in exercises.values() if isinstance(each, Plan)]
+        refuse_walls(plans, parameters, grid)
     _copy_package(package, copy)
     for each in ("setup.sh", "run_autograder"):
         shutil.copy(os.path.join(package, "scripts", "autograder", each), folder)
 
     # Hidden plans last: a node could store what it learns of them, and print it in another drive.
-    names = sorted(plans, key=points.is_hidden)
-    timeout = min(SILENCE / len(plans), MAX_TIMEOUT)
-    words = ["--plans", *(f"{SOURCE}/plans/{name}.txt" for name in names)]
-    words += ["--file", options.file, "--car", options.car, "--map", map_name]
-    words += ["--timeout", f"{timeout:g}"]
-    words += ["--remap", *options.remap] if options.remap else []
-    if options.points is not None:
-        shutil.copyfile(options.points, os.path.join(folder, "points.yaml"))
-        words += ["--points", f"{SOURCE}/points.yaml"]
+    # A path with several starts is one file, whose place is that of its last start.
+    names = sorted(exercises, key=points.is_hidden)
+    files = [*dict.fromkeys(exercises[name].path for name in reversed(names))][::-1]
+    options["follow" if arguments.follow else "plans"] = [
+        _copy_file(each, folder, f"{kind}s/{os.path.basename(each)}") for each in files
+    ]
+    if arguments.points is not None:
+        options["points"] = _copy_file(arguments.points, folder, "points.yaml")
     with open(os.path.join(folder, "arguments"), "w", encoding="utf-8") as file:
-        file.writelines(f"{word}\n" for word in words)
+        file.writelines(f"{word}\n" for word in _words(options))
     hidden = sum(map(points.is_hidden, names))
-    return f"{counted(len(plans), 'plan')}, {hidden} hidden; {points.max_score():g} points"
+    return f"{counted(len(names), kind)}, {hidden} hidden; {points.max_score():g} points"
 
 
-def _check(options: Options, cars: Sequence[str]) -> None:
-    """Check the options that are no files.
+def _copy_file(path: str, folder: str, name: str) -> str:
+    """Copy a file to the folder of the autograder; return its path on Gradescope."""
+    shutil.copyfile(path, os.path.join(folder, name))
+    return f"{SOURCE}/{name}"
+
+
+def _words(options: Dict[str, Any]) -> List[str]:
+    """Return the options that have a value as words of a command line.
 
     Raises:
-        UserError: one is wrong.
+        UserError: a word contains the end of a line, which separates words.
     """
-    if options.car not in cars:
-        raise UserError(f"--car is '{options.car}'; expected one of {', '.join(cars)}")
-    for each in options.remap:
-        if not re.fullmatch(r"[^:=\s]+:=[^:=\n]+", each):
-            raise UserError(f"--remap is '{each}'; expected FROM:=TO, such as control:=/cmd")
-    if not re.fullmatch(r"[^-/\s][^/\n]*", options.file):
-        raise UserError(f"--file is '{options.file}'; expected a file name without a folder")
+    words = []
+    for name, value in options.items():
+        if value not in (None, "", []):
+            values = value if isinstance(value, list) else [value]
+            words += [f"--{name.replace('_', '-')}", *map(str, values)]
+    if broken := [word for word in words if "\n" in word]:
+        raise UserError(f"found {broken[0]!r}; expected no line end in an option")
+    return words
 
 
 def _copy_package(package: str, copy: str) -> None:

@@ -11,9 +11,8 @@ from typing import Any, Dict, Iterator, Optional, Sequence, Tuple
 import roslib.packages
 import rospkg
 
-from mushr_ros_intro.car.profile import car_from, names_in, read_profile
+from mushr_ros_intro.car.profile import read_parameters
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.replay.job import Job, Setting
 from mushr_ros_intro.replay.reference import Exercise
@@ -41,15 +40,7 @@ def read_setting(
         UserError: there is no such car or map.
     """
     config = os.path.join(package, "config")
-    cars = names_in(os.path.join(config, "cars"))
-    if car not in cars:
-        raise UserError(f"car is '{car}'; expected one of {', '.join(cars)}")
-    parameters = {
-        **read_profile(os.path.join(config, "car_sim.yaml")),
-        **read_profile(os.path.join(config, "cars", f"{car}.yaml")),
-        **({} if seed is None else {"noise": True, "seed": seed}),
-    }
-    car_from(Parameters(parameters, f"car {car}: "))  # raises an error here, not in each replay
+    parameters = read_parameters(car, config, seed)
     mux = read_mapping(os.path.join(config, "ackermann_cmd_mux.yaml"), "inputs")
     grid = None
     if map_name != "none":

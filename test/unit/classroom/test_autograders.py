@@ -1,13 +1,23 @@
 """Make autograders with wrong arguments and files; see also test/system/test_autograder.py."""
 
+import json
 import os
+import pathlib
 import re
+import shutil
 import subprocess
 import zipfile
 
 import pytest
 
+from mushr_ros_intro.classroom import autograders
+from mushr_ros_intro.classroom.arguments import parse_arguments
 from support.paths import CHECKOUT
+
+
+def parse(words):
+    """Return the options of grade.py."""
+    return vars(parse_arguments(["submission", *words, "--out", "out"], ""))
 
 
 def make(folder, *arguments):
@@ -33,11 +43,17 @@ def folder(tmp_path):
         (["--plans", "wrong.txt"], "wrong.txt:2"),
         (["--plans", "open.txt", "open.txt"], "two plans with the name 'open'"),
         (["--plans", "open.txt", "--points", "points.yaml"], "unknown key secret"),
-        (["--plans", "open.txt", "--car", "bus"], "--car is 'bus'"),
+        (["--plans", "open.txt", "--car", "bus"], "car is 'bus'"),
         (["--plans", "open.txt", "--map", "moon"], "moon: no such file"),
         (["--plans", "slalom", "--map", "rooms"], "slalom.txt:5:1: the car hits a wall"),
-        (["--plans", "open.txt", "--remap", "a=b"], "--remap is 'a=b'"),
-        (["--plans", "open.txt", "--file", "src/a.py"], "--file is 'src/a.py'"),
+        (["--plans", "open.txt", "--remap", "a=b"], "found --remap 'a=b'"),
+        (["--plans", "open.txt", "--file", "src/a.py"], "found --file 'src/a.py'"),
+        (["--plans", "open.txt", "--params", "a\nb"], "no line end"),
+        (["--plans", "open.txt", "--follow", "wave"], "expected --plans PLAN... or --follow"),
+        ([], "expected --plans PLAN... or --follow PATH..."),
+        (["--follow", "missing"], "no such file"),
+        (["--follow", "wave", "--starts", "6"], "expected --starts of 1 to 5"),
+        (["--follow", "wave", "--points", "points.yaml"], "unknown key secret"),
     ],
 )
 def test_fault(folder, arguments, reason):
@@ -46,6 +62,41 @@ def test_fault(folder, arguments, reason):
     assert reason in done.stdout
     assert (folder / "autograder.zip").read_text() == "an older one"
     assert not [each for each in os.listdir(folder) if each.startswith(".")]
+
+
+@pytest.mark.parametrize(
+    "options, sources",
+    [
+        ("--plans secret.txt open.txt --seed 3 --path-tolerance 0.5", ["open", "secret"]),
+        ("--plans open.txt --map rooms --car mushr_sim --file a.py", ["open"]),
+        (
+            "--follow wave line --starts 2 --file controller.py --params config/gains.yaml "
+            "--remap __ns:=/car _type:=pid --cross-track-tolerance 0.3 --rms-tolerance 0",
+            ["line", "wave"],
+        ),
+    ],
+)
+def test_options_of_grade(folder, options, sources):
+    """The autograder gives grade.py the options, and copies of the files; hidden ones are last."""
+    shutil.copy(folder / "open.txt", folder / "secret.txt")
+    hidden = "secret" if "secret" in options else "wave" if "wave" in options else ""
+    points = {"plans": {hidden: {"hidden": True, "in_proportion": True}}} if hidden else {}
+    (folder / "points.yaml").write_text(json.dumps({"default": {"path": 3}, **points}))
+    words = [*options.split(), "--points", "points.yaml"]
+    done = make(folder, *words)
+    assert done.returncode == 0, done.stdout
+    with zipfile.ZipFile(folder / "autograder.zip") as archive:
+        given = archive.read("arguments").decode().splitlines()
+        archive.extractall(folder / "source")
+    found = parse(given)
+    kind = "plans" if found["plans"] else "follow"
+    files = [each.replace(autograders.SOURCE, f"{folder}/source") for each in found.pop(kind)]
+    assert [pathlib.Path(each).stem for each in files] == sources
+    assert all(os.path.isfile(each) for each in files)
+    assert found.pop("points") == f"{autograders.SOURCE}/points.yaml"
+    assert found.pop("timeout") == autograders.MAX_TIMEOUT
+    expected = parse(words)
+    assert found == {name: expected[name] for name in found}
 
 
 def test_no_solution(folder):
