@@ -40,6 +40,7 @@ from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
 from mushr_ros_intro.replay.job import ReplayError, run_job
 from mushr_ros_intro.replay.judge import CHECK_NAMES
+from mushr_ros_intro.replay.reference import refuse_walls
 from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.setting import job_for
 from mushr_ros_intro.wording import counted
@@ -90,7 +91,9 @@ def grade_node(arguments: argparse.Namespace) -> int:
     """Grade one installed node; print each verdict."""
     setting = setting_from(arguments, Sandbox())
     status = PASSED
-    for plan_name, plan in read_exercises(arguments, arguments.inputs).items():
+    exercises = read_exercises(arguments, arguments.inputs)
+    refuse_walls(exercises.values(), setting.parameters, setting.grid)
+    for plan_name, plan in exercises.items():
         job = job_for(arguments.node, plan, setting)
         if arguments.bag:
             os.makedirs(arguments.out, exist_ok=True)

@@ -29,7 +29,7 @@ from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS
 from mushr_ros_intro.replay.job import run_job
 from mushr_ros_intro.replay.judge import Check, Judgement
-from mushr_ros_intro.replay.reference import Exercise, Reference, read_references
+from mushr_ros_intro.replay.reference import Exercise, Reference, read_references, refuse_walls
 from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.setting import job_for, read_setting
 from mushr_ros_intro.ros import node
@@ -78,6 +78,7 @@ def judge() -> Judgement:
         sandbox=Sandbox(),
         ros=inherited(),
     )
+    refuse_walls([exercise], setting.parameters, setting.grid)
     judgement = run_job(job_for(words, exercise, setting))
     folder = parameters.optional_text("report")
     if folder:

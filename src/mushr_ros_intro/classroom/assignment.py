@@ -11,11 +11,9 @@ from mushr_ros_intro.classroom.submissions import Submission, check_authors
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.paths import package_folder
-from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.preview.walls import refuse_walls
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS
 from mushr_ros_intro.replay.job import Setting
-from mushr_ros_intro.replay.reference import Exercise
+from mushr_ros_intro.replay.reference import Exercise, refuse_walls
 from mushr_ros_intro.replay.setting import parameter_words, read_setting
 from mushr_ros_intro.wording import counted
 
@@ -48,14 +46,12 @@ class Plans:
         return sorted({os.path.dirname(plan.path) for plan in self._all})
 
     def check_map(self, setting: Setting) -> None:
-        """Refuse a plan that hits a wall, or leaves the map: no node can pass it.
+        """Refuse a plan or a path that hits a wall, or leaves the map: no node can pass it.
 
         Raises:
-            UserError: there is such a plan.
+            UserError: there is one.
         """
-        refuse_walls(
-            [each for each in self._all if isinstance(each, Plan)], setting.parameters, setting.grid
-        )
+        refuse_walls(self._all, setting.parameters, setting.grid)
 
     def task(self, submission: Submission, is_chosen: bool) -> Task:
         """Return the grading of a submission; it fails if there is no plan for its students."""

@@ -13,10 +13,9 @@ from mushr_ros_intro.classroom.arguments import complete, read_exercises
 from mushr_ros_intro.classroom.points import read_points
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import find_file
-from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.preview.walls import refuse_walls
 from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
 from mushr_ros_intro.replay.judge import CHECK_NAMES
+from mushr_ros_intro.replay.reference import refuse_walls
 from mushr_ros_intro.wording import counted
 from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
@@ -77,8 +76,7 @@ def fill(folder: str, arguments: argparse.Namespace, package: str) -> str:
         map_file = find_file(arguments.map, os.path.join(package, "maps"), ".yaml")
         grid = read_map(map_file)
         options["map"] = _copy_map(map_file, os.path.join(copy, "maps"))
-        plans = [each for each in exercises.values() if isinstance(each, Plan)]
-        refuse_walls(plans, parameters, grid)
+        refuse_walls(exercises.values(), parameters, grid)
     _copy_package(package, copy)
     for each in ("setup.sh", "run_autograder"):
         shutil.copy(os.path.join(package, "scripts", "autograder", each), folder)

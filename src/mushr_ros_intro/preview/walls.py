@@ -1,23 +1,21 @@
 """Check a plan against the walls and the edges of a map."""
 
 import math
-from typing import Any, Dict, Iterable, Optional, Tuple
+from typing import Iterable, Optional, Tuple
 
 import numpy as np
 
 from mushr_ros_intro.car.contact import free_time
 from mushr_ros_intro.car.model import Car, Contact
-from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.car.quadrature import follow
-from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose, compose, curvature
-from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.plan import Fault, Plan
-from mushr_ros_intro.preview.prediction import Leg, legs_of
+from mushr_ros_intro.preview.prediction import Leg
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import Footprint, World, is_free, on_map
 from mushr_ros_intro.world.grid import Grid
 
+LEAVES = "leaves the map"
 _MARGIN = 1e-6
 """The car is at the edge of the map if a body that is larger by this [m] is not on the map."""
 
@@ -33,12 +31,9 @@ def map_fault(
         car: the parameters of the car.
         grid: the map.
     """
-    if not on_map(grid, Footprint(), plan.start):
-        return plan.fault(-1, 0, "the start pose is off the map, at least in part"), None
-    if not is_free(grid, Footprint(), plan.start):
-        return plan.fault(-1, 0, "the start pose is in a wall, at least in part"), None
-    corner = compose(grid.origin, Pose(-grid.resolution, -grid.resolution, 0.0))
-    fenced = Grid(np.pad(grid.cells, 1, constant_values=100), grid.resolution, corner)
+    if text := start_fault(grid, plan.start):
+        return plan.fault(-1, 0, text), None
+    fenced = with_fence(grid)
     for leg in legs:
         for piece, seconds in leg.pieces():
             turn_rate = abs(piece.speed * curvature(piece.steering_angle, car.wheelbase))
@@ -53,27 +48,29 @@ def map_fault(
             where = f"at t = {now / NANOSECONDS:.1f} s, ({x}, {y})"
             is_rolling = leg.row == len(plan.rows)
             name = "the car, rolling on after the last row," if is_rolling else "the car"
-            grown = Footprint(*(each + _MARGIN for each in Footprint()))
-            if not on_map(grid, grown, pose):
-                return plan.fault(leg.row, 0, f"{name} leaves the map {where}"), None
-            text = f"{name} hits a wall {where}; it stops there"
-            return plan.fault(leg.row, 0, text), Contact(now, pose)
+            if (what := fault_at(grid, pose)) == LEAVES:
+                return plan.fault(leg.row, 0, f"{name} {what} {where}"), None
+            fault = plan.fault(leg.row, 0, f"{name} {what} {where}; it stops there")
+            return fault, Contact(now, pose)
     return None, None
 
 
-def refuse_walls(plans: Iterable[Plan], parameters: Dict[str, Any], grid: Optional[Grid]) -> None:
-    """Refuse plans that no node can drive.
+def start_fault(grid: Grid, pose: Pose) -> str:
+    """Return why the car cannot start at a pose; "" if it can."""
+    if not on_map(grid, Footprint(), pose):
+        return "the start pose is off the map, at least in part"
+    if not is_free(grid, Footprint(), pose):
+        return "the start pose is in a wall, at least in part"
+    return ""
 
-    Args:
-        plans: the plans.
-        parameters: of the simulated car; its noise does not count.
-        grid: the map, or None.
 
-    Raises:
-        UserError: a plan hits a wall, or leaves the map.
-    """
-    car = car_from(Parameters({**parameters, "noise": False}))
-    for plan in plans if grid is not None else ():
-        fault, _ = map_fault(plan, legs_of(plan, car), car, grid)  # type: ignore[arg-type]
-        if fault:
-            raise UserError(f"{fault}. No node can pass; expected another plan, or another --map")
+def with_fence(grid: Grid) -> Grid:
+    """Return a map with a wall around it, at which the car leaves the map."""
+    corner = compose(grid.origin, Pose(-grid.resolution, -grid.resolution, 0.0))
+    return Grid(np.pad(grid.cells, 1, constant_values=100), grid.resolution, corner)
+
+
+def fault_at(grid: Grid, pose: Pose) -> str:
+    """Return what happens at a pose at which a wall of a map with a fence stops the car."""
+    grown = Footprint(*(each + _MARGIN for each in Footprint()))
+    return "hits a wall" if on_map(grid, grown, pose) else LEAVES

@@ -8,18 +8,23 @@ import csv
 import math
 import os
 from contextlib import suppress
-from typing import Dict, List, NamedTuple, Sequence, Tuple, Union
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose, compose
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import MAX_COORDINATE, Plan
-from mushr_ros_intro.preview.prediction import trajectory
+from mushr_ros_intro.preview.prediction import legs_of, trajectory
+from mushr_ros_intro.preview.walls import fault_at, map_fault, start_fault, with_fence
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
+from mushr_ros_intro.world.footprint import Footprint, free_distance
+from mushr_ros_intro.world.grid import Grid
 
 COLUMNS = ("x", "y", "heading", "speed")
 """Of a CSV file [m, m, rad, m/s]."""
@@ -72,6 +77,53 @@ class Reference(NamedTuple):
 
 Exercise = Union[Plan, Reference]
 """What a node does: it drives a plan, or it is a controller and follows a path."""
+
+
+def refuse_walls(
+    exercises: Iterable[Exercise], parameters: Dict[str, Any], grid: Optional[Grid]
+) -> None:
+    """Refuse plans and paths on which a car hits a wall.
+
+    Args:
+        exercises: the plans and paths.
+        parameters: of the simulated car; its noise does not count.
+        grid: the map, or None.
+
+    Raises:
+        UserError: a plan or a path hits a wall, or leaves the map.
+    """
+    if grid is None:
+        return
+    car = car_from(Parameters({**parameters, "noise": False}))
+    for each in exercises:
+        if isinstance(each, Reference):
+            if text := _map_fault(each, grid):
+                raise UserError(f"{text}; expected another path, or another map")
+        elif fault := map_fault(each, legs_of(each, car), car, grid)[0]:
+            raise UserError(f"{fault}. No node can pass; expected another plan, or another map")
+
+
+def _map_fault(reference: Reference, grid: Grid) -> str:
+    """Return where a car on a path hits a wall or leaves the map; "" if it does not."""
+    place = f"{reference.path}: "
+    if fault := start_fault(grid, reference.start):
+        x, y, theta = reference.start
+        return f"{place}{fault}, at ({x:.2f} m, {y:.2f} m, {theta:.2f} rad)"
+    poses = np.array(reference.poses)
+    along = lengths(poses[:, :2])
+    columns = (*poses.T[:2], np.unwrap(poses.T[2]))
+
+    def pose_at(distance: float) -> Pose:
+        return Pose(*(float(np.interp(distance, along, each)) for each in columns))
+
+    free = free_distance(with_fence(grid), Footprint(), pose_at, float(along[-1]))
+    if free == along[-1]:
+        return ""
+    pose = pose_at(free)
+    what = fault_at(grid, pose)
+    return (
+        f"{place}a car on the path {what} after {free:.2f} m, at ({pose.x:.2f} m, {pose.y:.2f} m)"
+    )
 
 
 def lengths(points: np.ndarray) -> np.ndarray:

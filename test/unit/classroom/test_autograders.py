@@ -52,6 +52,7 @@ def folder(tmp_path):
         (["--plans", "open.txt", "--follow", "wave"], "expected --plans PLAN... or --follow"),
         ([], "expected --plans PLAN... or --follow PATH..."),
         (["--follow", "missing"], "no such file"),
+        (["--follow", "line", "--map", "rooms"], "line.csv: a car on the path hits a wall after "),
         (["--follow", "wave", "--starts", "6"], "expected --starts of 1 to 5"),
         (["--follow", "wave", "--points", "points.yaml"], "unknown key secret"),
     ],

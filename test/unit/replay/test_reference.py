@@ -7,7 +7,8 @@ import pytest
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.replay.reference import read_references, resampled
+from mushr_ros_intro.replay.reference import read_references, refuse_walls, resampled
+from mushr_ros_intro.world.grid import Grid
 from support.paths import CHECKOUT
 
 PLANS = f"{CHECKOUT}/plans"
@@ -95,3 +96,49 @@ def test_resampling_keeps_the_ends_and_the_turns():
     path = resampled(np.array([[0, 0, 3.1], [1, 0, -3.1]]), 0.25)
     assert path[:, 0].tolist() == [0, 0.25, 0.5, 0.75, 1]
     assert path[:, 2] == pytest.approx(np.linspace(3.1, math.tau - 3.1, 5))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        # The wall begins at x = 2 m, and the front end of the car is 0.38 m before the rear axle.
+        (
+            "0,0,0,1\n3,0,0,1\n",
+            r"path.csv: a car on the path hits a wall after 1.62 m, at \(1.62 m",
+        ),
+        (
+            "0,0,0,1\n-3,0,0,-1\n",
+            r"path.csv: a car on the path leaves the map after 1.94 m, at \(-1",
+        ),
+        ("2,0,0,1\n3,0,0,1\n", "path.csv: the start pose is in a wall, at least in part, at "),
+        ("-2,0,0,1\n0,0,0,1\n", "path.csv: the start pose is off the map, at least in part, at "),
+        ("1.5,0,1.57,1\n1.5,1,1.57,1\n", ""),
+        ("0,0,3.1,1\n1,0,-3.1,1\n", ""),  # turns by 0.08 rad
+    ],
+)
+def test_a_path_that_hits_a_wall(tmp_path, text, message):
+    cells = np.zeros((40, 50), np.int8)
+    cells[:, 40:] = 100
+    grid = Grid(cells, 0.1, Pose(-2.0, -2.0, 0.0))
+    reference = read(tmp_path, text)
+    refuse_walls([reference], {}, None)
+    if message:
+        with pytest.raises(UserError, match=f"{message}.*; expected another path, or another map$"):
+            refuse_walls([reference], {}, grid)
+    else:
+        refuse_walls([reference], {}, grid)
+
+
+def test_a_start_beside_the_path_in_a_wall(tmp_path):
+    """The path is free; the second start is 0.3 m to its left."""
+    cells = np.zeros((40, 50), np.int8)
+    cells[24:, :] = 100
+    path = tmp_path / "path.csv"
+    path.write_text("0,0,0,1\n1,0,0,1\n")
+    first, second = read_references([str(path)], PLANS, 2).values()
+    grid = Grid(cells, 0.1, Pose(-2.0, -2.0, 0.0))
+    refuse_walls([first], {}, grid)
+    with pytest.raises(
+        UserError, match=r"path.csv: the start pose is in a wall.*at \(0.00 m, 0.30"
+    ):
+        refuse_walls([second], {}, grid)
