@@ -52,9 +52,11 @@ def _write_secret(targets: Targets) -> Any:
 
 
 def _find_solution(targets: Targets) -> Any:
-    if importlib.util.find_spec("mushr_ros_intro"):
+    package = importlib.util.find_spec("mushr_ros_intro")
+    if package and package.origin:  # otherwise, its folder is empty
         return "import mushr_ros_intro"
-    return [each for each in targets.solutions.split(":") if os.access(each, os.R_OK)]
+    readable = [each for each in targets.solutions.split(":") if os.access(each, os.R_OK)]
+    return [each for each in readable if os.path.isfile(each) or os.listdir(each)]
 
 
 def _write_system(_: Targets) -> Iterator[str]:

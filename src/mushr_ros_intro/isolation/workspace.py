@@ -156,7 +156,8 @@ def _make_usable(folder: str, translate: Callable[[str], str]) -> None:
 def _translated(copies: Dict[str, str], text: str) -> str:
     """Return a text in which the paths of the copied folders are those of their copies."""
     sources = "|".join(map(re.escape, sorted(copies, key=len, reverse=True)))
-    return re.sub(rf"({sources})(?![\w.-])", lambda match: copies[match[1]], text)
+    pattern = rf"({sources})(?![\w.-])"
+    return re.sub(pattern, lambda match: copies[match[1]], text) if copies else text
 
 
 def _paths(ros: Dict[str, str], name: str) -> List[str]:

@@ -1,13 +1,15 @@
 """Check the table of attacks in docs/grading.md; test/system/test_grade_class.py tries them."""
 
 import glob
+import importlib
 import os
 import pathlib
 import re
+import sys
 
 import pytest
 
-from mushr_ros_intro.classroom.attacks import ATTACKS, REPEATED
+from mushr_ros_intro.classroom.attacks import ATTACKS, REPEATED, Targets
 from support import classroom
 from support.paths import CHECKOUT
 
@@ -73,3 +75,15 @@ def test_the_tests_exist(name):
     files = (path for each in folders for path in glob.glob(f"{CHECKOUT}/test/{each}*.py"))
     texts = (pathlib.Path(path).read_text(encoding="utf-8") for path in files)
     assert any(f"\ndef {name}(" in text for text in texts)
+
+
+def test_a_package_that_the_sandbox_has_hidden(tmp_path, monkeypatch):
+    """Its folder is there, but empty."""
+    (tmp_path / "mushr_ros_intro").mkdir()
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    monkeypatch.delitem(sys.modules, "mushr_ros_intro")
+    find = ATTACKS["read or import the solution"]
+    assert find(Targets("", f"{tmp_path}/mushr_ros_intro", 0, 0, "", 0)) == []
+    (tmp_path / "mushr_ros_intro" / "__init__.py").touch()
+    importlib.invalidate_caches()
+    assert find(Targets("", "", 0, 0, "", 0)) == "import mushr_ros_intro"

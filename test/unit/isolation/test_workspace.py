@@ -74,6 +74,13 @@ def test_copies(tmp_path, monkeypatch):
     }
 
 
+def test_no_workspace(tmp_path, monkeypatch):
+    """As with Debian's packages of this package."""
+    for name in VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    assert copy_workspaces(str(tmp_path), "/place", [])["ROS_PACKAGE_PATH"] == ""
+
+
 def test_environment(monkeypatch):
     """Nothing of the user's own, but what ROS needs, also on Noetic."""
     monkeypatch.setenv("ROS_LOG_DIR", "/home/me")
