@@ -118,10 +118,14 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
     add("bags", metavar="BAG", nargs="+", help="a recorded drive")
     add("--plan", metavar="PLAN", help="the plan that was driven: a path, or a name in plans/")
     add("--car", metavar="CAR", default="ideal", help=f"path of a profile, or one of {cars}")
-    add("--commands", metavar="TOPIC", default=f"{_MUX}/output", help="default: %(default)s")
-    add("--pose", metavar="TOPIC", default="/car/car_pose", help="default: %(default)s")
-    add("--tf", metavar=("MAP", "BASE"), nargs=2, help="the pose is that of BASE in MAP, from /tf")
-    add("--pose_offset", metavar="M", default=0.0, help="of the pose, from the rear axle, forward")
+    commands_help = "the commands that reached the car; default %(default)s"
+    add("--commands", metavar="TOPIC", default=f"{_MUX}/output", help=commands_help)
+    pose_help = "the poses of the car; default %(default)s"
+    add("--pose", metavar="TOPIC", default="/car/car_pose", help=pose_help)
+    tf_help = "use the pose of the frame BASE in the frame MAP, from /tf, and not --pose"
+    add("--tf", metavar=("MAP", "BASE"), nargs=2, help=tf_help)
+    offset_help = "how far in front of the rear axle the reported point is; default 0"
+    add("--pose_offset", metavar="METRES", default=0.0, help=offset_help)
     record_help = "first record the drive of the running system, for so long or until Ctrl-C"
     add("--record", metavar="SECONDS", help=record_help)
     add("--fit", metavar="FILE.yaml", help="write the profile of the fitted car")

@@ -14,7 +14,7 @@ from mushr_ros_intro.preview.prediction import rest, states_at
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 
 _SETTLED = 0.3
-"""So long after the predicted rest, the car stands [s]."""
+"""So long after the predicted rest, the car stands, if the recording is that long [s]."""
 
 
 class RowResult(NamedTuple):
@@ -98,7 +98,8 @@ class Comparison(NamedTuple):
 def compare(log: DriveLog, car: Car, delay: float) -> Comparison:
     """Compare a drive with what a car would have done.
 
-    The last pose is the mean of the poses after the car has come to rest.
+    The last pose is the mean of the poses after the car has come to rest. Rows that end after the
+    last pose have no result.
 
     Args:
         log: the drive.
@@ -112,7 +113,7 @@ def compare(log: DriveLog, car: Car, delay: float) -> Comparison:
     end, _ = rest(plan, car)
     driven = log.poses.copy()
     driven[:, 2] = np.unwrap(driven[:, 2])
-    is_after = stamps >= end + from_seconds(_SETTLED)
+    is_after = stamps >= max(end, min(end + from_seconds(_SETTLED), stamps[-1]))
     is_used = (stamps >= 0) & (stamps < end)
     final = driven[is_after].mean(axis=0, keepdims=True) if is_after.any() else driven[:0]
     stamps = np.append(stamps[is_used], [end] * len(final))

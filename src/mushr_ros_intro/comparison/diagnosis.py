@@ -43,7 +43,7 @@ def sentence(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> str
         index: of the drive.
     """
     misfit = fit.misfits[index]
-    if is_useless(found, fit, fitted, index):
+    if is_useless(found, fit, index):
         name = f"{found.log.unit} {found.log.number(misfit.row)} ({misfit.what})"
         return (
             f"no car of this model drives like that: {name} is {misfit.size:.1f} standard errors "
@@ -63,17 +63,18 @@ def sentence(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> str
     joined = f"{', '.join(most)} and {last}" if most else last
     return (
         f"the car {joined}; a prediction with this car is {fitted.rms:.3f} m (rms) from the drive, "
-        f"in place of {found.rms:.3f} m{rest}"
+        f"instead of {found.rms:.3f} m{rest}"
     )
 
 
-def is_useless(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> bool:
-    """Return whether a drive differs from the fitted car, and not by small errors of the model.
+def is_useless(found: Comparison, fit: Fit, index: int) -> bool:
+    """Return whether a drive differs from its fitted car, and not by small errors of the model.
 
     Poses with little noise show every small difference between the car and its model.
     """
     small = max(_SMALL_ERROR, _SMALL_SHARE * found.rms)
-    return fit.misfits[index].is_found and fitted.rms > small
+    is_found = fit.misfits[index].is_found
+    return is_found and compare(found.log, fit.cars[index], found.delay).rms > small
 
 
 def causes(found: Comparison, fit: Fit, fitted: Comparison) -> List[str]:
@@ -122,17 +123,23 @@ def as_text(found: Comparison, car_name: str) -> Iterator[str]:
         f"predicted for the {car_name} car"
     )
     yield from (f"note: {note}" for note in log.notes)
+    missing = len(log.plan.rows) - len(found.rows)
+    if missing:
+        yield f"note: the poses end too early for the last {counted(missing, 'row')}"
     if found.limited_rows:
         yield (
             f"note: {counted(len(found.limited_rows), 'row')}, the first is {log.unit} "
             f"{log.number(found.limited_rows[0])}, exceed the limits of the {car_name} car; "
             "predicted is what it does within its limits"
         )
-    yield f"delay from a command to the pose: {found.delay:.3f} s (also that of the clocks)"
+    yield (
+        f"delay from a command to its effect on the pose: {found.delay:.3f} s (with the difference "
+        "of the clocks, so it may be negative)"
+    )
     yield ""
     yield (
-        f"{log.unit:>5}   speed steering     end     distance          turn           driven to"
-        "      error"
+        f"{log.unit:>5}   speed steering     end  distance [m]    turn [rad]     driven to [m, rad]"
+        "    error"
     )
     yield "          m/s      rad       s   plan driven    plan driven      x      y  theta      m"
     half = SHOWN_ROWS // 2
@@ -179,21 +186,29 @@ def fit_text(fit: Fit, car: Car) -> Iterator[str]:
     yield "parameter            before     fitted   standard error   95 % range"
     for each in PARAMETERS:
         yield _value_line(each, getattr(car, each.name), fit.values[each.name])
-    for delay in fit.delays:
-        yield _value_line(DELAY, 0.0, delay)
+    for number, delay in enumerate(fit.delays, 1):
+        name = f"delay of drive {number}" if len(fit.delays) > 1 else DELAY.name
+        yield _value_line(DELAY._replace(name=name), 0.0, delay)
     noise = fit.noise
     yield (
-        f"random errors: pose {noise.position:.3f} m and {noise.heading:.3f} rad; of each command, "
-        f"speed {noise.speed_noise:.3f} m/s and steering {noise.steering_noise:.3f} rad"
+        f"random errors (standard deviations): of each pose, {noise.position:.3f} m and "
+        f"{noise.heading:.3f} rad; of each command, {noise.speed_noise:.3f} m/s and "
+        f"{noise.steering_noise:.3f} rad; to the side after 1 m, {noise.slip:.3f} m"
     )
     if len(fit.delays) > 1:
         yield (
-            "between the drives, as standard deviations: speed_gain "
+            "differences between the drives (standard deviations): speed_gain "
             f"{noise.speed_gain_spread:.3f}, steering_offset {noise.steering_offset_spread:.3f} rad"
         )
-    for number, glitches in enumerate(fit.glitches, 1):
+    for number, (misfit, glitches) in enumerate(zip(fit.misfits, fit.glitches), 1):
+        drive = f"drive {number}" if len(fit.glitches) > 1 else "the drive"
         if glitches:
-            yield f"note: {_glitch_text(glitches, number if len(fit.glitches) > 1 else 0)}"
+            yield f"note: {_glitch_text(glitches, drive)}"
+        if misfit.is_found:
+            yield (
+                f"note: {drive} differs from the fitted car by more than random errors, so the "
+                "true values may be outside of the 95 % ranges"
+            )
     if noise.position < _NO_NOISE:
         yield (
             "note: the poses have no random errors. If they come from wheel speeds or commands, "
@@ -204,15 +219,13 @@ def fit_text(fit: Fit, car: Car) -> Iterator[str]:
         yield "plans/identification.txt drives so that all parameters can be fitted"
 
 
-def _glitch_text(glitches: Sequence[Tuple[float, float]], drive: int) -> str:
-    """Return the text on the glitches of a drive; the number of the only drive is 0."""
-    first, last = glitches[0], glitches[-1]
-    where = f" in drive {drive}" if drive else ""
-    when = f"{first[0]:.2f} to {first[1]:.2f} s"
+def _glitch_text(glitches: Sequence[Tuple[float, float]], drive: str) -> str:
+    """Return the text on the steps of a drive that the fit ignores."""
+    (begin, end), (_, last) = glitches[0], glitches[-1]
     return (
-        f"the fit ignores {len(glitches)} of the steps from pose to pose{where}, because no random "
-        f"error explains them: a stall, a push, or a jump of the localisation; the first is from "
-        f"{when}, the last ends at {last[1]:.2f} s"
+        f"the fit ignores {counted(len(glitches), 'step')} from pose to pose of {drive} that no "
+        "random errors explain (perhaps a stall, a push, or a jump of the localisation); the first "
+        f"is from {begin:.2f} to {end:.2f} s, the last ends at {last:.2f} s"
     )
 
 
@@ -239,7 +252,7 @@ def as_json(
     return {
         "passed": None,
         "verdict": [*errors_text(found), sentence(found, fit, fitted, index)],
-        "fits": not is_useless(found, fit, fitted, index),
+        "fits": not is_useless(found, fit, index),
         "drive": found.log.name,
         "notes": list(found.log.notes),
         "car": car_name,

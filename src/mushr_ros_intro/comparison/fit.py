@@ -12,7 +12,7 @@ import numpy as np
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.drive_log import DriveLog
 from mushr_ros_intro.comparison.fitted_car import OF_DRIVE, Fit, Value, fitted_value
-from mushr_ros_intro.comparison.noise_fit import NORMAL_FACTOR, NoiseFit
+from mushr_ros_intro.comparison.noise_fit import NoiseFit
 from mushr_ros_intro.comparison.pose_filter import Noise, usual_noise
 from mushr_ros_intro.comparison.problem import COUNT, Problem
 
@@ -45,7 +45,7 @@ def fit(logs: Sequence[DriveLog], car: Car) -> Fit:
     vector[list(unknown)] = problem.default[list(unknown)]
     problem.find_glitches(vector, noise)
     vector = problem.solve(vector, problem.widths(noise, list(unknown)), noise)
-    factors = NoiseFit(coarse, vector, list(unknown)).range_factors(noise)
+    factors, of_next = NoiseFit(coarse, vector, list(unknown)).range_factors(noise)
     # The values of the unknown numbers may be wrong by as much as is `enough` for each.
     widths = problem.widths(noise, list(unknown), 1.0)
     errors = np.sqrt(np.diag(problem.covariance(vector, widths, noise)))
@@ -57,18 +57,18 @@ def fit(logs: Sequence[DriveLog], car: Car) -> Fit:
             value = getattr(car, names[column], before)
             values.append(Value(value, is_fitted=False, confused_with=confused))
         else:
-            error, factor = float(errors[column]), float(factors[column])
-            values.append(fitted_value(names[column], number, before, error, factor))
+            error = float(errors[column])
+            values.append(fitted_value(names[column], number, before, error, factors[column]))
     found: Dict[str, Any] = {name: each.value for name, each in zip(names[:COUNT], values)}
-    found.update(zip(Noise._fields[2:], noise[2:]))
+    found.update(zip(Noise._fields[3:], noise[3:]))
     # The next drive differs from the fitted value, and the estimate of the difference may be wrong.
-    of_next = factors[-2:] / NORMAL_FACTOR if len(logs) > 1 else np.ones(2)
-    for name, factor in zip(("speed_gain", "steering_offset"), of_next.tolist()):
+    for name, factor in zip(("speed_gain", "steering_offset"), of_next):
         spread = math.hypot(found[f"{name}_spread"], errors[names.index(name)])
-        found[f"{name}_spread"] = factor * spread
+        found[f"{name}_spread"] = spread * (factor if len(logs) > 1 else 1.0)
     drives = list(zip(problem.drives, problem.vectors(vector)))
     return Fit(
         car._replace(**found),
+        tuple(drive.car(numbers) for drive, numbers in drives),
         dict(zip(names[:COUNT], values)),
         tuple(values[COUNT :: len(OF_DRIVE)]),
         noise,

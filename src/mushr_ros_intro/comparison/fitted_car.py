@@ -87,6 +87,8 @@ class Fit(NamedTuple):
 
     car: Car
     """The car before the fit with the fitted values, and the noise."""
+    cars: Tuple[Car, ...]
+    """The same with the speed gain and the steering offset of each drive."""
     values: Dict[str, Value]
     """By the names of the parameters."""
     delays: Tuple[Value, ...]

@@ -1,11 +1,11 @@
 """Estimate the random errors of drives, and how far a fitted number may be wrong because of it."""
 
 import math
-from typing import Sequence, Tuple
+from typing import List, Sequence, Tuple
 
 import numpy as np
 from scipy.optimize import brentq, minimize
-from scipy.stats import norm
+from scipy.stats import chi2
 
 from mushr_ros_intro.comparison.pose_filter import MAX_NOISE, MIN_NOISE, NOISE_FACTORS, Noise
 from mushr_ros_intro.comparison.problem import Problem
@@ -16,11 +16,11 @@ _STEP = 1e-3
 _LONG_STEP = 0.1
 """For the second derivative."""
 
-NORMAL_FACTOR = float(norm.ppf(0.975))
-"""So many standard deviations does a 95 % range reach to each side."""
+_GRID = np.arange(-3.0, 4.25, 0.5)
+"""Noises to integrate over, in standard deviations from the best one."""
 
-_POINTS, _WEIGHTS = np.polynomial.hermite_e.hermegauss(41)
-"""To integrate over a normal distribution."""
+_MIN_VARIANCE = 1e-30
+"""So that the variance of a fixed number has a logarithm."""
 
 
 class NoiseFit:
@@ -77,16 +77,43 @@ class NoiseFit:
         costs += np.linalg.slogdet(information)[1]
         variances = np.zeros((len(noises), len(problem.default)))
         variances[:, free] = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)
-        spreads = np.exp(2.0 * logarithms[:, 4:])
+        spreads = np.exp(2.0 * logarithms[:, -2:])
         return costs, np.column_stack([variances, variances[:, [0, 2]] + spreads])
 
-    def range_factors(self, noise: Noise) -> np.ndarray:
-        """Return how many standard deviations the 95 % ranges reach to each side, (numbers + 2,).
+    def range_factors(self, noise: Noise) -> Tuple[List[float], List[float]]:
+        """Return how far the 95 % range of each number reaches, in standard errors.
 
-        For the numbers see `_costs`. It is more than 1.96, because the drives say little about the
-        noise. The logarithm of the noise is about normally distributed, with the second derivative
-        of the cost as the inverse of its covariance (Laplace's approximation, as in Rue, Martino
-        and Chopin, "Approximate Bayesian inference for latent Gaussian models", 2009).
+        It is more than 1.96, because the drives say little about the noise, and a number is
+        normally distributed for a given noise only. So its range is that of a mixture, over the
+        noises along the direction in which they change its variance most, for their probability.
+
+        Also return by which factor the 95 % ellipse of the next drive is larger for this reason, if
+        it comes from the speed gain or from the steering offset.
+        """
+        covariance, gradients = self._shape(noise)
+        slopes = covariance @ gradients
+        deviations = np.sqrt(np.sum(gradients * slopes, axis=0))
+        directions = (slopes / np.maximum(deviations, 1e-9)).T
+        grid = np.log(noise) + _GRID[:, None, None] * directions
+        grid = np.clip(grid, np.log(MIN_NOISE), np.log(MAX_NOISE))
+        flat = np.concatenate([np.log(noise)[None], grid.reshape(-1, len(noise))])
+        costs, variances = self._costs(flat)
+        variances = np.maximum(variances, _MIN_VARIANCE)
+        numbers = len(directions)
+        costs = costs[1:].reshape(-1, numbers)
+        weights = np.exp(0.5 * (costs.min(axis=0) - costs))
+        ratios = variances[1:].reshape(-1, numbers, numbers).diagonal(axis1=1, axis2=2)
+        columns = list(zip((ratios / variances[0]).T, weights.T))
+        of_numbers = [range_factor(*each, 1) for each in columns[:-2]]
+        normal = math.sqrt(chi2.ppf(0.95, 2))
+        return of_numbers, [range_factor(*each, 2) / normal for each in columns[-2:]]
+
+    def _shape(self, noise: Noise) -> Tuple[np.ndarray, np.ndarray]:
+        """Return how the logarithms of the noise and of the variances depend on each other.
+
+        Returns:
+            The covariance of the logarithms of the noise, from the second derivatives of the cost,
+            and the derivatives of those of the variances in `_costs` by them.
         """
         count = len(noise)
         ahead = _LONG_STEP * np.eye(count)
@@ -100,20 +127,26 @@ class NoiseFit:
         values, vectors = np.linalg.eigh(0.5 * curvature / _LONG_STEP**2)
         # Without the drives, the noise is known to these factors.
         values = np.maximum(values, 1.0 / np.log(max(NOISE_FACTORS)) ** 2)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            logarithms = np.log(variances[1 : 2 * count + 1])
-            gradient = logarithms[:count] - logarithms[count:]
-        gradient = np.nan_to_num(gradient) / (2.0 * _LONG_STEP)
-        deviations = np.sqrt(np.sum((vectors.T @ gradient) ** 2 / values[:, None], axis=0))
-        return np.array([range_factor(each) for each in deviations.tolist()])
+        logarithms = np.log(np.maximum(variances[1 : 2 * count + 1], _MIN_VARIANCE))
+        gradients = (logarithms[:count] - logarithms[count:]) / (2.0 * _LONG_STEP)
+        return (vectors / values) @ vectors.T, gradients
 
 
-def range_factor(deviation: float) -> float:
-    """Return how many standard deviations a 95 % range reaches to each side of a normal number.
+def range_factor(ratios: np.ndarray, weights: np.ndarray, dimensions: int) -> float:
+    """Return the size of the region that contains 95 % of a mixture of normal distributions.
 
     Args:
-        deviation: standard deviation of the logarithm of the variance of the number.
+        ratios: of the variance of each distribution and a reference, (N,).
+        weights: of the distributions, (N,).
+        dimensions: 1 for a range, 2 for an ellipse.
+
+    Returns:
+        The distance from the mean, in standard deviations of the reference.
     """
-    scales = np.exp(-0.5 * deviation * _POINTS)
-    weights = _WEIGHTS / np.sum(_WEIGHTS)
-    return brentq(lambda factor: weights @ norm.cdf(factor * scales) - 0.975, 1.0, 100.0)
+    inverses = 1.0 / ratios
+    shares = weights / np.sum(weights)
+
+    def missing(factor: float) -> float:
+        return float(shares @ chi2.cdf(factor**2 * inverses, dimensions)) - 0.95
+
+    return float(brentq(missing, 1e-3, 1e3))

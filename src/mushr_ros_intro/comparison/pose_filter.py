@@ -27,6 +27,8 @@ class Noise(NamedTuple):
     """Of x and of y of a measured pose [m]."""
     heading: float
     """Of theta of a measured pose [rad]."""
+    slip: float
+    """Of a motion to the side, after 1 m; it grows with the square root of the distance [m]."""
     speed_noise: float
     """Of the speed, drawn anew for each COMMAND_PERIOD [m/s]."""
     steering_noise: float
@@ -37,17 +39,17 @@ class Noise(NamedTuple):
     """Of the steering offset, between drives [rad]."""
 
 
-NOISE_FACTORS = (5.0, 5.0, 2.0, 2.0, 2.0, 2.0)
+NOISE_FACTORS = (5.0, 5.0, 5.0, 2.0, 2.0, 2.0, 2.0)
 """The estimated noise differs from the usual noise by about this factor, if the drive says little.
 
 A drive of half a minute says little about the noise of the car, and the error of the fit depends on
 it.
 """
 
-MIN_NOISE = Noise(1e-4, 1e-4, 1e-5, 1e-5, 1e-5, 1e-5)
+MIN_NOISE = Noise(1e-4, 1e-4, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5)
 """Smaller noise is not estimated: times are rounded to nanoseconds, and numbers to float32."""
 
-MAX_NOISE = Noise(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+MAX_NOISE = Noise(1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
 
 _ANY_MOTION = 10.0
@@ -79,6 +81,7 @@ def usual_noise(car: Car) -> Noise:
     return Noise(
         position=0.02,
         heading=0.02,
+        slip=0.002,
         speed_noise=car.speed_noise or 0.02,
         steering_noise=car.steering_noise or 0.01,
         speed_gain_spread=car.speed_gain_spread or 0.02,
@@ -156,7 +159,9 @@ def _changes(steps: Steps, seconds: np.ndarray, wheelbase: float, noise: Noise) 
     # the step, and moves the car sideways.
     by_angle = turned * np.array([zero, half, zero + 1.0])
     sideways = turned * np.array([zero, half / np.sqrt(3.0), zero])
-    return sum(np.einsum("in,jn->nij", each, each) for each in (by_speed, by_angle, sideways))
+    slip = noise.slip * np.sqrt(np.abs(distances)) * np.array([zero, zero + 1.0, zero])
+    parts = (by_speed, by_angle, sideways, slip)
+    return sum(np.einsum("in,jn->nij", each, each) for each in parts)
 
 
 def prediction_errors(steps: Steps, poses: np.ndarray, weights: Weights) -> np.ndarray:

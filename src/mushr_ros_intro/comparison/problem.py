@@ -68,16 +68,18 @@ class Drive:
         self._ends = np.cumsum([row.duration for row in log.plan.rows])
         self._is_glitch = np.zeros(len(self._seconds), bool)
 
+    def car(self, numbers: np.ndarray) -> Car:
+        """Return the car that a vector describes."""
+        *of_car, _, speed_gain, steering_offset = numbers.tolist()
+        car = car_with(self._car, of_car)
+        return car._replace(
+            speed_gain=car.speed_gain + speed_gain,
+            steering_offset=car.steering_offset + steering_offset,
+        )
+
     def steps(self, vectors: np.ndarray) -> Steps:
         """Return the steps of cars, one for each vector."""
-        cars = []
-        for *numbers, _, speed_gain, steering_offset in vectors.tolist():
-            car = car_with(self._car, numbers)
-            car = car._replace(
-                speed_gain=car.speed_gain + speed_gain,
-                steering_offset=car.steering_offset + steering_offset,
-            )
-            cars.append(car)
+        cars = [self.car(numbers) for numbers in vectors]
         instants = self._stamps / NANOSECONDS - vectors[:, COUNT, None]
         return steps_of(paths(self._plan, cars, instants))
 
@@ -171,7 +173,7 @@ class Problem:
         widths = _WEAK * self.enough
         widths[list(unknown)] = width * self.enough[list(unknown)]
         is_shared = len(self.drives) == 1  # nothing tells a drive from the car
-        for column, spread in enumerate(noise[4:], COUNT + 1):
+        for column, spread in enumerate(noise[-2:], COUNT + 1):
             widths[column :: len(OF_DRIVE)] = 0.0 if is_shared else spread
         return widths
 

@@ -12,6 +12,9 @@ from mushr_ros_intro.stamps import NANOSECONDS
 _STEP = 0.01
 """Longest step [s]; each is an arc. Along figure_8 at 2 m/s, the error is 0.16 mm."""
 
+_MAX_STEPS = 100_000
+"""Limit of the number of steps; those of a longer drive are longer."""
+
 _AT_ONCE = 1e9
 """A rate that stands for an infinite one: the product of it and 0 s is 0."""
 
@@ -29,8 +32,9 @@ def paths(plan: Plan, cars: Sequence[Car], instants: np.ndarray) -> np.ndarray:
     """
     rows = [*(row[:2] for row in plan.rows), (0.0, 0.0)]
     begins = np.cumsum([0, *(row.duration for row in plan.rows)]) / NANOSECONDS
-    end = max(begins[-1], float(instants.max())) + _STEP
-    times = np.union1d(begins, np.arange(0.0, end, _STEP))
+    end = max(0.0, float(instants.max()))
+    step = max(_STEP, end / _MAX_STEPS)
+    times = np.union1d(begins[begins <= end], np.arange(0.0, end + 2.0 * step, step))
     targets = np.array([[car.response(*row) for car in cars] for row in rows])  # (rows, cars, 2)
     rates = np.array([[car.acceleration, car.steering_rate] for car in cars])
     rates = np.minimum(rates, _AT_ONCE)

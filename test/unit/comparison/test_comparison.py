@@ -3,12 +3,14 @@
 import math
 import random
 
+import numpy as np
 import pytest
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.comparison import compare
 from mushr_ros_intro.comparison.drive_log import with_rows_of
+from mushr_ros_intro.stamps import NANOSECONDS
 from support.cars import plan_of
 from support.geometry import closed_form
 from support.recorded_drive import driven
@@ -45,6 +47,28 @@ def test_the_first_row_begins_at_the_start_pose(delay):
     """Also if the first pose of the drive comes some time after the first command."""
     log = driven(plan_of("1, 2, 3\n0.5, 0.1, 4"), Car(), random.Random(1), **EXACT)
     assert compare(log, Car(), delay).rows[0].distance == pytest.approx((2.0, 2.0), abs=1e-3)
+
+
+def compared_until(seconds):
+    """Return a drive whose rows end after 4 and 5 s; its poses end after `seconds`."""
+    log = driven(plan_of("0, 0, 0\n0.5, 0, 4\n0.25, 0, 1"), Car(), random.Random(1), **EXACT)
+    count = int(np.searchsorted(log.stamps, seconds * NANOSECONDS, side="right"))
+    return compare(log._replace(stamps=log.stamps[:count], poses=log.poses[:count]), Car(), 0.0)
+
+
+@pytest.mark.parametrize("seconds", [6.0, 5.1, 5.0])
+def test_the_last_row_is_shown_if_the_poses_end_just_after_it(seconds):
+    found = compared_until(seconds)
+    assert [row.end for row in found.rows] == [4.0, 5.0]
+    assert found.rows[1].driven == pytest.approx((2.25, 0.0, 0.0), abs=NEAR)
+    assert "note" not in "\n".join(diagnosis.as_text(found, "ideal"))
+
+
+def test_a_note_says_which_rows_have_no_result():
+    found = compared_until(4.5)
+    assert [row.end for row in found.rows] == [4.0]
+    text = "\n".join(diagnosis.as_text(found, "ideal"))
+    assert "note: the poses end too early for the last 1 row\n" in text
 
 
 def test_a_car_that_steers_to_the_left_is_left_of_the_path():

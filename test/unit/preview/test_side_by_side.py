@@ -30,3 +30,13 @@ def test_paths(name):
         stamps = (each * NANOSECONDS).astype(int).tolist()
         exact = [state.pose for state in states_at(plan, car, stamps)]
         assert np.abs(path - exact).max() < DEVIATION
+
+
+def test_only_the_instants_count_and_not_the_length_of_the_plan():
+    """A recorded command may be years after the others."""
+    plan = plan_named("identification")
+    years = plan.rows[-1]._replace(duration=500_000_000 * NANOSECONDS)
+    long = plan._replace(rows=(*plan.rows[:-1], years))
+    car = CARS["mushr_nano"]._replace(**NO_NOISE)
+    instants = np.linspace(0.0, 5.0, 50)[None]
+    assert np.array_equal(paths(long, [car], instants), paths(plan, [car], instants))
