@@ -90,6 +90,14 @@ def test_no_command():
     assert judgement.checks[1].message == "not judged: the node sent no command"
 
 
+def test_no_command_but_other_actions():
+    """What the node did is judged; the other checks are not."""
+    seen = drive("line", part=0.0, actions=("sends commands on /other",))._replace(sent=[])
+    judged = [each for each in judge_drive(seen, {}).checks if each.is_judged]
+    assert [each.name for each in judged] == ["node", "topics"]
+    assert "sends commands on /other" in judged[1].message
+
+
 def test_a_slow_drive():
     assert failed(drive("line", speed=0.5))["time"] == (
         "the drive takes 20.00 s; the path 5.00 s, at most 12.50 s allowed"

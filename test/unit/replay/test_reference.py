@@ -76,6 +76,24 @@ def test_a_plan_is_its_predicted_path():
     assert reference.duration == pytest.approx(22e9, rel=1e-3)
 
 
+def test_the_starts_are_in_the_frame_of_the_path(tmp_path):
+    path = tmp_path / "path.csv"
+    path.write_text("3,4,1.5707963,1\n3,5,1.5707963,1\n")
+    _, left, _, turned = read_references([str(path)], PLANS, 4).values()
+    assert left.start.is_close_to(Pose(2.7, 4, math.pi / 2), 1e-6)
+    assert turned.start.is_close_to(Pose(3, 4, math.pi / 2 + 0.4), 1e-6)
+
+
+def test_a_plan_that_stops(tmp_path):
+    """The car stands at the end, and this is no part of the path."""
+    path = tmp_path / "plan.txt"
+    path.write_text("0,0,0\n1,0\n0,0\n0,0\n")
+    (reference,) = read_references([str(path)], PLANS).values()
+    assert reference.poses[-1].is_close_to(Pose(1, 0, 0), 1e-9)
+    assert len(set(reference.poses)) == len(reference.poses)
+    assert reference.duration == pytest.approx(1e9, abs=1e8)
+
+
 def test_several_starts():
     references = read_references(["left_turn", "line"], PLANS, 3)
     assert [*references] == ["left_turn", "left_turn_2", "left_turn_3", "line", "line_2", "line_3"]
@@ -113,7 +131,7 @@ def test_resampling_keeps_the_ends_and_the_turns():
         ("2,0,0,1\n3,0,0,1\n", "path.csv: the start pose is in a wall, at least in part, at "),
         ("-2,0,0,1\n0,0,0,1\n", "path.csv: the start pose is off the map, at least in part, at "),
         ("1.5,0,1.57,1\n1.5,1,1.57,1\n", ""),
-        ("0,0,3.1,1\n1,0,-3.1,1\n", ""),  # turns by 0.08 rad
+        ("1.4,0,3.1,-1\n1.9,0,-3.1,-1\n", ""),  # turns by 0.08 rad; the heading is never 0
     ],
 )
 def test_a_path_that_hits_a_wall(tmp_path, text, message):
