@@ -319,6 +319,7 @@ RIGHT = {
     "spins_no_stop": {"stop": "", "end": "rospy.spin()"},
     "signal_shutdown": {"end": 'rospy.signal_shutdown("done")'},
     "exits": {"end": "sys.exit(0)"},
+    "lingers": {"end": 'rospy.signal_shutdown("done")\ntime.sleep(1.0)'},
     "computes": paced("sum(i * i for i in range(300000))\nrate.sleep()", "rate = rospy.Rate(10)"),
     "computes_before": {"warm_up": "sum(i * i for i in range(5000000))"},
     "child": {
@@ -388,6 +389,7 @@ WRONG = {
     ),
     "burst": (paced("pass"), "path"),
     "burst_no_stamp": ({**paced("pass"), **NO_STAMP}, "path"),
+    "endless_burst": ({"drive": "while True:\n    send(1.0, 0.1)"}, "node"),
     "burst_future_stamps": (
         {
             "drive": """

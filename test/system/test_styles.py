@@ -16,6 +16,7 @@ EXACT = [
     *("time_sleep", "thread_event", "asyncio", "poll_busy_no_stamp"),
     *full("select", "timer", "thread_sleep_no_stamp", "queue"),
     *full("pose_listener_time_sleep", "event_wait", "wall_rate", "computes"),
+    *full("connect_poll_busy", "lingers"),
 ]
 
 
@@ -47,6 +48,7 @@ def test_exact(tmp_path, name):
             "the node sends commands while the simulated clock stands, so it waits",
             marks=pytest.mark.full,
         ),
+        ("endless_burst", "the node sends more than 1000 commands per second; expected ten"),
         ("wall_stamps", "row 1 (1 s): the stamp of message 1 is wall-clock time, such as time.tim"),
     ],
 )

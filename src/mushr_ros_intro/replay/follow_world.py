@@ -16,10 +16,9 @@ from nav_msgs.srv import GetMap
 from mushr_ros_intro.car.model import at_rest
 from mushr_ros_intro.isolation.node_process import NodeProcess
 from mushr_ros_intro.replay.following import EXTRA_TIME
-from mushr_ros_intro.replay.pace import STEP, WALL_CLOCK, Pace
+from mushr_ros_intro.replay.pace import STEP, Pace
 from mushr_ros_intro.replay.reference import Reference
 from mushr_ros_intro.replay.world import (
-    CAR,
     CHECK_PERIOD,
     CONTROL,
     MAX_SILENCE,
@@ -165,14 +164,10 @@ class FollowWorld(ReplayWorld):
 
     def _fault(self, process: NodeProcess, pace: Pace) -> str:
         """Return why a running node has failed; empty if it has not failed."""
-        if not self.is_alive:
-            return f"the node has shut down {CAR}"
-        if pace.uses_wall_clock:
-            return WALL_CLOCK
         limit = MAX_TIME * self._reference.duration / NANOSECONDS + EXTRA_TIME
         if self.sent and (self.now - self.sent[0].arrived) / NANOSECONDS > limit:
             return f"the node still drives after {limit:g} s"
-        return process.excess()
+        return self.fault(process, pace)
 
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
         """Apply a command now, if its stamp is not ahead: the past has been reported."""

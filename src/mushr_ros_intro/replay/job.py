@@ -27,10 +27,10 @@ from mushr_ros_intro.replay.bag import write_bag
 from mushr_ros_intro.replay.follow_world import FollowWorld
 from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.judge import Judgement
-from mushr_ros_intro.replay.pace import WALL_CLOCK, Pace
+from mushr_ros_intro.replay.pace import Pace
 from mushr_ros_intro.replay.recording import Recorded, count_leading_stops
 from mushr_ros_intro.replay.reference import Exercise, Reference
-from mushr_ros_intro.replay.world import CAR, CHECK_PERIOD, CONTROL, MAX_SILENCE, ReplayWorld
+from mushr_ros_intro.replay.world import CHECK_PERIOD, CONTROL, MAX_SILENCE, ReplayWorld
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 
@@ -315,12 +315,8 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
 
 def _fault(process: NodeProcess, world: ReplayWorld, job: Job, pace: Pace) -> str:
     """Return why a running node has failed; empty if it has not failed."""
-    if not world.is_alive:
-        return f"the node has shut down {CAR}"
-    if pace.uses_wall_clock:
-        return WALL_CLOCK
-    if excess := process.excess():
-        return excess
+    if fault := world.fault(process, pace):
+        return fault
     sent, limit = world.sent, job.plan.duration * 3 // 2 + 5 * NANOSECONDS
     if sent and sent[-1].time - sent[0].time > limit:
         return (

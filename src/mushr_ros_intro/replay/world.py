@@ -26,7 +26,7 @@ from mushr_ros_intro.isolation.node_process import NodeProcess
 from mushr_ros_intro.isolation.threads import Threads
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
 from mushr_ros_intro.replay.judge import INITIAL_POSES
-from mushr_ros_intro.replay.pace import Pace
+from mushr_ros_intro.replay.pace import WALL_CLOCK, Pace
 from mushr_ros_intro.replay.recording import Sent
 from mushr_ros_intro.replay.replay_car import MUX, ReplayCar, ReplayMux
 from mushr_ros_intro.ros import conversions, node, ros_time, rospy_fixes
@@ -44,8 +44,8 @@ START = 1_000_000_000 * NANOSECONDS
 SHORT_NAP, LONG_NAP = 0.0002, 0.002
 """Time between two observations of the node [s of wall-clock time]."""
 
-MAX_QUEUED = 10_000
-"""A node that sends more commands without a pause does not stop the clock."""
+MAX_RATE = 1000
+"""A node that sends more commands per second has failed."""
 
 MAX_SILENCE = 60.0
 """A node that sends no command for this time hangs [s of simulated time]."""
@@ -135,10 +135,17 @@ class ReplayWorld:
         """What the node did besides driving the car, each action once."""
         return tuple(self._master.actions)
 
-    @property
-    def is_alive(self) -> bool:
-        """Whether the simulated car runs."""
-        return not rospy.is_shutdown()
+    def fault(self, process: NodeProcess, pace: Pace) -> str:
+        """Return why a running node has failed; empty if it has not failed."""
+        if rospy.is_shutdown():
+            return f"the node has shut down {CAR}"
+        if pace.uses_wall_clock:
+            return WALL_CLOCK
+        recent = self.sent[-MAX_RATE:]
+        is_fast = len(recent) == MAX_RATE and recent[-1].arrived - recent[0].arrived < NANOSECONDS
+        if is_fast or len(self._commands) > MAX_RATE:
+            return f"the node sends more than {MAX_RATE} commands per second; expected ten"
+        return process.excess()
 
     @property
     def is_ending(self) -> bool:
@@ -180,7 +187,7 @@ class ReplayWorld:
         else:
             pace.unsettle()
             duration = None if is_waiting else pace.advance(left, None)
-            if len(self._commands) <= MAX_QUEUED and not self._receiving.are_waiting():
+            if not self._receiving.are_waiting():
                 duration = None
         # Without a connection, the node has not initialised ROS yet.
         if duration is not None and (self.sent or self._clock.get_num_connections()):
@@ -271,7 +278,7 @@ class ReplayWorld:
         Args:
             timeout: how long a command is valid after its stamp [ns].
         """
-        while self.is_alive and not self._stands(timeout):
+        while not rospy.is_shutdown() and not self._stands(timeout):
             for _ in self.step(self._car.pose_period):
                 pass
 

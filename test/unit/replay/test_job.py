@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.replay import job
 from mushr_ros_intro.replay.job import Job, KilledError, ReplayError, run_job
 from support.recorded import PLAN, commands, replay, reported
@@ -75,3 +76,37 @@ def test_a_node_that_sends_no_stop():
     setting = SimpleNamespace(timeout=15.0)
     assert job._watch(process, world, Job("node", ("node",), PLAN, setting)) == ""
     assert world.silence == pytest.approx(job.DONE_AFTER, abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("first_line", "mode", "expected"),
+    [
+        ("#!/usr/bin/python3\n", 0o755, ["/usr/bin/python3"]),
+        ("#! /usr/bin/env python3\n", 0o755, ["/usr/bin/env", "python3"]),
+        ("#!/usr/bin/python3 -u -B\n", 0o755, ["/usr/bin/python3", "-u -B"]),
+        ("#!/usr/bin/env python3\r\n", 0o755, ["/usr/bin/env", "python3\r"]),
+        ("#!/usr/bin/python3\n", 0o644, []),
+        ("#!/bin/bash\n", 0o755, []),
+        ("import rospy\n", 0o755, []),
+    ],
+)
+def test_interpreter(tmp_path, first_line, mode, expected):
+    """A faulty first line has the same effect as without simulated time."""
+    path = tmp_path / "node.py"
+    path.write_bytes(first_line.encode() + b"import sys\n")
+    path.chmod(mode)
+    assert job.interpreter_of(str(path)) == expected
+
+
+def test_hashes_are_the_same_in_each_run(tmp_path):
+    """The order of a set depends on them."""
+    node, plan = tmp_path / "node.py", tmp_path / "my.txt"
+    node.write_text("#!/usr/bin/python3\n")
+    node.chmod(0o755)
+    plan.write_text("1,2,0.5\n")
+    setting = SimpleNamespace(remap=(), ros={}, sandbox=Sandbox())
+    replayed = Job("node", (str(node),), PLAN._replace(path=str(plan)), setting)
+    (tmp_path / "replay").mkdir()
+    command = job.sandboxed(replayed, str(tmp_path / "replay"), 5)
+    assert "PYTHONHASHSEED=0" in command
+    assert command[command.index("-c") + 2 :][:2] == ["5", str(node)]

@@ -235,9 +235,10 @@ def test_a_child_process_keeps_the_real_time():
     subprocess.run([sys.executable, "-c", FORKS], check=True)
 
 
-def test_queues_use_the_same_clock():
-    """Otherwise, their timeouts would be compared with the real time."""
+def test_what_is_replaced():
+    """Otherwise, timeouts would be compared with the real time, and outlast a shutdown."""
     code = "import mushr_ros_intro.replay.simulated_time as s, queue, threading, time; s.simulate()"
     check = "assert queue.time is threading._time is time.monotonic"
-    subprocess.run([sys.executable, "-c", f"{code}; {check}"], check=True)
+    hooks = "assert s.rospy.core._preshutdown_hooks == [s.sleepers.on_shutdown]"
+    subprocess.run([sys.executable, "-c", f"{code}; {check}; {hooks}"], check=True)
     assert queue.time is not simulated_time.wait
