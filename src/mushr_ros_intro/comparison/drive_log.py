@@ -157,11 +157,13 @@ def _check_poses(
             f"car; expected at least {_MIN_POSES}"
         )
     gaps = np.diff(stamps)
-    longest = int(np.argmax(gaps))
-    if gaps[longest] > _MAX_GAP:
+    without = np.append(stamps[0], gaps)  # the first one begins with the first command
+    longest = int(np.argmax(without))
+    if without[longest] > _MAX_GAP:
+        begin = stamps[longest - 1] if longest else 0
         raise UserError(
-            f"{name}: {topic} has no pose for {gaps[longest] / NANOSECONDS:.1f} s from "
-            f"{stamps[longest] / NANOSECONDS:.1f} s after the first command on; expected poses "
+            f"{name}: {topic} has no pose for {without[longest] / NANOSECONDS:.1f} s from "
+            f"{begin / NANOSECONDS:.1f} s after the first command on; expected poses "
             "during the whole drive"
         )
     extent = float(np.hypot(*np.ptp(poses[:, :2], axis=0)))

@@ -103,6 +103,14 @@ def test_poses_that_stop_during_the_drive():
         log_of(commands, poses)
 
 
+def test_poses_that_begin_long_after_the_first_command():
+    commands, poses = messages(plan_of("0, 0, 0\n0.5, 0.1, 9"))
+    late = [i for i, stamp in enumerate(poses.stamps) if stamp > commands.stamps[0] + 3 * 10**9]
+    columns = ([column[i] for i in late] for column in (poses.arrivals, poses.stamps, poses.values))
+    with pytest.raises(UserError, match=r"no pose for 3.\d s from 0.0 s after the first command"):
+        log_of(commands, poses.__class__(poses.topic, *columns))
+
+
 def test_rows_of_the_plan():
     log = with_rows_of(log_of(*messages()), PLAN)
     assert log.plan.rows == PLAN.rows
