@@ -1,5 +1,6 @@
 """A controller drives equally under any load."""
 
+import contextlib
 import glob
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -20,7 +21,7 @@ STYLES = [
 def pin_replays(processors):
     """Let the server of multiprocessing, which starts all replays, use some processors only."""
     for path in glob.glob("/proc/self/task/*/children"):
-        with open(path, encoding="ascii") as file:
+        with contextlib.suppress(FileNotFoundError), open(path, encoding="ascii") as file:  # ended
             for child in file.read().split():
                 os.sched_setaffinity(int(child), processors)
 
