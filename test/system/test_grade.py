@@ -10,7 +10,7 @@ import pytest
 from roslib.packages import find_node
 
 from support import classroom as submissions
-from support.grading import AS_ROOT, ISOLATED, PLAN, WITHOUT_NAMESPACES, assert_status
+from support.grading import ISOLATED, PLAN, PRIVILEGED, WITHOUT_NAMESPACES, assert_status
 from support.helpers import Process, wait_for
 from support.paths import PACKAGE
 
@@ -88,7 +88,7 @@ def test_a_plan_of_a_submission_is_not_used(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-@AS_ROOT
+@PRIVILEGED
 def test_the_name_of_the_machine_does_not_resolve():
     """Debian's packages set no ROS_HOSTNAME."""
     rename = "echo nowhere >/proc/sys/kernel/hostname"

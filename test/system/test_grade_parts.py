@@ -10,7 +10,7 @@ import pytest
 import rosbag
 
 from support import classroom as submissions
-from support.grading import AS_ROOT, ISOLATED, PLAN, WITHOUT_NAMESPACES, assert_status, load
+from support.grading import ISOLATED, PLAN, PRIVILEGED, WITHOUT_NAMESPACES, assert_status, load
 
 GENERATES = """
 find_package(catkin REQUIRED COMPONENTS ackermann_msgs)
@@ -108,7 +108,7 @@ def test_gradescope(parts, tmp_path):
     assert sum(test["score"] for test in json.loads(path.read_text())["tests"]) == 9
 
 
-@AS_ROOT
+@PRIVILEGED
 def test_no_node_can_run(parts, tmp_path):
     """If a fault of the machine would make each submission fail, grade.py judges none."""
     folders = ("/tmp", "/var/tmp")
