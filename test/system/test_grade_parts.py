@@ -38,10 +38,12 @@ def parts(tmp_path_factory):
     package = submissions.write(folder, "zipped", submissions.RIGHT)
     shutil.make_archive(str(folder / "class" / "zipped"), "zip", package)
     uses = submissions.before("import generated\nassert generated.ANSWER == 42")
-    attacked = f"{folder}/attacked"
+    attacked = f"{folder}/attacked"  # by code that runs with the environment of grade.py
+    python = f"import os; 'GRADER' in os.environ and open({attacked!r}, 'w').close()"
     package = submissions.write(folder / "class", "builds", uses, cmake=GENERATES + HOOK)
-    files = {f"{name}.py": f"open({attacked!r}, 'w').close()" for name in SHADOWS}
-    for name, text in {**files, "attack.sh": f"touch {attacked}"}.items():
+    files = {f"{name}.py": python for name in SHADOWS}
+    files["attack.sh"] = f'[ -z "$GRADER" ] || touch {attacked}'
+    for name, text in files.items():
         with open(f"{package}/src/{name}", "w", encoding="ascii") as file:
             file.write(f"{text}\n")
     sees = f'if(EXISTS "{folder}/plan.txt")\n  message("sees the plan")\nendif()\n'
@@ -53,7 +55,8 @@ def parts(tmp_path_factory):
     plan = ("--plans", folder / "plan.txt", "--points", folder / "points.yaml")
     command = (folder / "class", *plan, "--shard")
     first = (*command, "1/2", "--out", folder / "1", "--bag")
-    assert_status(0, *first, prefix=WITHOUT_NAMESPACES, TMPDIR=str(folder / "private"))
+    environment = {"TMPDIR": str(folder / "private"), "GRADER": "1"}
+    assert_status(0, *first, prefix=WITHOUT_NAMESPACES, **environment)
     assert_status(1, *command, "2/2", "--out", folder / "2")
     return folder
 
