@@ -39,6 +39,10 @@ _NO_INFLUENCE = {"classroom", "browser", "doctor", "authoring"}
 """Folders of the library without influence on a verdict."""
 
 
+def _ignore_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 class Task(NamedTuple):
     """A submission, and the plans that it drives."""
 
@@ -100,8 +104,7 @@ class Grading:
         self._artists = ProcessPoolExecutor(
             os.cpu_count(),
             multiprocessing.get_context("forkserver"),
-            signal.signal,
-            (signal.SIGINT, signal.SIG_IGN),
+            _ignore_interrupts,
         )
         grid = setting.grid
         world = grid and (grid.cells.tobytes(), grid.cells.shape, grid.resolution, grid.origin)

@@ -6,6 +6,7 @@ import os
 import runpy
 import subprocess
 import sys
+from unittest import mock
 
 import pytest
 
@@ -31,9 +32,8 @@ def make(folder, *arguments, like=LIKE, students=CLASS):
     (folder / "class.csv").write_text(students)
     files = ("--like", folder / "like.txt", "--students", folder / "class.csv")
     words = ["make_plans", *files, "--out", folder / "plans", *arguments]
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as ended:
-        patch.setattr(sys, "argv", [*map(str, words)])
-        patch.setattr(sys, "path", [*sys.path])
+    argv, path = mock.patch("sys.argv", [*map(str, words)]), mock.patch("sys.path", [*sys.path])
+    with argv, path, pytest.raises(SystemExit) as ended:
         runpy.run_path(os.path.join(CHECKOUT, "scripts", "make_plans"), run_name="__main__")
     return ended.value.code
 
