@@ -155,7 +155,7 @@ def pictures(page):
     for source in page.all("img", "src"):
         assert source.startswith(start)
         root = ElementTree.fromstring(base64.b64decode(source[len(start) :]))
-        yield set(re.findall("stroke: (#[0-9a-f]{6})", ElementTree.tostring(root, "unicode")))
+        yield set(re.findall("stroke: ?(#[0-9a-f]{6})", ElementTree.tostring(root, "unicode")))
 
 
 @pytest.mark.parametrize(
