@@ -48,7 +48,7 @@ def test_environment_without_namespaces():
 def test_interrupted(tmp_path):
     """Ctrl-C keeps what is graded; then the same command grades the rest."""
     submissions.write(tmp_path / "class", "right", submissions.RIGHT)
-    submissions.write(tmp_path / "class", "silent", submissions.WRONG["silent"][0])
+    submissions.write(tmp_path / "class", "silent", submissions.before("while True: pass"))
     (tmp_path / "plan.txt").write_text(PLAN)
     plan = ("--plans", tmp_path / "plan.txt", "--out", tmp_path / "out", "--timeout", 8)
     command = (find_node("mushr_ros_intro", "grade.py")[0], tmp_path / "class", *plan)
