@@ -71,10 +71,7 @@ class ReplayWorld:
     """
 
     def __init__(
-        self,
-        parameters: Dict[str, Any],
-        mux: Dict[str, Any],
-        grid: Optional[Grid],
+        self, parameters: Dict[str, Any], mux: Dict[str, Any], grid: Optional[Grid]
     ) -> None:
         """Start the nodes.
 
@@ -227,8 +224,7 @@ class ReplayWorld:
     def _process(self, pace: Optional[Pace] = None) -> bool:
         """Process the messages that have arrived; return whether there were any."""
         count = len(self._poses) + len(self._commands)
-        if count:
-            self.count += count
+        self.count += count
         while self._poses:
             self._on_initial_pose(self._poses.popleft())
         while self._commands:
