@@ -70,7 +70,8 @@ def _try_attacks(plan: Plan, setting: Setting) -> Dict[str, str]:
             found[LEAVE] = " ".join(_end_survivors(token))
             for name, most in REPEATED.items():
                 output = run(name)
-                reached = output.splitlines()[-1]
+                # When it is ended, Python may print an exception of a process that has just begun.
+                *_, reached = (line for line in output.splitlines() if line[:1].isdigit())
                 found[name] = reached if int(reached.split()[0]) > most else ""
             return found
     raise ReplayError(f"the attacks could not be tried: {output or 'they printed nothing'}")
