@@ -134,10 +134,11 @@ MISUSES = {
         """,
         "publishes on /car/mux/ackermann_cmd_mux/output",
     ),
-    "teleop": (
+    "teleop": (  # the messages name another topic
         """
         topic = "/car/mux/ackermann_cmd_mux/input/teleop"
-        teleop = rospy.Publisher(topic, AckermannDriveStamped, queue_size=1)
+        named = {"topic": topic.replace("teleop", "navigation")}
+        teleop = rospy.Publisher(topic, AckermannDriveStamped, queue_size=1, headers=named)
         while not teleop.get_num_connections():
             time.sleep(0.01)
         teleop.publish(AckermannDriveStamped(drive=AckermannDrive(speed=1.0)))

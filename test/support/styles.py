@@ -9,7 +9,7 @@ import textwrap
 
 TEMPLATE = """\
 #!/usr/bin/python3
-import asyncio, math, os, queue, select, signal, subprocess, sys, threading, time
+import asyncio, datetime, math, os, queue, select, signal, subprocess, sys, threading, time
 import rospy
 from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -222,6 +222,12 @@ RIGHT = {
         **NO_STAMP,
     },
     "monotonic_10ms": until("time.sleep(0.01)", "time.monotonic()", "0.1"),
+    "datetime": until(
+        "time.sleep(0.001)", "datetime.datetime.now()", "datetime.timedelta(seconds=0.1)"
+    ),
+    "clock_gettime": until(
+        "time.sleep(0.001)", "time.clock_gettime_ns(time.CLOCK_MONOTONIC)", "100000000"
+    ),
     "event_wait": paced("threading.Event().wait(0.1)"),
     "select": {**paced("select.select([], [], [], 0.1)"), **NO_STAMP},
     "wall_rate": paced(

@@ -29,6 +29,9 @@ _LEFT = "left"
 
 _LOCK = ".lock"
 
+_HASH = ', "hash": "'
+"""Precedes the last value in a file: the hash of the JSON object without this value."""
+
 
 class Key(NamedTuple):
     """Hashes of what a verdict on a drive depends on."""
@@ -115,7 +118,9 @@ class Store:
         students = [student._asdict() for student in record.grade.students]
         grade = {**record.grade._asdict(), "students": students, "plans": []}
         values = {**grade, "time": record.time, "drives": drives}
-        write_text(os.path.join(self._folder, f"{record.grade.name}.json"), json.dumps(values))
+        text = json.dumps(values)
+        text = f'{text[:-1]}{_HASH}{hash_of(text.encode())}"}}'
+        write_text(os.path.join(self._folder, f"{record.grade.name}.json"), text)
 
     def set_aside(self, names: Iterable[str]) -> None:
         """Move the results of all other submissions than `names` to the folder left/."""
@@ -162,10 +167,15 @@ def _read(path: str) -> Record:
     """Return a stored result.
 
     Raises:
-        OSError, ValueError, KeyError, TypeError: the file cannot be read, or is something else.
+        OSError, ValueError: the file cannot be read, or has been changed.
+        KeyError, TypeError: another version of this package has written it.
     """
     with open(path, encoding="ascii") as file:
-        values = json.load(file)
+        text, _, digest = file.read().rpartition(_HASH)
+    text += "}"
+    if digest != f'{hash_of(text.encode())}"}}':
+        raise ValueError(f"{path} has been changed, or is not complete")
+    values = json.loads(text)
     time = values.pop("time")
     drives = {name: _drive_from_json(value) for name, value in values.pop("drives").items()}
     is_judged = not values["fault"] and not values["error"]

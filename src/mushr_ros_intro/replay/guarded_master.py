@@ -14,6 +14,12 @@ from rosmaster.master_api import ROSMasterHandler
 REFUSED: Tuple[int, str, int] = (-1, "refused, because it would change the simulated car", 0)
 """The answer to a refused call."""
 
+MAX_NAMES = 100
+"""So many actions of a node, and topics, are recorded: enough for a message."""
+
+MAX_TEXT = 200
+"""Their descriptions are not longer [characters]."""
+
 WAKE_UP_PERIOD = 0.02
 """Period of the calls to a node that has left ROS [s of wall-clock time]."""
 
@@ -29,9 +35,9 @@ class GuardedMaster(ROSMasterHandler):
     def __init__(self) -> None:
         super().__init__()
         self.actions: List[str] = []
-        """What the node tried to do to the simulated car, each action once."""
+        """The first actions that the node tried on the simulated car, each once."""
         self.published: Dict[str, str] = {}
-        """The types of the topics on which the node under test has published, by topic."""
+        """The types of the first topics on which the node has published, by topic."""
         self._updates: Dict[str, List[str]] = {}  # of publishers, by topic, for the owner
         self._owner: Optional[str] = None
         self._parameters: Tuple[str, ...] = ()
@@ -95,7 +101,8 @@ class GuardedMaster(ROSMasterHandler):
 
     def record(self, action: str) -> None:
         """Record an action of the node under test."""
-        if action not in self.actions:
+        action = action[:MAX_TEXT]
+        if action not in self.actions and len(self.actions) < MAX_NAMES:
             self.actions.append(action)
 
     def _dispatch(self, method: str, params: Tuple[Any, ...]) -> Any:
@@ -105,7 +112,8 @@ class GuardedMaster(ROSMasterHandler):
         if self._owner is not None:
             if method == "registerPublisher" and len(params) > 2:
                 caller, topic, kind = map(str, params[:3])
-                self.published[resolve_name(topic, caller)] = kind
+                if len(self.published) < MAX_NAMES:
+                    self.published[resolve_name(topic, caller)[:MAX_TEXT]] = kind[:MAX_TEXT]
             action = self._action(method, *map(str, params[:2]))
             if action:
                 self.record(action)

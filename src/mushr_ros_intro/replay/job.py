@@ -256,7 +256,8 @@ def _world_of(job: Job) -> ReplayWorld:
 def interpreter_of(path: str) -> List[str]:
     """Return the words in the first line of a Python program; none of another program."""
     with open(path, "rb") as file:
-        words = re.fullmatch(r"#![ \t]*([^ \t]+)[ \t]*(.*)\n", os.fsdecode(file.readline(200)))
+        line = os.fsdecode(file.readline(200))
+    words = re.fullmatch(r"#![ \t]*([^ \t]+)[ \t]*(.*?)[ \t]*\n", line)
     is_python = words and "python" in words[0] and os.access(path, os.X_OK)
     return [each for each in words.groups() if each] if words and is_python else []
 

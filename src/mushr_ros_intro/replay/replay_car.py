@@ -29,8 +29,12 @@ class ReplayCar(CarSim):
         super().__init__(publishes_clock=False)
 
     def _connect(self) -> None:
-        topic = "initialpose"
-        rospy.Subscriber(topic, PoseWithCovarianceStamped, self._poses.append, tcp_nodelay=True)
+        def on_pose(msg: PoseWithCovarianceStamped) -> None:
+            msg._connection_header = {"topic": poses.resolved_name}  # not what its sender says
+            self._poses.append(msg)
+
+        kind = PoseWithCovarianceStamped
+        poses = rospy.Subscriber("initialpose", kind, on_pose, tcp_nodelay=True)
 
     def states_at(self, stamps: Sequence[int]) -> List[State]:
         """Return the states at instants [ns], which are reported then."""
@@ -83,6 +87,7 @@ class ReplayMux(AckermannCmdMux):
         super().__init__(MUX)
 
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
+        msg._connection_header = {"topic": self._resolve(source.topic)}  # not what its sender says
         self._commands.append((msg, source))
 
     def on_command(self, msg: AckermannDriveStamped, source: Input) -> None:

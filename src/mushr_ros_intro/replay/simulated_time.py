@@ -1,10 +1,10 @@
 """Run a Python program in simulated time: `python3 -c THIS_FILE FILE PROGRAM ARGUMENT...`.
 
-The clocks of the module time advance with the time of ROS, from other values on, so that a stamp of
-one of them is recognised. The program sleeps in this time with `time.sleep`, `rospy.sleep`,
-`rospy.Rate` and `rospy.Timer`, and waits in it with the timeouts of threading, queue, select and
-asyncio. A thread that reads the time again and again sleeps for POLL_PERIOD. The random numbers of
-`random` and `numpy.random` are the same in each run.
+The clocks of the modules time and datetime advance with the time of ROS, from other values on, so
+that a stamp of one of them is recognised. The program sleeps in this time with `time.sleep`,
+`rospy.sleep`, `rospy.Rate` and `rospy.Timer`, and waits in it with the timeouts of threading,
+queue, select and asyncio. A thread that reads the time again and again sleeps for POLL_PERIOD. The
+random numbers of `random` and `numpy.random` are the same in each run.
 
 If several threads are due, each message on /clock wakes one of them, in the order of their due
 times. So the order does not depend on the load of the machine. The program writes to FILE, the
@@ -22,6 +22,7 @@ if __name__ == "__main__":
     del sys.path[0]  # the current directory, whose modules the program does not import
 
 import contextlib
+import datetime
 import heapq
 import itertools
 import os
@@ -45,6 +46,13 @@ START = 1_000_000_000_000_000_000
 
 STARTS = {"time": 1_800_000_000_000_000_000, "monotonic": 0, "perf_counter": 0}
 """The times of other clocks then, by their names in the module time [ns]."""
+
+CLOCKS = {
+    time.CLOCK_REALTIME: "time",
+    **dict.fromkeys((time.CLOCK_MONOTONIC, time.CLOCK_MONOTONIC_RAW), "monotonic"),
+    time.CLOCK_BOOTTIME: "monotonic",
+}
+"""Their names by the numbers for clock_gettime; the other clocks measure processor time."""
 
 SHUTDOWN_POLL = 0.001
 """Period at which a thread waits for the end of a shutdown of ROS [s of wall-clock time]."""
@@ -193,6 +201,30 @@ def simulate_clock(name: str, start: int) -> None:
     replace(f"{name}_ns", lambda now: now)
 
 
+def simulate_clock_gettime(ending: str) -> None:
+    """Replace `time.clock_gettime` or, with the ending "_ns", `time.clock_gettime_ns`."""
+    real = getattr(time, f"clock_gettime{ending}")
+
+    def gettime(clock: int) -> Any:
+        return getattr(time, CLOCKS[clock] + ending)() if clock in CLOCKS else real(clock)
+
+    setattr(time, f"clock_gettime{ending}", gettime)
+
+
+class Datetime(datetime.datetime):
+    """A datetime that reads the time with `time.time`, as `datetime.datetime.today` does."""
+
+    @classmethod
+    def now(cls, tz: Optional[datetime.tzinfo] = None) -> "Datetime":
+        """Return the time in a time zone."""
+        return cls.fromtimestamp(time.time(), tz)
+
+    @classmethod
+    def utcnow(cls) -> "Datetime":
+        """Return the time in UTC, without a time zone."""
+        return cls.now(datetime.timezone.utc).replace(tzinfo=None)
+
+
 def read_in_ros() -> Any:
     """Return the time, as `rospy.get_rostime`."""
     poll()
@@ -283,6 +315,9 @@ def simulate() -> None:
     time.sleep = sleep
     for name, start in STARTS.items():
         simulate_clock(name, start)
+    for ending in ("", "_ns"):
+        simulate_clock_gettime(ending)
+    datetime.datetime = Datetime  # type: ignore
     threading._time = queue.time = time.monotonic  # type: ignore
     threading.Condition.wait = wait  # type: ignore
     select.select = polling(select.select)

@@ -5,7 +5,7 @@ import xmlrpc.server
 
 import pytest
 
-from mushr_ros_intro.replay.guarded_master import REFUSED, GuardedMaster
+from mushr_ros_intro.replay.guarded_master import MAX_NAMES, MAX_TEXT, REFUSED, GuardedMaster
 from support.helpers import wait_for
 
 CAR = "/car/car_sim"
@@ -85,6 +85,17 @@ def master():
     assert made.actions == []
     made.guard(CAR, ["/use_sim_time", CAR], ["/commands"])
     return made
+
+
+def test_names_are_few_and_short(master):
+    """A node cannot make a verdict long, or slow."""
+    for number in range(2 * MAX_NAMES):
+        name = f"/car/car_sim/{number}{'a' * 2000}"
+        master._dispatch("setParam", ("/student", name, 1))
+        master._dispatch("registerPublisher", ("/student", f"/{name}", name, API))
+    for texts in (master.actions, master.published, master.published.values()):
+        assert len(texts) == MAX_NAMES
+        assert max(map(len, texts)) == MAX_TEXT
 
 
 @pytest.mark.parametrize(("call", "action", "is_refused"), ACTIONS)

@@ -84,6 +84,7 @@ def test_a_node_that_sends_no_stop():
         ("#!/usr/bin/python3\n", 0o755, ["/usr/bin/python3"]),
         ("#! /usr/bin/env python3\n", 0o755, ["/usr/bin/env", "python3"]),
         ("#!/usr/bin/python3 -u -B\n", 0o755, ["/usr/bin/python3", "-u -B"]),
+        ("#!/usr/bin/env python3 \t\n", 0o755, ["/usr/bin/env", "python3"]),
         ("#!/usr/bin/env python3\r\n", 0o755, ["/usr/bin/env", "python3\r"]),
         ("#!/usr/bin/python3\n", 0o644, []),
         ("#!/bin/bash\n", 0o755, []),

@@ -183,6 +183,16 @@ def later(index, shift):
     return moved(COMMANDS, [shift if k == index else 0 for k in range(len(COMMANDS))])
 
 
+@pytest.mark.parametrize("seconds", [0.5, 0.8, 1.0, 1.2])
+def test_two_commands_at_the_begin(seconds):
+    """A rospy.Rate that was made long before the drive does not wait the first time."""
+    rows = [(2.0, 0.1, seconds), (1.0, -0.1, 1.0)]
+    sent = commands(rows)
+    sent = moved(sent, [-TENTH * (k > 0) for k in range(len(sent))])
+    plan = recorded.plan_of((1, 2, 0.5), rows)
+    assert "rate" not in judged(replay(plan, sent))[0]
+
+
 HURRIED = moved(COMMANDS[:10], [-k * TENTH * 2 // 10 for k in range(10)])
 BURST = [
     each._replace(arrived=BEGIN - TENTH + k // 8 * 8 * TENTH) for k, each in enumerate(COMMANDS)

@@ -45,6 +45,7 @@ def test_a_path_in_reverse(tmp_path):
         ("0,0,0,1\nx,y,heading,speed\n", "path.csv:2: found"),
         ("0,0,0,1\n1,nan,0,1\n", "path.csv:2: found"),
         ("0,0,0,1\n2e6,0,0,1\n", "path.csv:2: found"),
+        ("0,0,0,1\n" + 200_000 * "1", r"path.csv:2: found '1{80}'; expected"),
         ("0,0,0,1\n", "path.csv: expected a path of at least two different poses"),
         ("", "path.csv: expected a path"),
     ],

@@ -157,10 +157,15 @@ def test_files(ros):
 
 PROGRAM = """
 import random, sys, time
+from datetime import datetime, timezone
 import numpy
 import other
 print(random.random(), numpy.random.random())
 print(time.time(), time.monotonic_ns(), time.perf_counter(), __name__, __file__, sys.argv[1:])
+print(time.clock_gettime(time.CLOCK_REALTIME), time.clock_gettime_ns(time.CLOCK_BOOTTIME))
+print(time.clock_gettime(time.CLOCK_THREAD_CPUTIME_ID) > 0.0)
+print(datetime.now() == datetime.today() == datetime.fromtimestamp(time.time()))
+print(datetime.utcnow(), datetime.now(timezone.utc))
 other.fail()
 """
 OTHER = "def fail():\n    raise IndexError(3)\n"
@@ -189,9 +194,13 @@ def test_a_program(tmp_path):
     assert done.stdout.splitlines() == [
         "{} {}".format(*numbers),
         f"1800000000.0 0 0.0 __main__ {path} ['a', 'b']",
+        "1800000000.0 0",
+        "True",
+        "True",
+        "2027-01-15 08:00:00 2027-01-15 08:00:00+00:00",
     ]
     lines = [line.strip() for line in done.stderr.splitlines()]
-    assert lines[1].startswith(f'File "{path}", line 7, in <module>')
+    assert lines[1].startswith(f'File "{path}", line 12, in <module>')
     assert lines[-1] == "IndexError: 3"
     assert done.returncode == 1
 
