@@ -6,6 +6,7 @@ package, which a node cannot see. It prints the attacks that succeed, and how.
 """
 
 import ctypes
+import fcntl
 import importlib.util
 import json
 import mmap
@@ -82,6 +83,17 @@ def _add_key(targets: Targets) -> Any:
     return _LIBC.syscall(targets.add_key, *arguments) != -1
 
 
+def _use_together(_: Targets) -> Iterator[str]:
+    """Lock or watch a file that all nodes see."""
+    with open("/usr/bin/env", "rb") as file:
+        for lock in (fcntl.flock, fcntl.lockf):
+            with suppress(OSError):
+                lock(file, fcntl.LOCK_SH)
+                yield lock.__name__
+    if _LIBC.inotify_init() != -1:
+        yield "inotify"
+
+
 def _privileges(_: Targets) -> Iterator[str]:
     with open("/proc/self/status", encoding="ascii") as file:
         status = dict(line.split(":\t", 1) for line in file if ":\t" in line)
@@ -140,6 +152,7 @@ ATTACKS: Dict[str, Callable[[Targets], Any]] = {
     "write to the folders of the system": _write_system,
     "fill the memory with files in `/tmp` or `/dev/shm`": _fill,
     "keep a key in the kernel for the next replay": _add_key,
+    "signal to another node with a lock on a file": _use_together,
     "use privileges, or gain them": _privileges,
     "read the environment or the arguments of grade.py": _see_environment,
     "see the processes of the machine": _see_process,

@@ -11,6 +11,9 @@ from typing import Any, List
 
 _CLONE_NEWNET = 0x40000000
 _CLONE_NEWUSER = 0x10000000
+_LOCKS = (*range(5, 8), *range(36, 39), 1026)
+"""All commands of fcntl(2) that see what other processes do: F_GETLK to F_OFD_SETLKW, F_NOTIFY."""
+
 _NAMESPACES = (0x80, *(1 << bit for bit in (17, *range(25, 31))))
 """All flags CLONE_NEW... of clone(2) and unshare(2)."""
 
@@ -29,8 +32,10 @@ FORBIDDEN = {
     errno.ENOSYS: (
         "clone3",  # its flags are in memory, where a filter cannot read them
         "io_uring_setup",  # opens sockets past the filter
+        *("fanotify_init", "inotify_init", "inotify_init1"),  # what other processes do with a file
         *("memfd_create", "shmget"),  # memory that belongs to no process
     ),
+    errno.ENOLCK: ("flock",),  # another node would see the lock
 }
 """The system calls that a node may not use, and the error that it gets."""
 
@@ -38,9 +43,10 @@ FORBIDDEN = {
 def make_filter() -> Any:
     """Return the filter of system calls for nodes, a seccomp.SyscallFilter.
 
-    It also forbids new namespaces; sockets other than those of Unix, IP and netlink, such as
-    AF_VSOCK, which reaches the host of a virtual machine; and shared memory without a file, which
-    the limit on the data of a process does not count.
+    It also forbids locks on files, which another node would see on a file of the system; new
+    namespaces; sockets other than those of Unix, IP and netlink, such as AF_VSOCK, which reaches
+    the host of a virtual machine; and shared memory without a file, which the limit on the data of
+    a process does not count.
     """
     import seccomp  # python3-seccomp, which only the isolation of submissions needs
 
@@ -48,6 +54,9 @@ def make_filter() -> Any:
     for error, names in FORBIDDEN.items():
         for name in names:
             made.add_rule(seccomp.ERRNO(error), name)
+    for command in _LOCKS:
+        given = seccomp.Arg(1, seccomp.EQ, command)
+        made.add_rule(seccomp.ERRNO(errno.ENOLCK), "fcntl", given)
     for flag in _NAMESPACES[1:]:  # clone(2) has no CLONE_NEWTIME
         given = seccomp.Arg(0, seccomp.MASKED_EQ, flag, flag)
         made.add_rule(seccomp.ERRNO(errno.EPERM), "clone", given)
