@@ -5,9 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 
+from mushr_ros_intro.car import model
 from mushr_ros_intro.replay.follow_world import REST, FollowWorld
 from mushr_ros_intro.replay.pace import STEP
-from mushr_ros_intro.replay.world import ReplayWorld
+from mushr_ros_intro.replay.world import CONTROL, ReplayWorld
+from mushr_ros_intro.ros import conversions
 
 MS = 1_000_000
 NOW = 1010 * MS
@@ -50,3 +52,20 @@ def test_the_path_arrives_at_a_whole_second(now, expected):
     master = SimpleNamespace(services=SimpleNamespace(map={}))
     world = SimpleNamespace(_has_path=False, now=now, _paths=paths, _path=None, _master=master)
     assert list(FollowWorld._give(world)) == expected
+
+
+@pytest.mark.parametrize(
+    ("stamp", "expected"),
+    [(0, NOW), (NOW - 20 * MS, NOW), (NOW - 900 * MS, NOW), (NOW, NOW), (NOW + MS, NOW + MS)],
+)
+def test_when_a_command_of_a_controller_applies(stamp, expected):
+    """The controller has seen the past, so no stamp of a command can change it."""
+    msg = conversions.command_to_msg(model.Command(stamp, 1.0, 0.1), "")
+    msg._connection_header = {"topic": CONTROL}
+    forwarded = []
+    world = object.__new__(FollowWorld)
+    world.now, world.sent, world._begin = NOW, [], NOW
+    world._mux = SimpleNamespace(on_command=lambda msg, _: forwarded.append(msg.header.stamp))
+    world._on_command(msg, None)
+    assert [each.to_nsec() for each in forwarded] == [expected]
+    assert [each.time for each in world.sent] == [expected]
