@@ -59,6 +59,22 @@ def test_a_car_that_drives_beyond_the_end_of_a_closed_path():
     assert failed(seen) == {}
 
 
+def test_a_drive_beside_a_path_that_crosses_itself():
+    """Where the car crosses the other part of the path, it does not count as being there."""
+    found = judge_drive(drive("closed_figure_8", 0.1), {}).drive
+    assert found.distances == pytest.approx(0.1, abs=0.01)
+
+
+def test_a_car_that_drives_back_for_a_while():
+    """It is beside the path as if it drove forward."""
+    seen = drive("line")
+    back = seen.poses[200:180:-1]  # 0.4 m
+    poses = np.vstack([seen.poses[:200], back, seen.poses[180:]])
+    stamps = recorded.BEGIN + STEP * np.arange(len(poses))
+    exact = {"cross_track": 0.011, "rms": 0.011}
+    assert failed(seen._replace(poses=poses, stamps=stamps), **exact) == {}
+
+
 def test_a_drive_beside_the_path():
     assert failed(drive("line", 0.19)) == {}
     messages = failed(drive("line", 0.25))
@@ -87,6 +103,7 @@ def test_a_car_that_does_not_move_on_a_closed_path():
 def test_no_command():
     judgement = judge_drive(drive("line", part=0.0)._replace(sent=(), outcome="it hangs"), {})
     assert [each.name for each in judgement.checks if each.is_judged] == ["node"]
+    assert (judgement.checks[0].passed, judgement.checks[0].message) == (False, "it hangs")
     assert judgement.checks[1].message == "not judged: the node sent no command"
 
 

@@ -1,6 +1,7 @@
 """Check what a replay knows about the threads of the node."""
 
 import os
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from mushr_ros_intro.car import model
 from mushr_ros_intro.replay.follow_world import REST, FollowWorld
 from mushr_ros_intro.replay.pace import STEP
-from mushr_ros_intro.replay.world import CONTROL, ReplayWorld
+from mushr_ros_intro.replay.world import CONTROL, START, ReplayWorld
 from mushr_ros_intro.ros import conversions
 
 MS = 1_000_000
@@ -46,12 +47,91 @@ def test_the_end_of_a_drive(since, expected):
     assert FollowWorld.stands.fget(world) == expected
 
 
-@pytest.mark.parametrize(("now", "expected"), [(1000 * MS, [2]), (1000 * MS + STEP, [])])
-def test_the_path_arrives_at_a_whole_second(now, expected):
-    paths = SimpleNamespace(get_num_connections=lambda: 2, publish=lambda _: None)
-    master = SimpleNamespace(services=SimpleNamespace(map={}))
-    world = SimpleNamespace(_has_path=False, now=now, _paths=paths, _path=None, _master=master)
-    assert list(FollowWorld._give(world)) == expected
+@pytest.mark.parametrize("commands", [(), ((0, 0.0),), ((0, 0.0), (2 * REST, 1.0))])
+def test_a_car_that_has_not_driven_yet(commands):
+    """It stands, but the drive has not ended; a command to stand is no drive."""
+    sent = [SimpleNamespace(arrived=arrived, speed=speed) for arrived, speed in commands]
+    world = SimpleNamespace(sent=sent, now=3 * REST, states=300 * [SimpleNamespace(pose=0)])
+    assert not FollowWorld.stands.fget(world)
+
+
+SERVICE = "/car/controller/follow_path"
+
+
+@pytest.mark.parametrize(
+    ("now", "services", "expected"),
+    [
+        (1000 * MS, {}, ([2], "")),
+        (1000 * MS, {"/other": None, SERVICE: None}, ([1], SERVICE)),
+        (1000 * MS + STEP, {SERVICE: None}, ([], "")),
+        (1000 * MS + STEP, {}, ([], "")),
+    ],
+)
+def test_the_path_arrives_at_a_whole_second(now, services, expected):
+    """In the service of the node, if it has one."""
+    world = object.__new__(FollowWorld)
+    world._has_path, world._service, world._has_service = False, "", threading.Event()
+    world.now, world._path = now, None
+    world._paths = SimpleNamespace(get_num_connections=lambda: 2, publish=lambda _: None)
+    world._master = SimpleNamespace(services=SimpleNamespace(map=services))
+    assert (list(world._give()), world._service) == expected
+    assert world._has_service.is_set() == bool(world._service)
+
+
+class Driving(FollowWorld):
+    """A world whose node drives on, or sends nothing; it uses `seconds` of each step of the clock.
+
+    Its path takes 10 s.
+    """
+
+    usages, fault_found = {}, ""
+
+    def __init__(self, drives, seconds):
+        self._reference = SimpleNamespace(duration=10_000 * MS)
+        self.drives, self.seconds = drives, seconds
+        self.now, self.ran, self.sent, self.states, self.count = START, 0.0, [], [], 0
+
+    def observe(self, pace, left):
+        self.now, self.ran = self.now + STEP, self.ran + self.seconds
+        self.states.append(SimpleNamespace(pose=self.drives * self.now))
+        if self.drives:
+            self.sent.append(SimpleNamespace(arrived=self.now, speed=1.0))
+            self.count += 1
+
+    def fault(self, process, pace):
+        return self.fault_found
+
+    def describe_topics(self):
+        return "it publishes nothing"
+
+    def describe_end(self, process):
+        return "it has ended"
+
+    def follow(self, has_ended=False):
+        """Return what `watch` returns, and how long the node had sent nothing [s]."""
+        return self.watch(SimpleNamespace(has_ended=has_ended, threads=self), 15.0), self.silence
+
+
+def test_a_node_that_drives_on():
+    """At most three times the duration of the path, and 5 s."""
+    assert Driving(True, 0.0).follow()[0] == "the node still drives after 35 s"
+
+
+@pytest.mark.parametrize(("seconds", "silence"), [(0.01, 15.0), (0.0, 60.0)])
+def test_a_node_that_sends_nothing(seconds, silence):
+    """It may use 15 s of its own time, and 60 s of simulated time."""
+    message, found = Driving(False, seconds).follow()
+    assert message.startswith("the node runs, but published no command on /car/mux/")
+    assert message.endswith("for 15 s; it publishes nothing")
+    assert found == pytest.approx(silence, abs=0.05)
+
+
+def test_a_fault_or_the_end_of_a_node():
+    world = Driving(False, 0.0)
+    assert world.follow(has_ended=True)[0] == "it has ended"
+    world = Driving(True, 0.0)
+    world.fault_found = "it is too fast"
+    assert world.follow()[0] == "it is too fast"
 
 
 @pytest.mark.parametrize(
