@@ -22,10 +22,10 @@ def copy_controllers(folder):
         os.chmod(shutil.copy(path, folder), 0o755)
 
 
-def replay(path, exercise, remap=()):
+def replay(path, exercise, remap=(), map_name="none"):
     """Return the judgement on a node, given its path and what it drives."""
     setting = read_setting(
-        *(PACKAGE, "ideal", "none", None),
+        *(PACKAGE, "ideal", map_name, None),
         remap=remap,
         timeout=15.0,
         tolerances={},

@@ -1,11 +1,15 @@
 """Grade controllers that follow a path."""
 
 import csv
+import math
 import shutil
 
+import numpy as np
 from roslib.packages import find_node
 
-from support.controllers import CONTROLLERS, copy_controllers, follow
+from mushr_ros_intro.replay.pace import STEP
+from mushr_ros_intro.stamps import NANOSECONDS
+from support.controllers import CONTROLLERS, WAVE, copy_controllers, follow, replay
 from support.helpers import ForkedProcess
 
 
@@ -26,9 +30,53 @@ def test_a_node_that_waits_in_wall_clock_time(tmp_path):
     assert check.message.startswith("the node sends commands while the simulated clock stands, so")
 
 
+FINDS = """#!/usr/bin/python3
+import rospy
+import tf2_ros
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Path
+from nav_msgs.srv import GetMap
+
+rospy.init_node("controller")
+buffer = tf2_ros.Buffer()
+listener = tf2_ros.TransformListener(buffer)
+for _ in range(2):
+    path = rospy.wait_for_message("/car/reference_path", Path)
+seconds = (path.poses[-1].header.stamp - path.header.stamp).to_sec()
+print(len(path.poses), path.header.frame_id, f"{seconds:.3f}")
+for base in ("base_footprint", "car/base_footprint"):
+    found = buffer.lookup_transform("map", base, rospy.Time(0), rospy.Duration(1.0)).transform
+    print(f"{found.rotation.z:.3f}")
+grid = rospy.ServiceProxy("/static_map", GetMap)().map
+print(grid.info.width, grid.info.height)
+places = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1)
+rospy.sleep(0.5)
+places.publish(PoseWithCovarianceStamped())
+rospy.sleep(0.5)
+"""
+
+
+def test_what_a_controller_finds(tmp_path):
+    """The path, latched, and with stamps; frames with and without a prefix; a map.
+
+    The car stands at the begin of the path, and the controller must not place it.
+    """
+    path = tmp_path / "finds.py"
+    path.write_text(FINDS)
+    path.chmod(0o755)
+    judgement = replay(path, WAVE, map_name="sandbox")
+    turn = f"{math.sin(WAVE.start.theta / 2.0):.3f}"
+    duration = f"{WAVE.duration / NANOSECONDS:.3f}"
+    said = [f"{len(WAVE.poses)} map {duration}", turn, turn, "1000 1000"]
+    assert judgement.recorded.output.split("\n")[:4] == said, judgement.recorded.output
+    topics = judgement.checks[1]
+    assert topics.message.startswith("the node places the car again, at "), topics.message
+
+
 def test_a_controller_that_steers_the_wrong_way(tmp_path):
     copy_controllers(tmp_path)
     judgement = follow("loop", tmp_path, "_gain:=-1.0")
+    assert set(np.diff(judgement.recorded.stamps)) == {STEP}, "the car reports in each step"
     failed = {each.name for each in judgement.checks if not each.passed}
     assert failed >= {"path", "cross_track", "final_pose"} and "topics" not in failed
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES, judge_drive
 from mushr_ros_intro.replay.recording import Sent
@@ -129,10 +130,37 @@ def test_a_shaking_wheel():
     assert failed(drive("line", angles=(0.11, -0.11))) == {}
 
 
+def test_commands_beyond_the_limits_of_the_car():
+    car = Car(steering_limit_left=0.1, steering_limit_right=0.2)
+    (check,) = (
+        each
+        for each in judge_drive(drive("line", angles=(0.11, -0.11), car=car), {}).checks
+        if each.name == "smoothness"
+    )
+    assert check.passed and "; 50% of 101 commands exceed the limits" in check.message
+
+
+def test_a_single_command():
+    """There is no rate."""
+    seen = drive("line")
+    assert failed(seen._replace(sent=seen.sent[:1])) == {}
+
+
+def test_a_short_deviation():
+    """It hardly counts in the root mean square."""
+    seen = drive("line")
+    seen.poses[200:204, 1] = 0.5
+    assert failed(seen)["cross_track"].startswith("the distance from the path is at most 0.500 m,")
+
+
 def test_collisions_and_other_actions():
-    messages = failed(drive("line", collisions=(Pose(1, 0, 0),), actions=("jumps",)))
+    seen = drive("line", collisions=(Pose(1, 0, 0),), actions=("jumps",), ignored="a message")
+    messages = failed(seen)
     assert set(messages) == {"topics", "map"}
     assert messages["map"].startswith("the car hit a wall at (1.0000 m, 0.0000 m,")
+    judgement = judge_drive(seen, {})
+    assert {each.share for each in judgement.checks if not each.passed} == {0.0}
+    assert judgement.notes == ("the car ignored a message",)
 
 
 @pytest.mark.parametrize(("offset", "share"), [(0.2, 1.0), (0.25, 0.75), (0.3, 0.5), (0.5, 0.0)])
@@ -142,7 +170,12 @@ def test_the_share_of_the_points(offset, share):
 
 
 def test_the_nearest_point_is_near_along_the_path():
-    """The circle ends 0.5 m before its begin: the first pose is not at its end."""
-    found = judge_drive(drive("circle"), {}).drive
+    """The circle ends 0.5 m before its begin: the first pose is not at its end.
+
+    The drive begins and ends with a move, and not when the car stands.
+    """
+    seen = drive("circle")
+    found = judge_drive(seen, {}).drive
+    assert len(found.driven) == len(seen.poses) - 100
     assert found.predicted[0] == pytest.approx([0, 0, 0], abs=0.02)
     assert math.dist(found.predicted[-1][:2], found.driven[-1][:2]) < 0.02

@@ -31,6 +31,12 @@ def test_a_file(tmp_path):
     assert reference.speed == 2.0
 
 
+def test_a_turn_on_the_spot(tmp_path):
+    """No car can drive it: the second pose is left out."""
+    reference = read(tmp_path, "0,0,0,1\n0,0,1,1\n3,0,0,1\n")
+    assert reference.poses == (Pose(0, 0, 0), Pose(3, 0, 0))
+
+
 def test_a_path_in_reverse(tmp_path):
     assert read(tmp_path, "0,0,0,-1\n-2,0,0,-1\n").stamps == (0, 2_000_000_000)
 
