@@ -93,6 +93,7 @@ class Driving(FollowWorld):
 
     def observe(self, pace, left):
         self.now, self.ran = self.now + STEP, self.ran + self.seconds
+        assert self.now < START + 100_000 * MS, "the replay does not end"
         self.states.append(SimpleNamespace(pose=self.drives * self.now))
         if self.drives:
             self.sent.append(SimpleNamespace(arrived=self.now, speed=1.0))
