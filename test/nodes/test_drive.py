@@ -53,9 +53,11 @@ class TestDrive(RosTestCase):
             cls.starts[name] = Recording(f"/{name}/initialpose", PoseWithCovarianceStamped)
             cls.poses[name] = Recording(f"/{name}/car_pose", PoseStamped).connected()
         processes = {name: cls.start(name) for name in cls.plans}
+        longest = cls.commands["figure_8"]
+        wait_for(lambda: longest.messages, "the first command")
         with node("busy.py", "__name:=busy_1"), node("busy.py", "__name:=busy_2"):
-            longest = cls.commands["figure_8"]
-            wait_for(lambda: len(longest.messages) > 10 * BUSY, "the plans to be driven")
+            count = len(longest.messages) + 10 * BUSY
+            wait_for(lambda: len(longest.messages) > count, "the plans to be driven")
         for name, process in processes.items():
             assert process.wait() == 0, process.output
             cls.outputs[name] = process.output

@@ -13,7 +13,10 @@ from support.paths import CHECKOUT, PACKAGE
 
 CONTROLLERS = f"{CHECKOUT}/test/fixtures/controllers"
 
-(WAVE,) = read_references(["wave"], f"{CHECKOUT}/plans").values()
+(_TWO_PERIODS,) = read_references(["wave"], f"{CHECKOUT}/plans").values()
+
+WAVE = _TWO_PERIODS._replace(poses=_TWO_PERIODS.poses[:81], stamps=_TWO_PERIODS.stamps[:81])
+"""The first period of the path wave, 3.8 s."""
 
 
 def copy_controllers(folder):

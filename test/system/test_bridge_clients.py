@@ -372,7 +372,9 @@ def test_twenty_clients_of_which_some_do_not_read(sim):
         reader.call("/rosapi/get_time")  # answered after the server has begun to send the map
         silent.send("unsubscribe", topic="/map", id="a")
     slow = sim.client(web.POSE, "/car/scan")
-    clients = [sim.client(web.POSE) for _ in range(18)]
+    clients = [sim.client() for _ in range(18)]
+    for client in clients:
+        client.subscribe(web.POSE, queue_length=1000)  # the server may stand for some time
     found = [client.stamps(10) for client in clients]
     for _ in range(30):
         slow.message(web.POSE)
