@@ -150,17 +150,21 @@ class TestPathPublisher(RosTestCase):
         self.assertNotIn("at most", self.drive_plan(path, *arguments))
 
     def test_tutorial_listing(self):
-        """The listing sends no stop, so the car drives for up to 0.2 s longer."""
-        rows = [(2.0, 0.09, 1.0), (3.0, -0.15, 1.0)]
+        """The durations of its rows are not exact, so only the bends of the path are checked."""
+        angles = (0.09, -0.15)
         path = self.plan("0,0,0.0\n2.0,0.09\n3.0,-0.15")
+        self.poses.clear()
         with node("listing.py", f"_plan_file:={path}") as listing:
             self.assertEqual(listing.wait(), 0)
         self.assertGreaterEqual(len(self.commands.messages), 19)
-        x, y, _ = self.poses.pose_at_rest(rospy.Time.now() + rospy.Duration(COMMAND_TIMEOUT))
-        # Its rows begin when its thread wakes up, so their durations are not exact.
-        slack = 3.0 * (COMMAND_TIMEOUT + 0.05)
-        expected = closed_form((0.0, 0.0, 0.0), rows)
-        self.assertLess(math.hypot(x - expected[0], y - expected[1]), slack)
+        self.poses.pose_at_rest(rospy.Time.now() + rospy.Duration(COMMAND_TIMEOUT))
+        poses = [planar(each.pose) for each in self.poses.messages]
+        steps = [(math.dist(one[:2], two[:2]), two[2] - one[2]) for one, two in zip(poses, poses[1:])]
+        bends = [turn / length for length, turn in steps if 0.01 < length < 0.1]
+        expected = [closed_form((0.0, 0.0, 0.0), [(1.0, angle, 1.0)])[2] for angle in angles]
+        for bend, limit in zip(expected, (max(bends), min(bends))):
+            self.assertAlmostEqual(bend, limit, 4)
+        self.assertLess(bends.index(max(bends)), bends.index(min(bends)))
 
     def test_the_name_of_a_file_in_the_users_directory(self):
         """It comes before the plan of the package; the first line of the node shows its path."""
