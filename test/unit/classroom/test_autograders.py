@@ -66,26 +66,42 @@ def test_fault(folder, arguments, reason):
 
 
 @pytest.mark.parametrize(
-    "options, sources",
+    "options, sources, summary, map_name",
     [
-        ("--plans secret.txt open.txt --seed 3 --path-tolerance 0.5", ["open", "secret"]),
-        ("--plans open.txt --map rooms --car mushr_sim --file a.py", ["open"]),
+        (
+            "--plans secret.txt open.txt --seed 3 --path-tolerance 0.5",
+            ["open", "secret"],
+            "2 plans, 1 hidden; 6 points",
+            "sandbox",
+        ),
+        (
+            "--plans open.txt --map hall.yaml --car mushr_sim --file a.py",
+            ["open"],
+            "1 plan, 0 hidden; 3 points",
+            "hall",
+        ),
         (
             "--follow wave line --starts 2 --file controller.py --params config/gains.yaml "
             "--remap __ns:=/car _type:=pid --cross-track-tolerance 0.3 --rms-tolerance 0",
             ["line", "wave"],
+            "4 paths, 1 hidden; 12 points",
+            "none",
         ),
     ],
 )
-def test_options_of_grade(folder, options, sources):
+def test_options_of_grade(folder, options, sources, summary, map_name):
     """The autograder gives grade.py the options, and copies of the files; hidden ones are last."""
     shutil.copy(folder / "open.txt", folder / "secret.txt")
+    shutil.copy(f"{CHECKOUT}/maps/rooms.yaml", folder / "hall.yaml")
+    shutil.copy(f"{CHECKOUT}/maps/rooms.png", folder)
     hidden = "secret" if "secret" in options else "wave" if "wave" in options else ""
     points = {"plans": {hidden: {"hidden": True, "in_proportion": True}}} if hidden else {}
-    (folder / "points.yaml").write_text(json.dumps({"default": {"path": 3}, **points}))
+    check = "cross_track" if "--follow" in options else "path"
+    (folder / "points.yaml").write_text(json.dumps({"default": {check: 3}, **points}))
     words = [*options.split(), "--points", "points.yaml"]
     done = make(folder, *words)
     assert done.returncode == 0, done.stdout
+    assert summary in done.stdout
     with zipfile.ZipFile(folder / "autograder.zip") as archive:
         given = archive.read("arguments").decode().splitlines()
         archive.extractall(folder / "source")
@@ -94,6 +110,9 @@ def test_options_of_grade(folder, options, sources):
     files = [each.replace(autograders.SOURCE, f"{folder}/source") for each in found.pop(kind)]
     assert [pathlib.Path(each).stem for each in files] == sources
     assert all(os.path.isfile(each) for each in files)
+    assert found.pop("map") == map_name
+    map_file = folder / f"source/mushr_ros_intro/maps/{map_name}.yaml"
+    assert map_file.exists() == (map_name != "none")
     assert found.pop("points") == f"{autograders.SOURCE}/points.yaml"
     assert found.pop("timeout") == autograders.MAX_TIMEOUT
     expected = parse(words)
