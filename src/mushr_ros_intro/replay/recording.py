@@ -25,6 +25,10 @@ Two threads of a node, one of which changes the row, may wake up at the same tim
 """
 
 
+_BORDER = COMMAND_PERIOD // 2
+"""The end of a row is rounded to this time, so that the number of commands is right [ns]."""
+
+
 class Sent(NamedTuple):
     """One command as the node sent it."""
 
@@ -172,17 +176,20 @@ def driven_plan(recorded: Recorded) -> Plan:
     No row ends earlier or later than in the plan by more than MAX_SHIFT commands. If the node did
     not drive so, return the plan itself.
     """
-    rows, begin, before, end = list(recorded.plan.rows), recorded.begin, 0, 0
+    rows, due, before, end, number = list(recorded.plan.rows), recorded.begin, 0, 0, 0
+    times = [sent.time for sent in recorded.commands]
     for run, group in matched(recorded):
-        expected = begin + (run.expected - 1) * COMMAND_PERIOD
-        shift = round((group[-1].time - expected) / COMMAND_PERIOD)
+        due, number = due + run.duration, number + len(group)
+        # The next command ends the row. At the end of the plan, it may come late, or not at all.
+        left = min([*times[number : number + 1], group[-1].time + COMMAND_PERIOD])
+        shift = round((left - due) / _BORDER) * _BORDER
         # All rows of a run have the same command. So only their total duration matters.
         index = max(range(end, run.last), key=lambda each: rows[each].duration)
-        duration = rows[index].duration + (shift - before) * COMMAND_PERIOD
-        if abs(shift) > MAX_SHIFT or duration <= 0:
+        duration = rows[index].duration + shift - before
+        if abs(shift) > MAX_SHIFT * COMMAND_PERIOD or duration <= 0:
             return recorded.plan
         rows[index] = rows[index]._replace(duration=duration)
-        begin, before, end = begin + run.duration, shift, run.last
+        before, end = shift, run.last
     is_complete = end == len(rows)
     return recorded.plan._replace(rows=tuple(rows)) if is_complete else recorded.plan
 

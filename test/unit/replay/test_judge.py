@@ -344,6 +344,19 @@ def test_two_commands_at_one_time_do_not_make_a_row_longer():
     assert plan == seen.plan
 
 
+def test_a_row_that_does_not_last_whole_tenths():
+    """A node that sends every 0.1 s drives 0.75 s as 0.8 s."""
+    rows, driven = (
+        [(2.0, 0.2, part), (2.0, 0.0, 1.0), (2.0, 0.2, part), (2.0, -0.2, 1.0)]
+        for part in (0.75, 0.8)
+    )
+    seen = replay(recorded.plan_of((0, 0, 0), rows), commands([*driven, STOP]))
+    durations = [row.duration / SECOND for row in recording.driven_plan(seen).rows]
+    assert durations == [0.8, 1.0, 0.8, 1.0]
+    late = moved(seen.sent, [SECOND // 1000 * (k % 2) for k in range(len(seen.sent))])
+    assert recording.driven_plan(seen._replace(sent=tuple(late))) == recording.driven_plan(seen)
+
+
 def test_stops_before_the_plan_are_a_note():
     stops = [each._replace(speed=0.0, steering_angle=0.0) for each in COMMANDS[:3]]
     sent = moved(stops, 3 * [-3 * TENTH]) + COMMANDS
