@@ -180,8 +180,10 @@ def driven_plan(recorded: Recorded) -> Plan:
     times = [sent.time for sent in recorded.commands]
     for run, group in matched(recorded):
         due, number = due + run.duration, number + len(group)
-        # The next command ends the row. At the end of the plan, it may come late, or not at all.
-        left = min([*times[number : number + 1], group[-1].time + COMMAND_PERIOD])
+        if number < len(times):  # the next command ends the row, but a stop may come late
+            left = min(times[number], group[-1].time + COMMAND_PERIOD)
+        else:
+            left = group[-1].time + run.duration - (run.expected - 1) * COMMAND_PERIOD
         shift = round((left - due) / _BORDER) * _BORDER
         # All rows of a run have the same command. So only their total duration matters.
         index = max(range(end, run.last), key=lambda each: rows[each].duration)
