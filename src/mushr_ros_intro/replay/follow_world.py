@@ -164,10 +164,12 @@ class FollowWorld(ReplayWorld):
 
     def _fault(self, process: NodeProcess, pace: Pace) -> str:
         """Return why a running node has failed; empty if it has not failed."""
+        if fault := self.fault(process, pace):
+            return fault
         limit = MAX_TIME * self._reference.duration / NANOSECONDS + EXTRA_TIME
         if self.sent and (self.now - self.sent[0].arrived) / NANOSECONDS > limit:
             return f"the node still drives after {limit:g} s"
-        return self.fault(process, pace)
+        return ""
 
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
         """Apply a command now, if its stamp is not ahead: the past has been reported."""
