@@ -16,6 +16,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
 from mushr_ros_intro.stamps import CALL_TIMEOUT
+from mushr_ros_intro.wording import similar
 
 
 def is_running(node: str) -> bool:
@@ -36,7 +37,8 @@ if __name__ == "__main__":
     _, car, map_name, node = sys.argv
     cars = names_in(package_folder("config/cars"))
     if car not in cars:
-        sys.exit(f"\nsim.launch: car:={car}: no such car; expected one of {', '.join(cars)}\n")
+        expected = f"{', '.join(cars)}{similar(car, cars)}"
+        sys.exit(f"\nsim.launch: car:={car}: no such car; expected one of {expected}\n")
     try:
         if map_name != "none":
             find_file(map_name, package_folder("maps"), ".yaml")

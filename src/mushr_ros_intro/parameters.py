@@ -137,6 +137,7 @@ class Parameters:
         """Return one of `options`."""
         expected = f"one of {', '.join(options)}"
         value = self._get(name, default, meaning, expected, default)
+        expected += similar(str(value), options)
         return str(self._checked(name, value, value in options, expected))
 
     def items(self, name: str, expected: str, meaning: str = "") -> List[Any]:

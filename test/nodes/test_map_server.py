@@ -102,7 +102,7 @@ class TestMapServer(RosTestCase):
             (
                 "car:=nano",
                 "car:=nano: no such car; expected one of ideal, mushr_nano, mushr_nano_master, "
-                "mushr_sim, mushr_tx2, racecar_mit\n",
+                "mushr_sim, mushr_tx2, racecar_mit; did you mean mushr_nano?\n",
             ),
             ("map:=sandbx", "map:=sandbx: no such file; did you mean sandbox? ("),
             ("car_name:=fifth", "/fifth/car_sim is running already; end it first (Ctrl-C in its"),

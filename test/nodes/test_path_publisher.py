@@ -65,6 +65,7 @@ class TestPathPublisher(RosTestCase):
             publisher.send_signal(signal.SIGINT)
             publisher.wait()
         self.assertIn("plan.txt: 2 rows, 0.55 s, 0.55 m", publisher.output)
+        self.assertNotIn("earlier run", publisher.output)  # roslaunch has set the parameters
         self.assertIn("lap 2, line 3 of 3: -1 m/s, 0.1 rad; 0.30 s left", publisher.output)
         commands = [m.header.stamp.to_nsec() for m in self.commands.messages]
         lap = [0, 100, 200, 250, 350, 450, 550]  # [ms], the last one is the stop
@@ -84,10 +85,12 @@ class TestPathPublisher(RosTestCase):
         other = self.plan("0,0,0\n-1.0,0.2,0.45\n-1.0,0.2,0.5\n", "other.txt")
         with driver(path) as publisher:
             wait_for(self.drives, "five commands")
-            arguments = (f"_plan_file:={other}", "__name:=other", "_send_init_pose:=false")
-            with node("path_publisher.py", *arguments) as second:
+            rospy.set_param("/other/send_init_pose", False)  # as if from an earlier drive
+            with node("path_publisher.py", f"_plan_file:={other}", "__name:=other") as second:
                 wait_for(lambda: "/other also publishes on" in publisher.output, "a warning")
                 self.assertEqual(second.wait(), 0)
+                left = "of rosparam: send_init_pose: False; to delete them, type: rosparam delete "
+                self.assertIn(f"{left}/other\n", second.output)
             self.assertEqual(publisher.wait(), 1)
         self.assertIn(f"/other also published on {NAVIGATION}", publisher.output)
         self.assertNotIn("has been driven", publisher.output)

@@ -129,7 +129,7 @@ class TestRealCar(RosTestCase):
         circle, no_pose = "_plan_file:=circle", "_send_init_pose:=false"
         self.assert_refused(
             (name, [circle, "_max_speed:=0.0"], "parameter ~max_speed is 0.0; expected a number"),
-            (name, [circle, "_car:=truck"], "parameter ~car is 'truck'; expected one of ideal, m"),
+            (name, [circle, "_car:=tx2"], "mushr_tx2, racecar_mit; did you mean mushr_tx2?"),
             (
                 *(name, [circle, no_pose, soon, "_active_topic:=/nobody"]),
                 "no message was published on /nobody within 3 s",

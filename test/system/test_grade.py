@@ -131,6 +131,7 @@ NODE = ("--node", "mushr_ros_intro", "path_publisher.py")
         ),
         (("figure_8",), 2, "expected PLAN... --node PACKAGE FILE, or"),
         (("figure_8", *NODE, "--car", "fiat"), 2, "car is 'fiat'; expected one of ideal"),
+        (("figure_8", *NODE, "--car", "nano"), 2, "racecar_mit; did you mean mushr_nano?"),
         (("--merge", "/nowhere", "--out", "/nowhere"), 2, "/nowhere: not the output of grade.py"),
         (("/nowhere", "--plans", "figure_8", "--out", "/proc/x"), 3, "/proc/x"),
         (("/nowhere", "--out", "out"), 2, "or SUBMISSION... --plans PLAN... --out FOLDER"),

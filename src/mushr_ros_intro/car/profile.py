@@ -9,6 +9,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
+from mushr_ros_intro.wording import similar
 from mushr_ros_intro.yaml_file import read_mapping
 
 NUMBERS = (
@@ -60,7 +61,8 @@ def read_parameters(name: str, config: str, seed: Optional[int] = None) -> Dict[
     """
     names = names_in(os.path.join(config, "cars"))
     if name not in names:
-        raise UserError(f"car is '{name}'; expected one of {', '.join(names)}")
+        close = similar(name, names)
+        raise UserError(f"car is '{name}'; expected one of {', '.join(names)}{close}")
     parameters = {
         **read_profile(os.path.join(config, "car_sim.yaml")),
         **read_profile(os.path.join(config, "cars", f"{name}.yaml")),

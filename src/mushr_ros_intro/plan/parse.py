@@ -160,6 +160,8 @@ def _line_faults(
     if not fewest <= len(cells) <= len(names):
         end = columns[-1] + len(cells[-1].strip())
         column = columns[len(names)] if len(cells) > len(names) else end
+        if len(cells) == 1 and len(re.split(r"[;\s]+", cells[0].strip())) > 1:
+            expected += ", separated by commas"
         return [(column, f"{counted(len(cells), 'column')}; expected {expected}")]
     texts = [_number_fault(name, cell.strip()) for name, cell in zip(names, cells)]
     return [(column, text) for column, text in zip(columns, texts) if text]

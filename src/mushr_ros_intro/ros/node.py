@@ -247,7 +247,7 @@ def _declare(node_class: Callable[[], Any], given: Parameters) -> Parameters:
 def parameters(name: str = "~") -> Iterator[Parameters]:
     """Give the parameters of this node to a block, which reads them and does nothing else.
 
-    Those that the block does not read are logged.
+    Those that the block does not read are logged, and those that rosrun did not set.
 
     Args:
         name: of the node; by default this one.
@@ -258,10 +258,16 @@ def parameters(name: str = "~") -> Iterator[Parameters]:
     if _declarations is not None:
         yield _declarations
         raise _DeclaredError
-    read = _own_parameters(name, rospy.get_param(name, {}))
+    values = rospy.get_param(name, {})
+    read = _own_parameters(name, values)
     yield read
     for message in read.unknown():
         rospy.logwarn("%s", message)
+    left = values.keys() - load_command_line_node_params(sys.argv)
+    if left and not any(each.startswith("__log:=") for each in sys.argv):  # as roslaunch adds it
+        shown = ", ".join(f"{each}: {values[each]}" for each in sorted(left))
+        remedy = f"to delete them, type: rosparam delete {rospy.get_name()}"
+        rospy.loginfo("parameters of an earlier run, or of rosparam: %s; %s", shown, remedy)
 
 
 def _own_parameters(name: str, values: Any) -> Parameters:

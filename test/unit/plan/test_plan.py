@@ -41,12 +41,18 @@ FAULTS = {
     "one_column": ["2:4: 1 column; expected 'speed, steering angle' or"],
     "only_comments": ["1:1: the file is empty; expected a start pose"],
     "overflow": ["2:6: steering angle '1e400' is out of range; expected radians, from -1.57 to"],
-    "semicolons": ["2:10: 1 column; expected 'speed, steering angle' or"],
+    "semicolons": [
+        "2:10: 1 column; expected 'speed, steering angle' or 'speed, steering angle, duration' in "
+        "m/s, rad, s, separated by commas"
+    ],
     "speed_too_large": ["2:1: speed '2000' is out of range; expected m/s, from -1000 to 1000"],
     "start_pose_missing": ["1:10: 2 columns; expected a start pose 'x, y, theta' in m, m, rad"],
     "start_pose_too_far_away": ["1:4: y '-2e6' is out of range; expected metres, from -1e+06 to"],
     "start_pose_with_four_columns": ["1:10: 4 columns; expected a start pose"],
     "steering_angle_in_degrees": ["2:6: steering angle '-30' is out of range; expected radians"],
+    "tabs": [
+        "1:6: 1 column; expected a start pose 'x, y, theta' in m, m, rad, separated by commas"
+    ],
     "too_long": ["3:1: here the plan exceeds 1000000000 s; expected a shorter plan"],
     "trailing_comma": ["2:11: duration is missing; expected a number"],
     "underscore": ["2:1: speed is '1_0.0', which is not a number"],
