@@ -225,12 +225,13 @@ def read_walls(simulated: Parameters, is_placed: bool, is_strict: bool) -> Optio
         UserError: walls cannot be checked, there may be some, and `is_strict` is set.
     """
     problem = "the car is not placed at the start pose of the plan"
+    expects_map = simulated.flag("expects_map", False)
     if is_placed:
         try:
-            return receive_map()
+            return receive_map(expects_map)
         except UserError as error:
             problem = str(error)
-    may_have_walls = simulated.flag("expects_map", False) if simulated else is_placed
+    may_have_walls = expects_map if simulated else is_placed
     if may_have_walls and is_strict:
         raise UserError(
             f"~strict is set, but walls cannot be checked: {problem}; the plan is not driven"
@@ -240,22 +241,26 @@ def read_walls(simulated: Parameters, is_placed: bool, is_strict: bool) -> Optio
     return None
 
 
-def receive_map() -> Grid:
+def receive_map(is_expected: bool) -> Grid:
     """Return the map on /map.
+
+    Args:
+        is_expected: whether to wait for a node that publishes one; perhaps it starts with the car.
 
     Raises:
         UserError: no node publishes one that can be read.
     """
     topic = rospy.resolve_name("/map")
-    if not is_published(topic):
-        raise UserError(f"no node publishes a map on {topic}; map_server.py does")
     try:
-        msg = rospy.wait_for_message(topic, numpy_msg(OccupancyGrid), CONNECTION_TIMEOUT)
-        return conversions.grid_from_msg(msg)
+        if is_expected or is_published(topic):
+            msg = rospy.wait_for_message(topic, numpy_msg(OccupancyGrid), CONNECTION_TIMEOUT)
+            return conversions.grid_from_msg(msg)
     except rospy.ROSInterruptException:
         raise
     except (rospy.ROSException, rosgraph.MasterException, conversions.MessageError) as error:
-        raise UserError(f"the map on {topic} cannot be read: {error}") from None
+        if is_published(topic):
+            raise UserError(f"the map on {topic} cannot be read: {error}") from None
+    raise UserError(f"no node publishes a map on {topic}; map_server.py does")
 
 
 def _warn(faults: Sequence[Fault]) -> None:

@@ -266,6 +266,7 @@ def parameters(name: str = "~") -> Iterator[Parameters]:
     left = values.keys() - load_command_line_node_params(sys.argv)
     if left and not any(each.startswith("__log:=") for each in sys.argv):  # as roslaunch adds it
         shown = ", ".join(f"{each}: {values[each]}" for each in sorted(left))
+        shown = textwrap.shorten(shown, 300, placeholder=" ...")
         remedy = f"to delete them, type: rosparam delete {rospy.get_name()}"
         rospy.loginfo("parameters of an earlier run, or of rosparam: %s; %s", shown, remedy)
 

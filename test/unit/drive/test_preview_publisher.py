@@ -5,12 +5,13 @@ import pytest
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.drive import preview_publisher
-from mushr_ros_intro.drive.preview_publisher import predict, read_walls
+from mushr_ros_intro.drive.preview_publisher import predict, read_walls, receive_map
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
+from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.world.grid import Grid
 
 PLAN = parse_plan(b"0,0,0\n1,0.1\n1,-0.1\n-1,0\n", "plan.txt")
@@ -74,7 +75,8 @@ NO_MAP = "no node publishes a map on /map"
 def test_walls_that_cannot_be_checked(monkeypatch, simulated, is_placed, problem, level):
     """A warning, and a refusal with strict, unless the car is known to have no walls."""
 
-    def read_no_map():
+    def read_no_map(is_expected):
+        assert is_expected == (simulated is WITH_MAP)
         raise UserError(NO_MAP)
 
     logged = []
@@ -92,5 +94,14 @@ def test_walls_that_cannot_be_checked(monkeypatch, simulated, is_placed, problem
 
 
 def test_a_map_that_can_be_read(monkeypatch):
-    monkeypatch.setattr(preview_publisher, "receive_map", lambda: ROOM)
+    monkeypatch.setattr(preview_publisher, "receive_map", lambda is_expected: ROOM)
     assert read_walls(WITH_MAP, is_placed=True, is_strict=True) is ROOM
+
+
+def test_a_map_whose_node_starts_with_the_car(monkeypatch):
+    msg = conversions.grid_to_msg(ROOM, 0, "map")
+    monkeypatch.setattr(preview_publisher, "is_published", lambda topic: False)
+    monkeypatch.setattr(preview_publisher.rospy, "wait_for_message", lambda *_: msg)
+    assert np.array_equal(receive_map(is_expected=True).cells, ROOM.cells)
+    with pytest.raises(UserError, match="no node publishes a map on /map"):
+        receive_map(is_expected=False)
