@@ -90,6 +90,29 @@ def test_launch_files_clear_the_parameters_of_earlier_runs():
 
 
 @pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ([], {}),
+        (["loop:=true", "send_init_pose:=false"], {"loop": True, "send_init_pose": False}),
+        (["strict:=true", "spread:=True"], {"strict": True, "spread": True}),
+        (
+            ["control_topic:=/cmd", "init_pose_topic:=/p"],
+            {"control_topic": "/cmd", "init_pose_topic": "/p"},
+        ),
+        (["car_name:=car2"], {"car_name": "car2", "init_pose_topic": "/car2/initialpose"}),
+    ],
+)
+def test_path_publisher_launch_leaves_no_defaults(arguments, expected):
+    """The parameters stay for the next node of this name, such as a student's own."""
+    path = os.path.join(PACKAGE, "launch", "path_publisher.launch")
+    config = load_config_default([(path, ["plan_file:=a", *arguments])], None)
+    name = "/car2/path_publisher" if "car2" in expected.values() else "/path_publisher"
+    expected = {"plan_file": "a", **expected}
+    values = {key: each.value for key, each in config.params.items() if "path_publisher" in key}
+    assert values == {f"{name}/{key}": value for key, value in expected.items()}
+
+
+@pytest.mark.parametrize(
     "path",
     [
         *sorted(glob.glob(os.path.join(PACKAGE, "launch", "*.launch"))),
