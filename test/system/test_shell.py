@@ -90,6 +90,13 @@ def test_one_command(shell):
     assert shell("bash", "-c", 'echo "$0 $ROS_HOSTNAME"', "two words") == ["two words localhost"]
 
 
+def test_an_option():
+    """bash would print the help of its command exec."""
+    script = f"{CHECKOUT}/scripts/shell"
+    done = subprocess.run([script, "--help"], capture_output=True, text=True, timeout=PATIENCE)
+    assert done.returncode == 2 and done.stderr.startswith("usage: scripts/shell [COMMAND...]")
+
+
 def test_the_workspace_around_the_checkout(shell, tmp_path):
     """As in the tutorial: ~/catkin_ws/src contains the checkout and the user's own package."""
     workspace = tmp_path / "catkin_ws"
