@@ -68,6 +68,9 @@ def test_optional_text_and_choice():
     assert "expected text" in refusal("optional_text", 3)
     assert read("choice", "b", ["a", "b"]) == "b"
     assert refusal("choice", "c", ["a", "b"]) == "parameter ~name is 'c'; expected one of a, b"
+    cars = ["ideal", "mushr_nano_master", "mushr_nano"]
+    assert refusal("choice", "nano", cars).endswith("; did you mean mushr_nano?")
+    assert refusal("choice", "id", cars).endswith("mushr_nano")  # too short for a suggestion
 
 
 def test_a_missing_parameter_has_its_default():

@@ -53,8 +53,6 @@ def test_files_are_found_by_name_and_by_path(folders, monkeypatch):
     [
         ("eigth", "eigth: no such file; did you mean eight? (searched: HERE, PLANS, "),
         ("x", "x: no such file (searched: HERE, PLANS, "),
-        ("rcl", "rcl: no such file; did you mean circle? (searched: HERE, PLANS, "),
-        ("rc", "rc: no such file (searched: HERE, PLANS, "),
         ("x", "); expected a path, or one of circle, eight"),
         ("cirlce.txt", "; did you mean circle? (searched: HERE, PLANS"),
         ("here/own", "here/own: no such file (searched: HERE/here, "),
