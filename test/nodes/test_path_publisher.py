@@ -162,7 +162,9 @@ class TestPathPublisher(RosTestCase):
         self.assertGreaterEqual(len(self.commands.messages), 19)
         self.poses.pose_at_rest(rospy.Time.now() + rospy.Duration(COMMAND_TIMEOUT))
         poses = [planar(each.pose) for each in self.poses.messages]
-        steps = [(math.dist(one[:2], two[:2]), two[2] - one[2]) for one, two in zip(poses, poses[1:])]
+        steps = [
+            (math.dist(one[:2], two[:2]), two[2] - one[2]) for one, two in zip(poses, poses[1:])
+        ]
         bends = [turn / length for length, turn in steps if 0.01 < length < 0.1]
         expected = [closed_form((0.0, 0.0, 0.0), [(1.0, angle, 1.0)])[2] for angle in angles]
         for bend, limit in zip(expected, (max(bends), min(bends))):
