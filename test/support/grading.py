@@ -21,11 +21,9 @@ PRIVILEGED = pytest.mark.skipif(
 )
 
 _FILTER = """
-import errno, os, sys
-from mushr_ros_intro.isolation import system_calls
-del system_calls.FORBIDDEN[errno.ENOLCK]  # grade.py locks its results
-system_calls._LOCKS = ()
-system_calls.make_filter().load()
+import os, sys
+from mushr_ros_intro.isolation.system_calls import make_filter
+make_filter(has_locks=True).load()
 os.execvp(sys.argv[1], sys.argv[1:])
 """
 WITHOUT_NAMESPACES = ("/usr/bin/python3", "-c", _FILTER)

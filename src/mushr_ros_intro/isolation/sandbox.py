@@ -89,7 +89,7 @@ class Sandbox(NamedTuple):
             if self.has_namespaces:
                 system_calls.enter_network()
             else:
-                system_calls.make_filter().load()
+                system_calls.make_filter(has_locks=True).load()
 
     def wrap(
         self,
@@ -153,7 +153,7 @@ class Sandbox(NamedTuple):
                 mode = "--bind" if path == writable else "--ro-bind"
                 file.writelines(f"{each}\0" for each in (mode, path, place))
         with open(os.path.join(home, "filter"), "wb") as binary:
-            system_calls.make_filter().export_bpf(binary)
+            system_calls.make_filter(has_locks=bool(writable)).export_bpf(binary)
         opened = ["sh", "-c", _OPEN_FOLDERS, "sh"] if self.is_root else []
         return ["sh", "-c", _BWRAP, home, *opened, *tools]
 

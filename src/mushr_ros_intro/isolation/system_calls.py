@@ -35,18 +35,17 @@ FORBIDDEN = {
         *("fanotify_init", "inotify_init", "inotify_init1"),  # what other processes do with a file
         *("memfd_create", "shmget"),  # memory that belongs to no process
     ),
-    errno.ENOLCK: ("flock",),  # another node would see the lock
 }
 """The system calls that a node may not use, and the error that it gets."""
 
 
-def make_filter() -> Any:
+def make_filter(has_locks: bool) -> Any:
     """Return the filter of system calls for nodes, a seccomp.SyscallFilter.
 
-    It also forbids locks on files, which another node would see on a file of the system; new
-    namespaces; sockets other than those of Unix, IP and netlink, such as AF_VSOCK, which reaches
-    the host of a virtual machine; and shared memory without a file, which the limit on the data of
-    a process does not count.
+    Without `has_locks`, it also forbids locks on files, which another node would see on a file of
+    the system; catkin needs them to build a package. It forbids new namespaces; sockets other than
+    those of Unix, IP and netlink, such as AF_VSOCK, which reaches the host of a virtual machine;
+    and shared memory without a file, which the limit on the data of a process does not count.
     """
     import seccomp  # python3-seccomp, which only the isolation of submissions needs
 
@@ -54,7 +53,9 @@ def make_filter() -> Any:
     for error, names in FORBIDDEN.items():
         for name in names:
             made.add_rule(seccomp.ERRNO(error), name)
-    for command in _LOCKS:
+    if not has_locks:
+        made.add_rule(seccomp.ERRNO(errno.ENOLCK), "flock")
+    for command in () if has_locks else _LOCKS:
         given = seccomp.Arg(1, seccomp.EQ, command)
         made.add_rule(seccomp.ERRNO(errno.ENOLCK), "fcntl", given)
     for flag in _NAMESPACES[1:]:  # clone(2) has no CLONE_NEWTIME

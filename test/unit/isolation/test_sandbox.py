@@ -14,7 +14,7 @@ ENVIRONMENT = {"PATH": "/usr/bin", "ROS_PACKAGE_PATH": "/home/ann/.ros/0:/usr/sh
 @pytest.fixture
 def isolated(tmp_path, monkeypatch):
     """Return a sandbox with namespaces, and the home folder of a node."""
-    monkeypatch.setattr(sandbox.system_calls, "make_filter", lambda: Filter())
+    monkeypatch.setattr(sandbox.system_calls, "make_filter", lambda has_locks: Filter())
     (tmp_path / "home").mkdir()
     (tmp_path / ".ros").mkdir()
     return Sandbox(True, 61_000, True, ("/usr/share",), str(tmp_path), True), str(tmp_path / "home")
