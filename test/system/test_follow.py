@@ -89,12 +89,14 @@ def test_a_class(tmp_path):
         shutil.copy(f"{CONTROLLERS}/{style}.py", tmp_path / name / "controller.py")
     for name in ("ann", "bob"):
         (tmp_path / name / "gains.yaml").write_text("gain: 1.0")
+    path = tmp_path / "wave.csv"
+    np.savetxt(path, [(*pose, WAVE.speed) for pose in WAVE.poses], delimiter=",")
     points = tmp_path / "points.yaml"
     points.write_text("default: {cross_track: 3, final_pose: 1, in_proportion: true}")
     command = (
         find_node("mushr_ros_intro", "grade.py")[0],
         *(tmp_path / name for name in ("ann", "bob", "cleo")),
-        *("--follow", "wave", "--file", "controller.py", "--points", points),
+        *("--follow", path, "--file", "controller.py", "--points", points),
         *("--params", "gains.yaml"),
         *("--cross-track-tolerance", "0.035", "--out", tmp_path / "out"),
     )
