@@ -6,7 +6,7 @@ count: while it waits, and while it runs, but not while it waits for a processor
 """
 
 import time
-from typing import NamedTuple, Optional
+from typing import NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.isolation.threads import Threads, Usages
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
@@ -83,24 +83,25 @@ class Pace:
         """For how long the node has waited or run since it was started [s]."""
         return self._waited + self._node.ran
 
-    def observe(self) -> bool:
-        """Observe the node; return whether all its threads wait."""
+    def observe(self, receivers: Threads) -> Tuple[bool, bool]:
+        """Observe the node, and the threads that receive its messages.
+
+        Return whether all threads of the node wait, and whether all receivers do; if both, at the
+        same time.
+        """
         usages, wall, was_waiting = self._node.usages, time.monotonic(), self._is_waiting
-        self._is_waiting = self._node.are_waiting()
+        self._node.observe()
+        before = self._node.usages
+        others_wait = receivers.are_waiting()
+        # If a receiver has woken a thread of the node, this thread runs, or waits for a processor.
+        self._is_waiting = self._node.are_waiting() and self._node.usages is before
         if self._is_waiting and was_waiting:
             seconds = wall - self._wall
             # If it has run meanwhile, it has probably waited for a processor most of the time.
             has_run = self._node.usages is not usages
             self._waited += min(seconds, BETWEEN_POLLS) if has_run else seconds
         self._wall = wall
-        return self._is_waiting
-
-    @property
-    def is_still_waiting(self) -> bool:
-        """Whether no thread of the node has run since it was found waiting."""
-        usages = self._node.usages
-        self._node.observe()
-        return self._node.usages is usages
+        return self._is_waiting, others_wait
 
     def unsettle(self) -> None:
         """Note that the node, or a thread that serves it, runs."""

@@ -175,17 +175,16 @@ class ReplayWorld:
             pace: of the clock.
             left: the time until the next command is due [ns]; None if none is expected.
         """
-        is_waiting = pace.observe()
-        if is_waiting and self._receiving.are_waiting() and pace.is_still_waiting:
+        node_waits, others_wait = pace.observe(self._receiving)
+        if node_waits and others_wait:
             if self._master.notify() or self._process(pace):
                 pace.unsettle()
                 return
             duration = pace.advance(left, self._time_until_due)
         else:
             pace.unsettle()
-            duration = None if is_waiting else pace.advance(left, None)
-            if not self._receiving.are_waiting():
-                duration = None
+            is_polling = others_wait and not node_waits
+            duration = pace.advance(left, None) if is_polling else None
         # Without a connection, the node has not initialised ROS yet.
         if duration is not None and (self.sent or self._clock.get_num_connections()):
             self._send(pace, duration)

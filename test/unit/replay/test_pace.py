@@ -32,15 +32,19 @@ class Clock:
     """The clock of a replay, whose pace is under test, and the wall clock."""
 
     def __init__(self, monkeypatch):
-        self.wall, self.node = 0.0, Threads()
+        self.wall, self.node, self.receivers = 0.0, Threads(), Threads()
         monkeypatch.setattr(pace.time, "monotonic", lambda: self.wall)
         self.pace = Pace(self.node)
 
+    def observe(self):
+        """Return whether the node waits, and whether the receivers do."""
+        return self.pace.observe(self.receivers)
+
     def after(self, seconds, left=None, due=None):
         """Return by how much the clock advances, after a time on the wall clock [s]."""
-        self.pace.observe()
+        self.observe()
         self.wall += seconds
-        self.pace.observe()
+        self.observe()
         return self.pace.advance(left, due)
 
     def write(self, is_received=True):
@@ -52,7 +56,7 @@ class Clock:
     def hear(self):
         """Receive a command, which a thread of the node has sent."""
         self.node.run()
-        self.pace.observe()
+        self.observe()
         self.pace.heard()
 
 
@@ -157,16 +161,24 @@ def test_a_computation_takes_no_simulated_time(driving):
 @pytest.mark.parametrize(("has_run", "seconds"), [(False, 0.1), (True, pace.BETWEEN_POLLS)])
 def test_a_node_that_has_run_has_waited_for_a_processor(clock, has_run, seconds):
     """Between two observations, 0.1 s apart, that find it waiting."""
-    clock.pace.observe()
+    clock.observe()
     clock.wall += 0.1
     if has_run:
         clock.node.run()
-    clock.pace.observe()
+    clock.observe()
     assert clock.pace.seconds == pytest.approx(seconds)
 
 
-def test_a_node_that_runs_while_this_process_is_observed(clock):
-    assert clock.pace.observe()
-    assert clock.pace.is_still_waiting
-    clock.node.run()
-    assert not clock.pace.is_still_waiting
+@pytest.mark.parametrize("has_run", [True, False])
+def test_a_node_that_is_woken_while_the_receivers_are_observed(clock, has_run):
+    """Then it has run and waits again, or it waits for a processor."""
+    assert clock.observe() == (True, True)
+
+    def wake():
+        if has_run:
+            clock.node.run()
+        clock.node.waits = has_run
+        return True
+
+    clock.receivers.are_waiting = wake
+    assert clock.observe() == (False, True)

@@ -3,10 +3,12 @@
 import os
 import threading
 from types import SimpleNamespace
+from unittest import mock
 
 import pytest
 
 from mushr_ros_intro.car import model
+from mushr_ros_intro.replay import follow_world
 from mushr_ros_intro.replay.follow_world import REST, FollowWorld
 from mushr_ros_intro.replay.pace import STEP
 from mushr_ros_intro.replay.world import CONTROL, START, ReplayWorld
@@ -110,7 +112,9 @@ class Driving(FollowWorld):
 
     def follow(self, has_ended=False):
         """Return what `watch` returns, and how long the node had sent nothing [s]."""
-        return self.watch(SimpleNamespace(has_ended=has_ended, threads=self), 15.0), self.silence
+        process = SimpleNamespace(has_ended=has_ended, threads=self)
+        with mock.patch.object(follow_world, "CHECK_PERIOD", 0.0):
+            return self.watch(process, 15.0), self.silence
 
 
 def test_a_node_that_drives_on():
