@@ -2,7 +2,8 @@
 
 import contextlib
 import os
-from typing import Collection, Dict, Iterable, List, NamedTuple
+import time
+from typing import Collection, Dict, Iterable, List, NamedTuple, Optional
 
 from mushr_ros_intro.stamps import NANOSECONDS
 
@@ -14,6 +15,12 @@ The text of a thread changes whenever it runs.
 
 _MAX_THREADS = 300
 """No more threads are observed, because each needs open files."""
+
+_PROCESS, _THREAD = 2, 6
+"""Kinds of clocks of processor time; see CPUCLOCK_SCHED and CPUCLOCK_PERTHREAD of Linux.
+
+Linux allows clocks of all processes, and of the threads of this process.
+"""
 
 _TICK = NANOSECONDS // os.sysconf("SC_CLK_TCK")
 """The unit of the times in the file `stat` [ns]."""
@@ -41,6 +48,9 @@ class Threads:
         self._has_statistics = _has_statistics()
         counts = "schedstat" if self._has_statistics else "status"
         self._names = (counts, "stat", "children")
+        self._is_own = process == os.getpid()
+        self._clocks: List[int] = []  # of the processes, or of the threads of this process
+        self._times: Optional[List[int]] = None  # of these clocks, before the files were last read
         self._files: Dict[str, _Files] = {}
         self._texts: List[bytes] = []  # the values of `usages`, in the order of `_files`
         self.usages: Usages = {}
@@ -72,7 +82,11 @@ class Threads:
         return self.usages is before
 
     def observe(self) -> None:
-        """Read the usages."""
+        """Read the usages, if a clock shows that a thread has run."""
+        times = self._read_clocks()
+        if times and times == self._times:
+            return
+        self._times = times
         found: Usages = {}
         try:
             texts = list(map(self._usage, self._files.values()))
@@ -92,6 +106,17 @@ class Threads:
             if usage != before:
                 self.ran += (int(usage.split()[0]) - int(before.split()[0])) / NANOSECONDS
         self.usages, self._texts = found, list(found.values())
+        clocks = [~int(name) << 3 | _THREAD for name in found]
+        if not self._is_own:
+            clocks = [~process << 3 | _PROCESS for process in self._processes]
+        if clocks != self._clocks:
+            self._clocks, self._times = clocks, None
+
+    def _read_clocks(self) -> Optional[List[int]]:
+        """Return the processor times of the clocks [ns]; None if one has ended."""
+        with contextlib.suppress(OSError):
+            return [time.clock_gettime_ns(each) for each in self._clocks]
+        return None
 
     def _add_new(self, found: Usages, changed: Iterable[str]) -> None:
         """Add the usages of new threads; only a thread that has run can have created them."""

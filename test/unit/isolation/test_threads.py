@@ -108,3 +108,21 @@ def test_child_processes():
         parent.kill()
         parent.wait()
         assert not observer.are_waiting() and observer.processes == []
+
+
+@pytest.mark.parametrize("is_own", [True, False])
+def test_files_are_read_if_a_thread_has_run(worker, monkeypatch, is_own):
+    """Clocks of processor time show it: of the threads of this process, or of another process."""
+    program = subprocess.Popen(("cat",), stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    observer = worker[1] if is_own else Threads(program.pid)
+    wait_for(observer.are_waiting, "the thread to wait")
+    observer.observe()
+    reads = []
+    monkeypatch.setattr(observer, "_usage", lambda files: reads.append(files) or b"1")
+    observer.observe()
+    assert not reads
+    if is_own:
+        worker[0].set()
+    else:
+        program.communicate(b"x")
+    wait_for(lambda: observer.observe() or reads, "a thread to run")
