@@ -9,6 +9,7 @@ import tempfile
 import pytest
 import rosbag
 
+from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support import classroom as submissions
 from support.grading import ISOLATED, PLAN, PRIVILEGED, WITHOUT_NAMESPACES, assert_status, load
 
@@ -108,7 +109,7 @@ def test_gradescope(parts, tmp_path):
     path = tmp_path / "results.json"
     command = (parts / "zipped", "--plans", parts / "plan.txt", "--out", tmp_path)
     assert_status(0, *command, "--gradescope", path)
-    assert sum(test["score"] for test in json.loads(path.read_text())["tests"]) == 9
+    assert sum(test["score"] for test in json.loads(path.read_text())["tests"]) == len(CHECK_NAMES)
 
 
 @PRIVILEGED

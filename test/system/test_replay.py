@@ -7,6 +7,7 @@ import os
 
 import pytest
 
+from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support.helpers import ForkedProcess, failures_in, master, node, rostest_results
 from support.paths import PACKAGE, copy_package
 
@@ -15,7 +16,6 @@ PLAN = "1,2,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n0.5,0.0\n"
 
 STOPPED = {"node", "commands", "final_pose", "path"}
 NEVER_DROVE = STOPPED | {"rate", "rest", "start_pose"}
-EVERY_CHECK = NEVER_DROVE | {"map", "topics"}
 
 EXACT = ("position_tolerance:=1e-9", "angle_tolerance:=1e-9", "path_tolerance:=1e-9")
 """[m, rad] Prediction and car differ by rounding errors only."""
@@ -113,7 +113,7 @@ def test_verdict(replay, name):
     cases = failures_in(result)
     assert all(float(case.get("time")) >= 0.0 for case in result.iter("testcase"))  # for rosunit
     failures = {case: text for case, text in cases.items() if text is not None}
-    assert set(cases) == ({"replay"} if "replay" in failing else EVERY_CHECK), output
+    assert set(cases) == ({"replay"} if "replay" in failing else set(CHECK_NAMES)), output
     # On a busy machine a fault can fail more checks.
     assert set(failures) >= failing and bool(failures) == bool(failing), output
     assert (process.wait() == 0) == (not failing), output
@@ -163,7 +163,7 @@ def test_files(replay):
     said = json.loads((folder / "report.json").read_text())
     assert said["passed"] and said["verdict"][-1] == "all checks passed"
     messages = {check["name"]: check["message"] for check in said["checks"]}
-    assert set(messages) == EVERY_CHECK
+    assert set(messages) == set(CHECK_NAMES)
     assert messages["map"] == "the car hit no wall and stayed on the map of 100 m x 100 m"
     lines = (folder / "trajectory.csv").read_text().splitlines()
     assert lines[0].startswith("time,x,y,theta,predicted_x")

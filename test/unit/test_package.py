@@ -12,6 +12,8 @@ import yaml
 from roslaunch.config import load_config_default
 from roslaunch.rlutil import check_roslaunch
 
+from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
+from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support import paths
 from support.helpers import Process
 
@@ -41,7 +43,7 @@ def test_every_executable_names_the_interpreter_that_knows_ros():
 
 def test_every_node_says_where_there_is_no_master():
     for name in executables("src"):
-        assert "rospy.init_node(" not in read(f"src/{name}"), f"{name}: startup.init_node says so"
+        assert "rospy.init_node(" not in read(f"src/{name}"), f"{name}: node.main says so"
 
 
 def found_by_ros(folder="."):
@@ -287,3 +289,15 @@ def test_the_page_lists_every_plan():
     listed = re.findall(r"^\| `(\w+)` \| [\d.]+ s \|", read("docs/tutorial.md"), re.M)
     files = glob.glob(os.path.join(PACKAGE, "plans", "*.txt"))
     assert sorted(listed) == sorted(os.path.basename(path)[:-4] for path in files)
+
+
+@pytest.mark.parametrize(
+    ("header", "names"),
+    [
+        ("check | passes if", CHECK_NAMES),
+        ("check | passes if | option", FOLLOW_CHECK_NAMES),
+    ],
+)
+def test_the_page_lists_every_check(header, names):
+    rows = cells_of("docs/grading.md", header)
+    assert sorted(re.findall(r"`(\w+)`", " ".join(row[0] for row in rows))) == sorted(names)

@@ -9,6 +9,8 @@ from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support.grades import graded, submission
 
 PLANS = ("circle", "secret")
+ALL = len(CHECK_NAMES)
+"""The points of a plan whose checks give one point each."""
 
 
 def read(folder, text):
@@ -19,23 +21,23 @@ def read(folder, text):
 
 def test_without_a_file_each_check_gives_one_point():
     points = read_points(None, PLANS)
-    assert points.max_score() == 18 and points.max_score(["circle"]) == 9
+    assert points.max_score() == 2 * ALL and points.max_score(["circle"]) == ALL
     assert points.points("circle", "topics") == 1 and not points.is_hidden("circle")
     result = submission(graded("circle", ["path", "rate"]), graded("secret"))
-    assert points.score(result) == Points().score(result) == 16
+    assert points.score(result) == Points().score(result) == 2 * ALL - 2
     assert points.score(submission(fault="no file")) == 0
 
 
 @pytest.mark.parametrize(
     ("text", "circle", "secret"),
     [
-        ("", 9, 9),
-        ("plans:", 9, 9),
-        ("default: {hidden: true}", 9, 9),
+        ("", ALL, ALL),
+        ("plans:", ALL, ALL),
+        ("default: {hidden: true}", ALL, ALL),
         ("default: {commands: 2, path: 3}", 5, 5),
         ("default: {path: 0.1, rest: 0.2}", 0.3, 0.3),  # not 0.30000000000000004
         ("default: {path: 1e1}", 10, 10),
-        ("plans: {circle: {path: 4}}", 12, 9),
+        ("plans: {circle: {path: 4}}", ALL + 3, ALL),
         ("default: {commands: 2}\nplans: {circle: {path: 4, commands: 0}}", 4, 2),
         ("default: {commands: 2}\nplans: {circle: {path: 4}, secret: {commands: 0}}", 6, 0),
     ],
@@ -50,7 +52,7 @@ def test_points_of_plans(tmp_path, text, circle, secret):
 def test_checks_that_are_not_judged():
     """They cost nothing, unless there is no command at all."""
     crashed = graded("circle", ["node", "path"], unjudged=["rate"])
-    assert Points().plan_score(crashed) == 7 and not crashed.passed
+    assert Points().plan_score(crashed) == ALL - 2 and not crashed.passed
     silent = graded("circle", ["node"], unjudged=CHECK_NAMES[1:])
     assert Points().plan_score(silent) == 0
     strict = Points(plans={"circle": PlanPoints(all_or_nothing=True)})
@@ -64,7 +66,7 @@ def test_feedback(tmp_path):
     feedback = read_feedback(str(path), ["ann", "bob", "17"])
     assert feedback == {"ann": Feedback(-2.0, "Late."), "17": Feedback(0.5, "")}
     points = Points(feedback=feedback)
-    assert points.score(submission(graded("circle", ["path"]))) == 6
+    assert points.score(submission(graded("circle", ["path"]))) == ALL - 1 - 2
     assert points.score(submission(graded("circle", ["topics"]))) == 0
     assert points.score(submission(name="17", fault="no file")) == 0.5
     assert read_feedback("", ["ann"]) == {}
@@ -97,14 +99,14 @@ def test_hidden_plans(tmp_path):
 @pytest.mark.parametrize(
     ("text", "failed", "score", "loss"),
     [
-        ("", [], 9, ""),
-        ("", ["path", "map"], 7, ""),
+        ("", [], ALL, ""),
+        ("", ["path", "map"], ALL - 2, ""),
         ("", ["topics"], 0, "check topics failed"),
         ("default: {path: 3}", ["topics"], 0, "check topics failed"),
         ("default: {all_or_nothing: true}", ["path", "map"], 0, "a check failed: map, path."),
-        ("default: {all_or_nothing: true}", [], 9, ""),
+        ("default: {all_or_nothing: true}", [], ALL, ""),
         ("default: {all_or_nothing: true}\nplans: {circle: {map: 2}}", ["path"], 0, "a check"),
-        ("plans: {secret: {all_or_nothing: true}}", ["path"], 8, ""),
+        ("plans: {secret: {all_or_nothing: true}}", ["path"], ALL - 1, ""),
         ("default: {path: 3, all_or_nothing: true}", ["map"], 3, ""),  # map gives no points
     ],
 )
