@@ -4,7 +4,7 @@ The car counts as following the path from its begin to its end: each driven pose
 the nearest point that is not far from the one before along the path. So a path may cross itself.
 """
 
-from typing import Callable, Dict, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, Mapping, NamedTuple, Tuple
 
 import numpy as np
 
@@ -12,9 +12,9 @@ from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.plan import as_float32
 from mushr_ros_intro.replay.judge import (
     CHECKS,
-    Check,
     Judgement,
     Tolerances,
+    checked,
     default_tolerances,
     judge,
 )
@@ -64,17 +64,9 @@ def judge_drive(recorded: Recorded, changes: Dict[str, float]) -> Judgement:
         known = {name: each for name, each in changes.items() if name in Tolerances._fields}
         return judge(recorded, default_tolerances(recorded.plan, recorded.car)._replace(**known))
     known = {name: each for name, each in changes.items() if name in FollowTolerances._fields}
-    judgement = Judgement(recorded, _drive(recorded), FollowTolerances(**known))
-    outcome = recorded.outcome
-    checks = [Check("node", not outcome, outcome or "the node ran without an error")]
-    for name, check in _CHECKS.items():
-        passed, message, share = False, "not judged: the node sent no command", 0.0
-        is_judged = bool(recorded.sent) or (name == "topics" and bool(recorded.actions))
-        if is_judged:
-            passed, message, share = check(judgement)
-        checks.append(Check(name, passed, message, is_judged, share))
     notes = (f"the car ignored {recorded.ignored}",) if recorded.ignored else ()
-    return judgement._replace(checks=checks, notes=notes)
+    judgement = Judgement(recorded, _drive(recorded), FollowTolerances(**known), notes=notes)
+    return judgement._replace(checks=tuple(checked(judgement, _CHECKS)))
 
 
 def _drive(recorded: Recorded) -> Drive:
@@ -187,28 +179,18 @@ def _smoothness(judgement: Judgement) -> Tuple[bool, str, float]:
     return passed, text, share
 
 
-def _full(check: Callable[[Judgement], Tuple[Optional[bool], str]]) -> "_Check":
-    """Return a check that earns all points or none."""
-
-    def judged(judgement: Judgement) -> Tuple[bool, str, float]:
-        passed, message = check(judgement)
-        return bool(passed), message, float(bool(passed))
-
-    return judged
-
-
 _Check = Callable[[Judgement], Tuple[bool, str, float]]
 
-_CHECKS: Dict[str, _Check] = {
-    "topics": _full(CHECKS["topics"]),
+_CHECKS: Mapping[str, Callable[[Judgement], Any]] = {
+    "topics": CHECKS["topics"],
     "path": _path,
     "cross_track": _cross_track,
     "final_pose": _final_pose,
     "time": _if_it_arrives(_time),
     "smoothness": _if_it_arrives(_smoothness),
-    "map": _full(CHECKS["map"]),
+    "map": CHECKS["map"],
 }
-"""Each function returns whether a check passed, a message, and the share of the points earned."""
+"""As CHECKS; a function may also return the share of the points that a failed check earns."""
 
 FOLLOW_CHECK_NAMES = ("node", *_CHECKS)
 """The names of the checks of a controller."""

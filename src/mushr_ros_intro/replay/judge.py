@@ -5,7 +5,7 @@ Stamps are integer nanoseconds of simulated time; poses are in the map frame.
 
 import math
 from itertools import groupby
-from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -304,7 +304,7 @@ def _map(judgement: Judgement) -> Tuple[bool, str]:
     return True, f"the car hit no wall and stayed on the map of {size}"
 
 
-CHECKS: Dict[str, Callable[[Judgement], Tuple[Optional[bool], str]]] = {
+CHECKS: Mapping[str, Callable[[Judgement], Tuple[Optional[bool], str]]] = {
     "topics": _topics,
     "start_pose": _start_pose,
     "commands": _commands,
@@ -322,13 +322,20 @@ CHECK_NAMES = ("node", *CHECKS)
 
 def judge(recorded: Recorded, tolerances: Tolerances) -> Judgement:
     """Return the verdict on a replay; its checks are in the order of CHECK_NAMES."""
-    judgement = Judgement(recorded, drive(recorded), tolerances)
-    checks = [
-        Check("node", not recorded.outcome, recorded.outcome or "the node ran without an error")
-    ]
-    for name, check in CHECKS.items():
-        passed, message = None, "not judged: the node sent no command"
+    judgement = Judgement(recorded, drive(recorded), tolerances, notes=tuple(_notes(recorded)))
+    return judgement._replace(checks=tuple(checked(judgement, CHECKS)))
+
+
+def checked(judgement: Judgement, checks: Mapping[str, Callable[..., Any]]) -> Iterator[Check]:
+    """Yield the check `node`, and the result of each function in `checks`, by their names.
+
+    A function gets the judgement. It returns whether the check passed, or None if it cannot be
+    judged, a message, and perhaps the share of the points of a failed check.
+    """
+    recorded = judgement.recorded
+    yield Check("node", not recorded.outcome, recorded.outcome or "the node ran without an error")
+    for name, check in checks.items():
+        passed, message, *share = None, "not judged: the node sent no command"
         if recorded.sent or (name == "topics" and recorded.actions):
-            passed, message = check(judgement)
-        checks.append(Check(name, bool(passed), message, passed is not None))
-    return judgement._replace(checks=checks, notes=tuple(_notes(recorded)))
+            passed, message, *share = check(judgement)
+        yield Check(name, bool(passed), message, passed is not None, *share)
