@@ -32,7 +32,7 @@ def executables(folder):
 
 def test_every_node_is_installed():
     installed = set(re.findall(r"src/(\w+\.py)", read("CMakeLists.txt")))
-    assert installed == set(executables("src"))
+    assert installed == set(executables("src")), "expected CMakeLists.txt, and chmod +x"
 
 
 def test_every_executable_names_the_interpreter_that_knows_ros():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mushr_ros_intro.car.model import Car, Command, at_rest
 from mushr_ros_intro.car.motion import advance, apply
-from mushr_ros_intro.car.profile import car_from, read_profile
+from mushr_ros_intro.car.profile import NUMBERS, car_from, read_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import ORIGIN
 from mushr_ros_intro.parameters import Parameters
@@ -30,8 +30,12 @@ def test_profiles():
         *("ideal", "mushr_nano", "mushr_nano_master", "mushr_sim", "mushr_tx2", "racecar_mit")
     }
     assert CARS["ideal"] == Car() == car_from(Parameters({}))
-    keys = {tuple(values) for values in PROFILES.values()}
-    assert len(keys) == 1  # a second profile on the parameter server replaces every key
+    names = {name for name, *_ in NUMBERS}
+    for name, values in PROFILES.items():
+        # A second profile on the parameter server replaces every key.
+        assert (
+            set(values) == names
+        ), f"expected NUMBERS of car/profile.py in config/cars/{name}.yaml"
     noisy = car_from(Parameters({**PROFILES["mushr_nano"], "noise": True, "seed": 7}))
     assert noisy == CARS["mushr_nano"]._replace(**NOISES, seed=7)
     assert str(Car()) == "wheelbase 0.33 m; limits: none; noise: off; command timeout 0.2 s"
