@@ -12,7 +12,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros.connections import responds
 
 END_TIMEOUT = 10.0
-"""path_publisher.py is killed if it does not end so long after SIGINT [s]."""
+"""Timeout for the end of path_publisher.py after SIGINT [s]; then it is killed."""
 
 
 class PlanDrive:

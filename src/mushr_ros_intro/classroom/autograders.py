@@ -35,13 +35,13 @@ SOURCE = "/autograder/source"
 """Where Gradescope unpacks the zip."""
 
 SILENCE = 300.0
-"""All plans together wait at most so long for a node that hangs [s of wall-clock time].
+"""Longest wait of all plans together for a node that hangs [s of wall-clock time].
 
 Gradescope ends a run after 600 s. With half a core, a drive of a figure 8 takes about 3 s.
 """
 
 MIN_TIMEOUT, MAX_TIMEOUT = 10.0, 30.0
-"""One plan waits so long [s of wall-clock time]; with half a core, a node starts in about 2 s."""
+"""Limits of the wait of one plan [s of wall-clock time]; with half a core, a node starts in 2 s."""
 
 
 def fill(folder: str, arguments: argparse.Namespace, package: str) -> str:

@@ -9,7 +9,7 @@ from mushr_ros_intro.replay.judge import Check, Judgement
 from mushr_ros_intro.replay.recording import Drive
 
 MAX_POINTS = 500
-"""A stored path has at most so many points."""
+"""Limit of the number of points of a stored path."""
 
 
 class Student(NamedTuple):
@@ -89,22 +89,22 @@ class Grade(NamedTuple):
         return bool(self.plans) and all(plan.passed for plan in self.plans)
 
 
-def plan_grade(name: str, report: Judgement, shorten: Callable[[str], str]) -> PlanGrade:
-    """Return the verdict of a report on a plan with a name.
+def plan_grade(name: str, judgement: Judgement, shorten: Callable[[str], str]) -> PlanGrade:
+    """Return the verdict on a drive of the plan `name`.
 
     `shorten` removes the paths of this machine from a text.
     """
-    drive = report.drive
+    drive = judgement.drive
     chosen = np.unique(np.linspace(0, len(drive.times) - 1, MAX_POINTS).astype(int))
     times, driven, predicted = (
         np.round(each[chosen], 4).tolist() for each in (drive.times, drive.driven, drive.predicted)
     )
     return PlanGrade(
         name,
-        tuple(check._replace(message=shorten(check.message)) for check in report.checks),
-        shorten(report.verdict),
-        shorten(report.recorded.output),
-        round(report.recorded.seconds, 3),
+        tuple(check._replace(message=shorten(check.message)) for check in judgement.checks),
+        shorten(judgement.verdict),
+        shorten(judgement.recorded.output),
+        round(judgement.recorded.seconds, 3),
         tuple(times),
         tuple(map(tuple, driven)),
         tuple(map(tuple, predicted)),

@@ -233,7 +233,7 @@ class Grading:
         return parameter_words(os.path.join(*[*own, submission.folder][:1], self._options.params))
 
     def _judge_again(self, old: Drive, key: Key, name: str, plan: Exercise) -> Drive:
-        """Judge a stored drive with the present tolerances."""
+        """Judge a stored drive with the current tolerances."""
         key = old.key._replace(tolerances=key.tolerances)
         if old.fault:
             return old._replace(key=key)
@@ -296,7 +296,7 @@ def _cannot_judge() -> Drive:
 
 
 def _source(submission: Submission) -> str:
-    """Return the text of the node, or its begin; "" if there is none."""
+    """Return the first MAX_SOURCE bytes of the node as text; "" if there is no node."""
     if not submission.command:
         return ""
     with open(submission.command[0], "rb") as file:

@@ -23,7 +23,7 @@ from mushr_ros_intro.classroom.points import Points
 from mushr_ros_intro.wording import counted
 
 _NOTE_LENGTH = 200
-"""The index shows so many characters of a fault."""
+"""Number of characters of a fault that the index shows."""
 
 _SCRIPT = """
 for (const button of document.querySelectorAll("th button")) button.onclick = () => {

@@ -24,12 +24,12 @@ from mushr_ros_intro.world.footprint import Footprint, is_free, on_map
 from mushr_ros_intro.world.grid import Grid
 
 ATTEMPTS = 1000
-"""A student's plan is one of so many random plans."""
+"""Number of random plans of which a student's plan is the first that fits."""
 
 TABLE = "plans.csv"
 
 _REACH = 2.0
-"""The start poses of the first attempts are at most so far from that of the given plan [m]."""
+"""Largest distance of the first start poses from that of the given plan, in x and in y [m]."""
 
 _GROWTH = 0.02
 """This limit grows with each attempt by this length [m]."""

@@ -14,11 +14,11 @@ from mushr_ros_intro.preview.prediction import rest, states_at
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 
 _SETTLED = 0.3
-"""So long after the predicted rest, the car stands, if the recording is that long [s]."""
+"""Time after the predicted rest at which the car counts as standing [s]."""
 
 
 class RowResult(NamedTuple):
-    """What one row did, predicted and driven."""
+    """The motion during one row, predicted and driven."""
 
     line: int
     """Line in the plan's file; 0 if the row comes from the commands."""
@@ -47,7 +47,7 @@ class Comparison(NamedTuple):
     delay: float
     """From a command to its effect on the pose [s]."""
     plan: Plan
-    """The rows, from the pose at which the car stood at the begin."""
+    """The rows, from the pose at which the car stood before the first command."""
     standing: int
     """The number of poses that the start pose is the mean of; 0 if it is the first pose."""
     times: np.ndarray

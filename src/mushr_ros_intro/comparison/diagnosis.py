@@ -27,7 +27,7 @@ _SMALL_ERROR, _SMALL_SHARE = 0.02, 0.2
 """A fit is useful if it leaves less than this of the error, in [m], or as a share."""
 
 _SIGNIFICANT = 3.0
-"""A fitted parameter is named if it has changed by more than so many standard errors."""
+"""A fitted parameter is named if it has changed by more than this [standard errors]."""
 
 _NO_NOISE = 1e-3
 """Smaller random errors of the positions are not those of a localisation [m]."""

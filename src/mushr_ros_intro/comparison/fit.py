@@ -23,7 +23,7 @@ MAX_POSES_FOR_NOISE = 250
 """Likewise, until the noise is known."""
 
 _MAX_ROUNDS = 10
-"""So often the noise and the glitches are estimated, at most."""
+"""Limit of the number of times that the noise and the glitches are estimated."""
 
 
 def fit(logs: Sequence[DriveLog], car: Car) -> Fit:

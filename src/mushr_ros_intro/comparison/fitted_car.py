@@ -53,11 +53,11 @@ class Value(NamedTuple):
     error: float = 0.0
     """Its standard error."""
     low: float = 0.0
-    """Begin of its 95 % range."""
+    """Lower end of its 95 % range."""
     high: float = 0.0
-    """Its end. The range of a rate is not symmetric, and infinite if there may be no limit."""
+    """Upper end. The range of a rate is not symmetric, and infinite if there may be no limit."""
     is_fitted: bool = True
-    """Otherwise the value is the one before the fit, because the drives say nothing about it."""
+    """Otherwise the value is the one before the fit, because the drives do not determine it."""
     change: float = 0.0
     """The difference from the value before the fit, in standard errors."""
     confused_with: Tuple[str, ...] = ()
@@ -126,7 +126,7 @@ def fitted_value(name: str, number: float, before: float, error: float, factor: 
         number: the fitted number.
         before: the number before the fit.
         error: standard error of the number.
-        factor: so many standard errors does the 95 % range reach to each side.
+        factor: how far the 95 % range reaches to each side, in standard errors.
     """
     change = (number - before) / error if error else 0.0
     low, high = number - factor * error, number + factor * error

@@ -83,7 +83,7 @@ class NoiseFit:
     def range_factors(self, noise: Noise) -> Tuple[List[float], List[float]]:
         """Return how far the 95 % range of each number reaches, in standard errors.
 
-        It is more than 1.96, because the drives say little about the noise, and a number is
+        It is more than 1.96, because the drives hardly determine the noise, and a number is
         normally distributed for a given noise only. So its range is that of a mixture, over the
         noises along the direction in which they change its variance most, for their probability.
 

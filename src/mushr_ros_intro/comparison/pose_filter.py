@@ -40,9 +40,9 @@ class Noise(NamedTuple):
 
 
 NOISE_FACTORS = (5.0, 5.0, 5.0, 2.0, 2.0, 2.0, 2.0)
-"""The estimated noise differs from the usual noise by about this factor, if the drive says little.
+"""The usual noise is known to this factor: a log-normal prior, one standard deviation.
 
-A drive of half a minute says little about the noise of the car, and the error of the fit depends on
+A drive of half a minute hardly determines the noise of the car, and the error of the fit depends on
 it.
 """
 
@@ -132,7 +132,7 @@ def weights_of(
 
 
 def _transitions(steps: Steps) -> np.ndarray:
-    """Return how an error at the begin of each step becomes one at its end, (N - 1, 3, 3)."""
+    """Return how an error at the start of each step becomes one at its end, (N - 1, 3, 3)."""
     cos, sin = np.cos(steps.turns), np.sin(steps.turns)
     x, y = steps.moves.real, steps.moves.imag
     zero, one = np.zeros_like(x), np.ones_like(x)

@@ -159,7 +159,7 @@ def _wrong_values(sender: Publisher) -> List[Finding]:
 
 
 def _wrong_rate(sender: Publisher, facts: Facts) -> List[Finding]:
-    """Find commands that are so rare that the car stops after each one. People may send such."""
+    """Find commands that are so rare that the car stops after each one, except those of people."""
     if sender.shortest_gap <= _MAX_GAP or sender in facts.manual_senders:
         return []
     seconds = sender.shortest_gap / NANOSECONDS

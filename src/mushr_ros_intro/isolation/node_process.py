@@ -36,7 +36,7 @@ def _memory_of(process: int) -> int:
 
 
 WAS_KILLED = "the node was killed by signal SIGKILL"
-"""The begin of the description of a node that was killed."""
+"""The description of a node that was killed begins with this."""
 
 
 class NodeProcess:

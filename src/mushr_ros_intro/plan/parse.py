@@ -33,7 +33,7 @@ MAX_FILE_SIZE = 100_000_000
 """Larger plan files are refused [bytes]; a plan of a million rows has twelve million."""
 
 MAX_FAULTS = 1000
-"""After so many faults the rest of a file is not checked: it is not a plan, and may be huge."""
+"""Number of faults after which the rest of a file is not checked: it is no plan."""
 
 # Unambiguous, so that matching takes time in proportion to the length of any line.
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")

@@ -16,16 +16,16 @@ from mushr_ros_intro.preview.side_by_side import arcs, ramped
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 
 MAX_CAR_COMMANDS = 2_000_000_000
-"""Limit of the commands of a plan times the runs; so many take about five minutes."""
+"""Limit of the commands of a plan times the runs; they take about five minutes."""
 
 CLOUD = 5000
-"""The final poses of so many runs are kept."""
+"""Number of runs whose final poses are kept."""
 
 _MARKS = 10
 """The number of instants along the plan at which the spread is computed."""
 
 _STEPS = 3
-"""So many arcs approximate a command with a long ramp; one arc approximates any other command."""
+"""Number of arcs that approximate a command with a long ramp; any other command is one arc."""
 
 
 class Errors(NamedTuple):

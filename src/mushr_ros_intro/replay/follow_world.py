@@ -37,7 +37,7 @@ SERVICE = "/follow_path"
 """The world calls a service of the node whose name ends like this, and gives it the path."""
 
 MAX_TIME = 3.0
-"""A drive may take so many times the duration of the path, and EXTRA_TIME."""
+"""Limit of the duration of a drive, as a multiple of that of the path; EXTRA_TIME is added."""
 
 REST = 2 * NANOSECONDS
 """The drive has ended if the car stands for this time [ns]."""

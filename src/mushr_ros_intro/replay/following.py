@@ -1,6 +1,6 @@
 """Judge a replay in which a controller follows a path.
 
-The car counts as following the path from its begin to its end: each driven pose is compared with
+The car counts as following the path from its start to its end: each driven pose is compared with
 the nearest point that is not far from the one before along the path. So a path may cross itself.
 """
 
@@ -23,7 +23,7 @@ from mushr_ros_intro.replay.reference import STEP, Reference, lengths, resampled
 from mushr_ros_intro.stamps import NANOSECONDS
 
 AHEAD, BEHIND = 2.0, 0.5
-"""The nearest point is searched so far ahead and behind of the one before [m]."""
+"""How far ahead and behind of the last nearest point the next one is searched [m]."""
 
 EXTRA_TIME = 5.0
 """A car may start late, and become slower at the end [s]."""
@@ -72,8 +72,8 @@ def judge_drive(recorded: Recorded, changes: Dict[str, float]) -> Judgement:
 def _drive(recorded: Recorded) -> Drive:
     """Return the driven path and the nearest points of the path.
 
-    If the car has not reached the end of the path, it counts as standing while the rest of the path
-    goes by.
+    If the car has not reached the end of the path, the rest of the path is compared with its last
+    pose.
     """
     moves = np.nonzero(np.diff(recorded.poses, axis=0).any(axis=1))[0]
     first, last = (int(moves[0]), int(moves[-1]) + 2) if len(moves) else (0, 1)

@@ -15,10 +15,10 @@ REFUSED: Tuple[int, str, int] = (-1, "refused, because it would change the simul
 """The answer to a refused call."""
 
 MAX_NAMES = 100
-"""So many actions of a node, and topics, are recorded: enough for a message."""
+"""Limit of the number of recorded actions of a node, and of topics: enough for a message."""
 
 MAX_TEXT = 200
-"""Their descriptions are not longer [characters]."""
+"""Limit of the length of their descriptions [characters]."""
 
 WAKE_UP_PERIOD = 0.02
 """Period of the calls to a node that has left ROS [s of wall-clock time]."""

@@ -147,7 +147,7 @@ def _unequal(value: float, limit: float) -> Tuple[str, str]:
 def default_tolerances(plan: Plan, car: Car) -> Tolerances:
     """Return how far the plan drives and turns the car within its command timeout.
 
-    The car moves so far if the node sends no stop at the end. START_TOLERANCE is added.
+    This is the motion of the car if the node sends no stop at the end. START_TOLERANCE is added.
     """
     seconds = car.command_timeout / NANOSECONDS
     distance = START_TOLERANCE + seconds * max(abs(row.speed) for row in plan.rows)

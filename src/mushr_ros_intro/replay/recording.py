@@ -122,7 +122,7 @@ class Drive(NamedTuple):
     """The driven and the predicted path, sampled at the same N times."""
 
     times: np.ndarray
-    """Since the begin of the replay [s]; N."""
+    """Since the start of the drive [s]; N."""
     driven: np.ndarray
     """x [m], y [m], theta [rad]; N x 3."""
     predicted: np.ndarray

@@ -35,7 +35,7 @@ OFFSETS = (
     *(Pose(0.0, 0.0, 0.0), Pose(0.0, 0.3, 0.0), Pose(0.0, -0.3, 0.0)),
     *(Pose(0.0, 0.0, 0.4), Pose(0.0, 0.0, -0.4)),
 )
-"""The start poses of the car, in the frame of the begin of the path."""
+"""The start poses of the car, in the frame of the first pose of the path."""
 
 STEP = 0.05
 """Distance between the points of a resampled path [m]."""
@@ -49,7 +49,7 @@ class Reference(NamedTuple):
     poses: Tuple[Pose, ...]
     """In the map frame."""
     stamps: Tuple[int, ...]
-    """When a car that drives the path is there, since its start [ns]; rising."""
+    """When a car that drives the path reaches each pose, since its start [ns]; rising."""
 
     start: Pose
     """The pose at which the car starts."""
@@ -126,7 +126,7 @@ def _map_fault(reference: Reference, grid: Grid) -> str:
 
 
 def lengths(points: np.ndarray) -> np.ndarray:
-    """Return the length of a polyline from its begin to each of its points [m]; N x 2 -> N."""
+    """Return the length of a polyline from its start to each of its points [m]; N x 2 -> N."""
     return np.append(0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T)))
 
 
@@ -141,7 +141,7 @@ def resampled(poses: np.ndarray, step: float = STEP) -> np.ndarray:
 def read_references(names: Sequence[str], folder: str, starts: int = 1) -> Dict[str, Reference]:
     """Return paths by name, given the names of files in `folder`, or paths of files.
 
-    Each path is there `starts` times, with another start pose of `OFFSETS`.
+    Each path occurs `starts` times, each time with another start pose of `OFFSETS`.
 
     Raises:
         UserError: a file is missing, or has a fault; or two files have the same name.

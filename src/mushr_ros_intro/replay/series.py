@@ -8,7 +8,7 @@ class Series:
     """The items of a topic with their stamps."""
 
     _QUIET = 1.0
-    """After so long without a message [s of wall-clock time] none is in transit any more."""
+    """Time without a message after which none is in transit any more [s of wall-clock time]."""
 
     def __init__(self) -> None:
         self.entries: List[Tuple[int, Any]] = []

@@ -21,7 +21,7 @@ from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
 
 MAX_PARAMETERS = 1000
-"""So many parameters of a file are used; aliases can repeat a value without end."""
+"""Limit of the number of parameters of a file; aliases can repeat a value without end."""
 
 
 def read_setting(

@@ -112,7 +112,7 @@ def wait_until_connected(
         end: a rospy.Publisher or rospy.Subscriber.
         role: the role of the other nodes, "publishers" or "subscribers".
         seconds: timeout [s of wall-clock time].
-        minimum: also wait until there are so many connections.
+        minimum: also wait until there are at least this many connections.
 
     Returns:
         Whether it is connected; False after the timeout, or if this node is shut down or the

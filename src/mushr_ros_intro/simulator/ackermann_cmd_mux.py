@@ -126,7 +126,7 @@ class AckermannCmdMux:
             self._announce()
 
     def _read_clock(self) -> int:
-        """Return the present [ns]; needs the lock. If the clock was set back, all inputs expire."""
+        """Return the time [ns]; needs the lock. If the clock was set back, all inputs expire."""
         if self._time.update(ros_time.now()):
             rospy.logwarn("the clock was set back; all inputs expire")
             self._mux = self._mux.restart(self._time.now)

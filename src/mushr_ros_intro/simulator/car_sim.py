@@ -208,7 +208,7 @@ class CarSim:
         return True
 
     def _read_clock(self) -> int:
-        """Return the present [ns]; needs the lock. If the clock was set back, the car stops."""
+        """Return the time [ns]; needs the lock. If the clock was set back, the car stops."""
         now = self.clock.read()
         if now < self._now:
             rospy.logwarn("the clock was set back; the car stops and forgets its commands")

@@ -26,7 +26,7 @@ _DRAWN_STEP = 0.1
 """Distance between the drawn poses of the driven path [m]."""
 
 _DRAWN_POSES = 2000
-"""The driven path has at most so many poses; it loses the oldest ones."""
+"""Limit of the number of poses of the driven path; the oldest ones are dropped."""
 
 _DRAWN_PERIOD = 0.1
 """Shortest time between two messages with the driven path [s of wall-clock time]."""
@@ -50,7 +50,7 @@ class StatePublisher:
 
         Args:
             car: the car.
-            now: the present [ns].
+            now: the current time [ns].
             prefix: of the frames.
             with_map: whether /tf contains the transform from the map to the odometry.
             loses_states: whether a slow subscriber loses old states rather than getting them late.
