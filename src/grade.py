@@ -134,9 +134,9 @@ def grade_class(arguments: argparse.Namespace) -> int:
             for each in choose(arguments, found)
         ]
         store.set_aside(task.submission.name for task in tasks)
-        is_again = bool(arguments.only)
+        drives_again = bool(arguments.only)
         options = Options(
-            arguments.jobs, bags, is_again, arguments.rejudge, missing, arguments.params
+            arguments.jobs, bags, drives_again, arguments.rejudge, missing, arguments.params
         )
         places = {
             **dict.fromkeys(plans.folders, ""),

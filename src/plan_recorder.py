@@ -14,7 +14,7 @@ from mushr_ros_intro.authoring.recorder import Recording
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
-from mushr_ros_intro.stamps import PresentTime
+from mushr_ros_intro.stamps import CurrentTime
 
 
 class PlanRecorder:
@@ -37,7 +37,7 @@ class PlanRecorder:
         self._command_timeout = car.command_timeout
 
         self._lock = threading.Lock()
-        self._time = PresentTime()
+        self._time = CurrentTime()
         self._begin_anew()
 
         node.offer_service("~save", self._lock, self._save)

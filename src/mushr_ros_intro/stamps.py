@@ -67,7 +67,7 @@ def from_seconds(seconds: float) -> int:
     return round(seconds * NANOSECONDS)
 
 
-class PresentTime:
+class CurrentTime:
     """The current time of a node; it decreases only if the clock was set back."""
 
     def __init__(self, now: int = 0) -> None:

@@ -199,7 +199,7 @@ class TestCarSim(CarTestCase):
         for index in range(6):
             self.commands.publish(command(at(begin, 0.1 * index), speed, angle))
         self.rest_after(at(begin, 0.5))
-        turn_rate = speed * math.tan(angle) / 0.33
+        yaw_rate = speed * math.tan(angle) / 0.33
 
         driving = [m for m in odometry.messages if begin < m.header.stamp < at(begin, 0.7)]
         # If the first command is late, the car stands until then.
@@ -209,7 +209,7 @@ class TestCarSim(CarTestCase):
             self.assertEqual(one.header.frame_id, "car/odom")
             self.assertEqual(one.child_frame_id, "car/base_footprint")
             self.assertAlmostEqual(one.twist.twist.linear.x, speed, delta=1e-6)
-            self.assertAlmostEqual(one.twist.twist.angular.z, turn_rate, delta=1e-6)
+            self.assertAlmostEqual(one.twist.twist.angular.z, yaw_rate, delta=1e-6)
             self.assertEqual(one.twist.twist.linear.y, 0.0)
             seconds = (other.header.stamp - one.header.stamp).to_sec()
             expected = closed_form(planar(one.pose.pose), [(speed, angle, seconds)])

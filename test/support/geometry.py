@@ -23,13 +23,13 @@ def closed_form(start, rows, wheelbase=0.33):
     position, heading = complex(start[0], start[1]), start[2]
     for speed, steering_angle, duration in rows:
         speed, steering_angle = float32(speed), float32(steering_angle)
-        turn_rate = speed * math.tan(steering_angle) / wheelbase
-        if turn_rate == 0.0:
+        yaw_rate = speed * math.tan(steering_angle) / wheelbase
+        if yaw_rate == 0.0:
             position += speed * duration * cmath.exp(1j * heading)
         else:
-            turned = heading + turn_rate * duration
-            centre = position + 1j * speed / turn_rate * cmath.exp(1j * heading)
-            position = centre - 1j * speed / turn_rate * cmath.exp(1j * turned)
+            turned = heading + yaw_rate * duration
+            centre = position + 1j * speed / yaw_rate * cmath.exp(1j * heading)
+            position = centre - 1j * speed / yaw_rate * cmath.exp(1j * turned)
             heading = turned
     return position.real, position.imag, heading
 

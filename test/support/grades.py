@@ -3,7 +3,7 @@
 import math
 
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade, Student
-from mushr_ros_intro.classroom.store import Drive, Key, Record, Store
+from mushr_ros_intro.classroom.store import Key, Record, Store, StoredDrive
 from mushr_ros_intro.replay.judge import CHECK_NAMES, Check
 
 ANN = Student("Ann", "17", "ann@x.edu")
@@ -51,5 +51,5 @@ def store(folder, *results):
     key = Key("files", "plan", "options", "package", "tolerances")
     stored = Store(str(folder))
     for result in results:
-        drives = {plan.plan: Drive(key, "", plan, {}) for plan in result.plans}
+        drives = {plan.plan: StoredDrive(key, "", plan, {}) for plan in result.plans}
         stored.save(Record(result, drives, 0.0))

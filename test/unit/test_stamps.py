@@ -5,7 +5,7 @@ import pytest
 from mushr_ros_intro.stamps import (
     MAX_LEAD,
     STAMP_TOLERANCE,
-    PresentTime,
+    CurrentTime,
     effective_stamp,
     from_seconds,
 )
@@ -36,8 +36,8 @@ def test_seconds_become_nanoseconds(seconds, nanoseconds):
     assert from_seconds(seconds) == nanoseconds
 
 
-def test_the_present_never_runs_back_unless_the_clock_was_set_back():
-    present = PresentTime(NOW)
+def test_the_time_never_runs_back_unless_the_clock_was_set_back():
+    time = CurrentTime(NOW)
     for now, expected, was_set_back in (
         (NOW + 5, NOW + 5, False),
         (NOW + 4, NOW + 5, False),
@@ -45,5 +45,5 @@ def test_the_present_never_runs_back_unless_the_clock_was_set_back():
         (NOW + 4 - STAMP_TOLERANCE, NOW + 4 - STAMP_TOLERANCE, True),
         (NOW, NOW, False),
     ):
-        assert present.update(now) == was_set_back
-        assert present.now == expected
+        assert time.update(now) == was_set_back
+        assert time.now == expected

@@ -72,7 +72,7 @@ def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[s
         "faults": _faults(report.faults),
         "length": report.length,
         "duration": plan.duration / NANOSECONDS,
-        "wall": report.rest / NANOSECONDS if report.hit else None,
+        "wall": report.rest / NANOSECONDS if report.collision else None,
         "final_pose": report.final_pose,
         "path": [(state.pose.x, state.pose.y) for state in states],
     }

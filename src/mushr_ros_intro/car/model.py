@@ -214,7 +214,7 @@ class State(NamedTuple):
         """The pose of base_footprint in the odometry frame, which never jumps."""
         return compose(inverse(self.map_from_odom), self.pose)
 
-    def turn_rate(self, car: Car) -> float:
+    def yaw_rate(self, car: Car) -> float:
         """Return the yaw rate [rad/s], counter-clockwise positive."""
         return self.speed * curvature(self.steering_angle, car.wheelbase)
 

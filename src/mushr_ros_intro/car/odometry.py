@@ -28,7 +28,7 @@ class Odometry(NamedTuple):
     state: State
     """The true state, but with measured speed and steering angle, and with the `map_from_odom` that
     makes `odom_pose` the measured pose. So `pose` stays the true one."""
-    turn_rate: float
+    yaw_rate: float
     """The measured yaw rate [rad/s]."""
     pose_covariance: np.ndarray = _EXACT
     """Of x, y [m] and the heading [rad] in the frame of the odometry, (3, 3)."""
@@ -56,7 +56,7 @@ class Odometer:
         """Return the odometry at a state, which is not before the last one."""
         car, last = self._car, self._last
         if self._is_exact:
-            return Odometry(state, state.turn_rate(car))
+            return Odometry(state, state.yaw_rate(car))
         self._last = state
         true_pose = state.odom_pose
         if last is None or (state.command is None and true_pose.is_close_to(ORIGIN, _ROUNDING)):

@@ -43,7 +43,7 @@ def follow(piece: Piece, seconds: float, car: Car) -> Pose:
 def _integrate(piece: Piece, seconds: float, car: Car) -> Pose:
     """Return the same as `follow` for a steering angle that changes.
 
-    The turn rate does not depend on the pose, so the pose is an integral over an integral. Each
+    The yaw rate does not depend on the pose, so the pose is an integral over an integral. Each
     step evaluates both at its three Gauss-Legendre points (collocation, see Hairer, Norsett,
     Wanner, "Solving Ordinary Differential Equations I", section II.7).
     """

@@ -12,10 +12,10 @@ from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.classroom.grader import build, draw, probe
 from mushr_ros_intro.classroom.grades import Grade, plan_grade
 from mushr_ros_intro.classroom.store import (
-    Drive,
     Key,
     Record,
     Store,
+    StoredDrive,
     give_to_user,
     hash_of,
     hash_of_folder,
@@ -62,9 +62,9 @@ class Options(NamedTuple):
     """The number of replays at the same time."""
     bags: str
     """The folder for bags of the drives; "" for none."""
-    is_again: bool
+    drives_again: bool
     """Whether stored drives are not used."""
-    is_rejudged: bool
+    judges_again: bool
     """Whether nothing is driven, and all stored drives are judged again."""
     isolation: str
     """What is missing in the isolation of the nodes; "" if nothing."""
@@ -77,9 +77,9 @@ class _Progress:
 
     def __init__(self, task: Task, record: Optional[Record]) -> None:
         self.task, self.record = task, record
-        self.drives: Dict[str, Drive] = {}
+        self.drives: Dict[str, StoredDrive] = {}
         self.error = task.error
-        self.needed: Dict[str, Tuple[Key, Optional[Drive]]] = {}
+        self.needed: Dict[str, Tuple[Key, Optional[StoredDrive]]] = {}
         """The plans that must be driven, or judged again if there is a stored drive."""
 
 
@@ -136,7 +136,7 @@ class Grading:
             else:
                 yield _stored(progress), False
         plans = (each.task.plans[name] for each in due for name in each.needed)
-        if due and not self._options.is_rejudged:
+        if due and not self._options.judges_again:
             probe(next(plans), self._setting)
         with ThreadPoolExecutor(self._options.jobs) as pool:
             futures = {each[0]: each for progress in due for each in self._start(pool, progress)}
@@ -170,29 +170,29 @@ class Grading:
             old = progress.record and progress.record.drives.get(name)
             if old and not self._is_usable(old, key, submission, name):
                 old = None
-            if old and old.key == key and not self._options.is_rejudged:
+            if old and old.key == key and not self._options.judges_again:
                 progress.drives[name] = old
             else:
                 progress.needed[name] = key, old
 
-    def _is_usable(self, old: Drive, key: Key, submission: Submission, plan: str) -> bool:
+    def _is_usable(self, old: StoredDrive, key: Key, submission: Submission, plan: str) -> bool:
         """Return whether a drive need not be driven again; it may have to be judged again."""
-        if self._options.is_rejudged:
+        if self._options.judges_again:
             return old.key[:2] == key[:2]
         is_same = old.key._replace(tolerances=key.tolerances) == key
         has_bag = not self._options.bags or os.path.exists(self._bag(submission, plan))
-        return is_same and has_bag and not self._options.is_again
+        return is_same and has_bag and not self._options.drives_again
 
     def _start(
         self, pool: ThreadPoolExecutor, progress: _Progress
-    ) -> Iterator[Tuple["Future[Drive]", _Progress, str]]:
+    ) -> Iterator[Tuple["Future[StoredDrive]", _Progress, str]]:
         """Start what a submission needs; yield each future, and its plan."""
         submission, built = progress.task.submission, None
         for name, (key, old) in progress.needed.items():
             plan = progress.task.plans[name]
             if old is not None:
                 future = pool.submit(self._judge_again, old, key, name, plan)
-            elif self._options.is_rejudged:
+            elif self._options.judges_again:
                 future = pool.submit(_cannot_judge)
             else:
                 built = built or pool.submit(build, submission, self._setting)
@@ -204,20 +204,20 @@ class Grading:
 
     def _drive(
         self, submission: Submission, built: "Future[str]", key: Key, name: str, plan: Exercise
-    ) -> Drive:
+    ) -> StoredDrive:
         """Replay a plan with a submission.
 
         Raises:
             UserError, OSError: the replay has no verdict.
         """
         if fault := built.result():
-            return Drive(key, self._shorten(fault), None, {})
+            return StoredDrive(key, self._shorten(fault), None, {})
         bag = self._bag(submission, name) if self._options.bags else ""
         folder, packages = submission.folder, submission.packages
         try:
             command = (*submission.command, *self._parameters(submission))
         except UserError as error:
-            return Drive(key, self._shorten(str(error)), None, {})
+            return StoredDrive(key, self._shorten(str(error)), None, {})
         job = Job(submission.name, command, plan, self._setting, folder, packages, bag)
         judgement = run_job(job)
         if bag:
@@ -232,7 +232,7 @@ class Grading:
         own = [each for each in submission.packages if node.startswith(f"{each}/")]
         return parameter_words(os.path.join(*[*own, submission.folder][:1], self._options.params))
 
-    def _judge_again(self, old: Drive, key: Key, name: str, plan: Exercise) -> Drive:
+    def _judge_again(self, old: StoredDrive, key: Key, name: str, plan: Exercise) -> StoredDrive:
         """Judge a stored drive with the current tolerances."""
         key = old.key._replace(tolerances=key.tolerances)
         if old.fault:
@@ -243,7 +243,7 @@ class Grading:
         judgement = judge_drive(recorded, self._setting.tolerances)
         return self._judged(key, name, judgement._replace(title=title))
 
-    def _judged(self, key: Key, name: str, judgement: Judgement) -> Drive:
+    def _judged(self, key: Key, name: str, judgement: Judgement) -> StoredDrive:
         """Return a judged drive, without the paths of this machine."""
         recorded = judgement.recorded
         texts = {"outcome": recorded.outcome, "output": recorded.output, "title": judgement.title}
@@ -251,7 +251,7 @@ class Grading:
         values = {**recorded_to_json(recorded), **short}
         grade = plan_grade(name, judgement, self._shorten)
         pictures = self._artists.submit(draw, grade.drive).result()
-        return Drive(key, "", grade._replace(pictures=pictures), values)
+        return StoredDrive(key, "", grade._replace(pictures=pictures), values)
 
     def _finish(self, progress: _Progress) -> Tuple[Grade, bool]:
         """Return the result of a submission, and whether it is new; store a new one."""
@@ -287,7 +287,7 @@ def not_graded(submission: Submission) -> Grade:
     return Grade(submission.name, submission.students, "", "it has not been graded yet", ())
 
 
-def _cannot_judge() -> Drive:
+def _cannot_judge() -> StoredDrive:
     """Raise the error of a submission whose drive is not stored."""
     raise UserError(
         "there is no stored drive of this submission and this plan as they are now; grade it "

@@ -46,7 +46,7 @@ class Key(NamedTuple):
     tolerances: str
 
 
-class Drive(NamedTuple):
+class StoredDrive(NamedTuple):
     """One plan, driven by a submission."""
 
     key: Key
@@ -62,7 +62,7 @@ class Record(NamedTuple):
     """The stored result of a submission."""
 
     grade: Grade
-    drives: Dict[str, Drive]
+    drives: Dict[str, StoredDrive]
     """By the name of the plan."""
     time: float
     """When it was written [s since 1970]."""
@@ -187,14 +187,14 @@ def _read(path: str) -> Record:
     return Record(Grade(**{**values, **changes}), drives, time)
 
 
-def _drive_to_json(drive: Drive) -> Dict[str, Any]:
+def _drive_to_json(drive: StoredDrive) -> Dict[str, Any]:
     grade = drive.grade and plan_to_json(drive.grade)
     return {**drive._asdict(), "key": drive.key._asdict(), "grade": grade}
 
 
-def _drive_from_json(value: Dict[str, Any]) -> Drive:
+def _drive_from_json(value: Dict[str, Any]) -> StoredDrive:
     grade = value["grade"] and plan_from_json(value["grade"])
-    return Drive(**{**value, "key": Key(**value["key"]), "grade": grade})
+    return StoredDrive(**{**value, "key": Key(**value["key"]), "grade": grade})
 
 
 def recorded_to_json(recorded: Recorded) -> Dict[str, Any]:

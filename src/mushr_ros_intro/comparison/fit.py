@@ -46,7 +46,7 @@ def fit(logs: Sequence[DriveLog], car: Car) -> Fit:
     problem.find_glitches(vector, noise)
     vector = problem.solve(vector, problem.widths(noise, list(unknown)), noise)
     factors, of_next = NoiseFit(coarse, vector, list(unknown)).range_factors(noise)
-    # The values of the unknown numbers may be wrong by as much as is `enough` for each.
+    # The values of the unknown numbers may be wrong by their `max_error`.
     widths = problem.widths(noise, list(unknown), 1.0)
     errors = np.sqrt(np.diag(problem.covariance(vector, widths, noise)))
     names = [each.name for each in problem.parameters]

@@ -12,8 +12,8 @@ class Parameter(NamedTuple):
 
     name: str
     unit: str
-    enough: float
-    """If the standard error of the fitted number is larger than this, the drive says nothing."""
+    max_error: float
+    """The drives determine the fitted number if its standard error is at most this."""
     step: float
     """For the numerical derivative."""
     low: float

@@ -48,12 +48,12 @@ DELAYS = np.arange(-1.0, 1.55, 0.1)
 """The delays with which the fit begins [s]; the best one is used. Clocks may differ by a second."""
 
 _WEAK = 10.0
-"""The width of a number that the drives determine, as a multiple of `enough`."""
+"""The width of a number that the drives determine, as a multiple of `max_error`."""
 
 COUNT = len(PARAMETERS)
 
 
-class Drive:
+class DriveProblem:
     """One drive, and the motion of a car with other parameters in it.
 
     A vector has the numbers of PARAMETERS and OF_DRIVE.
@@ -159,9 +159,9 @@ class Problem:
 
     def __init__(self, logs: Sequence[DriveLog], car: Car, max_poses: int) -> None:
         self.usual = usual_noise(car)
-        self.drives = [Drive(log, car, max_poses) for log in logs]
+        self.drives = [DriveProblem(log, car, max_poses) for log in logs]
         self.parameters = (*PARAMETERS, *OF_DRIVE * len(logs))
-        self.enough = np.array([each.enough for each in self.parameters])
+        self.max_error = np.array([each.max_error for each in self.parameters])
         self.default = np.array([*numbers_of(car), *[0.0] * len(OF_DRIVE) * len(logs)])
         self._columns = [
             np.r_[:COUNT, begin : begin + len(OF_DRIVE)]
@@ -169,9 +169,9 @@ class Problem:
         ]
 
     def widths(self, noise: Noise, unknown: Sequence[int] = (), width: float = 0.0) -> np.ndarray:
-        """Return the widths of all numbers; that of the unknown ones is `width` times `enough`."""
-        widths = _WEAK * self.enough
-        widths[list(unknown)] = width * self.enough[list(unknown)]
+        """Return the widths of all numbers: `width` times `max_error` for the unknown ones."""
+        widths = _WEAK * self.max_error
+        widths[list(unknown)] = width * self.max_error[list(unknown)]
         is_shared = len(self.drives) == 1  # nothing tells a drive from the car
         for column, spread in enumerate(noise[-2:], COUNT + 1):
             widths[column :: len(OF_DRIVE)] = 0.0 if is_shared else spread
@@ -262,7 +262,7 @@ class Problem:
                 [self.parameters[each].low for each in free],
                 [self.parameters[each].high for each in free],
             ),
-            x_scale=self.enough[free],
+            x_scale=self.max_error[free],
             xtol=1e-6,
             ftol=1e-6,
             max_nfev=30,
@@ -288,8 +288,8 @@ class Problem:
             widths = self.widths(noise, list(unknown))
             covariance = self.covariance(vector, widths, noise)
             errors = np.sqrt(np.diag(covariance))
-            worst = int(np.argmax(errors / self.enough))
-            if errors[worst] <= self.enough[worst]:
+            worst = int(np.argmax(errors / self.max_error))
+            if errors[worst] <= self.max_error[worst]:
                 return unknown
             others = [each for each in np.flatnonzero(widths).tolist() if each != worst]
             unknown[worst] = [

@@ -144,7 +144,7 @@ class CommandPublisher:
             self._monitor = self._monitor.on_active(msg.data, is_sending=self._last is not None)
         if self._monitor.taken_over_by:
             # First the error: after the stop, the node's thread ends without one.
-            node.give_up(UserError(self._takeover()))
+            node.end_with_error(UserError(self._takeover()))
             self.stop()
 
     def _takeover(self) -> str:

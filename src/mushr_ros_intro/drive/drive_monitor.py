@@ -90,7 +90,7 @@ class DriveMonitor:
                 event = "has been restarted" if is_new else "reports its pose again"
                 rospy.logwarn("%s: the car %s", position, event)
             if ros_time.is_simulated() and time.monotonic() > lost_since + REPORT_TIMEOUT:
-                node.give_up(UserError(f"{self._lost()}, and simulated time stands still"))
+                node.end_with_error(UserError(f"{self._lost()}, and simulated time stands still"))
                 return
 
     def _call_master(self) -> None:
@@ -109,7 +109,7 @@ class DriveMonitor:
                     continue  # the master has ended; the nodes remain connected
                 if not self._is_done:
                     text = f"{error}. The master is suspended, or the network to the master is cut"
-                    node.give_up(UserError(f"{text}. The drive ends"))
+                    node.end_with_error(UserError(f"{text}. The drive ends"))
                 return
 
     def _find_others(self) -> None:

@@ -203,9 +203,9 @@ def predict(
         grid: the map, or None.
     """
     report = check(plan, car_name, car, grid=grid)
-    if not report.hit and not _has_noise(car):
+    if not report.collision and not _has_noise(car):
         return report, report.states
-    world = World(grid) if grid and report.hit else None
+    world = World(grid) if grid and report.collision else None
     return report, tuple(prediction.trajectory(plan, car, world))
 
 

@@ -73,7 +73,7 @@ class Sandbox(NamedTuple):
     """Folders that a node cannot see, even if they are in a folder of the system."""
     folder: str = ""
     """The folder for all that nodes may see; "" if the nodes are trusted."""
-    has_size: bool = False
+    limits_size: bool = False
     """Whether bwrap can limit the size of folders; Debian 11's cannot."""
 
     def enter(self) -> None:
@@ -174,7 +174,7 @@ class Sandbox(NamedTuple):
             if os.path.isdir(path) and path.startswith(visible):
                 yield from ("--tmpfs", path)
         yield from ("--proc", "/proc", "--dev", "/dev", "--remount-ro", "/dev")
-        size = ("--size", str(_FILES)) if self.has_size else ()
+        size = ("--size", str(_FILES)) if self.limits_size else ()
         for path in ("/tmp", "/dev/shm"):
             yield from (*size, "--tmpfs", path)
         for name in ("home", "plans", "submissions"):
@@ -255,9 +255,9 @@ def make_sandbox(user: str, hidden: Sequence[str], folder: str) -> Tuple[Sandbox
     folders = {os.path.realpath(each) for each in [*hidden, *own, folder]} - {"/"}
     sandbox = Sandbox(is_root, number, True, tuple(sorted(folders)), folder)
     with multiprocessing.Pool(1) as pool:  # another process, because it enters a network
-        has_size, refusal = pool.apply(_try, [sandbox])
+        limits_size, refusal = pool.apply(_try, [sandbox])
     if not refusal:
-        return sandbox._replace(has_size=has_size), ""
+        return sandbox._replace(limits_size=limits_size), ""
     sandbox = sandbox._replace(has_namespaces=False)
     if is_root:
         return sandbox, (
@@ -275,7 +275,7 @@ def make_sandbox(user: str, hidden: Sequence[str], folder: str) -> Tuple[Sandbox
 def _try(sandbox: Sandbox) -> Tuple[bool, str]:
     """Return whether bwrap limits the size of folders; why namespaces are refused, "" if not."""
     usage = subprocess.run(["bwrap", "--help"], stdout=subprocess.PIPE, text=True, check=False)
-    sandbox = sandbox._replace(has_size="--size" in usage.stdout)
+    sandbox = sandbox._replace(limits_size="--size" in usage.stdout)
     try:
         sandbox.enter()
     except OSError as error:
@@ -284,4 +284,4 @@ def _try(sandbox: Sandbox) -> Tuple[bool, str]:
         command = sandbox.wrap(["true"], {"PATH": os.environ["PATH"]}, home)
         done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
     reasons = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
-    return sandbox.has_size, reasons[-1] if done.returncode else ""
+    return sandbox.limits_size, reasons[-1] if done.returncode else ""

@@ -52,7 +52,7 @@ def _draw_path(axes: Any, report: Report) -> None:
     begins = np.array([report.plan.start, *(step.pose for step in report.steps)])
     begins = begins[:: -(-len(begins) // _MAX_ARROWS)]
     drawing.draw_headings(axes, begins, drawing.PREDICTED, "heading between two rows")
-    if report.hit:
+    if report.collision:
         style = {"ms": 10, "color": drawing.ERROR, "zorder": 6}
         axes.plot(*poses[-1, :2], "X", label="the car hits a wall", **style)
     faults = counted(len(report.faults), "fault") if report.faults else "no faults"

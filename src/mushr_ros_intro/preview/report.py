@@ -31,7 +31,7 @@ class Report(NamedTuple):
     """The states of the car along the drive; see `prediction.sampled`. The last one is at rest, or
     at the wall."""
     faults: Tuple[Fault, ...]
-    hit: Optional[Contact]
+    collision: Optional[Contact]
     """The contact with a wall that ends the drive, or None."""
 
     @property
@@ -53,8 +53,8 @@ class Report(NamedTuple):
     @property
     def radius(self) -> float:
         """The smallest turning radius [m]; infinite if the car only drives straight."""
-        bend = max(step.bend for step in self.steps)
-        return 1.0 / bend if bend else math.inf
+        largest = max(step.max_curvature for step in self.steps)
+        return 1.0 / largest if largest else math.inf
 
     @property
     def final_pose(self) -> Pose:
@@ -79,17 +79,17 @@ def check(
     legs = list(legs_of(plan, car))
     steps = _steps(legs, car)
     faults = [*limit_faults(plan, car_name, car), *ramp_faults(plan, steps, car_name, car)]
-    hit = None
+    collision = None
     if grid is not None:
-        fault, hit = map_fault(plan, legs, car, grid)
+        fault, collision = map_fault(plan, legs, car, grid)
         faults += [fault] if fault else []
-    if hit is not None:
-        last = next(index for index, leg in enumerate(legs) if leg.end >= hit.stamp)
-        legs[last:] = [legs[last]._replace(end=hit.stamp)]
+    if collision is not None:
+        last = next(index for index, leg in enumerate(legs) if leg.end >= collision.stamp)
+        legs[last:] = [legs[last]._replace(end=collision.stamp)]
         steps = _steps(legs, car)
     states = tuple(sampled(legs, car, steps[-1].end))
     faults.sort(key=lambda fault: (fault.line, fault.column))
-    return Report(plan, car_name, car, map_name, steps, states, tuple(faults), hit)
+    return Report(plan, car_name, car, map_name, steps, states, tuple(faults), collision)
 
 
 def _steps(legs: Iterable[Leg], car: Car) -> Tuple[Step, ...]:
@@ -99,12 +99,16 @@ def _steps(legs: Iterable[Leg], car: Car) -> Tuple[Step, ...]:
         if leg.row == len(steps):  # otherwise it is a repeated command of the same row
             begin = Step(state.stamp, 0, state.speed, state.steering_angle, 0.0, 0.0, state.pose)
             steps.append(begin)
-        distance, bend = steps[-1].distance, steps[-1].bend
+        distance, largest = steps[-1].distance, steps[-1].max_curvature
         for piece, seconds in leg.pieces():
             distance += abs(piece.speed + 0.5 * piece.acceleration * seconds) * seconds
             if piece.direction:
                 angles = piece.steering_angle, piece.steering_angle + piece.steering_rate * seconds
-                bend = max(bend, *(abs(curvature(angle, car.wheelbase)) for angle in angles))
-        pose = advance(state, leg.end, car).pose
-        steps[-1] = steps[-1]._replace(end=leg.end, distance=distance, bend=bend, pose=pose)
+                largest = max(largest, *(abs(curvature(angle, car.wheelbase)) for angle in angles))
+        steps[-1] = steps[-1]._replace(
+            end=leg.end,
+            distance=distance,
+            max_curvature=largest,
+            pose=advance(state, leg.end, car).pose,
+        )
     return tuple(steps)

@@ -83,7 +83,7 @@ def _summary(report: Report) -> Iterator[str]:
     rest = f"no, the last row asks for {last:g} m/s; path_publisher then sends a stop"
     rolling = f", and the car rolls on for {rolls:.3f} m" if rolls else ""
     rest = f"{rest if last else 'yes'}{rolling}"
-    yield f"ends at rest    {'no, a wall ends the drive' if report.hit else rest}"
+    yield f"ends at rest    {'no, a wall ends the drive' if report.collision else rest}"
 
 
 def _near(value: float, digits: int = 3) -> str:
@@ -160,8 +160,8 @@ def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
         "start_to_end": {"distance": gap, "turn": turned},
         "bounding_box": {"x": [left, right], "y": [bottom, top]},
         "turning_radius": None if math.isinf(report.radius) else report.radius,
-        "ends_at_rest": report.hit is None and plan.rows[-1].speed == 0.0,
-        "hits_wall": report.hit is not None,
+        "ends_at_rest": report.collision is None and plan.rows[-1].speed == 0.0,
+        "hits_wall": report.collision is not None,
         "faults": [fault._asdict() for fault in report.faults],
     }
     if spread is not None:

@@ -36,9 +36,9 @@ def map_fault(
     fenced = with_fence(grid)
     for leg in legs:
         for piece, seconds in leg.pieces():
-            turn_rate = abs(piece.speed * curvature(piece.steering_angle, car.wheelbase))
-            if turn_rate and not (piece.acceleration or piece.steering_rate):
-                seconds = min(seconds, math.tau / turn_rate)  # a second circle has no new points
+            yaw_rate = abs(piece.speed * curvature(piece.steering_angle, car.wheelbase))
+            if yaw_rate and not (piece.acceleration or piece.steering_rate):
+                seconds = min(seconds, math.tau / yaw_rate)  # a second circle has no new points
             free = free_time(piece, seconds, car, World(fenced)) if piece.direction else seconds
             if free == seconds:
                 continue

@@ -221,7 +221,7 @@ def odometry_to_msg(measured: Measured, odom_frame: str, base_frame: str) -> Odo
     msg = Odometry(header=_header(state.stamp, odom_frame), child_frame_id=base_frame)
     msg.pose.pose = pose_to_msg(state.odom_pose)
     msg.twist.twist.linear.x = state.speed
-    msg.twist.twist.angular.z = measured.turn_rate
+    msg.twist.twist.angular.z = measured.yaw_rate
     # The rows and columns are x, y, z, and the rotations about them.
     for row, values in zip((0, 6, 30), measured.pose_covariance.tolist()):
         for column, value in zip((0, 1, 5), values):

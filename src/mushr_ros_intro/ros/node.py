@@ -101,7 +101,7 @@ def _refuse_a_second_one(name: str) -> None:
         sys.exit(f"{name} is running already; end it first, or add __name:=ANOTHER_NAME")
 
 
-def give_up(error: UserError) -> None:
+def end_with_error(error: UserError) -> None:
     """End the node with exit status 1, from any thread."""
     _ends.put(("failed", _fail(str(error))))
 

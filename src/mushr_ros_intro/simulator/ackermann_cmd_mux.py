@@ -13,7 +13,7 @@ from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.simulator.mux import Input, Mux, read_config
-from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, PresentTime
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, CurrentTime
 
 LATE_AFTER = COMMAND_PERIOD // 2
 """If a command arrives later than this after its stamp, its timeout counts from its arrival [ns].
@@ -50,7 +50,7 @@ class AckermannCmdMux:
         self._lock = threading.Lock()
         self._is_live = threading.Event()
         self._mux = Mux()
-        self._time = PresentTime()
+        self._time = CurrentTime()
         self._without_stamp = WithoutStamp()
         self._frame = ""
         self._announced = ""

@@ -79,7 +79,7 @@ class MushrInterface:
 
     def _true_odometry(self, state: State, _: Measured) -> Odometry:
         """Return the true pose, which is in the map, in MuSHR's form."""
-        exact = Measured(state, state.turn_rate(self._car))
+        exact = Measured(state, state.yaw_rate(self._car))
         msg = conversions.odometry_to_msg(exact, *self._frames)
         msg.pose.pose = conversions.pose_to_msg(state.pose)
         return msg

@@ -14,7 +14,7 @@ from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import responds
 from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
 from mushr_ros_intro.simulator.clock import Stream, first_report
-from mushr_ros_intro.stamps import CALL_TIMEOUT, CLOCK_PATIENCE, NANOSECONDS, PresentTime
+from mushr_ros_intro.stamps import CALL_TIMEOUT, CLOCK_PATIENCE, NANOSECONDS, CurrentTime
 
 Evaluate = Callable[[Sequence[int]], List[State]]
 Publish = Callable[[List[State]], None]
@@ -53,7 +53,7 @@ class FollowedClock:
     def __init__(self, pose_period: int, changed: threading.Condition) -> None:
         self._pose_period = pose_period
         self._changed = changed
-        self._time = PresentTime(ros_time.now())
+        self._time = CurrentTime(ros_time.now())
         self.description = "from /clock" if ros_time.is_simulated() else "wall-clock"
 
     def read(self) -> int:

@@ -51,7 +51,7 @@ def test_straight_into_a_wall(heading, speed):
     assert driven.speed == speed and driven.collision is None
     for offset in (arrival + 1, 950, 2500, 10**6):
         state = at(made, offset)
-        assert state.speed == state.turn_rate(CAR) == 0.0
+        assert state.speed == state.yaw_rate(CAR) == 0.0
         assert math.dist(state.pose[:2], start) == pytest.approx(distance, abs=NARROWED)
         assert state.pose.theta == heading
         assert state.collision.pose == state.pose

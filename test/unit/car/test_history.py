@@ -48,7 +48,7 @@ def test_a_command_expires_after_its_timeout():
     for offset, distance in ((0, 0.0), (50, 0.1), (199.999999, 0.4), (200, 0.4), (5000, 0.4)):
         state = at(made, offset)
         assert state.speed == (2.0 if offset < 200 else 0.0)
-        assert state.turn_rate(CAR) == 0.0
+        assert state.yaw_rate(CAR) == 0.0
         assert state.pose.distance_to(START.pose) == pytest.approx(distance, abs=1e-8)
     slow = driving(2.0, 0.0, Car(command_timeout=500 * MS))
     end = advance(slow, BEGIN + SECOND, CAR).pose
@@ -109,7 +109,7 @@ def test_an_initial_pose_stops_the_car_and_the_next_command_starts_there():
     for offset in (100, 150, 5000):
         state = at(made, offset)
         assert state.pose == there
-        assert (state.speed, state.steering_angle, state.turn_rate(CAR)) == (0.0, 0.0, 0.0)
+        assert (state.speed, state.steering_angle, state.yaw_rate(CAR)) == (0.0, 0.0, 0.0)
     assert at(made, 99).pose != there
     made.add(Command(BEGIN + 150 * MS, 2.0, 0.0), BEGIN)
     assert at(made, 5000).pose == pytest.approx((-6.6, 3.0, 0.0), abs=ROUNDING)
@@ -252,7 +252,7 @@ def test_the_twist_is_the_derivative_of_the_odometry(speed, angle):
     here = inverse(now)
     ahead, behind = compose(here, after), compose(here, before)
     rates = [(a - b) / 0.002 for a, b in zip(ahead, behind)]
-    assert rates == pytest.approx([speed, 0.0, state.turn_rate(CAR)], abs=DIFFERENCE)
+    assert rates == pytest.approx([speed, 0.0, state.yaw_rate(CAR)], abs=DIFFERENCE)
 
 
 @pytest.mark.parametrize("speed, angle", [(1.0, 0.4), (-1.0, 0.4), (0.3, -1.3), (2.0, 0.0)])

@@ -38,7 +38,7 @@ def readings(car):
 def test_of_an_ideal_car_it_is_exact():
     for state, measured in readings(Car()):
         assert measured.state is state
-        assert measured.turn_rate == state.turn_rate(Car())
+        assert measured.yaw_rate == state.yaw_rate(Car())
         assert not measured.pose_covariance.any() and measured.twist_variances == (0.0, 0.0)
 
 
@@ -59,7 +59,7 @@ def test_it_is_where_the_commands_would_have_led(gains):
         )
     (_, last), ideal = found[-1], expected[-1]
     assert last.state.speed == pytest.approx(ideal.speed, abs=1e-4)  # rounding
-    assert last.turn_rate == pytest.approx(ideal.turn_rate(Car()), abs=1e-4)
+    assert last.yaw_rate == pytest.approx(ideal.yaw_rate(Car()), abs=1e-4)
     assert found[-1][0].odom_pose.distance_to(last.state.odom_pose) > 0.01
 
 
@@ -70,7 +70,7 @@ def test_the_covariance_is_that_of_the_errors():
         _, last = readings(Car(seed=seed, **noise))[-1]
         truth = drive(Car())[0][-1]
         errors.append(np.subtract(last.state.odom_pose, truth.odom_pose))
-        twists.append((last.state.speed - truth.speed, last.turn_rate - truth.turn_rate(Car())))
+        twists.append((last.state.speed - truth.speed, last.yaw_rate - truth.yaw_rate(Car())))
     squares = [error @ np.linalg.solve(last.pose_covariance, error) for error in errors]
     # The mean of 100 chi-squared numbers with 3 degrees of freedom, within 3 standard deviations.
     assert np.mean(squares) == pytest.approx(3.0, abs=3.0 * math.sqrt(6.0 / 100))

@@ -35,7 +35,7 @@ class Course:
         for name in ("ann", "bob", "eve"):
             fill(folder / "class" / name, FILES)
         (folder / "plan.txt").write_text(TEXT)
-        self.options = {"jobs": 1, "bags": "", "is_again": False, "is_rejudged": False}
+        self.options = {"jobs": 1, "bags": "", "drives_again": False, "judges_again": False}
         self.options["isolation"] = ""
         self.setting = {"seed": None, "tolerances": {}}
         self.fail = {}
@@ -120,7 +120,7 @@ def test_tolerances_are_judged_without_a_drive(course):
 def test_judge_again(course):
     """Without a drive, whatever has changed besides the submission and the plan."""
     results, _ = course.run()
-    course.options["is_rejudged"], course.setting["seed"] = True, 3
+    course.options["judges_again"], course.setting["seed"] = True, 3
     course.setting["tolerances"] = {"path": -1.0}
     fill(course.folder / "class" / "eve", {"new.txt": b"new"})
     strict, _ = course.run()
@@ -133,7 +133,7 @@ def test_judge_again(course):
 def test_only_some(course):
     course.run(only=["bob"])
     assert course.driven == ["bob"]
-    course.options["is_again"] = True
+    course.options["drives_again"] = True
     results, new = course.run(only=["bob"])
     assert course.driven == new == ["bob"]
     assert results["bob"].passed and results["ann"].error == "it has not been graded yet"

@@ -50,7 +50,7 @@ def test_with_a_wall_or_noise_a_plan_is_simulated_twice(car, grid, begun):
     """The car reverses away from the wall, and the prediction contains this."""
     report, states = predict(PLAN, "car", car, grid)
     assert len(begun) == 2
-    assert bool(report.hit) == (grid is ROOM)
+    assert bool(report.collision) == (grid is ROOM)
     assert states[-1].pose != report.final_pose
     assert states[-1].stamp == PLAN.duration
 

@@ -254,12 +254,14 @@ def test_a_wall_ahead():
     report = checked("0,0,0\n1, 0\n2, 0, 9\n", grid=walled())
     (fault,) = report.faults
     assert str(fault) == "my.txt:3:1: the car hits a wall at t = 2.8 s, (4.6, 0.0); it stops there"
-    assert report.hit.pose == pytest.approx((4.62, 0.0, 0.0), abs=1e-8)  # [m] walls are to 1e-9
+    assert report.collision.pose == pytest.approx(
+        (4.62, 0.0, 0.0), abs=1e-8
+    )  # [m] walls are to 1e-9
 
 
 def test_the_report_ends_at_the_wall():
     report = checked("0,0,0\n1, 0\n-1, 0.2\n2, 0, 9\n0, 0\n", grid=walled(1.0))
-    assert report.final_pose == pytest.approx(report.hit.pose, abs=1e-8)
+    assert report.final_pose == pytest.approx(report.collision.pose, abs=1e-8)
     assert report.length == pytest.approx(0.62, abs=1e-8)
     assert report.box == pytest.approx((0.0, 0.62, 0.0, 0.0), abs=1e-8)
     assert report.radius == math.inf
@@ -295,7 +297,7 @@ def test_a_wall_is_hit_where_the_simulated_car_hits_it(rows, car_name):
     report = checked(f"0, 0, 0.3\n{rows}\n", car_name, grid)
     trajectory = prediction.trajectory(report.plan, car, World(grid))
     contact = next(state.collision for state in trajectory if state.collision)
-    assert report.hit.pose == pytest.approx(contact.pose, abs=1e-7)  # [m] a nudge at most
+    assert report.collision.pose == pytest.approx(contact.pose, abs=1e-7)  # [m] a nudge at most
     (fault,) = (each for each in report.faults if "wall" in each.text)
     assert f"t = {contact.stamp / 1e9:.1f} s" in fault.text
 
@@ -350,7 +352,7 @@ def test_the_car_leaves_a_turned_map_in_reverse():
     report = checked("0,0,1.5707963\n-1,0,9\n", grid=turned)
     (fault,) = report.faults
     assert fault.text == "the car leaves the map at t = 3.9 s, (0.0, -3.9)"
-    assert report.hit is None
+    assert report.collision is None
 
 
 def test_straight_line_twice_hits_the_wall_of_the_sandbox():

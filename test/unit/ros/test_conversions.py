@@ -195,7 +195,7 @@ def test_ellipses():
 def test_pose_odometry_and_transforms_tell_the_same():
     state = moving()
     pose = conversions.car_pose_to_msg(state)
-    measured = Odometry(state, state.turn_rate(Car()), 1.0 + np.arange(9).reshape(3, 3), (0.1, 0.2))
+    measured = Odometry(state, state.yaw_rate(Car()), 1.0 + np.arange(9).reshape(3, 3), (0.1, 0.2))
     odom = conversions.odometry_to_msg(measured, "car/odom", "car/base_footprint")
     transforms = conversions.transforms_to_msg(state, "car/odom", "car/base_footprint")
     first, second = transforms.transforms

@@ -70,7 +70,11 @@ ENDS = {
     "raises a UserError": ("        raise UserError('plan.txt:1:1: wrong')", 1, "wrong"),
     "raises another error": ("        {}['key']", 1, "KeyError: 'key'"),
     "loses the master": ("        raise TimeoutError('no answer')", 1, "master does not answer"),
-    "gives up": ("        node.give_up(UserError('gone'))\n        rospy.spin()", 1, "gone"),
+    "ends with an error": (
+        "        node.end_with_error(UserError('gone'))\n        rospy.spin()",
+        1,
+        "gone",
+    ),
 }
 
 
