@@ -16,7 +16,7 @@ STEP = 0.25
 """Between two pictures [s of simulated time]."""
 
 LAST = 3.0
-"""The last picture is shown so long [s]."""
+"""Time for which the last picture is shown [s]."""
 
 
 STAMP = "return window.mushr.pose.stamp"

@@ -60,7 +60,7 @@ def received(plan, car, dice, rate=10.0, delay=0.05, position=0.02, heading=0.02
 def stalled(plan, car, dice, begin, seconds, **options):
     """Return a drive whose computer stands still from `begin` on [s]; see `received`.
 
-    For so long, the car follows the last command, and there are no poses.
+    For this time, the car follows the last command, and there are no poses.
     """
     first = BEGIN + from_seconds(begin)
     last = first + from_seconds(seconds)

@@ -59,7 +59,7 @@ rospy.sleep(0.5)
 def test_what_a_controller_finds(tmp_path):
     """The path, latched, and with stamps; frames with and without a prefix; a map.
 
-    The car stands at the begin of the path, and the controller must not place it.
+    The car stands at the start of the path, and the controller must not place it.
     """
     path = tmp_path / "finds.py"
     path.write_text(FINDS)

@@ -53,7 +53,7 @@ def sentence(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> str
     names = causes(found, fit, fitted) if fitted.rms < (1.0 - _SHARE) * found.rms else []
     texts = [_cause(name, fit.values[name], found) for name in names]
     unknown = [name for name, value in fit.values.items() if not value.is_fitted]
-    rest = f"; the drive does not tell {' and '.join(unknown)}" if unknown else ""
+    rest = f"; the drive does not determine {' and '.join(unknown)}" if unknown else ""
     if not texts:
         return (
             f"the fit explains none of the error of {found.rms:.3f} m (rms): only random errors "

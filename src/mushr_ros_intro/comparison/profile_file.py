@@ -43,13 +43,13 @@ def _lines(fit: Fit, profile: str, drives: Sequence[str]) -> Iterator[str]:
     for name, unit, low, high, meaning in NUMBERS:
         value = fit.values.get(name)
         if name.endswith("_spread") and len(drives) == 1:
-            source = "Assumed: one drive does not tell."
+            source = "Assumed: one drive does not determine it."
         elif name in Noise._fields:
             source = "Estimated from the drives."
         elif value is None:
             source = f"{profile}."
         elif not value.is_fitted:
-            source = f"{profile}; the drives do not tell."
+            source = f"{profile}; the drives do not determine it."
         else:
             source = f"Fitted; 95 % range {value.low:.5g} to {value.high:.5g}."
         ends = f"{low:g} to {'.inf (none)' if math.isinf(high) else f'{high:g}'}"

@@ -67,7 +67,7 @@ class GuardedMaster(ROSMasterHandler):
             owner: the name of the node in this process.
             parameters: parameters that may not be changed, nor those below them.
             open_topics: topics of the simulated car on which the node under test may publish.
-            update: tells the owner the publishers of one of its topics.
+            update: sets the publishers of one of the topics of the owner.
         """
         publishers, subscribers, _ = self.getSystemState("/")[2]
         self._topics = frozenset(name for name, _ in publishers + subscribers) - set(open_topics)

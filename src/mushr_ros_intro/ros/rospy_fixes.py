@@ -198,13 +198,13 @@ def end_at_once() -> None:
 
 
 def take_publisher_updates(on_call: Callable[[], None]) -> Callable[[str, List[str]], None]:
-    """Let nobody else tell this node the publishers of a topic; return the function that does.
+    """Ignore what other processes report about publishers; return the function that sets them.
 
     Symptom: any process can make this node connect to any address, as if it were the master.
-    Cause: a node does not know who calls publisherUpdate (rospy/impl/masterslave.py).
+    Cause: a node does not check who calls publisherUpdate (rospy/impl/masterslave.py).
 
     Args:
-        on_call: called instead if another process tells this node publishers.
+        on_call: called instead if another process reports the publishers of a topic.
     """
     manager = _registration_manager()
     update: Callable[[str, List[str]], None] = manager.publisher_update

@@ -84,7 +84,7 @@ def test_files(run, tmp_path):
     assert old == -3500.0
     assert new == pytest.approx(-3500.0 / car.speed_gain, rel=1e-3)
     sources = profile.read_text()
-    assert "mushr_nano.yaml; the drives do not tell.\nsteering_gain: 1" in sources
+    assert "mushr_nano.yaml; the drives do not determine it.\nsteering_gain: 1" in sources
     assert re.search(r"# Fitted; 95 % range 0.\d+ to 0.\d+.\nspeed_gain: ", sources)
 
 

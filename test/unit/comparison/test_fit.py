@@ -71,7 +71,7 @@ def test_a_straight_line_says_nothing_about_the_steering_gain():
     assert result.values["speed_gain"].is_fitted
     assert not result.values["steering_gain"].is_fitted
     assert result.car.steering_gain == NANO.steering_gain
-    assert "the drive does not tell steering_gain" in verdict(log, result)[0]
+    assert "the drive does not determine steering_gain" in verdict(log, result)[0]
     text = "\n".join(diagnosis.fit_text(result, NANO))
     assert "identification.txt" in text
 

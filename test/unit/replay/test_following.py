@@ -52,7 +52,7 @@ def test_a_drive_on_the_path(name):
 
 
 def test_a_car_that_drives_beyond_the_end_of_a_closed_path():
-    """The begin of the path is nearer to it than the end, but does not count as the nearest."""
+    """The start of the path is nearer to it than the end, but does not count as the nearest."""
     seen = drive("closed_figure_8")
     begin, beyond = seen.poses[:50], seen.poses[51:61]
     seen.poses[-50:] = np.vstack([beyond, np.repeat(beyond[-1:], 40, axis=0)])
@@ -170,7 +170,7 @@ def test_the_share_of_the_points(offset, share):
 
 
 def test_the_nearest_point_is_near_along_the_path():
-    """The circle ends 0.5 m before its begin: the first pose is not at its end.
+    """The circle ends 0.5 m before its start: the first pose is not at its end.
 
     The drive begins and ends with a move, and not when the car stands.
     """
