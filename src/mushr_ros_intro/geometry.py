@@ -9,6 +9,9 @@ Tracking", CMU-RI-TR-09-08, section 2.2, for the model).
 import math
 from typing import NamedTuple
 
+MAX_COORDINATE = 1e6
+"""Poses beyond this are refused [m, rad]: they are mistakes, and would cost precision."""
+
 
 class Pose(NamedTuple):
     """A pose in the plane: x [m], y [m], and the heading theta [rad], counter-clockwise."""

@@ -13,10 +13,9 @@ from itertools import accumulate
 from typing import Dict, List, Sequence, Tuple
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.geometry import ORIGIN, Pose
+from mushr_ros_intro.geometry import MAX_COORDINATE, ORIGIN, Pose
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.plan import (
-    MAX_COORDINATE,
     MAX_DURATION,
     MAX_SPEED,
     MAX_STEERING_ANGLE,

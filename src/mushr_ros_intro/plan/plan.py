@@ -12,11 +12,8 @@ from mushr_ros_intro.stamps import NANOSECONDS
 MAX_DURATION = 1_000_000_000 * NANOSECONDS
 """Longer plans are refused [ns]: stamps must fit into ROS's 32 bits of seconds."""
 
-MAX_COORDINATE = 1e6
-"""Start poses beyond this are refused [m, rad]: they are mistakes, and would cost precision."""
-
 MAX_SPEED = 1e3
-"""Higher speeds are refused [m/s], for the same reason."""
+"""Higher speeds are refused [m/s], because they are mistakes."""
 
 MAX_STEERING_ANGLE = 1.57
 """The largest steering angle [rad]; at a right angle a bicycle would turn on the spot."""

@@ -14,11 +14,11 @@ import numpy as np
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.geometry import Pose, compose
+from mushr_ros_intro.geometry import MAX_COORDINATE, Pose, compose
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.plan.plan import MAX_COORDINATE, Plan
+from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import legs_of, trajectory
 from mushr_ros_intro.preview.walls import fault_at, map_fault, start_fault, with_fence
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds

@@ -36,8 +36,8 @@ from mushr_ros_intro.car.model import (
     wheel_rates,
 )
 from mushr_ros_intro.car.odometry import Odometry as Measured
-from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.plan.plan import MAX_COORDINATE, MAX_SPEED
+from mushr_ros_intro.geometry import MAX_COORDINATE, Pose
+from mushr_ros_intro.plan.plan import MAX_SPEED
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid, as_travelled
 from mushr_ros_intro.world.laser import Beams

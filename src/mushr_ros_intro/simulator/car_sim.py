@@ -12,8 +12,8 @@ from rospy.numpy_msg import numpy_msg
 from mushr_ros_intro.car.history import History
 from mushr_ros_intro.car.model import Command, Event, InitialPose, State, at_rest, halted
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.plan.plan import MAX_COORDINATE, as_float32
+from mushr_ros_intro.geometry import MAX_COORDINATE, Pose
+from mushr_ros_intro.plan.plan import as_float32
 from mushr_ros_intro.ros import conversions, node
 from mushr_ros_intro.ros.connections import has_live_publisher, wait_until_connected
 from mushr_ros_intro.simulator import sim_clock

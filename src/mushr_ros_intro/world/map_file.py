@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.geometry import MAX_COORDINATE, Pose
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.world.grid import (
     MAX_RESOLUTION,
@@ -22,9 +22,6 @@ from mushr_ros_intro.world.grid import (
     as_travelled,
 )
 from mushr_ros_intro.yaml_file import read_mapping
-
-MAX_COORDINATE = 1e6
-"""The largest coordinate of an origin [m]; a larger one would cost digits."""
 
 _FORMATS = ("PNG", "PPM")  # Pillow's name for PGM is PPM
 
