@@ -45,7 +45,7 @@ class TestWalls(CarTestCase):
         wait_for(lambda: not self.collisions.last.poses, "no contact")
 
     def drive(self, speed, steering_angle, count, order=1):
-        """Send `count` commands with stamps 0.1 s apart; return the beginning and the final pose."""
+        """Send `count` commands 0.1 s apart; return the first stamp and the final pose."""
         begin = rospy.Time.now() + LEAD
         for index in range(count)[::order]:
             self.commands.publish(command(at(begin, 0.1 * index), speed, steering_angle))
