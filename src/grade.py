@@ -54,6 +54,7 @@ def main() -> int:
     arguments = parse_arguments(sys.argv[1:], __doc__ or "")
     os.environ["ROS_HOSTNAME"] = "localhost"  # works even if the machine's name does not resolve
     signal.signal(signal.SIGINT, interrupt)
+    signal.signal(signal.SIGTERM, interrupt)
     try:
         if arguments.check_environment:
             return check_machine(arguments)
@@ -73,6 +74,7 @@ def main() -> int:
 def interrupt(*_: Any) -> None:
     """Interrupt the grading, once: scripts/grade sends the signal of Ctrl-C again."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 

@@ -45,8 +45,9 @@ def test_environment_without_namespaces():
 
 
 @pytest.mark.full
-def test_interrupted(tmp_path):
-    """Ctrl-C keeps what is graded; then the same command grades the rest."""
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted(tmp_path, ending):
+    """Ctrl-C or SIGTERM keeps what is graded; then the same command grades the rest."""
     submissions.write(tmp_path / "class", "right", submissions.RIGHT)
     submissions.write(tmp_path / "class", "silent", submissions.before("while True: pass"))
     (tmp_path / "plan.txt").write_text(PLAN)
@@ -54,7 +55,7 @@ def test_interrupted(tmp_path):
     command = (find_node("mushr_ros_intro", "grade.py")[0], tmp_path / "class", *plan)
     with Process(*map(str, command)) as process:
         wait_for(lambda: "right " in process.output, "the first result")
-        process.send_signal(signal.SIGINT)
+        process.send_signal(ending)
         assert process.wait() == 3, process.output
         assert "interrupted: 1 of 2 submissions graded; the same command" in process.output
     assert "? not graded" in (tmp_path / "out" / "submissions" / "silent.html").read_text()

@@ -72,6 +72,10 @@ class Options(NamedTuple):
     """The file with the parameters of the node, in the package of each submission; "" for none."""
 
 
+_KILL_PERIOD = 0.05
+"""Between two looks for replays that are still running after an interruption [s]."""
+
+
 class _Progress:
     """The grading of one submission."""
 
@@ -153,8 +157,11 @@ class Grading:
             finally:
                 for future in futures:
                     future.cancel()
-                for process in multiprocessing.active_children():
-                    process.kill()  # if this was interrupted, the nodes end, too
+                # If this was interrupted, the nodes end, too. A replay that is killed is repeated.
+                while any(future.running() for future in futures):
+                    for process in multiprocessing.active_children():
+                        process.kill()
+                    time.sleep(_KILL_PERIOD)
                 self._artists.shutdown()
 
     def _compare(self, progress: _Progress) -> None:

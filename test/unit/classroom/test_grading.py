@@ -2,9 +2,13 @@
 
 import gc
 import json
+import multiprocessing
 import os
 import pathlib
+import signal
 import tempfile
+import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -72,7 +76,7 @@ class Course:
         tasks = [grading.Task(each, plans, "", not only or each.name in only) for each in found]
         store.set_aside(each.name for each in found)
         run = grading.Grading(setting, store, options, shorten).run(tasks)
-        results = [each for each, _ in zip(run, range(stop_after or 9))]
+        results = [each for _, each in zip(range(stop_after or 9), run)]
         run.close()
         return {each.name: each for each, _ in results}, [each.name for each, new in results if new]
 
@@ -153,6 +157,27 @@ def test_an_interrupted_run_is_continued(course):
     (first,) = results
     course.run()
     assert first not in course.driven and course.driven
+
+
+def test_an_interruption_also_ends_the_repetition_of_a_killed_replay(course, monkeypatch):
+    codes, has_begun = [], threading.Event()
+
+    def run_job(job):
+        if job.name == "ann":
+            assert has_begun.wait(10.0)
+            return course.run_job(job)
+        for _ in range(2):
+            process = multiprocessing.get_context("fork").Process(target=time.sleep, args=(3.0,))
+            process.start()
+            has_begun.set()
+            process.join()
+            codes.append(process.exitcode)
+        raise ReplayError("killed")
+
+    course.options["jobs"] = 2
+    monkeypatch.setattr(grading, "run_job", run_job)
+    assert list(course.run(stop_after=1)[0]) == ["ann"]
+    assert codes[1:] and set(codes) == {-signal.SIGKILL}
 
 
 def test_a_student_who_left(course):
