@@ -90,11 +90,15 @@ def test_one_command(shell):
     assert shell("bash", "-c", 'echo "$0 $ROS_HOSTNAME"', "two words") == ["two words localhost"]
 
 
-def test_an_option():
-    """bash would print the help of its command exec."""
-    script = f"{CHECKOUT}/scripts/shell"
+@pytest.mark.parametrize(
+    "name",
+    ["benchmark", "build_deb", "dev/screenshot", "lint", "run", "setup", "shell", "test"],
+)
+def test_help(name):
+    """No script starts with an option that it does not know, such as --help."""
+    script = f"{CHECKOUT}/scripts/{name}"
     done = subprocess.run([script, "--help"], capture_output=True, text=True, timeout=PATIENCE)
-    assert done.returncode == 2 and done.stderr.startswith("usage: scripts/shell [COMMAND...]")
+    assert done.returncode == 2 and f"usage: scripts/{name}" in done.stderr and not done.stdout
 
 
 def test_the_workspace_around_the_checkout(shell, tmp_path):
