@@ -92,6 +92,11 @@ def package_findings(package: str) -> List["Finding"]:
     return found
 
 
+def package_of_user(name: str) -> str:
+    """Return the name of a package; "" if it is this one, or if ROS does not find it."""
+    return name if name != PACKAGE and name in rospkg.RosPack().list() else ""
+
+
 def observe(car: str) -> "Facts":
     """Return the facts about the running system, without log output or a log file."""
     logging.disable()
@@ -146,8 +151,8 @@ def main() -> int:
         facts = observe(arguments.car)
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
-    package = "" if arguments.package == PACKAGE else arguments.package
-    found = [*package_findings(arguments.package), *network, *diagnose(facts, package)]
+    found = [*package_findings(arguments.package), *network]
+    found += diagnose(facts, package_of_user(arguments.package))
     lines = [str(each) for each in found] or [health(facts), *hints(facts)]
     for line in [*lines, *left_parameters(facts)]:
         print(as_typed(line))

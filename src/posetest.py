@@ -58,7 +58,7 @@ class PoseTest(unittest.TestCase):
         self._wanted = Pose(x, y, theta or 0.0)
         self._position = number("position_tolerance", 0.05, "m", 0.0, 1e6)
         angle = number("angle_tolerance", 0.05, "rad", 0.0, 1e6)
-        self._angle = math.pi if theta is None else angle
+        self._angle = None if theta is None else angle
         meaning = "whether the pose must be reached once; otherwise at the end"
         self._passes = parameters.flag("passes", False, meaning)
         meaning = "time from the first pose to the end, by the stamps"

@@ -124,13 +124,20 @@ def _ends(message: str) -> List[str]:
     return lines[:1] + lines[1:][-1:]
 
 
-def compare(pose: Pose, wanted: Pose, position: float, angle: float) -> Tuple[bool, str]:
+def compare(
+    pose: Pose, wanted: Pose, position: float, angle: Optional[float]
+) -> Tuple[bool, str]:
     """Return whether a pose is the wanted one, and a description of their difference.
 
-    The tolerances are `position` [m] and `angle` [rad].
+    The tolerances are `position` [m] and `angle` [rad]; if the latter is None, any heading is right.
     """
     distance, turn = pose.distance_to(wanted), pose.angle_to(wanted)
-    (far, far_limit), (turned, turn_limit) = _unequal(distance, position), _unequal(turn, angle)
+    far, far_limit = _unequal(distance, position)
+    if angle is None:
+        place = f"({wanted.x:.4f} m, {wanted.y:.4f} m)"
+        difference = f"{pose}, {far} m from the expected {place}; tolerance {far_limit} m"
+        return distance <= position, difference
+    turned, turn_limit = _unequal(turn, angle)
     difference = (
         f"{pose}, {far} m and {turned} rad from the expected {wanted}; "
         f"tolerances {far_limit} m and {turn_limit} rad"
