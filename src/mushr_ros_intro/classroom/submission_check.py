@@ -204,6 +204,9 @@ def _check_program(path: str, place: str) -> None:
     names = {os.path.basename(each) for each in (program, os.path.realpath(program))}
     if any(re.fullmatch(r"python3(\.\d+)?", each) for each in names):
         _check_syntax(data, place)
+    elif place.endswith(".py"):
+        text = f"The first line of {place!r} names {name!r}, which is not Python 3."
+        raise SubmissionError(f"{text} {_FIRST_LINE}")
 
 
 def _interpreter(line: str) -> Tuple[str, str]:

@@ -1,29 +1,20 @@
 """Find programs of a package that cannot be started, or that are not nodes."""
 
 import ast
-import codecs
 import difflib
 import glob
 import importlib.util
 import os
 import pkgutil
 import re
-import shlex
-import shutil
-import subprocess
 import sys
 from contextlib import suppress
-from functools import lru_cache
 from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
 
 from mushr_ros_intro.doctor.facts import Finding
-
-_SHEBANG_REMEDY = "Make its first line: #!/usr/bin/python3"
+from mushr_ros_intro.program_file import mark_faults, start_faults
 
 _USES_ROSPY = re.compile(rb"\brospy\.(Publisher|Subscriber|Rate|spin)\(")
-
-_IMPORT_TIMEOUT = 20.0
-"""For an interpreter to import rospy [s]."""
 
 
 def program_findings(
@@ -31,8 +22,7 @@ def program_findings(
 ) -> List[Finding]:
     """Return what keeps the programs in a folder from being started.
 
-    A program is a file with a shebang line, or a Python file that starts a node or has a main
-    part. setup.py and files that cannot be read are left out.
+    setup.py and files that cannot be read are left out.
 
     Args:
         folder: the path of the folder.
@@ -45,8 +35,9 @@ def program_findings(
         nodes = [
             each for each in find_node(os.path.basename(path)) if not os.path.samefile(each, path)
         ]
-        found += [*_start_findings(nodes[0] if nodes else path), *_source_findings(path)]
-    return found
+        started = start_faults(nodes[0] if nodes else path)
+        found += [*(Finding(*each) for each in started), *_source_findings(path)]
+    return list(dict.fromkeys(found))
 
 
 def _source_findings(path: str) -> Iterator[Finding]:
@@ -56,9 +47,7 @@ def _source_findings(path: str) -> Iterator[Finding]:
     try:
         with open(path, "rb") as file:
             text = file.read()
-        if text.startswith(codecs.BOM_UTF8 + b"#!"):
-            problem = f"{path} begins with a byte order mark, so its first line does not work"
-            yield Finding(problem, rf"Type: sed -i '1s/^\xef\xbb\xbf//' {shlex.quote(path)}")
+        yield from (Finding(*each) for each in mark_faults(path, text))
         tree = compile(text, path, "exec", ast.PyCF_ONLY_AST, dont_inherit=True)
     except SyntaxError as error:
         problem = f"{path} has a syntax error in line {error.lineno}: {error.msg}"
@@ -147,65 +136,3 @@ def _is_of_system(path: str, module: str) -> bool:
     is_own = this in origin or origin.startswith(os.path.dirname(path))
     folders = (sys.prefix, "/usr", "/opt", "built-in", "frozen")
     return module.endswith((".msg", ".srv")) or (origin.startswith(folders) and not is_own)
-
-
-def _start_findings(path: str) -> Iterator[Finding]:
-    """Yield why a program cannot be started; nothing if the file is no program."""
-    if os.path.basename(path) == "setup.py":
-        return
-    try:
-        with open(path, "rb") as file:
-            text = file.read(100_000)  # a package may contain large recordings
-    except OSError:
-        return
-    if text.startswith(codecs.BOM_UTF8 + b"#!"):
-        return  # see _source_findings
-    if text.startswith(b"#!"):
-        yield from _shebang_findings(path, text.split(b"\n")[0])
-    elif path.endswith(".py") and re.search(rb"__main__|\binit_node\(", text):
-        yield Finding(f"{path} does not start with a shebang line", _SHEBANG_REMEDY)
-    else:
-        return
-    if not os.access(path, os.X_OK):
-        yield Finding(f"{path} is not executable", f"Type: chmod +x {shlex.quote(path)}")
-
-
-def _shebang_findings(path: str, line: bytes) -> Iterator[Finding]:
-    """Yield why the first line of a program does not start it."""
-    if line.endswith(b"\r"):
-        yield Finding(
-            f"{path} has Windows line endings, so the interpreter in its first line is not found",
-            rf"Type: sed -i 's/\r$//' {shlex.quote(path)}",
-        )
-        return
-    interpreter = _interpreter(line)
-    program = shutil.which(interpreter)
-    problem = f"{path} names the interpreter '{interpreter}', which"
-    if not program:
-        yield Finding(f"{problem} is not installed", _SHEBANG_REMEDY)
-    elif os.path.basename(program).startswith("python") and not _imports_rospy(program):
-        problem += f" is {program} in this terminal and cannot import rospy"
-        yield Finding(problem, _SHEBANG_REMEDY)
-
-
-@lru_cache
-def _imports_rospy(program: str) -> bool:
-    if os.path.realpath(program) == os.path.realpath(sys.executable):
-        return True  # this process has imported it
-    try:
-        command = [program, "-c", "import rospy"]
-        pipe = subprocess.DEVNULL
-        subprocess.run(
-            command, stdin=pipe, stdout=pipe, stderr=pipe, timeout=_IMPORT_TIMEOUT, check=True
-        )
-    except (OSError, subprocess.SubprocessError):
-        return False
-    return True
-
-
-def _interpreter(line: bytes) -> str:
-    """Return the interpreter that a shebang line names: a path, or a name that env looks for."""
-    words = line[2:].decode(errors="replace").split()
-    if words and words[0].endswith("/env") and shutil.which(words[0]):
-        words = [each for each in words[1:] if not each.startswith("-")]
-    return words[0] if words else ""

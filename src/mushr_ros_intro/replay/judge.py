@@ -124,12 +124,10 @@ def _ends(message: str) -> List[str]:
     return lines[:1] + lines[1:][-1:]
 
 
-def compare(
-    pose: Pose, wanted: Pose, position: float, angle: Optional[float]
-) -> Tuple[bool, str]:
+def compare(pose: Pose, wanted: Pose, position: float, angle: Optional[float]) -> Tuple[bool, str]:
     """Return whether a pose is the wanted one, and a description of their difference.
 
-    The tolerances are `position` [m] and `angle` [rad]; if the latter is None, any heading is right.
+    The tolerances are `position` [m] and `angle` [rad], or None if any heading is right.
     """
     distance, turn = pose.distance_to(wanted), pose.angle_to(wanted)
     far, far_limit = _unequal(distance, position)

@@ -1,6 +1,5 @@
 """Describe replays: find the car, the map and the node."""
 
-import codecs
 import glob
 import json
 import os
@@ -14,6 +13,7 @@ import rospkg
 from mushr_ros_intro.car.profile import read_parameters
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import find_file
+from mushr_ros_intro.program_file import start_faults
 from mushr_ros_intro.replay.job import Job, Setting
 from mushr_ros_intro.replay.reference import Exercise
 from mushr_ros_intro.wording import similar
@@ -91,18 +91,8 @@ def find_executable(package: str, name: str) -> str:
             hint = f". It is not executable; type: chmod +x {shlex.quote(programs[name])}"
         raise UserError(f"there is no node '{name}' in the package '{package}'{hint}")
     path = str(found[0])
-    with open(path, "rb") as file:
-        line = file.readline(1000)
-    if line.startswith(codecs.BOM_UTF8):
-        raise UserError(
-            f"{path} begins with a byte order mark, so its first line does not work. Type: "
-            rf"sed -i '1s/^\xef\xbb\xbf//' {shlex.quote(path)}"
-        )
-    if line.startswith(b"#!") and line.endswith(b"\r\n"):
-        raise UserError(
-            f"{path} has Windows line ends (CRLF), so its first line does not work. "
-            rf"Type: sed -i 's/\r$//' {shlex.quote(path)}"
-        )
+    for problem, remedy in start_faults(path):
+        raise UserError(f"{problem}. {remedy}")
     return path
 
 

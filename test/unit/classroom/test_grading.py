@@ -25,8 +25,7 @@ from support.paths import PACKAGE
 from support.recorded import replay, reported
 from support.submissions import XML, fill
 
-FILES = {"package.xml": XML, "src/path_publisher.py": b"#!/bin/sh\n"}
-"""A node in Python would be compiled, which takes time."""
+FILES = {"package.xml": XML, "src/path_publisher.py": b"#!/usr/bin/python3\n"}
 
 TEXT = "1.0, 2.0, 0.5\n2.0, 0.1\n1.0, -0.1, 0.5\n1.0, -0.1, 0.25\n"
 

@@ -16,7 +16,12 @@ from mushr_ros_intro.doctor.programs import program_findings
         ("#!/no/such/python\n", 0o755, "interpreter '/no/such/python'"),
         ("#!/no/such/env python3\n", 0o755, "interpreter '/no/such/env'"),
         ("#!\n", 0o755, "interpreter ''"),
-        ("#!/usr/bin/python3\r\n", 0o755, r"Windows line endings, so the interpreter in its fi"),
+        ("#!/bin/bash\n", 0o755, "interpreter '/bin/bash', which is not Python. Make its first"),
+        (
+            "#!/usr/bin/python3\r\n",
+            0o755,
+            r"has Windows line ends (CRLF), so its first line does n",
+        ),
         ("\ufeff#!/usr/bin/python3\n", 0o755, r"a byte order mark, so its first line does not"),
         ("#!/usr/bin/python3\nprint(\n", 0o755, "has a syntax error in line 2: "),
         ("#!/usr/bin/python3\n", 0o644, "is not executable. Type: chmod +x '"),
@@ -62,7 +67,7 @@ def test_a_program_that_cannot_be_started(tmp_path, text, mode, words):
     "text, words",
     [
         ("#!/usr/bin/env no_such_python\n", "'no_such_python', which is not installed"),
-        ("#!/usr/bin/python3\r\n", "has Windows line endings"),
+        ("#!/usr/bin/python3\r\n", "has Windows line ends"),
         ("import rospy\nrospy.init_node('a')\n", "does not start with a shebang line"),
     ],
 )

@@ -32,6 +32,12 @@ def test_a_first_line_with_a_windows_line_end(node):
         find_executable("student", "drive.py")
 
 
+def test_a_first_line_that_starts_another_program(node):
+    node.write_bytes(b"#!/bin/bash\nimport rospy\n")
+    with pytest.raises(UserError, match="'/bin/bash', which is not Python. Make its first line: #"):
+        find_executable("student", "drive.py")
+
+
 def test_a_byte_order_mark(node):
     node.write_bytes(b"\xef\xbb\xbf" + node.read_bytes())
     with pytest.raises(UserError, match="begins with a byte order mark") as error:
