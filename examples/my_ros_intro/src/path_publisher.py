@@ -43,6 +43,7 @@ def send_init_pose(pub_init_pose, x, y, theta):
         return is_close and poses[0].header.stamp > init_pose.header.stamp
 
     wait_until(is_there, f"the car to be at the start pose {x}, {y}, {theta}", timeout=10)
+    sub.unregister()
     return poses[0].header.stamp
 
 
