@@ -1,20 +1,14 @@
-"""Read from /proc whether threads wait, and for how long they have run."""
+"""Observe whether threads wait, and for how long they have run."""
 
 import contextlib
 import os
 import time
-from typing import Collection, Dict, Iterable, List, NamedTuple, Optional
+from typing import Collection, Dict, List, Optional
 
 from mushr_ros_intro.stamps import NANOSECONDS
 
-Usages = Dict[str, bytes]
-"""By the number of a thread: how long it has run and waited for a processor [ns], and other counts.
-
-The text of a thread changes whenever it runs.
-"""
-
 _MAX_THREADS = 300
-"""No more threads are observed, because each needs open files."""
+"""No more threads are observed, because each needs an open file."""
 
 _PROCESS, _THREAD = 2, 6
 """Kinds of clocks of processor time; see CPUCLOCK_SCHED and CPUCLOCK_PERTHREAD of Linux.
@@ -22,17 +16,8 @@ _PROCESS, _THREAD = 2, 6
 Linux allows clocks of all processes, and of the threads of this process.
 """
 
-_TICK = NANOSECONDS // os.sysconf("SC_CLK_TCK")
-"""The unit of the times in the file `stat` [ns]."""
-
-
-class _Files(NamedTuple):
-    """The process of a thread, and its open files in /proc; opening them takes most of the time."""
-
-    process: int
-    counts: int
-    stat: int
-    children: int
+_NEWEST = "/proc/sys/kernel/ns_last_pid"
+"""This file contains the number of the newest thread of the system."""
 
 
 class Threads:
@@ -42,26 +27,26 @@ class Threads:
         self, process: int, with_children: bool = True, without: Collection[int] = ()
     ) -> None:
         """Args: the number of the process; the numbers of threads that are left out."""
-        self._processes = [process]
+        self._process = process
         self._with_children = with_children
-        self._without = {str(each) for each in without}
-        self._has_statistics = _has_statistics()
-        counts = "schedstat" if self._has_statistics else "status"
-        self._names = (counts, "stat", "children")
-        self._is_own = process == os.getpid()
-        self._clocks: List[int] = []  # of the processes, or of the threads of this process
-        self._times: Optional[List[int]] = None  # of these clocks, before the files were last read
-        self._files: Dict[str, _Files] = {}
-        self._texts: List[bytes] = []  # the values of `usages`, in the order of `_files`
-        self.usages: Usages = {}
-        """When the threads were last observed; the same object if none has run since then."""
+        self._without = set(without)
+        self._files: Dict[int, int] = {}  # open files with the states, by numbers of threads
+        self._times: Dict[int, int] = {}  # processor times [ns], by clocks
+        self._newest: Optional[bytes] = None  # None: list the threads again
+        self._newest_file: Optional[int] = None
+        with contextlib.suppress(OSError):
+            self._newest_file = os.open(_NEWEST, os.O_RDONLY)
+        self.processes = [process]
+        """The process and its child processes, when they were last observed."""
+        self.usages: List[int] = []
+        """The same object as long as none of the threads runs, begins or ends."""
         self.ran = 0.0
         """For how long the threads have run [s of processor time]."""
 
     @property
-    def processes(self) -> List[int]:
-        """The process and its child processes, when they were last observed."""
-        return self._processes
+    def count(self) -> int:
+        """The number of threads, when they were last observed."""
+        return len(self._files)
 
     def are_waiting(self) -> bool:
         """Observe the threads; return whether all of them wait, at the same time.
@@ -71,102 +56,64 @@ class Threads:
         """
         self.observe()
         before = self.usages
-        try:
-            for files in self._files.values():
-                text = os.pread(files.stat, 200, 0)
-                if text[text.rindex(b")") + 2] in b"RD":
-                    return False
-        except OSError:  # a thread has ended
-            return False
+        for number, file in self._files.items():
+            try:
+                text = os.pread(file, 200, 0)
+            except OSError:  # the thread has ended
+                os.close(self._files.pop(number))
+                self._newest = None
+                return False
+            if text[text.rindex(b")") + 2] in b"RD":
+                return False
         self.observe()
-        return self.usages is before
+        return self.usages is before and bool(before)
 
     def observe(self) -> None:
-        """Read the usages, if a clock shows that a thread has run."""
-        times = self._read_clocks()
-        if times and times == self._times:
-            return
-        self._times = times
-        found: Usages = {}
+        """Read the clocks; first list the threads, if a thread of the system is new."""
+        newest = None if self._newest_file is None else os.pread(self._newest_file, 20, 0)
+        if newest is None or newest != self._newest:
+            self._newest = newest
+            self._list()
         try:
-            texts = list(map(self._usage, self._files.values()))
-            if texts == self._texts and texts:
-                return
-            found.update(zip(self._files, texts))
-        except OSError:  # a thread has ended
-            for name, files in self._files.items():
-                with contextlib.suppress(OSError):
-                    found[name] = self._usage(files)
-        for name in self._files.keys() - found.keys():
-            for file in self._files.pop(name)[1:]:
-                os.close(file)
-        self._add_new(found, [name for name in found if found[name] != self.usages.get(name)])
-        for name, usage in found.items():
-            before = self.usages.get(name, b"0")
-            if usage != before:
-                self.ran += (int(usage.split()[0]) - int(before.split()[0])) / NANOSECONDS
-        self.usages, self._texts = found, list(found.values())
-        clocks = [~int(name) << 3 | _THREAD for name in found]
-        if not self._is_own:
-            clocks = [~process << 3 | _PROCESS for process in self._processes]
-        if clocks != self._clocks:
-            self._clocks, self._times = clocks, None
+            times = {clock: time.clock_gettime_ns(clock) for clock in self._times}
+        except OSError:  # a process, or a thread of this process, has ended
+            self._newest = None
+            self.observe()
+            return
+        usages = [*self._files, *times.values()]
+        if usages != self.usages:
+            self.ran += (sum(times.values()) - sum(self._times.values())) / NANOSECONDS
+            self.usages, self._times = usages, times
 
-    def _read_clocks(self) -> Optional[List[int]]:
-        """Return the processor times of the clocks [ns]; None if one has ended."""
-        with contextlib.suppress(OSError):
-            return [time.clock_gettime_ns(each) for each in self._clocks]
-        return None
-
-    def _add_new(self, found: Usages, changed: Iterable[str]) -> None:
-        """Add the usages of new threads; only a thread that has run can have created them."""
-        unchanged = {files.process for files in self._files.values()}
-        for name in changed:
-            unchanged.discard(self._files[name].process)
-            self._add_children(name)
-        alive = []
-        for process in self._processes:  # grows in this loop
-            if process in unchanged:
-                alive.append(process)
-                continue
-            with contextlib.suppress(OSError):
+    def _list(self) -> None:
+        """List the processes, the threads and their clocks again."""
+        self.processes = []
+        found: Dict[int, int] = {}
+        clocks, processes = [], [self._process]
+        for process in processes:  # grows in this loop
+            with contextlib.suppress(OSError):  # it has ended
+                clock = ~process << 3 | _PROCESS
+                time.clock_gettime_ns(clock)
                 names = os.listdir(f"/proc/{process}/task")
-                alive.append(process)
-                for name in names:
-                    is_new = name not in found and name not in self._without
-                    if is_new and len(found) < _MAX_THREADS:
-                        self._open(process, name, found)
-        self._processes = alive
-
-    def _open(self, process: int, name: str, found: Usages) -> None:
-        """Open the files of a new thread, and add its usage."""
-        with contextlib.suppress(OSError):  # it has ended
-            folder = f"/proc/{process}/task/{name}"
-            files = [os.open(f"{folder}/{each}", os.O_RDONLY) for each in self._names]
-            self._files[name] = _Files(process, *files)
-            found[name] = self._usage(self._files[name])
-            self._add_children(name)
-
-    def _add_children(self, name: str) -> None:
-        """Add the child processes of a thread."""
-        if self._with_children:
-            with contextlib.suppress(OSError):
-                for each in os.pread(self._files[name].children, 4096, 0).split():
-                    if int(each) not in self._processes:
-                        self._processes.append(int(each))
-
-    def _usage(self, files: _Files) -> bytes:
-        """Return the usage of a thread; raise OSError if it has ended."""
-        if self._has_statistics:
-            return os.pread(files.counts, 100, 0)
-        counts, stat = os.pread(files.counts, 4096, 0), os.pread(files.stat, 4096, 0)
-        fields = stat[stat.rindex(b")") + 2 :].split()
-        times = (int(fields[11]) + int(fields[12])) * _TICK
-        return b"%d 0 %s" % (times, counts[counts.rindex(b"\nvoluntary_ctxt_switches") :])
+                self.processes.append(process)
+                clocks.append(clock)
+                for number in map(int, names):
+                    if number not in self._without and len(found) < _MAX_THREADS:
+                        folder = f"/proc/{process}/task/{number}"
+                        with contextlib.suppress(OSError):  # it has ended
+                            file = self._files.pop(number, None)
+                            found[number] = file or os.open(f"{folder}/stat", os.O_RDONLY)
+                            if self._with_children:
+                                processes += _children(folder)
+        for file in self._files.values():
+            os.close(file)
+        if self._process == os.getpid():
+            clocks = [~number << 3 | _THREAD for number in found]
+        self._files = found
+        self._times = {clock: self._times.get(clock, 0) for clock in clocks}
 
 
-def _has_statistics() -> bool:
-    """Return whether the system keeps statistics of the scheduler."""
-    with contextlib.suppress(OSError), open("/proc/self/schedstat", encoding="ascii") as file:
-        return file.read().split() != ["0", "0", "0"]
-    return False
+def _children(thread: str) -> List[int]:
+    """Return the child processes of a thread, given its folder in /proc; raise OSError."""
+    with open(f"{thread}/children", encoding="ascii") as file:
+        return list(map(int, file.read().split()))
