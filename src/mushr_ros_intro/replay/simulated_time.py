@@ -8,8 +8,8 @@ random numbers of `random` and `numpy.random` are the same in each run.
 
 If several threads are due, each message on /clock wakes one of them, in the order of their due
 times. So the order does not depend on the load of the machine. The program writes to FILE, the
-number of an open file, when the next thread is due [ns], as 8 bytes, little-endian; 0 if no thread
-sleeps.
+number of an open pipe, when the next thread is due [ns], as 8 bytes, little-endian; 0 if no thread
+sleeps. It does this when a thread falls asleep, and when a message on /clock wakes no thread.
 
 Libraries of ROS, and child processes, keep the real time.
 
@@ -93,7 +93,7 @@ class Sleepers:
 
     def __init__(self) -> None:
         self.file: Optional[int] = None
-        """The number of the open file."""
+        """The number of the open pipe."""
         self._lock = threading.RLock()  # a signal handler may shut down ROS at any time
         self._queue: List[Tuple[int, int, Waiter]] = []  # due [ns], number, ...
         self._numbers = itertools.count()
@@ -125,12 +125,13 @@ class Sleepers:
         with self._lock:
             if self._queue and self._queue[0][0] <= now:
                 heapq.heappop(self._queue)[-1].release()
+            else:
                 self._write()
 
     def _write(self) -> None:
         if self.file is not None:
             due = self._queue[0][0] if self._queue else 0
-            os.pwrite(self.file, due.to_bytes(8, "little"), 0)
+            os.write(self.file, due.to_bytes(8, "little"))
 
     def on_shutdown(self, reason: str) -> None:
         """Wake all threads."""

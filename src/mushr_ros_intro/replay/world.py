@@ -5,10 +5,10 @@ from ROS except initial poses and the commands on the inputs of the mux, and eve
 here. So the node cannot change the recording, nor move the car by other means.
 """
 
+import contextlib
 import os
-import tempfile
+import select
 import threading
-import time
 from collections import deque
 from typing import Any, Deque, Dict, Iterator, List, Optional, Tuple
 
@@ -94,9 +94,10 @@ class ReplayWorld:
         """The reported states of the car."""
         self.now = START
         """The simulated time [ns]."""
-        self._due = tempfile.TemporaryFile(buffering=0)
-        self.due_file = self._due.fileno()
-        """The number of a file, in which the node says when its next thread is due."""
+        self._due_reader, self.due_file = os.pipe()
+        """The number of a pipe, to which the node writes when its next thread is due."""
+        os.set_blocking(self._due_reader, False)
+        self._due = 0  # what the node has written last
         self._pending: Iterator[int] = iter(())  # the messages of this instant that are not sent
         self._begin: Optional[int] = None  # the time of the first command to drive
         self._poses: Deque[PoseWithCovarianceStamped] = deque()
@@ -191,7 +192,13 @@ class ReplayWorld:
             self._nap = SHORT_NAP
         else:
             self._nap = min(LONG_NAP, 1.5 * self._nap)
-        time.sleep(self._nap)
+        if select.select([self._due_reader], [], [], self._nap)[0]:
+            self._read_due()
+
+    def _read_due(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                self._due = int.from_bytes(os.read(self._due_reader, 65536)[-8:], "little")
 
     @property
     def _time_until_due(self) -> Optional[int]:
@@ -199,8 +206,8 @@ class ReplayWorld:
 
         A thread that receives reports of the car is due when the next one is.
         """
-        due = int.from_bytes(os.pread(self.due_file, 8, 0), "little")
-        times = [due - self.now] if due else []
+        self._read_due()
+        times = [self._due - self.now] if self._due else []
         if self._car.count_connections():
             times.append(self._car.pose_period - self.now % self._car.pose_period)
         return min(times, default=None)

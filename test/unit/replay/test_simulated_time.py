@@ -41,15 +41,20 @@ class Ros:
     def tell(self, milliseconds):
         """Tell the time, and wait until the thread that is woken has ended, if any is due."""
         self.now = START + milliseconds * MS
-        count = len(self.woken) + (0 < self.due <= milliseconds)
+        with self.sleepers._lock:
+            count = len(self.woken) + any(due <= self.now for due, *_ in self.sleepers._queue[:1])
         self.sleepers.on_time(self.now)
         wait_for(lambda: len(self.woken) == count, "the thread")
 
     @property
     def due(self):
-        """When the next thread is due, as the world reads it [ms]; 0 if none sleeps."""
+        """When the next thread is due, as the world reads it [ms]; 0 if none sleeps.
+
+        Not later than now, if a thread was woken, and none has begun to sleep since then.
+        """
         with self.sleepers._lock:  # the thread that begins to sleep has written it
-            due = int.from_bytes(os.pread(self.sleepers.file, 8, 0), "little")
+            size = os.fstat(self.sleepers.file).st_size
+            due = int.from_bytes(os.pread(self.sleepers.file, 8, size - 8), "little")
         return due and (due - START) // MS
 
 
@@ -72,11 +77,15 @@ def test_each_message_wakes_one_thread(ros):
     ros.tell(9)
     assert (ros.woken, ros.due) == ([], 10)
     ros.tell(25)
-    assert (ros.woken, ros.due) == ([("first", False)], 20)
+    assert (ros.woken, ros.due) == ([("first", False)], 10)
     ros.tell(25)
-    assert ([name for name, _ in ros.woken], ros.due) == (["first", "second"], 30)
+    assert [name for name, _ in ros.woken] == ["first", "second"]
+    ros.tell(25)
+    assert (len(ros.woken), ros.due) == (2, 30)
     ros.tell(30)
-    assert ([name for name, _ in ros.woken][2:], ros.due) == (["third"], 0)
+    assert [name for name, _ in ros.woken][2:] == ["third"]
+    ros.tell(30)
+    assert ros.due == 0
 
 
 def test_equal_due_times(ros):

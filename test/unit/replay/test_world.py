@@ -28,16 +28,21 @@ NOW = 1010 * MS
         (b"", 1, 10 * MS),
         ((NOW + 30 * MS).to_bytes(8, "little"), 1, 10 * MS),
         ((NOW + 5 * MS).to_bytes(8, "little"), 1, 5 * MS),
+        ((NOW + 5 * MS).to_bytes(8, "little") + (NOW + 9 * MS).to_bytes(8, "little"), 0, 9 * MS),
     ],
 )
 def test_when_the_next_thread_is_due(said, connections, expected):
     """A node that receives the poses gets each of them when the car reports it, every 20 ms."""
-    file = os.memfd_create("due")
-    os.write(file, said)
-    car = SimpleNamespace(count_connections=lambda: connections, pose_period=20 * MS)
-    world = SimpleNamespace(due_file=file, now=NOW, _car=car)
-    assert ReplayWorld._time_until_due.fget(world) == expected
-    os.close(file)
+    world = ReplayWorld.__new__(ReplayWorld)
+    world._due_reader, world.due_file = os.pipe()
+    os.set_blocking(world._due_reader, False)
+    os.write(world.due_file, said)
+    world._due, world.now = 0, NOW
+    world._car = SimpleNamespace(count_connections=lambda: connections, pose_period=20 * MS)
+    assert world._time_until_due == expected
+    assert world._time_until_due == expected  # what the node has written last counts
+    os.close(world._due_reader)
+    os.close(world.due_file)
 
 
 @pytest.mark.parametrize(("since", "expected"), [(0, True), (1, True), (100, False), (199, False)])
