@@ -111,7 +111,9 @@ class Job(NamedTuple):
 
 _processes = multiprocessing.get_context("forkserver")
 # A new process for each replay has the modules already, and no state of another replay.
-_processes.set_forkserver_preload(["mushr_ros_intro.replay.job"])
+_processes.set_forkserver_preload(
+    ["mushr_ros_intro.replay.job", "configparser", "encodings.idna", "netifaces"]
+)
 
 
 def run_job(job: Job) -> Judgement:

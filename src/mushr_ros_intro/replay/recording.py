@@ -261,5 +261,7 @@ def frechet_distance(one: np.ndarray, other: np.ndarray) -> float:
         ends = backward[n + m - 1 - k :][:n]
         leash = np.hypot(*(one - ends).T)
         shortest = np.minimum(np.minimum(last[1:], last[:-1]), before[:-1])
-        before, last = last, np.append(np.inf, np.maximum(leash, shortest))
+        following = np.full(n + 1, np.inf)
+        np.maximum(leash, shortest, out=following[1:])
+        before, last = last, following
     return float(last[-1])

@@ -9,7 +9,8 @@ random numbers of `random` and `numpy.random` are the same in each run.
 If several threads are due, each message on /clock wakes one of them, in the order of their due
 times. So the order does not depend on the load of the machine. The program writes to FILE, the
 number of an open pipe, when the next thread is due [ns], as 8 bytes, little-endian; 0 if no thread
-sleeps. It does this when a thread falls asleep, and when a message on /clock wakes no thread.
+sleeps. It does this when a thread falls asleep, and when a thread has processed a message that
+has woken no other one.
 
 Libraries of ROS, and child processes, keep the real time.
 
@@ -97,6 +98,7 @@ class Sleepers:
         self._lock = threading.RLock()  # a signal handler may shut down ROS at any time
         self._queue: List[Tuple[int, int, Waiter]] = []  # due [ns], number, ...
         self._numbers = itertools.count()
+        self._has_woken = False  # a thread, which has not slept since then
 
     def sleep(self, duration: int, waiter: Optional[Waiter] = None) -> bool:
         """Sleep for a duration [ns], or until another thread releases `waiter`; return if it did.
@@ -106,6 +108,7 @@ class Sleepers:
         entry = (read() + duration, next(self._numbers), waiter or Waiter())
         with self._lock:
             heapq.heappush(self._queue, entry)
+            self._has_woken = False
             self._write()
         entry[-1].acquire()
         with self._lock:
@@ -123,9 +126,14 @@ class Sleepers:
     def on_time(self, now: int) -> None:
         """Wake the thread that is due first at a time [ns], if any."""
         with self._lock:
-            if self._queue and self._queue[0][0] <= now:
+            self._has_woken = bool(self._queue) and self._queue[0][0] <= now
+            if self._has_woken:
                 heapq.heappop(self._queue)[-1].release()
-            else:
+
+    def on_processed(self) -> None:
+        """Note that a thread has processed a message."""
+        with self._lock:
+            if not self._has_woken:
                 self._write()
 
     def _write(self) -> None:
@@ -298,10 +306,15 @@ def show_exception(kind: Any, error: BaseException, trace: Any) -> None:
 def simulate() -> None:
     """Replace the functions."""
     on_clock = rospy.impl.simtime._set_rostime_clock_wrapper
+    process = rospy.topics._SubscriberImpl.receive_callback
 
     def on_message(msg: Any) -> None:
         on_clock(msg)
         sleepers.on_time(msg.clock.to_nsec())
+
+    def receive(*arguments: Any) -> None:
+        process(*arguments)
+        sleepers.on_processed()
 
     def on_fork() -> None:
         global is_child
@@ -310,6 +323,7 @@ def simulate() -> None:
     os.register_at_fork(after_in_child=on_fork)
     rospy.core.add_preshutdown_hook(sleepers.on_shutdown)
     rospy.impl.simtime._set_rostime_clock_wrapper = on_message
+    rospy.topics._SubscriberImpl.receive_callback = receive
     rospy.timer.sleep = rospy.sleep = sleep_in_ros
     rospy.rostime.get_rostime = rospy.get_rostime = read_in_ros
     rospy.rostime.wallsleep = sleep_for  # of rospy.spin and rospy.wait_for_message

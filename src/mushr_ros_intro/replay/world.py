@@ -41,8 +41,11 @@ PREDICTED_PATH = "/car/predicted_path"
 START = 1_000_000_000 * NANOSECONDS
 """The time at which a replay begins: far from the present, in the year 2001 [ns]."""
 
-SHORT_NAP, LONG_NAP = 0.0002, 0.002
-"""Time between two observations of the node [s of wall-clock time]."""
+NAP, LONG_NAP = 0.001, 0.004
+"""Time from a message to an observation of the node, and between two [s of wall-clock time]."""
+
+SHORT_NAP = 0.0001
+"""The same after the node has written when its next thread is due: it will wait in a moment."""
 
 MAX_RATE = 1000
 """A node that sends more commands per second has failed."""
@@ -123,7 +126,7 @@ class ReplayWorld:
             ),
         )
         self._receiving = Threads(os.getpid(), False, _other_threads())
-        self._nap = SHORT_NAP
+        self._nap = NAP
 
     def _offer(self) -> None:
         """Offer more topics and services, before the node under test is started."""
@@ -189,10 +192,10 @@ class ReplayWorld:
         # Without a connection, the node has not initialised ROS yet.
         if duration is not None and (self.sent or self._clock.get_num_connections()):
             self._send(pace, duration)
-            self._nap = SHORT_NAP
-        else:
-            self._nap = min(LONG_NAP, 1.5 * self._nap)
-        if select.select([self._due_reader], [], [], self._nap)[0]:
+            self._nap = NAP
+        is_written, _, _ = select.select([self._due_reader], [], [], self._nap)
+        self._nap = SHORT_NAP if is_written else min(LONG_NAP, 2.0 * self._nap)
+        if is_written:
             self._read_due()
 
     def _read_due(self) -> None:

@@ -44,6 +44,7 @@ class Ros:
         with self.sleepers._lock:
             count = len(self.woken) + any(due <= self.now for due, *_ in self.sleepers._queue[:1])
         self.sleepers.on_time(self.now)
+        self.sleepers.on_processed()
         wait_for(lambda: len(self.woken) == count, "the thread")
 
     @property
