@@ -180,7 +180,7 @@ class Bridge:
     async def _subscribe(self, outbox: Outbox, request: Request) -> None:
         name = request.topic
         if len(outbox.topics) >= MAX_TOPICS:
-            raise ProtocolError(f"the client has {MAX_TOPICS} topics; expected at most so many")
+            raise ProtocolError(f"the client has {MAX_TOPICS} topics; expected fewer")
         if not self._topics.get(name, SharedTopic(name)).is_local:
             if not name.isascii() or not rosgraph.names.is_legal_name(name) or name == "/":
                 raise ProtocolError(f"topic is {name!r}; expected a name such as /car/car_pose")
@@ -243,7 +243,7 @@ class Bridge:
         self._calls[outbox] = self._calls.get(outbox, 0) + 1
         try:
             if self._calls[outbox] > MAX_CALLS:
-                raise ProtocolError(f"{MAX_CALLS} calls are running; expected at most so many")
+                raise ProtocolError(f"{MAX_CALLS} calls are running; expected fewer")
             call = self.in_thread(self._call, request.service, request.args)
             reply = response(request, await asyncio.wait_for(call, 2 * CALL_TIMEOUT))
         except asyncio.TimeoutError:

@@ -24,5 +24,5 @@ def car_limits(parameters: Parameters) -> Dict[str, Any]:
     angles = hand["steering_angle"], car.steering_limit_left, car.steering_limit_right
     return {
         "hand": {"speed": min(hand["speed"], car.speed_limit), "steering_angle": min(angles)},
-        "has_noise": bool(car.speed_noise or car.steering_noise),
+        "has_noise": car.has_command_noise,
     }

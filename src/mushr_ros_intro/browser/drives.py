@@ -6,7 +6,7 @@ from typing import Any, Dict, Iterator, Tuple
 
 import numpy as np
 
-from mushr_ros_intro.classroom.grades import MAX_POINTS
+from mushr_ros_intro.classroom.grades import thinned
 from mushr_ros_intro.classroom.store import FOLDER, load_all
 from mushr_ros_intro.errors import UserError
 
@@ -77,16 +77,14 @@ def _of_node(folder: str) -> Iterator[Tuple[str, Dict[str, Any]]]:
             with open(os.path.join(place, "report.json"), encoding="utf-8") as file:
                 report = json.load(file)
             path = os.path.join(place, "trajectory.csv")
-            table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-            chosen = np.unique(np.linspace(0, len(table) - 1, MAX_POINTS).astype(int))
-            table = table[chosen].tolist()
+            rows = thinned(np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)).tolist()
             yield (
                 os.path.relpath(place, folder),
                 {
                     "passed": report["passed"],
                     "verdict": "\n".join(report["verdict"]),
-                    "times": [row[0] for row in table],
-                    "driven": [row[1:4] for row in table],
-                    "predicted": [row[4:7] for row in table],
+                    "times": [row[0] for row in rows],
+                    "driven": [row[1:4] for row in rows],
+                    "predicted": [row[4:7] for row in rows],
                 },
             )

@@ -72,7 +72,7 @@ class Car(NamedTuple):
                 f"steering offset {self.steering_offset:g} rad; "
             )
         noise = "off"
-        if (self.speed_noise, self.steering_noise) != (0.0, 0.0) or self.has_odom_noise:
+        if self.has_command_noise or self.has_odom_noise:
             noise = (
                 f"{self.speed_noise:g} m/s, {self.steering_noise:g} rad, of the odometry after 1 m "
                 f"{self.odom_distance_noise:g} m, {self.odom_heading_noise:g} rad, seed {self.seed}"
@@ -81,6 +81,11 @@ class Car(NamedTuple):
             f"wheelbase {self.wheelbase:g} m; limits: {shown or 'none'}; {gains}noise: {noise}; "
             f"command timeout {self.command_timeout / NANOSECONDS:g} s"
         )
+
+    @property
+    def has_command_noise(self) -> bool:
+        """Whether the commands have random errors."""
+        return (self.speed_noise, self.steering_noise) != (0.0, 0.0)
 
     @property
     def has_odom_noise(self) -> bool:

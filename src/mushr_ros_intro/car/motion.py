@@ -139,7 +139,7 @@ def _target(state: State, command: Command, car: Car) -> Command:
     They include the noise. A rate is infinite if the value changes at once.
     """
     speed, angle = car.response(command.speed, command.steering_angle)
-    if speed != 0.0 and (car.speed_noise or car.steering_noise):
+    if speed != 0.0 and car.has_command_noise:
         of_speed, of_angle = normals(car.seed, state.drive_commands)
         speed += car.speed_noise * of_speed
         angle += car.steering_noise * of_angle

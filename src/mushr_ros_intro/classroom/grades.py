@@ -89,15 +89,19 @@ class Grade(NamedTuple):
         return bool(self.plans) and all(plan.passed for plan in self.plans)
 
 
+def thinned(rows: np.ndarray) -> np.ndarray:
+    """Return at most MAX_POINTS rows, evenly spaced, with the first and the last one."""
+    return rows[np.unique(np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int))]
+
+
 def plan_grade(name: str, judgement: Judgement, shorten: Callable[[str], str]) -> PlanGrade:
     """Return the verdict on a drive of the plan `name`.
 
     `shorten` removes the paths of this machine from a text.
     """
     drive = judgement.drive
-    chosen = np.unique(np.linspace(0, len(drive.times) - 1, MAX_POINTS).astype(int))
     times, driven, predicted = (
-        np.round(each[chosen], 4).tolist() for each in (drive.times, drive.driven, drive.predicted)
+        np.round(thinned(each), 4).tolist() for each in (drive.times, drive.driven, drive.predicted)
     )
     return PlanGrade(
         name,

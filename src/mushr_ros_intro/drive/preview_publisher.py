@@ -153,14 +153,14 @@ class Preview:
             states[-1].stamp,
             report.length if states is report.states else None,
             is_placed=self._is_placed,
-            is_exact=bool(profile) and not _has_noise(car),
+            is_exact=bool(profile) and not car.has_command_noise,
         )
 
     def _publish_spread(self, profile: Parameters) -> None:
         """Publish the spread of drives with random errors: final poses, ellipses on the path."""
         car = car_from(profile.with_values(noise=True))
         commands = prediction.count_commands(self.plan)
-        if not _has_noise(car):
+        if not car.has_command_noise:
             rospy.loginfo("the spread is not published: this car has no noise")
             return
         if commands > MAX_SPREAD_COMMANDS:
@@ -203,14 +203,10 @@ def predict(
         grid: the map, or None.
     """
     report = check(plan, car_name, car, grid=grid)
-    if not report.collision and not _has_noise(car):
+    if not report.collision and not car.has_command_noise:
         return report, report.states
     world = World(grid) if grid and report.collision else None
     return report, tuple(prediction.trajectory(plan, car, world))
-
-
-def _has_noise(car: Car) -> bool:
-    return bool(car.speed_noise or car.steering_noise)
 
 
 def read_walls(simulated: Parameters, is_placed: bool, is_strict: bool) -> Optional[Grid]:

@@ -43,9 +43,8 @@ def legs_of(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg
     before the next one, and at a wall the car tries again with each command. Otherwise there is
     one command per row.
     """
-    has_noise = car.speed_noise or car.steering_noise
     period = COMMAND_PERIOD
-    if world is None and not has_noise and car.command_timeout >= period:
+    if world is None and not car.has_command_noise and car.command_timeout >= period:
         period = MAX_DURATION
         car = car._replace(command_timeout=MAX_DURATION)
     state = at_rest(0, plan.start)
