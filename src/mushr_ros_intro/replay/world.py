@@ -47,6 +47,9 @@ NAP, LONG_NAP = 0.001, 0.004
 SHORT_NAP = 0.0001
 """The same after the node has written when its next thread is due: it will wait in a moment."""
 
+_PIPE = 65536
+"""The capacity of a pipe of Linux [bytes]."""
+
 MAX_RATE = 1000
 """A node that sends more commands per second has failed."""
 
@@ -199,9 +202,8 @@ class ReplayWorld:
             self._read_due()
 
     def _read_due(self) -> None:
-        with contextlib.suppress(BlockingIOError):
-            while True:
-                self._due = int.from_bytes(os.read(self._due_reader, 65536)[-8:], "little")
+        with contextlib.suppress(BlockingIOError):  # nothing is new
+            self._due = int.from_bytes(os.read(self._due_reader, _PIPE)[-8:], "little")
 
     @property
     def _time_until_due(self) -> Optional[int]:
