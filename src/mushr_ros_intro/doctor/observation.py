@@ -22,7 +22,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.ros_time import wait_for
 from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER, CallError, CallFault, ask
-from mushr_ros_intro.simulator.mux import IDLE, parse_config
+from mushr_ros_intro.simulator.mux import IDLE, full_topic, parse_config
 
 _CLOCK_TIMEOUT = 5.5
 """How long to wait until /clock advances [s]; in lock-step it waits 5 s for commands."""
@@ -213,10 +213,7 @@ class Observer:
         with suppress(UserError):
             config = parse_config(self._parameter(self._mux))
             inputs = {each.name.lower(): each.topic for each in config.inputs}
-        return {
-            name: topic if topic.startswith("/") else f"{self._mux}/{topic.lstrip('~')}"
-            for name, topic in inputs.items()
-        }
+        return {name: full_topic(self._mux, topic) for name, topic in inputs.items()}
 
     def _read_other_topics(
         self, graph: _Graph, known: Sequence[str]

@@ -30,7 +30,7 @@ def write_picture(
         draw_report(report, spread, grid).savefig(path, dpi=120)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        text = f"{path} cannot be written: {reason}; expected such as figure_8.png"
+        text = f"{path} cannot be written: {reason}; expected a name such as figure_8.png"
         raise UserError(text) from None
 
 

@@ -13,7 +13,7 @@ from mushr_ros_intro.car.odometry import Odometry
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.simulator.ackermann_cmd_mux import AckermannCmdMux
 from mushr_ros_intro.simulator.car_sim import CarSim
-from mushr_ros_intro.simulator.mux import Input
+from mushr_ros_intro.simulator.mux import Input, full_topic
 from mushr_ros_intro.stamps import STAMP_TOLERANCE
 
 MUX = "/car/mux/ackermann_cmd_mux"
@@ -87,7 +87,8 @@ class ReplayMux(AckermannCmdMux):
         super().__init__(MUX)
 
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
-        msg._connection_header = {"topic": self._resolve(source.topic)}  # not what its sender says
+        # Not what its sender says.
+        msg._connection_header = {"topic": full_topic(self._name, source.topic)}
         self._commands.append((msg, source))
 
     def on_command(self, msg: AckermannDriveStamped, source: Input) -> None:

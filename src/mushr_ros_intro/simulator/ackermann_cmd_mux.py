@@ -12,7 +12,7 @@ from std_msgs.msg import String
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.ros.connections import wait_until_connected
-from mushr_ros_intro.simulator.mux import Input, Mux, read_config
+from mushr_ros_intro.simulator.mux import Input, Mux, full_topic, read_config
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, CurrentTime
 
 LATE_AFTER = COMMAND_PERIOD // 2
@@ -56,7 +56,10 @@ class AckermannCmdMux:
         self._announced = ""
 
         self._output_pub = rospy.Publisher(
-            self._resolve(config.publisher), AckermannDriveStamped, queue_size=100, tcp_nodelay=True
+            full_topic(self._name, config.publisher),
+            AckermannDriveStamped,
+            queue_size=100,
+            tcp_nodelay=True,
         )
         self._active_pub = rospy.Publisher(f"{self._name}/active", String, queue_size=1, latch=True)
         self._announce()
@@ -66,7 +69,7 @@ class AckermannCmdMux:
         self.inputs: Dict[str, rospy.Subscriber] = {}
         """The subscribers by topic."""
         for each in config.inputs:
-            topic = self._resolve(each.topic)
+            topic = full_topic(self._name, each.topic)
             self.inputs[topic] = rospy.Subscriber(
                 topic, AckermannDriveStamped, self._on_command, each, tcp_nodelay=True
             )
@@ -74,10 +77,6 @@ class AckermannCmdMux:
                 f"input {each.name}: {topic}, priority {each.priority}, "
                 f"timeout {each.timeout / NANOSECONDS:g} s"
             )
-
-    def _resolve(self, topic: str) -> str:
-        """Return the full name of a topic of the configuration."""
-        return topic if topic.startswith("/") else f"{self._name}/{topic.lstrip('~/')}"
 
     def _send(self, msg: AckermannDriveStamped) -> None:
         """Send a message to the car; a replay overrides this method to record the message."""

@@ -83,6 +83,11 @@ class Mux(NamedTuple):
         return self._replace(expires=tuple((each, now) for each, _ in self.expires))
 
 
+def full_topic(mux: str, topic: str) -> str:
+    """Return the full name of a topic of the configuration; `mux` is the name of the node."""
+    return topic if topic.startswith("/") else f"{mux}/{topic.lstrip('~/')}"
+
+
 def parse_config(raw: Any) -> Config:
     """Read a configuration; see `read_config`."""
     return read_config(_parameters(raw, "~", "subscribers", "publisher"))

@@ -453,7 +453,7 @@ def test_every_fault_of_broken_plans_is_printed(run):
         (["circle", "--seed", "-1"], "--seed is '-1'; expected a number from 0"),
         (["circle", "slalom", "--plot", "a.png"], "--plot draws one plan; expected one PLAN"),
         (["circle", "--plot", "/nowhere/a.png"], "cannot be written: No such file or directory"),
-        (["circle", "--plot", "a.mp3"], "expected such as figure_8.png"),
+        (["circle", "--plot", "a.mp3"], "expected a name such as figure_8.png"),
     ],
 )
 def test_bad_usage_ends_with_status_2(run, arguments, text, tmp_path):

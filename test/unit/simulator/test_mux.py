@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.simulator.mux import IDLE, Config, Input, Mux, parse_config
+from mushr_ros_intro.simulator.mux import IDLE, Config, Input, Mux, full_topic, parse_config
 
 MS = 1_000_000
 """[ns]"""
@@ -28,6 +28,14 @@ def passed(*commands):
         mux, passes = command(mux, source, stamp * MS)
         verdicts.append(passes)
     return mux, verdicts
+
+
+@pytest.mark.parametrize(
+    ("topic", "expected"),
+    [("/cmd", "/cmd"), ("input/a", "/m/input/a"), ("~a", "/m/a"), ("~/a", "/m/a")],
+)
+def test_names_of_topics(topic, expected):
+    assert full_topic("/m", topic) == expected
 
 
 def test_no_input_drives_at_first():
