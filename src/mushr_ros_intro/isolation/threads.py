@@ -32,7 +32,8 @@ class Threads:
         self._without = set(without)
         self._files: Dict[int, int] = {}  # open files with the states, by numbers of threads
         self._times: Dict[int, int] = {}  # processor times [ns], by clocks
-        self._newest: Optional[bytes] = None  # None: list the threads again
+        self._has_ended = True  # a thread, perhaps: list the threads again
+        self._newest: Optional[bytes] = None
         self._newest_file: Optional[int] = None
         with contextlib.suppress(OSError):
             self._newest_file = os.open(_NEWEST, os.O_RDONLY)
@@ -61,7 +62,7 @@ class Threads:
                 text = os.pread(file, 200, 0)
             except OSError:  # the thread has ended
                 os.close(self._files.pop(number))
-                self._newest = None
+                self._has_ended = True
                 return False
             if text[text.rindex(b")") + 2] in b"RD":
                 return False
@@ -69,25 +70,33 @@ class Threads:
         return self.usages is before and bool(before)
 
     def observe(self) -> None:
-        """Read the clocks; first list the threads, if a thread of the system is new."""
+        """Read the clocks; list the threads again if a thread of the system is new."""
         newest = None if self._newest_file is None else os.pread(self._newest_file, 20, 0)
-        if newest is None or newest != self._newest:
+        times = self._read_clocks()
+        # Only a thread that has run can have begun another one.
+        has_new = times != self._times if newest is None else newest != self._newest
+        if has_new or times is None:
             self._newest = newest
-            self._list()
-        try:
-            times = {clock: time.clock_gettime_ns(clock) for clock in self._times}
-        except OSError:  # a process, or a thread of this process, has ended
-            self._newest = None
-            self.observe()
-            return
+            before = self._times if times is None else times
+            times = {clock: before.get(clock, 0) for clock in self._list()}
         usages = [*self._files, *times.values()]
         if usages != self.usages:
-            self.ran += (sum(times.values()) - sum(self._times.values())) / NANOSECONDS
+            ran = [times[clock] - self._times.get(clock, 0) for clock in times]
+            self.ran += sum(ran) / NANOSECONDS
             self.usages, self._times = usages, times
 
-    def _list(self) -> None:
-        """List the processes, the threads and their clocks again."""
-        self.processes = []
+    def _read_clocks(self) -> Optional[Dict[int, int]]:
+        """Return the processor times [ns] by clocks; None if a thread or process has ended."""
+        if self._has_ended:
+            return None
+        try:
+            return {clock: time.clock_gettime_ns(clock) for clock in self._times}
+        except OSError:
+            return None
+
+    def _list(self) -> List[int]:
+        """List the processes and the threads again; return their clocks."""
+        self.processes, self._has_ended = [], False
         found: Dict[int, int] = {}
         clocks, processes = [], [self._process]
         for process in processes:  # grows in this loop
@@ -107,10 +116,10 @@ class Threads:
                                 processes += _children(folder)
         for file in self._files.values():
             os.close(file)
-        if self._process == os.getpid():
-            clocks = [~number << 3 | _THREAD for number in found]
         self._files = found
-        self._times = {clock: self._times.get(clock, 0) for clock in clocks}
+        if self._process == os.getpid():
+            return [~number << 3 | _THREAD for number in found]
+        return clocks
 
 
 def _children(thread: str) -> List[int]:
