@@ -10,6 +10,11 @@ from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.ros.commands import as_typed
 
+_COMMAND = "rosrun mushr_ros_intro keyboard_teleop.py __ns:=/car"
+
+_WARNING_PERIOD = 5.0
+"""[s]"""
+
 
 class KeyboardTeleop:
     """The teleoperation as a node.
@@ -50,10 +55,20 @@ class KeyboardTeleop:
                 wanted = keyboard.read().drive(self._speed, self._steering_angle)
                 self._schedule, due = self._schedule.step(wanted, now)
                 if due is not None:
+                    self._warn()
                     command = Command(now, *due)
                     self._commands.publish(conversions.command_to_msg(command, self._frame))
         finally:
             keyboard.close()
+
+    def _warn(self) -> None:
+        """Warn if no node gets the commands."""
+        if not self._commands.has_subscriber():
+            rospy.logwarn_throttle(
+                _WARNING_PERIOD,
+                f"no node subscribes to {self._commands.topic}, so the keys drive no car. Is it "
+                f"running? For the car 'car', type: {as_typed(_COMMAND)}",
+            )
 
 
 if __name__ == "__main__":

@@ -88,6 +88,39 @@ class FaultsTest(RosTestCase):
         )
 
 
+class NamespaceTest(RosTestCase):
+    """Without __ns, in a terminal: no node subscribes."""
+
+    def test_warning(self):
+        keyboard, terminal = pty.openpty()
+        self.addCleanup(os.close, keyboard)
+        self.addCleanup(os.close, terminal)
+        node = subprocess.Popen(
+            [NODE[0]],
+            stdin=terminal,
+            stdout=terminal,
+            stderr=terminal,
+            env={**os.environ, "DISPLAY": ""},
+            start_new_session=True,
+        )
+        self.addCleanup(node.wait)
+        self.addCleanup(node.kill)
+        output = b""
+
+        def is_printed(text):
+            nonlocal output
+            if select.select([keyboard], [], [], 0.1)[0]:
+                output += os.read(keyboard, 4096)
+            return text in output
+
+        wait_for(lambda: is_printed(HELP.encode()), "the help")
+        os.write(keyboard, b"w")
+        wait_for(
+            lambda: is_printed(b"no node subscribes to /mux/ackermann_cmd_mux/"), "the warning"
+        )
+        wait_for(lambda: is_printed(b"type: rosrun mushr_ros_intro keyboard_teleop.py"), "its end")
+
+
 class WindowTest(Commands, RosTestCase):
     """In a window; xdotool presses the keys."""
 

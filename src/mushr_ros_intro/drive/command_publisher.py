@@ -68,6 +68,10 @@ class CommandPublisher:
         names = ", ".join(sorted(nodes.values()))
         self._mux[f"{names} is no longer connected to {self.topic}"] = self._publisher, set(nodes)
 
+    def has_subscriber(self) -> bool:
+        """Return whether a node is connected, which gets the commands."""
+        return bool(connections.connected_nodes(self._publisher))
+
     def wait_until_free(self, seconds: float, countdown: float) -> None:
         """Wait until the mux has published which input drives, and then for the countdown.
 
