@@ -30,7 +30,7 @@ from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.grading import Grading, Options, Task, not_graded, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.progress import Progress
-from mushr_ros_intro.classroom.store import Store, load_newest, make_folder
+from mushr_ros_intro.classroom.store import Store, give_to_user, load_newest, make_folder
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox, make_sandbox
@@ -97,14 +97,18 @@ def grade_node(arguments: argparse.Namespace) -> int:
     refuse_walls(exercises.values(), setting.parameters, setting.grid)
     for plan_name, plan in exercises.items():
         job = job_for(arguments.node, plan, setting)
+        report = os.path.join(arguments.out or "", plan_name)
+        if arguments.out:
+            make_folder(report)
         if arguments.bag:
-            os.makedirs(arguments.out, exist_ok=True)
             job = job._replace(bag=os.path.abspath(f"{arguments.out}/{plan_name}.bag"))
         judgement = run_job(job)
         print(judgement.verdict, flush=True)
         status = max(status, PASSED if judgement.passed else FAILED)
         if arguments.out:
-            write_report(os.path.join(arguments.out, plan_name), judgement, vars(arguments))
+            write_report(report, judgement, vars(arguments))
+            for each in [*os.scandir(report), *filter(None, [job.bag])]:
+                give_to_user(os.fspath(each))
     return status
 
 

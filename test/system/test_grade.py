@@ -70,6 +70,16 @@ def test_noise():
     assert "all checks passed" in output
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can change the owner of files")
+def test_a_report_belongs_to_the_user_of_sudo(tmp_path):
+    node = ("--node", "mushr_ros_intro", "path_publisher.py")
+    user = {"SUDO_UID": "1234", "SUDO_GID": "1235"}
+    assert_status(0, "test_drive", *node, "--out", tmp_path / "out", "--bag", **user)
+    files = [tmp_path / "out", *(tmp_path / "out").rglob("*")]
+    assert len(files) == 7
+    assert {(each.stat().st_uid, each.stat().st_gid) for each in files} == {(1234, 1235)}
+
+
 def test_other_files_stay(tmp_path):
     """grade.py does not write to a folder with other files."""
     (tmp_path / "data").mkdir()
