@@ -40,7 +40,10 @@ class PlanFile:
         text = f"plans go to {self._folder}"
         if os.access(self._folder, os.W_OK | os.X_OK, effective_ids=True):
             return text
-        return f"{text}, but you cannot write there: choose another folder with _folder:=PATH"
+        text += (
+            ", but you cannot write there: choose another folder with _folder:=PATH of rosrun, or "
+        )
+        return f"{text}folder:=PATH of web.launch"
 
     def save(self, plan: Optional[Plan], if_empty: str) -> str:
         """Write a plan into a new file; return a message with its path and size.

@@ -47,7 +47,8 @@ def test_a_folder_without_write_access(file, tmp_path):
     try:
         with pytest.raises(UserError, match=r"mine.txt cannot be written \(Permission denied\)"):
             save(file)
-        assert "but you cannot write there" in file.destination()
+        assert "cannot write there: choose another folder with _folder:=PATH" in file.destination()
+        assert file.destination().endswith("or folder:=PATH of web.launch")
     finally:
         os.seteuid(user)
     assert os.listdir(str(tmp_path)) == []
