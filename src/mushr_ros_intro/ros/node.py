@@ -28,10 +28,7 @@ SHUTDOWN_TIMEOUT = 14.0
 """Timeout for the end of a node [s]; roslaunch waits 15 s, a call to the master may take 5 s."""
 
 _ends: "SimpleQueue[Tuple[str, Optional[int]]]" = SimpleQueue()
-"""The reason for the end of the node, and the exit status if it is known.
-
-A SimpleQueue, because no other queue may be used in a signal handler.
-"""
+"""The reason for the end of the node, and the exit status if it is known."""
 
 
 _declarations: Optional[Parameters] = None
@@ -50,8 +47,7 @@ def main(
     The exit status is the number that `run` returns, or 0 if it returns None or is interrupted. It
     is 1 if the node failed, after the reason was logged.
 
-    The node runs in its own thread. A signal handler runs in the main thread, which therefore must
-    not hold a lock that the shutdown needs.
+    The node runs in its own thread, and the main thread waits for its end.
 
     Args:
         name: the node's name, unless the command line sets another.
@@ -66,8 +62,7 @@ def main(
     check_arguments(node_class)
     if not is_replaceable:
         _refuse_a_second_one(name)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _: _ends.put((f"signal {received}", None)))
+    _handle_signals()
     init_node(name, node_class, disable_signals=True, **options)
     rospy.on_shutdown(lambda: _ends.put(("shut down", None)))
     threading.Thread(target=_run, args=[node_class], daemon=True).start()
@@ -86,6 +81,25 @@ def main(
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(status)  # not sys.exit, which waits for threads of rospy that may sleep for a minute
+
+
+def _handle_signals() -> None:
+    """End the node at SIGINT and SIGTERM.
+
+    A thread reads the number of the signal. Python runs a handler in the main thread only, which
+    does not notice a signal that comes just before it waits, or in another thread.
+    """
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    signal.set_wakeup_fd(writer)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
+
+    def read() -> None:
+        (number,) = os.read(reader, 1)
+        _ends.put((f"signal {number}", None))
+
+    threading.Thread(target=read, daemon=True).start()
 
 
 def _full_name(name: str) -> str:

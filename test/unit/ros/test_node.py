@@ -67,6 +67,14 @@ PROGRAMS = {
 ENDS = {
     "returns": ("        pass", 0, ""),
     "returns a status": ("        return 3", 3, ""),
+    "is interrupted in another thread": (
+        # The sleep lets the main thread wait; it does not see this signal.
+        "        time.sleep(0.1)\n"
+        "        signal.pthread_kill(threading.get_ident(), signal.SIGINT)\n"
+        "        rospy.spin()",
+        0,
+        "",
+    ),
     "raises a UserError": ("        raise UserError('plan.txt:1:1: wrong')", 1, "wrong"),
     "raises another error": ("        {}['key']", 1, "KeyError: 'key'"),
     "loses the master": ("        raise TimeoutError('no answer')", 1, "master does not answer"),
