@@ -120,6 +120,7 @@ def test_nothing_is_left(graded):
 def test_files(graded):
     status, output, out = graded
     assert status == 1, output
+    assert "Traceback" not in output
     with open(out / "grades.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     count = len(RIGHT) + len(WRONG) + len(submissions.BROKEN) + len(submissions.CHEATS)

@@ -5,13 +5,13 @@ The tools are bwrap, and those of util-linux, which every Debian has: setpriv, p
 
 import glob
 import importlib.util
-import multiprocessing
 import os
 import pwd
 import re
 import shutil
 import subprocess
 import tempfile
+from concurrent.futures import ProcessPoolExecutor
 from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from mushr_ros_intro.errors import UserError
@@ -254,8 +254,8 @@ def make_sandbox(user: str, hidden: Sequence[str], folder: str) -> Tuple[Sandbox
     own.append(package_folder("."))
     folders = {os.path.realpath(each) for each in [*hidden, *own, folder]} - {"/"}
     sandbox = Sandbox(is_root, number, True, tuple(sorted(folders)), folder)
-    with multiprocessing.Pool(1) as pool:  # another process, because it enters a network
-        limits_size, refusal = pool.apply(_try, [sandbox])
+    with ProcessPoolExecutor(1) as pool:  # another process, because it enters a network
+        limits_size, refusal = pool.submit(_try, sandbox).result()
     if not refusal:
         return sandbox._replace(limits_size=limits_size), ""
     sandbox = sandbox._replace(has_namespaces=False)
