@@ -32,7 +32,7 @@ class Threads:
         self._without = set(without)
         self._files: Dict[int, int] = {}  # open files with the states, by numbers of threads
         self._times: Dict[int, int] = {}  # processor times [ns], by clocks
-        self._has_ended = True  # a thread, perhaps: list the threads again
+        self._is_complete = False  # whether `_files` has all threads
         self._newest: Optional[bytes] = None
         self._newest_file: Optional[int] = None
         with contextlib.suppress(OSError):
@@ -62,7 +62,7 @@ class Threads:
                 text = os.pread(file, 200, 0)
             except OSError:  # the thread has ended
                 os.close(self._files.pop(number))
-                self._has_ended = True
+                self._is_complete = False
                 return False
             if text[text.rindex(b")") + 2] in b"RD":
                 return False
@@ -70,7 +70,7 @@ class Threads:
         return self.usages is before and bool(before)
 
     def observe(self) -> None:
-        """Read the clocks; list the threads again if a thread of the system is new."""
+        """Read the clocks; look for new threads if a thread of the system is new."""
         newest = None if self._newest_file is None else os.pread(self._newest_file, 20, 0)
         times = self._read_clocks()
         # Only a thread that has run can have begun another one.
@@ -78,7 +78,9 @@ class Threads:
         if has_new or times is None:
             self._newest = newest
             before = self._times if times is None else times
-            times = {clock: before.get(clock, 0) for clock in self._list()}
+            self._drop_ended()
+            self._add_new()
+            times = {clock: before.get(clock, 0) for clock in self._clocks()}
         usages = [*self._files, *times.values()]
         if usages != self.usages:
             ran = [times[clock] - self._times.get(clock, 0) for clock in times]
@@ -86,40 +88,48 @@ class Threads:
             self.usages, self._times = usages, times
 
     def _read_clocks(self) -> Optional[Dict[int, int]]:
-        """Return the processor times [ns] by clocks; None if a thread or process has ended."""
-        if self._has_ended:
+        """Return the processor times [ns] by clocks; None if the threads must be listed again."""
+        if not self._is_complete:
             return None
         try:
             return {clock: time.clock_gettime_ns(clock) for clock in self._times}
-        except OSError:
+        except OSError:  # a thread or a process has ended
             return None
 
-    def _list(self) -> List[int]:
-        """List the processes and the threads again; return their clocks."""
-        self.processes, self._has_ended = [], False
-        found: Dict[int, int] = {}
-        clocks, processes = [], [self._process]
-        for process in processes:  # grows in this loop
-            with contextlib.suppress(OSError):  # it has ended
-                clock = ~process << 3 | _PROCESS
-                time.clock_gettime_ns(clock)
-                names = os.listdir(f"/proc/{process}/task")
-                self.processes.append(process)
-                clocks.append(clock)
-                for number in map(int, names):
-                    if number not in self._without and len(found) < _MAX_THREADS:
-                        folder = f"/proc/{process}/task/{number}"
-                        with contextlib.suppress(OSError):  # it has ended
-                            file = self._files.pop(number, None)
-                            found[number] = file or os.open(f"{folder}/stat", os.O_RDONLY)
-                            if self._with_children:
-                                processes += _children(folder)
-        for file in self._files.values():
-            os.close(file)
-        self._files = found
+    def _clocks(self) -> List[int]:
         if self._process == os.getpid():
-            return [~number << 3 | _THREAD for number in found]
-        return clocks
+            return [~number << 3 | _THREAD for number in self._files]
+        return [~process << 3 | _PROCESS for process in self.processes]
+
+    def _drop_ended(self) -> None:
+        """Drop the processes and threads that have ended."""
+        self.processes = [each for each in self.processes if os.path.exists(f"/proc/{each}/task")]
+        for number, file in list(self._files.items()):
+            try:
+                os.pread(file, 1, 0)
+            except OSError:
+                os.close(self._files.pop(number))
+
+    def _add_new(self) -> None:
+        """Add new threads and processes; a list may lack some, if a thread ends meanwhile."""
+        self._is_complete = True
+        for process in self.processes:  # grows in this loop
+            tasks = f"/proc/{process}/task"
+            try:
+                names = os.listdir(tasks)
+                self._is_complete &= os.stat(tasks).st_nlink == len(names) + 2
+            except OSError:  # the process has ended
+                self._is_complete = False
+                continue
+            for number in map(int, names):
+                if number in self._without:
+                    continue
+                with contextlib.suppress(OSError):  # it has ended
+                    if number not in self._files and len(self._files) < _MAX_THREADS:
+                        self._files[number] = os.open(f"{tasks}/{number}/stat", os.O_RDONLY)
+                    if self._with_children:
+                        children = _children(f"{tasks}/{number}")
+                        self.processes += [each for each in children if each not in self.processes]
 
 
 def _children(thread: str) -> List[int]:
