@@ -84,7 +84,7 @@ class NodeProcess:
         with contextlib.suppress(OSError):  # a process has ended
             if self._printed > MAX_OUTPUT:
                 fault = f"the node printed more than {MAX_OUTPUT / 1e6:g} MB of output"
-            elif self._threads.count > MAX_THREADS:
+            elif len(self._threads.usages) > MAX_THREADS:
                 fault = f"the node started more than {MAX_THREADS} processes and threads"
             elif sum(map(_memory_of, self._threads.processes)) > MAX_MEMORY:
                 fault = f"the node used more than {MAX_MEMORY / 1e6:g} MB of memory"

@@ -1,14 +1,20 @@
-"""Observe whether threads wait, and for how long they have run."""
+"""Read from /proc whether threads wait, and for how long they have run."""
 
 import contextlib
 import os
 import time
-from typing import Collection, Dict, List, Optional
+from typing import Collection, Dict, Iterable, List, NamedTuple, Optional
 
 from mushr_ros_intro.stamps import NANOSECONDS
 
+Usages = Dict[str, bytes]
+"""By the number of a thread: how long it has run and waited for a processor [ns], and other counts.
+
+The text of a thread changes whenever it runs.
+"""
+
 _MAX_THREADS = 300
-"""No more threads are observed, because each needs an open file."""
+"""No more threads are observed, because each needs open files."""
 
 _PROCESS, _THREAD = 2, 6
 """Kinds of clocks of processor time; see CPUCLOCK_SCHED and CPUCLOCK_PERTHREAD of Linux.
@@ -16,8 +22,17 @@ _PROCESS, _THREAD = 2, 6
 Linux allows clocks of all processes, and of the threads of this process.
 """
 
-_NEWEST = "/proc/sys/kernel/ns_last_pid"
-"""This file contains the number of the newest thread of the system."""
+_TICK = NANOSECONDS // os.sysconf("SC_CLK_TCK")
+"""The unit of the times in the file `stat` [ns]."""
+
+
+class _Files(NamedTuple):
+    """The process of a thread, and its open files in /proc; opening them takes most of the time."""
+
+    process: int
+    counts: int
+    stat: int
+    children: int
 
 
 class Threads:
@@ -27,27 +42,26 @@ class Threads:
         self, process: int, with_children: bool = True, without: Collection[int] = ()
     ) -> None:
         """Args: the number of the process; the numbers of threads that are left out."""
-        self._process = process
+        self._processes = [process]
         self._with_children = with_children
-        self._without = set(without)
-        self._files: Dict[int, int] = {}  # open files with the states, by numbers of threads
-        self._times: Dict[int, int] = {}  # processor times [ns], by clocks
-        self._is_complete = False  # whether `_files` has all threads
-        self._newest: Optional[bytes] = None
-        self._newest_file: Optional[int] = None
-        with contextlib.suppress(OSError):
-            self._newest_file = os.open(_NEWEST, os.O_RDONLY)
-        self.processes = [process]
-        """The process and its child processes, when they were last observed."""
-        self.usages: List[int] = []
-        """The same object as long as none of the threads runs, begins or ends."""
+        self._without = {str(each) for each in without}
+        self._has_statistics = _has_statistics()
+        counts = "schedstat" if self._has_statistics else "status"
+        self._names = (counts, "stat", "children")
+        self._is_own = process == os.getpid()
+        self._clocks: List[int] = []  # of the processes, or of the threads of this process
+        self._times: Optional[List[int]] = None  # of these clocks, before the files were last read
+        self._files: Dict[str, _Files] = {}
+        self._texts: List[bytes] = []  # the values of `usages`, in the order of `_files`
+        self.usages: Usages = {}
+        """When the threads were last observed; the same object if none has run since then."""
         self.ran = 0.0
         """For how long the threads have run [s of processor time]."""
 
     @property
-    def count(self) -> int:
-        """The number of threads, when they were last observed."""
-        return len(self._files)
+    def processes(self) -> List[int]:
+        """The process and its child processes, when they were last observed."""
+        return self._processes
 
     def are_waiting(self) -> bool:
         """Observe the threads; return whether all of them wait, at the same time.
@@ -57,82 +71,102 @@ class Threads:
         """
         self.observe()
         before = self.usages
-        for number, file in self._files.items():
-            try:
-                text = os.pread(file, 200, 0)
-            except OSError:  # the thread has ended
-                os.close(self._files.pop(number))
-                self._is_complete = False
-                return False
-            if text[text.rindex(b")") + 2] in b"RD":
-                return False
+        try:
+            for files in self._files.values():
+                text = os.pread(files.stat, 200, 0)
+                if text[text.rindex(b")") + 2] in b"RD":
+                    return False
+        except OSError:  # a thread has ended
+            return False
         self.observe()
-        return self.usages is before and bool(before)
+        return self.usages is before
 
     def observe(self) -> None:
-        """Read the clocks; look for new threads if a thread of the system is new."""
-        newest = None if self._newest_file is None else os.pread(self._newest_file, 20, 0)
+        """Read the usages, if a clock shows that a thread has run."""
         times = self._read_clocks()
-        # Only a thread that has run can have begun another one.
-        has_new = times != self._times if newest is None else newest != self._newest
-        if has_new or times is None:
-            self._newest = newest
-            before = self._times if times is None else times
-            self._drop_ended()
-            self._add_new()
-            times = {clock: before.get(clock, 0) for clock in self._clocks()}
-        usages = [*self._files, *times.values()]
-        if usages != self.usages:
-            ran = [times[clock] - self._times.get(clock, 0) for clock in times]
-            self.ran += sum(ran) / NANOSECONDS
-            self.usages, self._times = usages, times
-
-    def _read_clocks(self) -> Optional[Dict[int, int]]:
-        """Return the processor times [ns] by clocks; None if the threads must be listed again."""
-        if not self._is_complete:
-            return None
+        if times and times == self._times:
+            return
+        self._times = times
+        found: Usages = {}
         try:
-            return {clock: time.clock_gettime_ns(clock) for clock in self._times}
-        except OSError:  # a thread or a process has ended
-            return None
+            texts = list(map(self._usage, self._files.values()))
+            if texts == self._texts and texts:
+                return
+            found.update(zip(self._files, texts))
+        except OSError:  # a thread has ended
+            for name, files in self._files.items():
+                with contextlib.suppress(OSError):
+                    found[name] = self._usage(files)
+        for name in self._files.keys() - found.keys():
+            for file in self._files.pop(name)[1:]:
+                os.close(file)
+        self._add_new(found, [name for name in found if found[name] != self.usages.get(name)])
+        for name, usage in found.items():
+            before = self.usages.get(name, b"0")
+            if usage != before:
+                self.ran += (int(usage.split()[0]) - int(before.split()[0])) / NANOSECONDS
+        self.usages, self._texts = found, list(found.values())
+        clocks = [~int(name) << 3 | _THREAD for name in found]
+        if not self._is_own:
+            clocks = [~process << 3 | _PROCESS for process in self._processes]
+        if clocks != self._clocks:
+            self._clocks, self._times = clocks, None
 
-    def _clocks(self) -> List[int]:
-        if self._process == os.getpid():
-            return [~number << 3 | _THREAD for number in self._files]
-        return [~process << 3 | _PROCESS for process in self.processes]
+    def _read_clocks(self) -> Optional[List[int]]:
+        """Return the processor times of the clocks [ns]; None if one has ended."""
+        with contextlib.suppress(OSError):
+            return [time.clock_gettime_ns(each) for each in self._clocks]
+        return None
 
-    def _drop_ended(self) -> None:
-        """Drop the processes and threads that have ended."""
-        self.processes = [each for each in self.processes if os.path.exists(f"/proc/{each}/task")]
-        for number, file in list(self._files.items()):
-            try:
-                os.pread(file, 1, 0)
-            except OSError:
-                os.close(self._files.pop(number))
-
-    def _add_new(self) -> None:
-        """Add new threads and processes; a list may lack some, if a thread ends meanwhile."""
-        self._is_complete = True
-        for process in self.processes:  # grows in this loop
-            tasks = f"/proc/{process}/task"
-            try:
-                names = os.listdir(tasks)
-                self._is_complete &= os.stat(tasks).st_nlink == len(names) + 2
-            except OSError:  # the process has ended
-                self._is_complete = False
+    def _add_new(self, found: Usages, changed: Iterable[str]) -> None:
+        """Add the usages of new threads; only a thread that has run can have created them."""
+        unchanged = {files.process for files in self._files.values()}
+        for name in changed:
+            unchanged.discard(self._files[name].process)
+            self._add_children(name)
+        alive = []
+        for process in self._processes:  # grows in this loop
+            if process in unchanged:
+                alive.append(process)
                 continue
-            for number in map(int, names):
-                if number in self._without:
-                    continue
-                with contextlib.suppress(OSError):  # it has ended
-                    if number not in self._files and len(self._files) < _MAX_THREADS:
-                        self._files[number] = os.open(f"{tasks}/{number}/stat", os.O_RDONLY)
-                    if self._with_children:
-                        children = _children(f"{tasks}/{number}")
-                        self.processes += [each for each in children if each not in self.processes]
+            with contextlib.suppress(OSError):
+                names = os.listdir(f"/proc/{process}/task")
+                alive.append(process)
+                for name in names:
+                    is_new = name not in found and name not in self._without
+                    if is_new and len(found) < _MAX_THREADS:
+                        self._open(process, name, found)
+        self._processes = alive
+
+    def _open(self, process: int, name: str, found: Usages) -> None:
+        """Open the files of a new thread, and add its usage."""
+        with contextlib.suppress(OSError):  # it has ended
+            folder = f"/proc/{process}/task/{name}"
+            files = [os.open(f"{folder}/{each}", os.O_RDONLY) for each in self._names]
+            self._files[name] = _Files(process, *files)
+            found[name] = self._usage(self._files[name])
+            self._add_children(name)
+
+    def _add_children(self, name: str) -> None:
+        """Add the child processes of a thread."""
+        if self._with_children:
+            with contextlib.suppress(OSError):
+                for each in os.pread(self._files[name].children, 4096, 0).split():
+                    if int(each) not in self._processes:
+                        self._processes.append(int(each))
+
+    def _usage(self, files: _Files) -> bytes:
+        """Return the usage of a thread; raise OSError if it has ended."""
+        if self._has_statistics:
+            return os.pread(files.counts, 100, 0)
+        counts, stat = os.pread(files.counts, 4096, 0), os.pread(files.stat, 4096, 0)
+        fields = stat[stat.rindex(b")") + 2 :].split()
+        times = (int(fields[11]) + int(fields[12])) * _TICK
+        return b"%d 0 %s" % (times, counts[counts.rindex(b"\nvoluntary_ctxt_switches") :])
 
 
-def _children(thread: str) -> List[int]:
-    """Return the child processes of a thread, given its folder in /proc; raise OSError."""
-    with open(f"{thread}/children", encoding="ascii") as file:
-        return list(map(int, file.read().split()))
+def _has_statistics() -> bool:
+    """Return whether the system keeps statistics of the scheduler."""
+    with contextlib.suppress(OSError), open("/proc/self/schedstat", encoding="ascii") as file:
+        return file.read().split() != ["0", "0", "0"]
+    return False

@@ -6,9 +6,9 @@ count: while it waits, and while it runs, but not while it waits for a processor
 """
 
 import time
-from typing import List, NamedTuple, Optional, Tuple
+from typing import NamedTuple, Optional, Tuple
 
-from mushr_ros_intro.isolation.threads import Threads
+from mushr_ros_intro.isolation.threads import Threads, Usages
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 
 STEP = NANOSECONDS // 100
@@ -53,7 +53,7 @@ class _Moment(NamedTuple):
     """For how long it had waited [s]."""
     ran: float
     """For how long it had run [s of processor time]."""
-    usages: List[int]
+    usages: Usages
 
 
 class Pace:

@@ -12,9 +12,14 @@ from mushr_ros_intro.isolation.threads import Threads
 from support.helpers import wait_for
 
 
-@pytest.fixture
-def worker():
-    """Return a thread that works for a moment when its event is set, and an observer of it."""
+@pytest.fixture(params=[True, False], ids=["statistics", "no_statistics"])
+def worker(request, monkeypatch):
+    """Return a thread that works for a moment when its event is set, and an observer of it.
+
+    Without statistics of the scheduler, the observer reads other files.
+    """
+    if not request.param:
+        monkeypatch.setattr(threads, "_has_statistics", lambda: False)
     go = threading.Event()
 
     def work():
@@ -31,7 +36,7 @@ def test_a_thread_that_waits(worker):
     go, observer = worker
     wait_for(observer.are_waiting, "the worker to wait")
     before = observer.usages
-    assert observer.count == 1
+    assert len(before) == 1
     assert observer.are_waiting() and observer.usages is before
 
 
@@ -42,7 +47,7 @@ def test_a_thread_that_has_run_meanwhile(worker):
     before = observer.usages
     go.set()
     wait_for(lambda: not go.is_set() and observer.are_waiting(), "the worker to wait again")
-    assert observer.usages is not before and observer.count == 1
+    assert observer.usages is not before and observer.usages.keys() == before.keys()
 
 
 STARVED = """
@@ -95,7 +100,7 @@ def test_child_processes():
         observer = Threads(parent.pid)
         wait_for(observer.are_waiting, "both to wait")
         assert observer.processes == [parent.pid, child]
-        assert observer.count == 2
+        assert set(observer.usages) == {str(parent.pid), str(child)}
         os.kill(child, 9)
         assert parent.stdout.readline() == b"ended\n"
         wait_for(observer.are_waiting, "the parent to wait")
@@ -105,41 +110,19 @@ def test_child_processes():
         assert not observer.are_waiting() and observer.processes == []
 
 
-def test_a_thread_that_has_ended(worker):
-    go, observer = worker
-    ends = threading.Event()
-    threading.Thread(target=ends.wait).start()
-    wait_for(lambda: observer.are_waiting() and observer.count == 2, "both threads to wait")
-    before = observer.usages
-    ends.set()
-    wait_for(lambda: observer.are_waiting() and observer.count == 1, "the thread to end")
-    assert observer.usages is not before
-
-
-STARTS_A_THREAD = """
-import threading
-input()
-threading.Thread(target=threading.Event().wait).start()
-print(flush=True)
-"""
-
-
-@pytest.mark.parametrize("is_known", [True, False])
-def test_new_threads(monkeypatch, tmp_path, is_known):
-    """The threads are listed again if a thread of the system is new, or if that is unknown."""
-    newest = tmp_path / "newest"
-    newest.write_text("1")
-    monkeypatch.setattr(threads, "_NEWEST", str(newest if is_known else tmp_path / "missing"))
-    command = (sys.executable, "-c", STARTS_A_THREAD)
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as program:
-        observer = Threads(program.pid)
-        observer.observe()
-        program.stdin.write(b"\n")
-        program.stdin.flush()
-        assert program.stdout.readline()
-        observer.observe()
-        assert observer.count == (1 if is_known else 2)
-        newest.write_text("2")
-        observer.observe()
-        assert observer.count == 2
-        program.kill()
+@pytest.mark.parametrize("is_own", [True, False])
+def test_files_are_read_if_a_thread_has_run(worker, monkeypatch, is_own):
+    """Clocks of processor time show it: of the threads of this process, or of another process."""
+    program = subprocess.Popen(("cat",), stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    observer = worker[1] if is_own else Threads(program.pid)
+    wait_for(observer.are_waiting, "the thread to wait")
+    observer.observe()
+    reads = []
+    monkeypatch.setattr(observer, "_usage", lambda files: reads.append(files) or b"1")
+    observer.observe()
+    assert not reads
+    if is_own:
+        worker[0].set()
+    else:
+        program.communicate(b"x")
+    wait_for(lambda: observer.observe() or reads, "a thread to run")
