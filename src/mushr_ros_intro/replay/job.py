@@ -270,7 +270,7 @@ def sandboxed(job: Job, folder: str, due_file: Optional[int] = None) -> List[str
     Args:
         job: the replay.
         folder: the folder.
-        due_file: the number of an open file for `simulated_time`; None for the real time.
+        due_file: the number of an open pipe for `simulated_time`; None for the real time.
     """
     os.chmod(folder, 0o755)
     plan = os.path.join(folder, os.path.basename(job.plan.path))

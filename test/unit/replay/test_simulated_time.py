@@ -254,6 +254,24 @@ def test_a_child_process_keeps_the_real_time():
     subprocess.run([sys.executable, "-c", FORKS], check=True)
 
 
+PROCESSES_A_MESSAGE = """
+import os
+import types
+import mushr_ros_intro.replay.simulated_time as simulated
+simulated.simulate()
+reader, simulated.sleepers.file = os.pipe()
+os.set_blocking(reader, False)
+subscriber = types.SimpleNamespace(callbacks=[], statistics_logger=None)
+simulated.rospy.topics._SubscriberImpl.receive_callback(subscriber, [], None)
+assert os.read(reader, 100) == bytes(8)
+"""
+
+
+def test_a_processed_message():
+    """Then the world knows when the next thread is due, also if none sleeps any more."""
+    subprocess.run([sys.executable, "-c", PROCESSES_A_MESSAGE], check=True)
+
+
 def test_what_is_replaced():
     """Otherwise, timeouts would be compared with the real time, and outlast a shutdown."""
     code = "import mushr_ros_intro.replay.simulated_time as s, queue, threading, time; s.simulate()"
