@@ -1,6 +1,7 @@
 """Check the program that runs the tests."""
 
 import os
+import signal
 import subprocess
 from xml.etree import ElementTree
 
@@ -48,3 +49,19 @@ def test_results(tmp_path, arguments, names, status, lines):
     assert done.stdout.splitlines()[-1] == lines[-1]
     passed = [case for case in ElementTree.parse(results).iter("testcase") if not len(case)]
     assert len(passed) == int(lines[-1].split()[0])
+
+
+def test_in_the_background_of_a_script(tmp_path):
+    """Such a command ignores SIGINT, but the tests and their programs do not."""
+    path = tmp_path / "test_it.py"
+    path.write_text(
+        "import signal\n"
+        "def test_it(): assert signal.getsignal(signal.SIGINT) == signal.default_int_handler"
+    )
+    command = [os.path.join(CHECKOUT, "scripts/dev/run_tests"), tmp_path / "results.xml", path]
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert done.stdout.splitlines()[-1] == "1 passed, 0 failed, 0 skipped", done.stdout
