@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from support import fork_server
 from support.paths import CHECKOUT
 
 TESTS = {
@@ -59,9 +60,10 @@ def test_in_the_background_of_a_script(tmp_path):
         "def test_it(): assert signal.getsignal(signal.SIGINT) == signal.default_int_handler"
     )
     command = [os.path.join(CHECKOUT, "scripts/dev/run_tests"), tmp_path / "results.xml", path]
+    own = {name: value for name, value in os.environ.items() if name != fork_server.SERVER}
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False, env=own)
     finally:
         signal.signal(signal.SIGINT, before)
     assert done.stdout.splitlines()[-1] == "1 passed, 0 failed, 0 skipped", done.stdout
