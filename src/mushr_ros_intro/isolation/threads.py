@@ -2,25 +2,19 @@
 
 import contextlib
 import os
-import time
-from typing import Collection, Dict, Iterable, List, NamedTuple, Optional
+from typing import Collection, Dict, List, NamedTuple
 
 from mushr_ros_intro.stamps import NANOSECONDS
 
 Usages = Dict[str, bytes]
-"""By the number of a thread: how long it has run and waited for a processor [ns], and other counts.
+"""By the number of a thread: how long it has run and waited for a processor [ns], and how often.
 
-The text of a thread changes whenever it runs.
+The text of a thread changes whenever it runs. The times alone may not: Linux subtracts the time
+for which a virtual machine itself did not run from the times of the threads that run next.
 """
 
 _MAX_THREADS = 300
 """No more threads are observed, because each needs open files."""
-
-_PROCESS, _THREAD = 2, 6
-"""Kinds of clocks of processor time; see CPUCLOCK_SCHED and CPUCLOCK_PERTHREAD of Linux.
-
-Linux allows clocks of all processes, and of the threads of this process.
-"""
 
 _TICK = NANOSECONDS // os.sysconf("SC_CLK_TCK")
 """The unit of the times in the file `stat` [ns]."""
@@ -48,9 +42,6 @@ class Threads:
         self._has_statistics = _has_statistics()
         counts = "schedstat" if self._has_statistics else "status"
         self._names = (counts, "stat", "children")
-        self._is_own = process == os.getpid()
-        self._clocks: List[int] = []  # of the processes, or of the threads of this process
-        self._times: Optional[List[int]] = None  # of these clocks, before the files were last read
         self._files: Dict[str, _Files] = {}
         self._texts: List[bytes] = []  # the values of `usages`, in the order of `_files`
         self.usages: Usages = {}
@@ -82,11 +73,7 @@ class Threads:
         return self.usages is before
 
     def observe(self) -> None:
-        """Read the usages, if a clock shows that a thread has run."""
-        times = self._read_clocks()
-        if times and times == self._times:
-            return
-        self._times = times
+        """Read the usages of the threads."""
         found: Usages = {}
         try:
             texts = list(map(self._usage, self._files.values()))
@@ -100,52 +87,43 @@ class Threads:
         for name in self._files.keys() - found.keys():
             for file in self._files.pop(name)[1:]:
                 os.close(file)
-        self._add_new(found, [name for name in found if found[name] != self.usages.get(name)])
+        is_complete = self._add_new(found)
         for name, usage in found.items():
             before = self.usages.get(name, b"0")
             if usage != before:
                 self.ran += (int(usage.split()[0]) - int(before.split()[0])) / NANOSECONDS
-        self.usages, self._texts = found, list(found.values())
-        clocks = [~int(name) << 3 | _THREAD for name in found]
-        if not self._is_own:
-            clocks = [~process << 3 | _PROCESS for process in self._processes]
-        if clocks != self._clocks:
-            self._clocks, self._times = clocks, None
+        self.usages, self._texts = found, list(found.values()) if is_complete else []
 
-    def _read_clocks(self) -> Optional[List[int]]:
-        """Return the processor times of the clocks [ns]; None if one has ended."""
-        with contextlib.suppress(OSError):
-            return [time.clock_gettime_ns(each) for each in self._clocks]
-        return None
+    def _add_new(self, found: Usages) -> bool:
+        """Add the usages of new threads; only a thread that has run or ended can have created them.
 
-    def _add_new(self, found: Usages, changed: Iterable[str]) -> None:
-        """Add the usages of new threads; only a thread that has run can have created them."""
-        unchanged = {files.process for files in self._files.values()}
-        for name in changed:
-            unchanged.discard(self._files[name].process)
-            self._add_children(name)
-        alive = []
+        Return False if the list of threads may be incomplete: it stops at a thread that ends.
+        """
+        for name, usage in list(found.items()):
+            if usage != self.usages.get(name):
+                self._add_children(name)
+        alive, is_complete = [], True
         for process in self._processes:  # grows in this loop
-            if process in unchanged:
-                alive.append(process)
-                continue
             with contextlib.suppress(OSError):
                 names = os.listdir(f"/proc/{process}/task")
                 alive.append(process)
                 for name in names:
                     is_new = name not in found and name not in self._without
                     if is_new and len(found) < _MAX_THREADS:
-                        self._open(process, name, found)
+                        is_complete &= self._open(process, name, found)
         self._processes = alive
+        return is_complete
 
-    def _open(self, process: int, name: str, found: Usages) -> None:
-        """Open the files of a new thread, and add its usage."""
-        with contextlib.suppress(OSError):  # it has ended
+    def _open(self, process: int, name: str, found: Usages) -> bool:
+        """Open the files of a new thread, and add its usage; return False if it has ended."""
+        with contextlib.suppress(OSError):
             folder = f"/proc/{process}/task/{name}"
             files = [os.open(f"{folder}/{each}", os.O_RDONLY) for each in self._names]
             self._files[name] = _Files(process, *files)
             found[name] = self._usage(self._files[name])
             self._add_children(name)
+            return True
+        return False
 
     def _add_children(self, name: str) -> None:
         """Add the child processes of a thread."""

@@ -110,19 +110,44 @@ def test_child_processes():
         assert not observer.are_waiting() and observer.processes == []
 
 
-@pytest.mark.parametrize("is_own", [True, False])
-def test_files_are_read_if_a_thread_has_run(worker, monkeypatch, is_own):
-    """Clocks of processor time show it: of the threads of this process, or of another process."""
-    program = subprocess.Popen(("cat",), stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-    observer = worker[1] if is_own else Threads(program.pid)
-    wait_for(observer.are_waiting, "the thread to wait")
+def test_a_thread_that_is_started_by_one_that_ends(worker):
+    """It is observed although no thread has run that was observed before and still lives."""
+    go, observer = worker
+    wait_for(observer.are_waiting, "the worker to wait")
+    start, started, end = threading.Event(), threading.Event(), threading.Event()
+
+    def run():
+        start.wait()
+        threading.Thread(target=work, daemon=True).start()
+
+    def work():
+        started.set()
+        end.wait()
+
+    first = threading.Thread(target=run, daemon=True)
+    first.start()
+    go.set()  # a thread that runs lets the observer look for new ones
+    wait_for(lambda: observer.are_waiting() and len(observer.usages) == 2, "both to wait")
+    start.set()
+    assert started.wait(5.0)
+    name = str(first.native_id)
+    wait_for(lambda: name not in os.listdir("/proc/self/task"), "the first thread to end")
     observer.observe()
-    reads = []
-    monkeypatch.setattr(observer, "_usage", lambda files: reads.append(files) or b"1")
-    observer.observe()
-    assert not reads
-    if is_own:
-        worker[0].set()
-    else:
-        program.communicate(b"x")
-    wait_for(lambda: observer.observe() or reads, "a thread to run")
+    assert len(observer.usages) == 2 and name not in observer.usages
+    end.set()
+
+
+def test_a_thread_that_ends_before_it_is_read(worker, monkeypatch):
+    """The list of threads may lack those after it, so it is read again."""
+    go, observer = worker
+    wait_for(observer.are_waiting, "the worker to wait")
+    lists = [["1"]]
+    real = os.listdir
+    monkeypatch.setattr(threads.os, "listdir", lambda path: lists.pop() if lists else real(path))
+    end = threading.Event()
+    threading.Thread(target=end.wait, daemon=True).start()
+    go.set()
+    wait_for(lambda: observer.observe() or not lists, "the list to be read")
+    wait_for(observer.are_waiting, "both to wait")
+    assert len(observer.usages) == 2
+    end.set()
