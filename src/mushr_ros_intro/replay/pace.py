@@ -90,11 +90,13 @@ class Pace:
         same time.
         """
         usages, wall, was_waiting = self._node.usages, time.monotonic(), self._is_waiting
-        self._node.observe()
+        # A thread is found waiting a moment before Linux counts its run. If it has sent a message
+        # in this run, the receiver is observed after it. If a receiver has woken a thread of the
+        # node, this thread runs, or waits for a processor, when the node is observed again.
+        node_waits = self._node.are_waiting()
         before = self._node.usages
         others_wait = receivers.are_waiting()
-        # If a receiver has woken a thread of the node, this thread runs, or waits for a processor.
-        self._is_waiting = self._node.are_waiting() and self._node.usages is before
+        self._is_waiting = node_waits and self._node.are_waiting() and self._node.usages is before
         if self._is_waiting and was_waiting:
             seconds = wall - self._wall
             # If it has run meanwhile, it has probably waited for a processor most of the time.

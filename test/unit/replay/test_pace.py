@@ -182,3 +182,16 @@ def test_a_node_that_is_woken_while_the_receivers_are_observed(clock, has_run):
 
     clock.receivers.are_waiting = wake
     assert clock.observe() == (False, True)
+
+
+def test_a_node_that_sends_a_command_and_falls_asleep(clock):
+    """It is found waiting a moment before its run is counted: its receiver is observed after it."""
+    node_waits, sent = clock.node.are_waiting, []
+
+    def fall_asleep():
+        sent.append("command")
+        return node_waits()
+
+    clock.node.are_waiting = fall_asleep
+    clock.receivers.are_waiting = lambda: not sent
+    assert clock.observe() == (True, False)
