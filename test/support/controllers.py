@@ -3,12 +3,14 @@
 import glob
 import os
 import shutil
+import threading
 
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.isolation.workspace import inherited
 from mushr_ros_intro.replay.job import Job, run_job
 from mushr_ros_intro.replay.reference import read_references
 from mushr_ros_intro.replay.setting import read_setting
+from mushr_ros_intro.replay.world import ReplayWorld
 from support.paths import CHECKOUT, PACKAGE
 
 CONTROLLERS = f"{CHECKOUT}/test/fixtures/controllers"
@@ -27,7 +29,12 @@ def copy_controllers(folder):
 
 def replay(path, exercise, remap=(), map_name="none"):
     """Return the judgement on a node, given its path and what it drives."""
-    setting = read_setting(
+    setting = _setting(remap, map_name)
+    return run_job(Job(os.path.basename(path), (os.fspath(path),), exercise, setting))
+
+
+def _setting(remap=(), map_name="none"):
+    return read_setting(
         *(PACKAGE, "ideal", map_name, None),
         remap=remap,
         timeout=15.0,
@@ -35,7 +42,15 @@ def replay(path, exercise, remap=(), map_name="none"):
         sandbox=Sandbox(),
         ros=inherited(),
     )
-    return run_job(Job(os.path.basename(path), (os.fspath(path),), exercise, setting))
+
+
+def unobserved_threads():
+    """Return the names of the threads of this process for which the clock does not wait."""
+    setting = _setting()
+    world = ReplayWorld(setting.parameters, setting.mux, None)
+    threads = threading.enumerate()
+    world._others.observe()
+    return [each.name for each in threads if str(each.native_id) not in world._others.usages]
 
 
 def follow(name, folder, *remap):

@@ -7,7 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from support.controllers import copy_controllers, follow
+from mushr_ros_intro.replay.job import in_own_process
+from support.controllers import copy_controllers, follow, unobserved_threads
 
 STYLES = [
     "three_threads",
@@ -40,3 +41,8 @@ def test_equal_drives(tmp_path, name):
     for each in others:
         assert each.drive.driven.tobytes() == alone.drive.driven.tobytes()
         assert each.verdict == alone.verdict
+
+
+def test_the_clock_waits_for_all_threads_of_a_replay():
+    """A thread may delay another one that waits for the same lock of Python."""
+    assert in_own_process(unobserved_threads, seconds=60.0) == ["MainThread"]

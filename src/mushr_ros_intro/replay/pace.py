@@ -83,19 +83,19 @@ class Pace:
         """For how long the node has waited or run since it was started [s]."""
         return self._waited + self._node.ran
 
-    def observe(self, receivers: Threads) -> Tuple[bool, bool]:
-        """Observe the node, and the threads that receive its messages.
+    def observe(self, others: Threads) -> Tuple[bool, bool]:
+        """Observe the node, and the other threads, which receive its messages.
 
-        Return whether all threads of the node wait, and whether all receivers do; if both, at the
+        Return whether all threads of the node wait, and whether all others do; if both, at the
         same time.
         """
         usages, wall, was_waiting = self._node.usages, time.monotonic(), self._is_waiting
         # A thread is found waiting a moment before Linux counts its run. If it has sent a message
-        # in this run, the receiver is observed after it. If a receiver has woken a thread of the
+        # in this run, its receiver is observed after it. If another one has woken a thread of the
         # node, this thread runs, or waits for a processor, when the node is observed again.
         node_waits = self._node.are_waiting()
         before = self._node.usages
-        others_wait = receivers.are_waiting()
+        others_wait = others.are_waiting()
         self._is_waiting = node_waits and self._node.are_waiting() and self._node.usages is before
         if self._is_waiting and was_waiting:
             seconds = wall - self._wall

@@ -18,7 +18,6 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from rosgraph_msgs.msg import Clock
-from rosmaster.threadpool import ThreadPoolThread
 
 from mushr_ros_intro.car.model import State
 from mushr_ros_intro.geometry import Pose
@@ -128,7 +127,9 @@ class ReplayWorld:
                 lambda: self._master.record(f"sends publishers to the node {CAR}")
             ),
         )
-        self._receiving = Threads(os.getpid(), False, _other_threads())
+        # All threads but this one, also those that receive nothing: while one of them waits for a
+        # processor, the threads that wait for the same lock of Python seem to wait for a message.
+        self._others = Threads(os.getpid(), False, [threading.get_native_id()])
         self._nap = NAP
 
     def _offer(self) -> None:
@@ -182,7 +183,7 @@ class ReplayWorld:
             pace: of the clock.
             left: the time until the next command is due [ns]; None if none is expected.
         """
-        node_waits, others_wait = pace.observe(self._receiving)
+        node_waits, others_wait = pace.observe(self._others)
         if node_waits and others_wait:
             if self._master.notify() or self._process(pace):
                 pace.unsettle()
@@ -363,9 +364,3 @@ def _join(uri: str, parameters: Dict[str, Any], mux: Dict[str, Any]) -> None:
 def _publish_map(grid: Grid) -> None:
     maps = rospy.Publisher("/map", OccupancyGrid, queue_size=1, latch=True)
     maps.publish(conversions.grid_to_msg(grid, 0, conversions.MAP_FRAME))
-
-
-def _other_threads() -> List[int]:
-    """Return the numbers of this thread, and of those that do not receive messages."""
-    kinds = (threading.main_thread().__class__, ThreadPoolThread)
-    return [each.native_id or 0 for each in threading.enumerate() if isinstance(each, kinds)]

@@ -32,13 +32,13 @@ class Clock:
     """The clock of a replay, whose pace is under test, and the wall clock."""
 
     def __init__(self, monkeypatch):
-        self.wall, self.node, self.receivers = 0.0, Threads(), Threads()
+        self.wall, self.node, self.others = 0.0, Threads(), Threads()
         monkeypatch.setattr(pace.time, "monotonic", lambda: self.wall)
         self.pace = Pace(self.node)
 
     def observe(self):
-        """Return whether the node waits, and whether the receivers do."""
-        return self.pace.observe(self.receivers)
+        """Return whether the node waits, and whether the others do."""
+        return self.pace.observe(self.others)
 
     def after(self, seconds, left=None, due=None):
         """Return by how much the clock advances, after a time on the wall clock [s]."""
@@ -170,7 +170,7 @@ def test_a_node_that_has_run_has_waited_for_a_processor(clock, has_run, seconds)
 
 
 @pytest.mark.parametrize("has_run", [True, False])
-def test_a_node_that_is_woken_while_the_receivers_are_observed(clock, has_run):
+def test_a_node_that_is_woken_while_the_others_are_observed(clock, has_run):
     """Then it has run and waits again, or it waits for a processor."""
     assert clock.observe() == (True, True)
 
@@ -180,7 +180,7 @@ def test_a_node_that_is_woken_while_the_receivers_are_observed(clock, has_run):
         clock.node.waits = has_run
         return True
 
-    clock.receivers.are_waiting = wake
+    clock.others.are_waiting = wake
     assert clock.observe() == (False, True)
 
 
@@ -193,5 +193,5 @@ def test_a_node_that_sends_a_command_and_falls_asleep(clock):
         return node_waits()
 
     clock.node.are_waiting = fall_asleep
-    clock.receivers.are_waiting = lambda: not sent
+    clock.others.are_waiting = lambda: not sent
     assert clock.observe() == (True, False)
