@@ -57,11 +57,19 @@ class Threads:
     def are_waiting(self) -> bool:
         """Observe the threads; return whether all of them wait, at the same time.
 
-        Each is found waiting, and none has begun to run meanwhile. A thread that waits for a
-        processor is not found waiting.
+        Each is found waiting, and none has begun to run meanwhile.
         """
         self.observe()
         before = self.usages
+        is_each_waiting = self.is_each_waiting()
+        self.observe()
+        return is_each_waiting and self.usages is before
+
+    def is_each_waiting(self) -> bool:
+        """Return whether each thread waits, one after another.
+
+        A thread that waits for a processor is not found waiting.
+        """
         try:
             for files in self._files.values():
                 text = os.pread(files.stat, 200, 0)
@@ -69,8 +77,7 @@ class Threads:
                     return False
         except OSError:  # a thread has ended
             return False
-        self.observe()
-        return self.usages is before
+        return True
 
     def observe(self) -> None:
         """Read the usages of the threads."""

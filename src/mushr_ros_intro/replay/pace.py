@@ -93,10 +93,12 @@ class Pace:
         # A thread is found waiting a moment before Linux counts its run. If it has sent a message
         # in this run, its receiver is observed after it. If another one has woken a thread of the
         # node, this thread runs, or waits for a processor, when the node is observed again.
-        node_waits = self._node.are_waiting()
-        before = self._node.usages
+        self._node.observe()
+        before, node_waits = self._node.usages, self._node.is_each_waiting()
         others_wait = others.are_waiting()
-        self._is_waiting = node_waits and self._node.are_waiting() and self._node.usages is before
+        node_waits = node_waits and self._node.is_each_waiting()
+        self._node.observe()
+        self._is_waiting = node_waits and self._node.usages is before
         if self._is_waiting and was_waiting:
             seconds = wall - self._wall
             # If it has run meanwhile, it has probably waited for a processor most of the time.

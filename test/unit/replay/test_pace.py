@@ -27,6 +27,9 @@ class Threads:
         self.observe()
         return self.waits
 
+    def is_each_waiting(self):
+        return self.waits
+
 
 class Clock:
     """The clock of a replay, whose pace is under test, and the wall clock."""
@@ -186,12 +189,12 @@ def test_a_node_that_is_woken_while_the_others_are_observed(clock, has_run):
 
 def test_a_node_that_sends_a_command_and_falls_asleep(clock):
     """It is found waiting a moment before its run is counted: its receiver is observed after it."""
-    node_waits, sent = clock.node.are_waiting, []
+    sent = []
 
     def fall_asleep():
         sent.append("command")
-        return node_waits()
+        return True
 
-    clock.node.are_waiting = fall_asleep
+    clock.node.is_each_waiting = fall_asleep
     clock.others.are_waiting = lambda: not sent
     assert clock.observe() == (True, False)
