@@ -20,13 +20,17 @@ MAX_PATH_POINTS = 2000
 
 
 def find_plans(folders: Sequence[str]) -> Dict[str, str]:
-    """Return the paths of all plans by their names; files in later folders come first."""
+    """Return the paths of all plans by their names; files in later folders come first.
+
+    A folder that cannot be listed has no plans: the user may work in one of somebody else.
+    """
     found = {}
     for folder in folders:
-        for entry in os.scandir(folder):
-            is_plan = entry.name.endswith(SUFFIX) and entry.is_file()
-            if is_plan and entry.stat().st_size <= MAX_LISTED_SIZE:
-                found[entry.name[: -len(SUFFIX)]] = entry.path
+        with suppress(OSError):
+            for entry in os.scandir(folder):
+                is_plan = entry.name.endswith(SUFFIX) and entry.is_file()
+                if is_plan and entry.stat().st_size <= MAX_LISTED_SIZE:
+                    found[entry.name[: -len(SUFFIX)]] = entry.path
     return dict(sorted(found.items()))
 
 

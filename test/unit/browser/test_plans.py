@@ -36,6 +36,7 @@ def test_plans_are_found_by_name(tmp_path):
     expected = {"a": str(one / "a.txt"), "both": str(two / "both.txt")}
     assert plans.find_plans([str(one), str(two)]) == expected
     assert [*plans.find_plans([str(one), str(two)])] == ["a", "both"]
+    assert plans.find_plans([str(tmp_path / "unreadable"), str(one), str(two)]) == expected
 
 
 def test_versions_of_plans(tmp_path):
