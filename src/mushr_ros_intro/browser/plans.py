@@ -1,5 +1,6 @@
 """Plans for the page, which knows them by name only."""
 
+import glob
 import os
 from contextlib import suppress
 from typing import Any, Container, Dict, List, Optional, Sequence
@@ -26,11 +27,9 @@ def find_plans(folders: Sequence[str]) -> Dict[str, str]:
     """
     found = {}
     for folder in folders:
-        with suppress(OSError):
-            for entry in os.scandir(folder):
-                is_plan = entry.name.endswith(SUFFIX) and entry.is_file()
-                if is_plan and entry.stat().st_size <= MAX_LISTED_SIZE:
-                    found[entry.name[: -len(SUFFIX)]] = entry.path
+        for path in glob.glob(f"{glob.escape(folder)}/*{SUFFIX}"):
+            if os.path.isfile(path) and os.path.getsize(path) <= MAX_LISTED_SIZE:
+                found[os.path.basename(path)[: -len(SUFFIX)]] = path
     return dict(sorted(found.items()))
 
 

@@ -50,6 +50,18 @@ def test_a_thread_that_has_run_meanwhile(worker):
     assert observer.usages is not before and observer.usages.keys() == before.keys()
 
 
+def test_a_run_that_takes_no_time(worker, monkeypatch):
+    """On a virtual machine, a thread may run for 0 ns: only the number of its runs changes."""
+    observer = worker[1]
+    wait_for(observer.are_waiting, "the worker to wait")
+    monkeypatch.setattr(observer, "_usage", lambda files: b"5 5 1")
+    observer.observe()
+    before = observer.usages
+    monkeypatch.setattr(observer, "_usage", lambda files: b"5 5 2")
+    observer.observe()
+    assert observer.usages is not before and observer.ran < 1.0
+
+
 STARVED = """
 import os
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
