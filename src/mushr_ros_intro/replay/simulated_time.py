@@ -99,6 +99,7 @@ class Sleepers:
         self._queue: List[Tuple[int, int, Waiter]] = []  # due [ns], number, ...
         self._numbers = itertools.count()
         self._has_woken = False  # a thread, which has not slept since then
+        self._is_over = False  # no thread receives /clock any more
 
     def sleep(self, duration: int, waiter: Optional[Waiter] = None) -> bool:
         """Sleep for a duration [ns], or until another thread releases `waiter`; return if it did.
@@ -110,6 +111,8 @@ class Sleepers:
             heapq.heappush(self._queue, entry)
             self._has_woken = False
             self._write()
+            if self._is_over:
+                entry[-1].release()
         entry[-1].acquire()
         with self._lock:
             is_due = entry not in self._queue
@@ -142,8 +145,9 @@ class Sleepers:
             os.write(self.file, due.to_bytes(8, "little"))
 
     def on_shutdown(self, reason: str) -> None:
-        """Wake all threads."""
+        """Wake all threads, also those that begin to sleep later."""
         with self._lock:
+            self._is_over = True
             for _, _, waiter in self._queue:
                 waiter.release()
 

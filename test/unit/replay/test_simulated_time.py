@@ -137,6 +137,17 @@ def test_shutdown(ros, monkeypatch):
     assert ros.woken == [("sleeps", False)]
 
 
+def test_a_thread_that_sleeps_during_a_shutdown(ros, monkeypatch):
+    """A thread may find that ROS runs, and begin to sleep when no thread receives /clock."""
+    monkeypatch.setattr(simulated_time.rospy.core, "is_shutdown_requested", lambda: True)
+    monkeypatch.setattr(simulated_time.rospy, "is_shutdown", lambda: True)
+    ros.sleepers.on_shutdown("")
+    thread = threading.Thread(target=ros.sleepers.sleep, args=[10 * MS], daemon=True)
+    thread.start()
+    thread.join(60.0)
+    assert not thread.is_alive()
+
+
 def test_a_thread_that_polls(ros):
     """Its read at one time ends when the clock has advanced."""
 
