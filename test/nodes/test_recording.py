@@ -1,5 +1,6 @@
 """Make plans by clicking and by driving, save them, and drive them."""
 
+import itertools
 import math
 import os
 import re
@@ -19,6 +20,7 @@ from support.helpers import (
     node,
     publisher,
     wait_for,
+    wait_for_receiver,
     wait_for_recorder,
 )
 from support.messages import LEAD, TELEOP, at, command, placement
@@ -52,6 +54,9 @@ def read(path):
 SUMMARY = "the plan has 4 rows, 0.710 m, 0.850 s"
 """The summary of ROWS."""
 
+NUMBERS = itertools.count()
+"""For the names of nodes: each name is new."""
+
 EMPTY = (
     "nothing saved: this recording has no drive: there was no command to drive after the first "
     "pose on /car/car_pose"
@@ -69,11 +74,12 @@ class TestRecording(RosTestCase):
 
     def start(self, name, folder=None, *arguments):
         """Start a node that writes into a folder, and wait for it."""
+        self.name = f"/{name[:-3]}_{next(NUMBERS)}"
+        arguments = (f"__name:={self.name[1:]}", *arguments)
         process = self.ending(node(name, f"_folder:={folder or self.folder}", *arguments))
-        self.name = name[:-3]
         self.initial_poses = publisher("/initialpose", PoseWithCovarianceStamped)
         rospy.wait_for_service(f"{self.name}/save", 30.0)
-        wait_for(lambda: self.initial_poses.get_num_connections() >= 2, "the car and the node")
+        wait_for_receiver(self.name, rospy.get_name(), "/initialpose")
         return process
 
     def start_planner(self, folder=None):
@@ -84,7 +90,7 @@ class TestRecording(RosTestCase):
     def start_recorder(self, folder=None):
         recorder = self.start("plan_recorder.py", folder)
         self.commands = publisher(TELEOP, AckermannDriveStamped)
-        wait_for_recorder("/plan_recorder")
+        wait_for_recorder(self.name)
         return recorder
 
     def interrupt(self, recorder, status, last):
@@ -144,7 +150,7 @@ class TestRecording(RosTestCase):
 
     def test_clicks(self):
         planner = self.start_planner()
-        paths = Recording("/click_planner/path", Path).connected()
+        paths = Recording(f"{self.name}/path", Path).connected()
 
         def wait_for_path(end, rows):
             def is_there():

@@ -264,15 +264,22 @@ class Relay:
         self._publisher.unregister()
 
 
+def wait_for_receiver(name, sender, topic):
+    """Wait until a node receives a topic from another one.
+
+    The sender may still list a node that has ended: its name must be another one.
+    """
+    uri = rosgraph.Master(rospy.get_name()).lookupNode(sender)
+    wait_for(
+        lambda: name in receivers(uri, PATIENCE, rospy.get_name(), topic),
+        f"{name} to receive {topic}",
+    )
+
+
 def wait_for_recorder(name):
     """Wait until a plan_recorder receives the commands and the poses of the car."""
-    master = rosgraph.Master(rospy.get_name())
-
-    def is_received(sender, topic):
-        return name in receivers(master.lookupNode(sender), PATIENCE, rospy.get_name(), topic)
-
-    wait_for(lambda: is_received(MUX, OUTPUT), f"{name} to receive commands")
-    wait_for(lambda: is_received("/car/car_sim", "/car/car_pose"), f"{name} to receive poses")
+    wait_for_receiver(name, MUX, OUTPUT)
+    wait_for_receiver(name, "/car/car_sim", "/car/car_pose")
 
 
 ENDING = 5.0
