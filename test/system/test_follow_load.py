@@ -10,13 +10,7 @@ import pytest
 from mushr_ros_intro.replay.job import in_own_process
 from support.controllers import copy_controllers, follow, unobserved_threads
 
-STYLES = [
-    "three_threads",
-    *(
-        pytest.param(name, marks=pytest.mark.full)
-        for name in ("loop", "answer", "timer", "explorer")
-    ),
-]
+STYLES = ("three_threads", "loop", "answer", "timer", "explorer")
 
 
 def pin_replays(processors):
@@ -27,6 +21,7 @@ def pin_replays(processors):
                 os.sched_setaffinity(int(child), processors)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", STYLES)
 def test_equal_drives(tmp_path, name):
     """Alone on all processors, and three at the same time on one processor."""
