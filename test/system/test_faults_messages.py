@@ -13,13 +13,17 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import String
 
 from support.driven_car import LEAD, DrivenCarTestCase
-from support.geometry import ANGLE_TOLERANCE, closed_form
+from support.geometry import closed_form
 from support.helpers import Recording, driver, wait_for
 from support.messages import COMMAND_TIMEOUT, MUX, at, command, placement
 from support.world import load
 
 MEMORY = 10_000_000
 """[bytes] The largest growth of a node: some queued messages and the heap."""
+
+
+MAX_BEHIND = 50
+"""The mux may have so many commands still to pass; rospy drops none of them."""
 
 
 def driven(messages, until):
@@ -124,19 +128,18 @@ class TestMessageFaults(DrivenCarTestCase):
         self.assert_recovered()
 
     def test_a_thousand_commands_a_second(self):
+        """Fewer on a busy machine: a late command must not be later than a stamp may differ."""
         self.place(0.0, 0.0, 0.0)
-        begin = at(rospy.Time.now(), LEAD)
-        self.inputs["navigation"].publish(command(begin, 1.0, 0.2))
-        wait_for(lambda: self.output.last, "the first command")
-        for number in range(1, 901):
-            stamp = at(begin, 0.001 * number)
-            wait_for(lambda stamp=stamp: rospy.Time.now() > at(stamp, -LEAD), "its time")
-            self.inputs["navigation"].publish(command(stamp, 1.0, 0.2))
-        pose = self.poses.pose_at_rest(at(stamp, COMMAND_TIMEOUT))
-        # If a queue overflows on a busy machine, the car stands for a part of the time.
-        seconds = pose[2] * 0.33 / math.tan(0.2)
-        self.assert_pose(pose, closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)]))
-        self.assertTrue(0.5 < seconds < 0.9 + COMMAND_TIMEOUT + ANGLE_TOLERANCE, seconds)
+        sent = []
+        for _ in range(900):
+            wait_for(lambda: len(sent) - len(self.output.messages) < MAX_BEHIND, "the mux")
+            due = at(sent[-1].header.stamp, 0.001 - LEAD) if sent else rospy.Time.now()
+            wait_for(lambda due=due: rospy.Time.now() >= due, "its time")
+            sent.append(command(at(rospy.Time.now(), LEAD), 1.0, 0.2))
+            self.inputs["navigation"].publish(sent[-1])
+        end = at(sent[-1].header.stamp, COMMAND_TIMEOUT)
+        rows = driven(sent, end)
+        self.assert_pose(self.poses.pose_at_rest(end), closed_form((0.0, 0.0, 0.0), rows))
         self.assert_recovered()
 
     def test_an_initial_pose_every_10_ms(self):
