@@ -131,11 +131,11 @@ class TestMessageFaults(DrivenCarTestCase):
         """Fewer on a busy machine: a late command must not be later than a stamp may differ."""
         self.place(0.0, 0.0, 0.0)
         sent = []
-        for _ in range(900):
+        for number in range(900):
             wait_for(lambda: len(sent) - len(self.output.messages) < MAX_BEHIND, "the mux")
             due = at(sent[-1].header.stamp, 0.001 - LEAD) if sent else rospy.Time.now()
             wait_for(lambda due=due: rospy.Time.now() >= due, "its time")
-            sent.append(command(at(rospy.Time.now(), LEAD), 1.0, 0.2))
+            sent.append(command(at(rospy.Time.now(), LEAD), 1.0 + number % 2, 0.2))
             self.inputs["navigation"].publish(sent[-1])
         end = at(sent[-1].header.stamp, COMMAND_TIMEOUT)
         rows = driven(sent, end)
