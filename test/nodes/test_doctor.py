@@ -63,13 +63,13 @@ def release(topic):
 
 
 @contextlib.contextmanager
-def driving(topic, speed=1.0, stamp=rospy.Time.now, period=0.05):
-    """Send a command in each period [s]."""
+def driving(topic, speed=1.0, stamp=rospy.Time.now, period=0.05, steering_angle=0.3):
+    """Send a command in each period [s]; by default, the car drives in a circle without a wall."""
     if topic not in publishers:
         publishers[topic] = rospy.Publisher(topic, AckermannDriveStamped, queue_size=10)
 
     def send(_):
-        publishers[topic].publish(command(stamp(), speed, 0.0))
+        publishers[topic].publish(command(stamp(), speed, steering_angle))
 
     timer = rospy.Timer(rospy.Duration(period), send)
     yield
@@ -207,7 +207,7 @@ class TestDoctor(RosTestCase):
         collisions = Recording("/car/car_sim/collision", PoseArray).connected()
         placements = publisher("/initialpose", PoseWithCovarianceStamped)
         placements.publish(placement(rospy.Time(), 48.9, 0.0, 0.0))
-        with driving(NAVIGATION):
+        with driving(NAVIGATION, steering_angle=0.0):
             wait_for(lambda: collisions.last and collisions.last.poses, "the wall")
             collisions.subscriber.unregister()  # in one process, a topic has one type
             self.expect("the car touches a wall at (49.0200 m, 0.0000 m, 0.0000 rad)")
