@@ -115,14 +115,15 @@ def test_gradescope(parts, tmp_path):
 @PRIVILEGED
 def test_no_node_can_run(parts, tmp_path):
     """If a fault of the machine would make each submission fail, grade.py judges none."""
-    folders = ("/tmp", "/var/tmp")
-    mount = " && ".join(f"mount -t tmpfs -o noexec tmpfs {folder}" for folder in folders)
-    command = ("unshare", "--mount", "sh", "-c", f'{mount} && exec "$@"', "sh", *WITHOUT_NAMESPACES)
     with tempfile.TemporaryDirectory(dir="/var/lib") as name:
+        os.chmod(name, 0o755)
+        os.mkdir(f"{name}/tmp")
+        script = f'mount -t tmpfs -o noexec tmpfs {name}/tmp && exec "$@"'
+        command = ("unshare", "--mount", "sh", "-c", script, "sh", *WITHOUT_NAMESPACES)
         package = submissions.write(name, "right", submissions.RIGHT)
         plan = shutil.copy(parts / "plan.txt", name)
         arguments = (package, "--plans", plan, "--out", f"{name}/out")
-        output = assert_status(3, *arguments, prefix=command, TMPDIR="/tmp")
+        output = assert_status(3, *arguments, prefix=command, TMPDIR=f"{name}/tmp")
         assert os.listdir(f"{name}/out") == ["data"]
     assert "nodes cannot run here, so nothing is graded: " in output
     assert "Permission denied" in output and "Set TMPDIR to a folder" in output
