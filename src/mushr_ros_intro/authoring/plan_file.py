@@ -38,7 +38,7 @@ class PlanFile:
     def destination(self) -> str:
         """Return a clause that names the folder, and says if it cannot be written to."""
         text = f"plans go to {self._folder}"
-        if os.access(self._folder, os.W_OK | os.X_OK, effective_ids=True):
+        if os.access(self._folder, os.W_OK | os.X_OK):
             return text
         text += (
             ", but you cannot write there: choose another folder with _folder:=PATH of rosrun, or "

@@ -43,14 +43,14 @@ def test_a_folder_without_write_access(file, tmp_path):
     tmp_path.chmod(0o555)
     user = os.geteuid()
     if user == 0:
-        os.seteuid(NOBODY)  # root may write anywhere
+        os.setresuid(NOBODY, NOBODY, user)  # root may write anywhere
     try:
         with pytest.raises(UserError, match=r"mine.txt cannot be written \(Permission denied\)"):
             save(file)
         assert "cannot write there: choose another folder with _folder:=PATH" in file.destination()
         assert file.destination().endswith("or folder:=PATH of web.launch")
     finally:
-        os.seteuid(user)
+        os.setresuid(user, user, user)
     assert os.listdir(str(tmp_path)) == []
 
 
