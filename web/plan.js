@@ -96,7 +96,8 @@ export function updateDrive(next) {
     begin = isKnown ? null : NaN;
     errors = [];
   }
-  if (isNew && plan.name !== next.plan) listPlans(next.plan);
+  // A plan that another page drives.
+  if (isNew && plan.name !== next.plan) listPlans(next.plan).then(fit);
   drive = next;
   stop.disabled = !mayRun();
   find("drive").disabled = mayRun() || !plan.rows.length;

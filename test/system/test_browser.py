@@ -407,6 +407,15 @@ def test_a_drive_in_a_terminal(page, sim):
     page.shows("check", "12.00 m")
 
 
+def test_a_drive_of_another_page(page, sim):
+    """The page shows its whole plan."""
+    scale = "return window.mushr.view.scale"
+    before = page.run(scale)
+    assert sim.post("/drive", {"plan": "long"}) == (200, {})
+    page.wait(lambda: page.find("plan").get_attribute("value") == "long", "the plan")
+    page.wait(lambda: page.run(scale) != before, "the whole plan in the view")
+
+
 def test_scan_in_turns(page):
     """The laser scan stays on the walls while the car turns."""
     drive(page, "tight", "2.00 m/s")
