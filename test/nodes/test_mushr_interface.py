@@ -232,8 +232,8 @@ class TestMushrInterface(RosTestCase):
         self.assertLess(np.median(np.abs(measured - expected)[hits]), 0.5 * omap.resolution)
 
     def test_the_motion_model(self):
-        """It computes the motion from speed and steering, which stays constant: servo positions have
-        no stamps, so that a busy node does not know which speed belongs to which angle.
+        """It computes the motion from speed and steering, which stays constant: servo positions
+        have no stamps, so that a busy node does not know which speed belongs to which angle.
         """
         begin, before = Pose(-3.0, -1.0, 0.3), rospy.Time.now()
         self.assertTrue(self.reposition("car", *begin).success)
