@@ -39,9 +39,10 @@ BESIDE_A_WALL = (8.75, 4.0, math.pi / 2)
 
 
 def start_world():
-    """Start the simulator as courses do."""
+    """Start the simulator as courses do, but the clock waits for the commands of the controller."""
     return launch(
         "../underlay/mushr_sim/launch/teleop.launch",
+        [("/use_sim_time", True), ("/car/car_sim/real_time_factor", 0.0)],
         car="mushr_tx2",
         map="sandbox",
         use_tf_prefix=False,
