@@ -90,6 +90,7 @@ class WebView:
                 *(f"{car}/car_sim/{name}" for name in ("reset", "pause", "resume", "step")),
                 *(f"{planner}/{name}" for name in ("undo", "clear", "save")),
             },
+            {STATE_TOPIC},
         )
         rospy.on_shutdown(lambda: self._bridge.call_soon(ended.set))
         program = os.path.join(os.path.dirname(os.path.abspath(__file__)), "path_publisher.py")

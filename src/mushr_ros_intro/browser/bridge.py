@@ -100,15 +100,19 @@ class Bridge:
     Args:
         publishable: the topics on which clients may publish, with their message classes.
         services: the names of the std_srvs/Trigger services that clients may call.
+        local: the names of the topics that ROS does not have, for `offer`. Clients may subscribe to
+            them before the first message.
     """
 
-    def __init__(self, publishable: Mapping[str, Any], services: Collection[str]) -> None:
+    def __init__(
+        self, publishable: Mapping[str, Any], services: Collection[str], local: Collection[str]
+    ) -> None:
         self._publishers = {
             name: rospy.Publisher(name, kind, queue_size=10, tcp_nodelay=True)
             for name, kind in publishable.items()
         }
         self._services = services
-        self._topics: Dict[str, SharedTopic] = {}
+        self._topics = {name: SharedTopic(name, is_local=True) for name in local}
         self._loop = asyncio.get_event_loop()
         self._registration = ThreadPoolExecutor(1)
         self._pool = ThreadPoolExecutor(THREADS)
@@ -121,9 +125,9 @@ class Bridge:
         self._update(topic)
 
     def offer(self, name: str, text: str) -> None:
-        """Publish JSON text to the clients, on a topic that ROS does not have."""
-        topic = self._topics.setdefault(name, SharedTopic(name, is_local=True))
-        topic.put(Message(name, b"", lambda _: text, 0), {"latching": "1"})
+        """Publish JSON text to the clients, on a local topic."""
+        message = Message(name, b"", lambda _: text, 0)
+        self._topics[name].put(message, {"latching": "1"})
 
     async def handle(self, outbox: Outbox, frame: Union[str, bytes]) -> None:
         """Carry out the request in a frame of a client; errors are sent to the client."""
