@@ -267,7 +267,7 @@ class Relay:
 def wait_for_receiver(name, sender, topic):
     """Wait until a node receives a topic from another one.
 
-    The sender may still list a node that has ended: its name must be another one.
+    The sender may still list nodes that have ended, so the name must be new.
     """
     uri = rosgraph.Master(rospy.get_name()).lookupNode(sender)
     wait_for(
