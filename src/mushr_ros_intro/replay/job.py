@@ -36,6 +36,9 @@ from mushr_ros_intro.world.grid import Grid
 
 T = TypeVar("T")
 
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+"""Signals that interrupt grading."""
+
 DONE_AFTER = 2.0
 """If no command follows the last one for this time, the node is done [s of simulated time]."""
 
@@ -155,10 +158,14 @@ def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) 
     receiver, sender = _processes.Pipe(duplex=False)
     call = (function, arguments, sender)
     process = _processes.Process(target=_call_and_send, args=call, daemon=True)
-    process.start()
-    sender.close()
     error = f"its process did not end within {seconds:g} s"
+    # An interrupt would otherwise end the prepared process while it starts, with a traceback, or
+    # leave the new process without anybody who ends it.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
+    process.start()
     try:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        sender.close()
         if receiver.poll(seconds):
             result, error = receiver.recv()
             if not error:
@@ -178,8 +185,9 @@ def _call_and_send(
     """Call a function; send its result, and the description of an error or an empty text."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     resource.setrlimit(resource.RLIMIT_DATA, (MAX_MEMORY, MAX_MEMORY))
-    # The parent process ends this one. SIG_IGN would also hold for the node.
+    # The parent process ends this one. SIG_IGN, and the mask, would also hold for the node.
     signal.signal(signal.SIGINT, lambda *_: None)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTS)
     with open(os.devnull, "r+b") as null:
         for number in (0, 1, 2):
             os.dup2(null.fileno(), number)

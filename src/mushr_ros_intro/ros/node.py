@@ -112,7 +112,7 @@ def _refuse_a_second_one(name: str) -> None:
     """Raise SystemExit if a node with the name that this one is going to have runs already."""
     name = _full_name(name)
     if responds(name):
-        sys.exit(f"{name} is running already; end it first, or add __name:=ANOTHER_NAME")
+        sys.exit(f"{name} is running already; end it first, or start this one with __name:=NAME")
 
 
 def end_with_error(error: UserError) -> None:

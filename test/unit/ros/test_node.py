@@ -146,7 +146,7 @@ def test_a_node_that_must_not_be_replaced(master):
         with start(PROGRAMS["waits"], master, options, ROS_NAMESPACE="/car2") as namesake:
             assert namesake.wait() == 1, namesake.output
         assert process.running
-    expected = "/car2/made is running already; end it first, or add __name:=ANOTHER_NAME\n"
+    expected = "/car2/made is running already; end it first, or start this one with __name:=NAME\n"
     assert namesake.output == expected
 
 
