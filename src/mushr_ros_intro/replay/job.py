@@ -159,12 +159,13 @@ def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) 
     call = (function, arguments, sender)
     process = _processes.Process(target=_call_and_send, args=call, daemon=True)
     error = f"its process did not end within {seconds:g} s"
-    # An interrupt would otherwise end the prepared process while it starts, with a traceback, or
-    # leave the new process without anybody who ends it.
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
-    process.start()
     try:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        # An interrupt now would end the prepared process while it starts, with a traceback.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
+        try:
+            process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         sender.close()
         if receiver.poll(seconds):
             result, error = receiver.recv()
@@ -174,8 +175,9 @@ def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) 
         reason = "its process was killed, or has run out of memory (try --jobs 1)"
         raise KilledError(f"the replay failed: {reason}") from None
     finally:
-        process.kill()
-        process.join()
+        if process.pid:
+            process.kill()
+            process.join()
     raise ReplayError(f"the replay failed: {error}")
 
 
