@@ -38,8 +38,9 @@ from mushr_ros_intro.isolation.workspace import temporary_folder
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
-from mushr_ros_intro.replay.job import ReplayError, run_job
+from mushr_ros_intro.replay.job import run_job
 from mushr_ros_intro.replay.judge import CHECK_NAMES
+from mushr_ros_intro.replay.own_process import ReplayError
 from mushr_ros_intro.replay.reference import refuse_walls
 from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.setting import job_for

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from mushr_ros_intro.replay.job import in_own_process
+from mushr_ros_intro.replay.own_process import in_own_process
 from support.controllers import copy_controllers, follow, unobserved_threads
 
 STYLES = ("three_threads", "loop", "answer", "timer", "explorer")

@@ -16,7 +16,8 @@ from mushr_ros_intro.isolation import system_calls
 from mushr_ros_intro.isolation.workspace import temporary_folder
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.replay.job import Job, ReplayError, Setting, run_job
+from mushr_ros_intro.replay.job import Job, Setting, run_job
+from mushr_ros_intro.replay.own_process import ReplayError
 
 INSTALLED = ("/usr/lib/mushr_ros_intro", "/usr/share/doc/ros-mushr-ros-intro/examples")
 """Where Debian's packages have solutions."""

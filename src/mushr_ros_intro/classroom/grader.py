@@ -9,14 +9,8 @@ from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.isolation.node_process import SHOWN_LINES
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.isolation.workspace import environment_of
-from mushr_ros_intro.replay.job import (
-    MAX_OVERHEAD,
-    Job,
-    ReplayError,
-    Setting,
-    in_own_process,
-    sandboxed,
-)
+from mushr_ros_intro.replay.job import MAX_OVERHEAD, Job, Setting, sandboxed
+from mushr_ros_intro.replay.own_process import ReplayError, in_own_process
 from mushr_ros_intro.replay.recording import Drive
 from mushr_ros_intro.replay.reference import Exercise
 

@@ -1,22 +1,14 @@
 """Let a node drive a plan on a simulated car of its own, and judge it."""
 
 import contextlib
-import ctypes
-import multiprocessing
-import multiprocessing.popen_forkserver  # threads that first import it together may fail
 import os
 import re
-import resource
 import shutil
-import signal
 import tempfile
 import time
-import traceback
-from multiprocessing.connection import Connection
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple, TypeVar
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.node_process import WAS_KILLED, NodeProcess
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.isolation.workspace import environment_of
@@ -27,17 +19,13 @@ from mushr_ros_intro.replay.bag import write_bag
 from mushr_ros_intro.replay.follow_world import FollowWorld
 from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.judge import Judgement
+from mushr_ros_intro.replay.own_process import KilledError, in_own_process
 from mushr_ros_intro.replay.pace import Pace
 from mushr_ros_intro.replay.recording import Recorded, count_leading_stops
 from mushr_ros_intro.replay.reference import Exercise, Reference
 from mushr_ros_intro.replay.world import CHECK_PERIOD, CONTROL, MAX_SILENCE, ReplayWorld
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
-
-T = TypeVar("T")
-
-INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
-"""Signals that interrupt grading."""
 
 DONE_AFTER = 2.0
 """If no command follows the last one for this time, the node is done [s of simulated time]."""
@@ -48,9 +36,6 @@ EXIT_TIMEOUT = 5.0
 MAX_DURATION = 120.0
 """Time limit of a drive [s, without waits for a processor]; for a long plan, twice its duration."""
 
-MAX_MEMORY = 2_000_000_000
-"""Limit on the memory of a replay's own process, which receives what a node sends [bytes]."""
-
 MAX_OVERHEAD = 60.0
 """Longest time of a replay before and after the drive [s of wall-clock time]."""
 
@@ -59,17 +44,6 @@ MAX_SLOWDOWN = 5.0
 
 SIMULATED_TIME = os.path.join(os.path.dirname(__file__), "simulated_time.py")
 """The program that runs a controller in simulated time."""
-
-_PR_SET_PDEATHSIG = 1
-"""See prctl(2): the signal to this process if the parent process dies."""
-
-
-class ReplayError(UserError):
-    """A replay has no verdict."""
-
-
-class KilledError(ReplayError):
-    """The process of a replay was killed, or has run out of memory."""
 
 
 class Setting(NamedTuple):
@@ -112,13 +86,6 @@ class Job(NamedTuple):
     """The path of the bag of the drive; "" for none."""
 
 
-_processes = multiprocessing.get_context("forkserver")
-# A new process for each replay has the modules already, and no state of another replay.
-_processes.set_forkserver_preload(
-    ["mushr_ros_intro.replay.job", "configparser", "encodings.idna", "netifaces"]
-)
-
-
 def run_job(job: Job) -> Judgement:
     """Run a replay in a process of its own, and return the verdict.
 
@@ -138,72 +105,6 @@ def run_job(job: Job) -> Judgement:
 def _deadline(job: Job) -> float:
     """Return the limit on the duration of a drive [s of wall-clock time]."""
     return max(MAX_DURATION, 2.0 * job.plan.duration / NANOSECONDS)
-
-
-def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) -> T:
-    """Call a function in a new process, which ends together with this one; return its result.
-
-    Args:
-        function: the function; it may start processes of a submission in a sandbox.
-        arguments: of the function.
-        seconds: timeout [s of wall-clock time].
-
-    Raises:
-        KilledError: the process died.
-        ReplayError: the function failed, or did not return in time.
-    """
-    # The namespace of the simulated car. The first call here starts the prepared process, where
-    # rospy reads it.
-    os.environ["ROS_NAMESPACE"] = "/car"
-    receiver, sender = _processes.Pipe(duplex=False)
-    call = (function, arguments, sender)
-    process = _processes.Process(target=_call_and_send, args=call, daemon=True)
-    error = f"its process did not end within {seconds:g} s"
-    try:
-        # An interrupt now would end the prepared process while it starts, with a traceback.
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
-        try:
-            process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        sender.close()
-        if receiver.poll(seconds):
-            result, error = receiver.recv()
-            if not error:
-                return result
-    except EOFError:
-        reason = "its process was killed, or has run out of memory (try --jobs 1)"
-        raise KilledError(f"the replay failed: {reason}") from None
-    finally:
-        if process.pid:
-            process.kill()
-            process.join()
-    raise ReplayError(f"the replay failed: {error}")
-
-
-def _call_and_send(
-    function: Callable[..., Any], arguments: Tuple[Any, ...], sender: Connection
-) -> None:
-    """Call a function; send its result, and the description of an error or an empty text."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    resource.setrlimit(resource.RLIMIT_DATA, (MAX_MEMORY, MAX_MEMORY))
-    # The parent process ends this one. SIG_IGN, and the mask, would also hold for the node.
-    signal.signal(signal.SIGINT, lambda *_: None)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPTS)
-    with open(os.devnull, "r+b") as null:
-        for number in (0, 1, 2):
-            os.dup2(null.fileno(), number)
-    result, fault = None, ""
-    try:
-        result = function(*arguments)
-    except (UserError, OSError) as error:
-        fault = str(error)
-    except MemoryError:
-        os._exit(1)
-    except Exception:
-        fault = traceback.format_exc()
-    sender.send((result, fault))
-    os._exit(0)  # without waiting for the threads of rospy
 
 
 def _run_here(job: Job) -> Judgement:

@@ -19,7 +19,7 @@ from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.replay.job import ReplayError
+from mushr_ros_intro.replay.own_process import ReplayError
 from mushr_ros_intro.replay.setting import read_setting
 from support.paths import PACKAGE
 from support.recorded import replay, reported

@@ -1,15 +1,13 @@
 """Check what happens if the process of a replay, or the node, is killed."""
 
-import os
-import signal
-import time
 from types import SimpleNamespace
 
 import pytest
 
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.replay import job
-from mushr_ros_intro.replay.job import Job, KilledError, ReplayError, run_job
+from mushr_ros_intro.replay.job import Job, run_job
+from mushr_ros_intro.replay.own_process import KilledError, ReplayError
 from support.recorded import PLAN, commands, replay, reported
 
 RIGHT = reported(replay())
@@ -49,30 +47,6 @@ def test_a_killed_replay_is_repeated_once(monkeypatch, results, expected):
     else:
         assert run_job(replayed) is expected
     assert left == []
-
-
-def test_memory_of_the_replay():
-    """A node cannot make the process of its replay use all memory."""
-    with pytest.raises(KilledError):
-        job.in_own_process(bytearray, 3_000_000_000, seconds=60.0)
-
-
-def test_an_interrupt_while_the_process_of_a_replay_starts(monkeypatch):
-    """The process ends, too."""
-    started, start = [], job._processes.Process.start
-
-    def interrupted(process):
-        start(process)
-        started.append(process)
-        os.kill(os.getpid(), signal.SIGINT)
-
-    monkeypatch.setattr(job._processes.Process, "start", interrupted)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    with pytest.raises(KeyboardInterrupt):
-        job.in_own_process(time.sleep, 60.0, seconds=60.0)
-    signal.signal(signal.SIGINT, before)
-    assert started[0].exitcode == -signal.SIGKILL
-    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
 
 
 class Standing:
