@@ -40,6 +40,7 @@ WITH_ROS = {
         "bag",
         "follow_world",
         "guarded_master",
+        "received",
         "replay_car",
         "setting",
         "simulated_time",

@@ -17,14 +17,9 @@ from mushr_ros_intro.car.model import at_rest
 from mushr_ros_intro.isolation.node_process import NodeProcess
 from mushr_ros_intro.replay.following import EXTRA_TIME
 from mushr_ros_intro.replay.pace import STEP, Pace
+from mushr_ros_intro.replay.received import CONTROL, Received
 from mushr_ros_intro.replay.reference import Reference
-from mushr_ros_intro.replay.world import (
-    CHECK_PERIOD,
-    CONTROL,
-    MAX_SILENCE,
-    START,
-    ReplayWorld,
-)
+from mushr_ros_intro.replay.world import CHECK_PERIOD, MAX_SILENCE, START, ReplayWorld
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.simulator.mux import Input
 from mushr_ros_intro.stamps import NANOSECONDS
@@ -89,7 +84,7 @@ class FollowWorld(ReplayWorld):
         start = dict(zip(("x", "y", "theta"), reference.start))
         rate = {"pose_rate": NANOSECONDS / STEP}
         super().__init__({**parameters, **start, **rate}, mux, grid)
-        self.start, self._begin = reference.start, START
+        self.received = Received(reference.start, START)
 
     def _offer(self) -> None:
         reference = self._reference
@@ -129,7 +124,8 @@ class FollowWorld(ReplayWorld):
     @property
     def stands(self) -> bool:
         """Whether the car has driven, and has stood for REST."""
-        first = next((each.arrived for each in self.sent if each.speed), self.now)
+        commands = self.received.commands
+        first = next((each.arrived for each in commands if each.speed), self.now)
         recent = self.states[-REST // STEP :]
         return self.now > first + REST and all(each.pose == recent[0].pose for each in recent)
 
@@ -167,7 +163,8 @@ class FollowWorld(ReplayWorld):
         if fault := self.fault(process, pace):
             return fault
         limit = MAX_TIME * self._reference.duration / NANOSECONDS + EXTRA_TIME
-        if self.sent and (self.now - self.sent[0].arrived) / NANOSECONDS > limit:
+        commands = self.received.commands
+        if commands and (self.now - commands[0].arrived) / NANOSECONDS > limit:
             return f"the node still drives after {limit:g} s"
         return ""
 

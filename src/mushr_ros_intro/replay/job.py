@@ -21,9 +21,10 @@ from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.replay.own_process import KilledError, in_own_process
 from mushr_ros_intro.replay.pace import Pace
+from mushr_ros_intro.replay.received import CONTROL
 from mushr_ros_intro.replay.recording import Recorded, count_leading_stops
 from mushr_ros_intro.replay.reference import Exercise, Reference
-from mushr_ros_intro.replay.world import CHECK_PERIOD, CONTROL, MAX_SILENCE, ReplayWorld
+from mushr_ros_intro.replay.world import CHECK_PERIOD, MAX_SILENCE, ReplayWorld
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 
@@ -132,22 +133,23 @@ def _run_here(job: Job) -> Judgement:
             process.end()
             sandbox.end_processes()
     world.wait_until_rest(car.command_timeout)
+    received = world.received
     states, stamps, poses, collisions = world.recording()
     recorded = Recorded(
         plan=job.plan,
         car=car,
         outcome=outcome,
-        start=world.start,
-        sent=tuple(world.sent),
+        start=received.start,
+        sent=tuple(received.commands),
         stamps=stamps,
         poses=poses,
         collisions=collisions,
         grid=setting.grid,
         actions=world.actions,
-        ignored=world.ignored,
+        ignored=received.ignored,
         output=process.output,
         seconds=time.monotonic() - began,
-        start_delay=world.start_delay,
+        start_delay=received.start_delay,
         published=tuple(sorted(world.published.items())),
     )
     verb = "follows" if isinstance(job.plan, Reference) else "drives"
@@ -210,7 +212,8 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
     pace = Pace(process.threads)
     count, heard, checked = 0, 0.0, time.monotonic()
     while not process.has_ended:
-        driven = len(world.sent) - count_leading_stops(world.sent, job.plan)
+        commands = world.received.commands
+        driven = len(commands) - count_leading_stops(commands, job.plan)
         world.observe(pace, world.time_left if driven <= expected else None)
         if world.count != count:
             count, heard = world.count, pace.seconds
@@ -231,7 +234,7 @@ def _fault(process: NodeProcess, world: ReplayWorld, job: Job, pace: Pace) -> st
     """Return why a running node has failed; empty if it has not failed."""
     if fault := world.fault(process, pace):
         return fault
-    sent, limit = world.sent, job.plan.duration * 3 // 2 + 5 * NANOSECONDS
+    sent, limit = world.received.commands, job.plan.duration * 3 // 2 + 5 * NANOSECONDS
     if sent and sent[-1].time - sent[0].time > limit:
         return (
             f"the node still sends commands {(limit - job.plan.duration) / NANOSECONDS:g} s "

@@ -26,15 +26,14 @@ from mushr_ros_intro.isolation.threads import Threads
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
 from mushr_ros_intro.replay.judge import INITIAL_POSES
 from mushr_ros_intro.replay.pace import WALL_CLOCK, Pace
-from mushr_ros_intro.replay.recording import Sent
+from mushr_ros_intro.replay.received import CONTROL, Received
 from mushr_ros_intro.replay.replay_car import MUX, ReplayCar, ReplayMux
 from mushr_ros_intro.ros import conversions, node, ros_time, rospy_fixes
 from mushr_ros_intro.simulator.mux import Input
-from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, effective_stamp
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 
 CAR = "/car/car_sim"
-CONTROL = f"{MUX}/input/navigation"
 PREDICTED_PATH = "/car/predicted_path"
 
 START = 1_000_000_000 * NANOSECONDS
@@ -85,16 +84,10 @@ class ReplayWorld:
             mux: the configuration of the mux.
             grid: the map, or None.
         """
-        self.sent: List[Sent] = []
-        """The commands on CONTROL in order of arrival."""
+        self.received = Received()
+        """What the node has sent to the car."""
         self.count = 0
-        """The number of messages that the node has sent."""
-        self.start: Optional[Pose] = None
-        """The last initial pose before the first command to drive; NaN if it is unusable."""
-        self.start_delay = 0
-        """If the first initial pose arrives after the first command to drive: its delay [ns]."""
-        self.ignored = ""
-        """The first message that the car ignored, and the reason; empty if there was none."""
+        """The number of messages that it has sent."""
         self.states: List[State] = []
         """The reported states of the car."""
         self.now = START
@@ -104,7 +97,6 @@ class ReplayWorld:
         os.set_blocking(self._due_reader, False)
         self._due = 0  # what the node has written last
         self._pending: Iterator[int] = iter(())  # the messages of this instant that are not sent
-        self._begin: Optional[int] = None  # the time of the first command to drive
         self._poses: Deque[PoseWithCovarianceStamped] = deque()
         self._commands: Deque[Tuple[AckermannDriveStamped, Input]] = deque()
 
@@ -146,7 +138,7 @@ class ReplayWorld:
             return f"the node has shut down {CAR}"
         if pace.uses_wall_clock:
             return WALL_CLOCK
-        recent = self.sent[-MAX_RATE:]
+        recent = self.received.commands[-MAX_RATE:]
         is_fast = len(recent) == MAX_RATE and recent[-1].arrived - recent[0].arrived < NANOSECONDS
         if is_fast or len(self._commands) > MAX_RATE:
             return f"the node sends more than {MAX_RATE} commands per second; expected ten"
@@ -155,7 +147,7 @@ class ReplayWorld:
     @property
     def is_ending(self) -> bool:
         """Whether the node has sent commands, and has left ROS."""
-        return bool(self.sent) and not self._master.count_publishers(CONTROL)
+        return bool(self.received.commands) and not self._master.count_publishers(CONTROL)
 
     @property
     def published(self) -> Dict[str, str]:
@@ -172,7 +164,8 @@ class ReplayWorld:
     @property
     def silence(self) -> float:
         """The time since the node's last command, or since the start [s of simulated time]."""
-        return (self.now - (self.sent[-1].arrived if self.sent else START)) / NANOSECONDS
+        commands = self.received.commands
+        return (self.now - (commands[-1].arrived if commands else START)) / NANOSECONDS
 
     def observe(self, pace: Pace, left: Optional[int]) -> None:
         """Observe the node once; if it waits, process its messages or send the next one.
@@ -194,7 +187,7 @@ class ReplayWorld:
             is_polling = others_wait and not node_waits
             duration = pace.advance(left, None) if is_polling else None
         # Without a connection, the node has not initialised ROS yet.
-        if duration is not None and (self.sent or self._clock.get_num_connections()):
+        if duration is not None and (self.received.commands or self._clock.get_num_connections()):
             self._send(pace, duration)
             self._nap = NAP
         is_written, _, _ = select.select([self._due_reader], [], [], self._nap)
@@ -231,7 +224,8 @@ class ReplayWorld:
     @property
     def time_left(self) -> Optional[int]:
         """The time until the next command is due [ns]; None before the first one."""
-        return self.sent[-1].arrived + COMMAND_PERIOD - self.now if self.sent else None
+        commands = self.received.commands
+        return commands[-1].arrived + COMMAND_PERIOD - self.now if commands else None
 
     def _process(self, pace: Optional[Pace] = None) -> bool:
         """Process the messages that have arrived; return whether there were any."""
@@ -276,7 +270,7 @@ class ReplayWorld:
         )
         self._process()
         fault = process.describe_failure()
-        if fault or self.sent:
+        if fault or self.received.commands:
             return fault
         return f"the node ended without a command on {CONTROL}; {self.describe_topics()}"
 
@@ -294,11 +288,12 @@ class ReplayWorld:
         """Return whether the car is at rest and its last command has expired."""
         if not self.states:
             return False
-        if not self.sent:
+        commands = self.received.commands
+        if not commands:
             return True
         stamp, pose = self.states[-1].stamp, self.states[-1].pose
         recent = [each.pose for each in self.states[-1000:] if each.stamp >= stamp - timeout]
-        return stamp > self.sent[-1].time + 2 * timeout and all(each == pose for each in recent)
+        return stamp > commands[-1].time + 2 * timeout and all(each == pose for each in recent)
 
     def recording(self) -> Tuple[List[State], np.ndarray, np.ndarray, Tuple[Pose, ...]]:
         """Return the states of the car when it reported them, corrected by late commands.
@@ -313,42 +308,18 @@ class ReplayWorld:
 
     def _on_initial_pose(self, msg: PoseWithCovarianceStamped) -> None:
         """Record an initial pose, and give it to the car."""
-        try:
-            pose = conversions.initial_pose_from_msg(msg).pose
-        except conversions.MessageError as error:
-            pose = Pose(*3 * [float("nan")])
-            self._ignore(INITIAL_POSES, error)
-        if self._begin is None:
-            self.start = pose
-        elif self.start:
-            self._master.record(f"places the car again, at {pose}")
-        else:
-            self.start_delay = self.start_delay or self.now - self._begin
+        if action := self.received.add_initial_pose(msg, self.now):
+            self._master.record(action)
         self._car.on_message(msg, conversions.initial_pose_from_msg)
 
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
         """Record a command, and give it to the mux."""
         topic = msg._connection_header["topic"]
         if topic == CONTROL:
-            self._record(msg)
+            self.received.add_command(msg, self.now)
         else:
             self._master.record(f"sends commands on {topic}")
         self._mux.on_command(msg, source)
-
-    def _record(self, msg: AckermannDriveStamped) -> None:
-        stamp, now = msg.header.stamp.to_nsec(), self.now
-        taken = effective_stamp(stamp, now)
-        sent = Sent(taken, taken == stamp, msg.drive.speed, msg.drive.steering_angle, now, stamp)
-        self.sent.append(sent)
-        if self._begin is None and sent.speed != 0.0:
-            self._begin = now
-        try:
-            conversions.command_from_msg(msg)
-        except conversions.MessageError as error:
-            self._ignore(CONTROL, error)
-
-    def _ignore(self, topic: str, error: conversions.MessageError) -> None:
-        self.ignored = self.ignored or f"a message on {topic}: {error}"
 
 
 def _join(uri: str, parameters: Dict[str, Any], mux: Dict[str, Any]) -> None:

@@ -56,7 +56,7 @@ class Standing:
     is_ending, silence = False, 0.0
 
     def __init__(self, sent):
-        self.sent, self.count = sent, len(sent)
+        self.received, self.count = SimpleNamespace(commands=sent), len(sent)
 
     def observe(self, pace, left):
         assert left == self.time_left  # a stop may follow

@@ -11,7 +11,8 @@ from mushr_ros_intro.car import model
 from mushr_ros_intro.replay import follow_world
 from mushr_ros_intro.replay.follow_world import REST, FollowWorld
 from mushr_ros_intro.replay.pace import STEP
-from mushr_ros_intro.replay.world import CONTROL, START, ReplayWorld
+from mushr_ros_intro.replay.received import CONTROL, Received
+from mushr_ros_intro.replay.world import START, ReplayWorld
 from mushr_ros_intro.ros import conversions
 
 MS = 1_000_000
@@ -50,7 +51,8 @@ def test_the_end_of_a_drive(since, expected):
     """The car has stood for 2 s; a pause in a drive is shorter."""
     sent = [SimpleNamespace(arrived=0, speed=1.0)]
     states = [SimpleNamespace(pose=min(number, 300 + since)) for number in range(501)]
-    world = SimpleNamespace(sent=sent, now=2 * REST, states=states)
+    received = SimpleNamespace(commands=sent)
+    world = SimpleNamespace(received=received, now=2 * REST, states=states)
     assert FollowWorld.stands.fget(world) == expected
 
 
@@ -58,7 +60,8 @@ def test_the_end_of_a_drive(since, expected):
 def test_a_car_that_has_not_driven_yet(commands):
     """It stands, but the drive has not ended; a command to stand is no drive."""
     sent = [SimpleNamespace(arrived=arrived, speed=speed) for arrived, speed in commands]
-    world = SimpleNamespace(sent=sent, now=3 * REST, states=300 * [SimpleNamespace(pose=0)])
+    received = SimpleNamespace(commands=sent)
+    world = SimpleNamespace(received=received, now=3 * REST, states=300 * [SimpleNamespace(pose=0)])
     assert not FollowWorld.stands.fget(world)
 
 
@@ -96,14 +99,14 @@ class Driving(FollowWorld):
     def __init__(self, drives, seconds):
         self._reference = SimpleNamespace(duration=10_000 * MS)
         self.drives, self.seconds = drives, seconds
-        self.now, self.ran, self.sent, self.states, self.count = START, 0.0, [], [], 0
+        self.now, self.ran, self.received, self.states, self.count = START, 0.0, Received(), [], 0
 
     def observe(self, pace, left):
         self.now, self.ran = self.now + STEP, self.ran + self.seconds
         assert self.now < START + 100_000 * MS, "the replay does not end"
         self.states.append(SimpleNamespace(pose=self.drives * self.now))
         if self.drives:
-            self.sent.append(SimpleNamespace(arrived=self.now, speed=1.0))
+            self.received.commands.append(SimpleNamespace(arrived=self.now, speed=1.0))
             self.count += 1
 
     def fault(self, process, pace):
@@ -154,8 +157,8 @@ def test_when_a_command_of_a_controller_applies(stamp, expected):
     msg._connection_header = {"topic": CONTROL}
     forwarded = []
     world = object.__new__(FollowWorld)
-    world.now, world.sent, world._begin = NOW, [], NOW
+    world.now, world.received = NOW, Received(begin=NOW)
     world._mux = SimpleNamespace(on_command=lambda msg, _: forwarded.append(msg.header.stamp))
     world._on_command(msg, None)
     assert [each.to_nsec() for each in forwarded] == [expected]
-    assert [each.time for each in world.sent] == [expected]
+    assert [each.time for each in world.received.commands] == [expected]

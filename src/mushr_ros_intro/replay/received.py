@@ -1,0 +1,71 @@
+"""What the car receives from the node under test in a replay."""
+
+from typing import List, Optional
+
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
+
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.replay.judge import INITIAL_POSES
+from mushr_ros_intro.replay.recording import Sent
+from mushr_ros_intro.replay.replay_car import MUX
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.stamps import effective_stamp
+
+CONTROL = f"{MUX}/input/navigation"
+"""The topic of the commands."""
+
+
+class Received:
+    """The commands and the initial poses that the node has sent."""
+
+    def __init__(self, start: Optional[Pose] = None, begin: Optional[int] = None) -> None:
+        """Begin without messages.
+
+        Args:
+            start: the pose at which a car is placed that already drives; None if it does not.
+            begin: when it began to drive [ns].
+        """
+        self.commands: List[Sent] = []
+        """Those on CONTROL in order of arrival."""
+        self.start = start
+        """The last initial pose before the first command to drive; NaN if it is unusable."""
+        self.start_delay = 0
+        """If the first initial pose arrives after the first command to drive: its delay [ns]."""
+        self.ignored = ""
+        """The first message that the car ignored, and the reason; empty if there was none."""
+        self._begin = begin  # the time of the first command to drive
+
+    def add_initial_pose(self, msg: PoseWithCovarianceStamped, now: int) -> str:
+        """Add an initial pose that arrives at a time [ns].
+
+        Return a description if it places the car again; empty if it does not.
+        """
+        try:
+            pose = conversions.initial_pose_from_msg(msg).pose
+        except conversions.MessageError as error:
+            pose = Pose(*3 * [float("nan")])
+            self._ignore(INITIAL_POSES, error)
+        if self._begin is None:
+            self.start = pose
+        elif self.start:
+            return f"places the car again, at {pose}"
+        else:
+            self.start_delay = self.start_delay or now - self._begin
+        return ""
+
+    def add_command(self, msg: AckermannDriveStamped, now: int) -> None:
+        """Add a command that arrives at a time [ns]."""
+        stamp = msg.header.stamp.to_nsec()
+        taken = effective_stamp(stamp, now)
+        sent = Sent(taken, taken == stamp, msg.drive.speed, msg.drive.steering_angle, now, stamp)
+        self.commands.append(sent)
+        if self._begin is None and sent.speed != 0.0:
+            self._begin = now
+        try:
+            conversions.command_from_msg(msg)
+        except conversions.MessageError as error:
+            self._ignore(CONTROL, error)
+
+    def _ignore(self, topic: str, error: conversions.MessageError) -> None:
+        self.ignored = self.ignored or f"a message on {topic}: {error}"
