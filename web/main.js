@@ -75,10 +75,9 @@ function onState(state) {
     if (state.map !== (view.map?.number ?? null)) loadMap(state.map);
     if (JSON.stringify(state.plans) !== plans) listPlans();
     plans = JSON.stringify(state.plans);
-    // A plan that is driven from a terminal.
-    const isNew = state.plan && state.plan !== lastPlan;
-    const isShown = state.plan === find("plan").value;
-    if (isNew && !isShown && !state.drive?.running)
+    // A plan that is driven from a terminal. That of a drive from a page can become known after its end.
+    const known = [lastPlan, state.drive?.plan, find("plan").value];
+    if (state.plan && !known.includes(state.plan))
       listPlans(state.plan).then(fit);
     return;
   }

@@ -8,8 +8,13 @@ export const element = (kind, textContent, className = "") =>
 export function say(id, text) {
   if (find(id).textContent !== text) find(id).textContent = text;
 }
-export const poseText = ([x, y, theta]) =>
-  `${x.toFixed(3)} m, ${y.toFixed(3)} m, ${theta.toFixed(3)} rad`;
+const fixed = (value) => (Number(value.toFixed(3)) + 0).toFixed(3); // no -0.000
+/** A pose as text; the heading is in (-pi, pi]. */
+export const poseText = ([x, y, theta]) => {
+  const turns = Math.ceil(theta / (2 * Math.PI) - 0.5);
+  const heading = theta - 2 * Math.PI * turns;
+  return `${fixed(x)} m, ${fixed(y)} m, ${fixed(heading)} rad`;
+};
 /** A number with its noun, such as 2 rows. */
 export const counted = (count, noun) =>
   `${count} ${noun}${count === 1 ? "" : "s"}`;

@@ -196,6 +196,7 @@ def test_figure_8(page):
     page.wait(lambda: seen(page, "driven")[0] > length, "the driven path")
     page.shows("log", "should end at")
     page.choose("plan", "circle")
+    page.shows("check", "ends at 0.000 m, 0.000 m, 0.000 rad")
     assert page.text("drive-state") == "", "the result of figure_8 beside another plan"
 
 

@@ -97,7 +97,7 @@ def read_plan(plan_file):
             sys.exit(f"{plan_file}:{number}: '{text}'; expected {expected}")
         plan.append(row)
     if not plan:
-        sys.exit(f"{plan_file}: the file is empty; expected x, y, theta")
+        sys.exit(f"{plan_file}: no start pose; expected x, y, theta")
     return plan
 
 

@@ -124,15 +124,19 @@ def _no_commands(facts: Facts, package: str) -> Finding:
 
 
 def _wrong_stamps(sender: Publisher, facts: Facts) -> List[Finding]:
-    if not facts.window or 0 in sender.stamps:
+    if 0 in sender.stamps:
         return []
-    begin, end = facts.window
-    ahead, behind = min(sender.stamps) - end, begin - max(sender.stamps)
+    arrivals = [(each, each) for each in sender.arrivals]
+    if facts.clock:  # the time of each arrival is not known
+        arrivals = [facts.window] * len(sender.stamps) if facts.window else []
+    pairs = list(zip(sender.stamps, arrivals))
+    ahead = min((stamp - end for stamp, (_, end) in pairs), default=0)
+    behind = min((begin - stamp for stamp, (begin, _) in pairs), default=0)
     if max(ahead, behind) <= STAMP_TOLERANCE:
         return []
-    offset = (
-        f"{max(ahead, behind) / NANOSECONDS:.1f} s {'ahead of' if ahead > behind else 'behind'}"
-    )
+    offset = f"{max(ahead, behind) / NANOSECONDS:.1f} s "
+    offset += "ahead of" if ahead > behind else "behind"
+    offset = f"at least {offset}" if facts.clock else offset
     clock = "/clock" if facts.clock else "the clock of this machine"
     remedy = "Stamp with rospy.Time.now(), and start the node after use_sim_time is set"
     if not facts.clock:

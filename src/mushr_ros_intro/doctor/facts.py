@@ -116,7 +116,7 @@ class Facts:
     clock: Optional[Clock] = None
     """None in wall-clock time."""
     window: Optional[Tuple[int, int]] = None
-    """The time of the nodes when listening began and ended [ns]; None if there was none."""
+    """The first and the last time that was received on /clock [ns]; None if there was none."""
     pose_publishers: Tuple[str, ...] = ()
     """The nodes that report the pose of the car."""
     contact: str = ""

@@ -5,7 +5,7 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import SequenceMatcher
-from typing import AbstractSet, Any, Dict, Iterable, List, Optional, Sequence, Tuple
+from typing import AbstractSet, Any, Dict, Iterable, List, Sequence, Tuple
 
 import rosgraph.network
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -125,10 +125,8 @@ class Observer:
         uses_clock = bool(self._parameter("/use_sim_time"))
         commands = [*inputs.values(), self._output, self._initial_pose]
         strays, stray_poses, other_cars = self._read_other_topics(graph, commands)
-        begin = time.time_ns()
         heard = self._listen(graph, commands, uses_clock)
-        window: Optional[Tuple[int, int]] = (begin, time.time_ns())
-        clock = None
+        clock = window = None
         if uses_clock:
             instants = _instants(heard)
             window = (min(instants), max(instants)) if instants else None

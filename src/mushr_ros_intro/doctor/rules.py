@@ -173,6 +173,8 @@ def _not_running(facts: Facts) -> Finding:
         remedy = "Two simulations of this car were started, and their muxes have ended each other. "
         return Finding(problem, f"{remedy}Stop all nodes of both, and start one of them again")
     remedies = [f"Type: roslaunch mushr_ros_intro sim.launch{facts.car_argument}"]
+    if facts.output.subscribers:
+        remedies = ["End the launch file of the car (Ctrl-C in its terminal), and start it again"]
     if facts.other_cars:
         problem += f"; running: {listed(facts.other_cars)}"
         remedies.append(f"doctor.py --car {facts.other_cars[0]}")

@@ -136,7 +136,8 @@ def parse_plan(data: bytes, path: str) -> Plan:
             faults.append(Fault(path, number, 1, text))
 
     if not count:
-        faults.append(Fault(path, 1, 1, f"the file is empty; expected {_START[2]}"))
+        reason = "the file contains only comments" if text.strip() else "the file is empty"
+        faults.append(Fault(path, 1, 1, f"{reason}; expected {_START[2]}"))
     elif count == 1:
         text = f"no command after the start pose; expected {_ROW[2]}"
         faults.append(Fault(path, len(lines), 1, text))

@@ -339,8 +339,11 @@ def checked(judgement: Judgement, checks: Mapping[str, Callable[..., Any]]) -> I
     """
     recorded = judgement.recorded
     yield Check("node", not recorded.outcome, recorded.outcome or "the node ran without an error")
+    missing = "" if recorded.sent else "no command"
+    if recorded.outcome and recorded.sent and not any(any(each.values) for each in recorded.sent):
+        missing = "only stops"
     for name, check in checks.items():
-        passed, message, *share = None, "not judged: the node sent no command"
-        if recorded.sent or (name == "topics" and recorded.actions):
+        passed, message, *share = None, f"not judged: the node sent {missing}"
+        if not missing or (name == "topics" and recorded.actions):
             passed, message, *share = check(judgement)
         yield Check(name, bool(passed), message, passed is not None, *share)

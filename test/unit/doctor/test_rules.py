@@ -23,6 +23,12 @@ SECOND = PLAN._replace(node="/second")
 SILENT = PLAN._replace(stamps=(), speeds=())
 
 
+def stamped(*offsets):
+    """Return a node whose stamps differ by offsets [s] from their arrival."""
+    stamps = tuple(NOW + round(offset * S) for offset in offsets)
+    return PLAN._replace(stamps=stamps, arrivals=(NOW,) * len(stamps))
+
+
 def inputs(plan=PLAN, keys=KEYS, bypass=None):
     """Return the inputs with these publishers, None for no publisher."""
 
@@ -49,7 +55,6 @@ HEALTHY = Facts(
     output=OUTPUT,
     initial_pose=Topic("/initialpose", POSE_TYPE, "x", (), (CAR,)),
     active="navigation",
-    window=(NOW, NOW + S),
     moves=True,
 )
 TWO_KEYBOARDS = Topic(
@@ -128,12 +133,12 @@ def test_master(master, problem, remedy):
         (
             {"inputs": without_mux()},
             "the mux of the car 'car' is not running: no node subscribes to /nav",
-            "Type: roslaunch mushr_ros_intro sim.launch",
+            "End the launch file of the car (Ctrl-C in its terminal), and start it again",
         ),
         (
             {"inputs": without_mux(), "pose_publishers": (CAR,)},
             "the mux of the car 'car' is not running",
-            "Type: roslaunch mushr_ros_intro sim.launch",
+            "End the launch file of the car",
         ),
         (
             {
@@ -239,13 +244,18 @@ def test_master(master, problem, remedy):
             "msg.drive.speed",
         ),
         (
-            {"inputs": inputs(PLAN._replace(stamps=(NOW + 5 * S // 2,)))},
-            "the commands of /path_publisher are 1.5 s ahead of the clock of this machine",
+            {"inputs": inputs(stamped(2.5, 2.4))},
+            "the commands of /path_publisher are 2.4 s ahead of the clock of this machine",
             "ntpdate",
         ),
         (
-            {"inputs": inputs(PLAN._replace(stamps=(NOW - 3 * S // 2,))), "clock": RUNNING},
-            "the commands of /path_publisher are 1.5 s behind /clock",
+            {"inputs": inputs(stamped(-1.5, -1.4))},
+            "the commands of /path_publisher are 1.4 s behind the clock of this machine",
+            "ntpdate",
+        ),
+        (
+            {"inputs": inputs(stamped(-1.5)), "clock": RUNNING, "window": (NOW, NOW + S)},
+            "the commands of /path_publisher are at least 1.5 s behind /clock",
             "after use_sim_time is set",
         ),
         (
@@ -274,13 +284,13 @@ def test_finding(changes, problem, remedy):
         {"inputs": inputs(PLAN._replace(stamps=(0, NOW)))},  # a hint
         {"moves": None},  # the pose is not published
         {"clock": RUNNING},
-        {
-            "inputs": inputs(PLAN._replace(stamps=(NOW - S, NOW, NOW, NOW + 2 * S)))
-        },  # within the tolerance
-        {"inputs": inputs(PLAN._replace(stamps=(NOW - 5 * S, NOW, NOW)))},  # one was late
+        {"inputs": inputs(stamped(-1.0))},  # the tolerance
+        {"inputs": inputs(stamped(1.0, 1.1))},
+        {"inputs": inputs(stamped(-5.0, 0.0, 0.0))},  # one was late
+        {"inputs": inputs(stamped(2.0)), "clock": RUNNING, "window": (NOW, NOW + S)},
         {"inputs": inputs(PLAN._replace(speeds=(0.0, -0.1)))},
         {"inputs": inputs(keys=Publisher("/keys"))},  # not connected
-        {"window": None, "inputs": inputs(PLAN._replace(stamps=(1,)))},  # no clock to compare with
+        {"inputs": inputs(stamped(-5.0)), "clock": RUNNING},  # no clock to compare with
         {"other_cars": ("car2",)},
         {"strays": {"/cmd": ("/student",)}},  # another node drives the car
         {"master": Master("http://localhost:2", other=LOCAL)},

@@ -146,6 +146,14 @@ def test_without_a_command_nothing_passes():
     ]
 
 
+def test_a_crash_before_the_first_command_to_drive():
+    """The stops that a node sends when it shuts down are no commands of the plan."""
+    outcome = "the node ended with exit status 1; its last output:\nNameError: x"
+    report = recorded.reported(replay(outcome=outcome, sent=COMMANDS[-1:]))
+    assert [check.name for check in report.checks if check.is_judged] == ["node"]
+    assert "not judged: the node sent only stops" in report.verdict
+
+
 def changed(index, **values):
     """Return the commands with one of them changed."""
     return [*COMMANDS[:index], COMMANDS[index]._replace(**values), *COMMANDS[index + 1 :]]
