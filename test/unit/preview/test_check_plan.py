@@ -382,6 +382,9 @@ def test_the_text_on_the_spread():
     variance = f"{result.covariance[-1][0, 0]:.5f}"
     (line,) = (line for line in text if "covariance" in line)
     assert line.split()[1] == variance and line.endswith("[m m, m m, m rad]")
+    major, minor, _ = result.ellipses[-1]
+    assert text[-1].startswith(f"  95 % ellipse  {2.0 * major:.3f} m long at ")
+    assert text[-1].endswith(f", {2.0 * minor:.3f} m wide")
     ellipses = draw_report(report, result, None).axes[0].findobj(Ellipse)
     sizes = [(each.width, each.height) for each in ellipses]
     assert sizes == [(2.0 * major, 2.0 * minor) for major, minor, _ in result.ellipses]
