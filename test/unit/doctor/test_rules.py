@@ -19,6 +19,7 @@ NAVIGATION = f"{MUX}/input/navigation"
 LOCAL = "http://localhost:11311"
 PLAN = Publisher("/path_publisher", TYPE, MD5, (NOW, NOW + S // 10), (2.0, 2.0))
 KEYS = Publisher("/car/teleop", TYPE, MD5)
+RARE = PLAN._replace(stamps=(0, 0), arrivals=(NOW, NOW + S // 4))
 SECOND = PLAN._replace(node="/second")
 SILENT = PLAN._replace(stamps=(), speeds=())
 
@@ -188,7 +189,7 @@ def test_master(master, problem, remedy):
             "rospy.Rate(10)",
         ),
         (
-            {"inputs": inputs(PLAN._replace(stamps=(0, 0), arrivals=(NOW, NOW + S // 4)))},
+            {"inputs": inputs(RARE)},
             "/path_publisher sends a command every 0.25 s",
             "rospy.Rate(10)",
         ),
@@ -246,15 +247,15 @@ def test_master(master, problem, remedy):
         (
             {"inputs": inputs(stamped(2.5, 2.4))},
             "the commands of /path_publisher are 2.4 s ahead of the clock of this machine",
-            "ntpdate",
+            "chrony",
         ),
         (
             {"inputs": inputs(stamped(-1.5, -1.4))},
             "the commands of /path_publisher are 1.4 s behind the clock of this machine",
-            "ntpdate",
+            "chrony",
         ),
         (
-            {"inputs": inputs(stamped(-1.5)), "clock": RUNNING, "window": (NOW, NOW + S)},
+            {"inputs": inputs(stamped(-2.5, -1.5)), "clock": RUNNING, "window": (NOW, NOW + S)},
             "the commands of /path_publisher are at least 1.5 s behind /clock",
             "after use_sim_time is set",
         ),
@@ -284,6 +285,7 @@ def test_finding(changes, problem, remedy):
         {"inputs": inputs(PLAN._replace(stamps=(0, NOW)))},  # a hint
         {"moves": None},  # the pose is not published
         {"clock": RUNNING},
+        {"clock": RUNNING, "inputs": inputs(RARE)},  # the clock may be slow
         {"inputs": inputs(stamped(-1.0))},  # the tolerance
         {"inputs": inputs(stamped(1.0, 1.1))},
         {"inputs": inputs(stamped(-5.0, 0.0, 0.0))},  # one was late
