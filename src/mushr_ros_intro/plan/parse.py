@@ -136,8 +136,8 @@ def parse_plan(data: bytes, path: str) -> Plan:
             faults.append(Fault(path, number, 1, text))
 
     if not count:
-        reason = "the file contains only comments" if text.strip() else "the file is empty"
-        faults.append(Fault(path, 1, 1, f"{reason}; expected {_START[2]}"))
+        text = f"the file has no line with numbers; expected {_START[2]}"
+        faults.append(Fault(path, 1, 1, text))
     elif count == 1:
         text = f"no command after the start pose; expected {_ROW[2]}"
         faults.append(Fault(path, len(lines), 1, text))

@@ -7,6 +7,7 @@ import os
 import resource
 import signal
 import traceback
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any, Callable, Tuple, TypeVar
 
@@ -58,6 +59,7 @@ def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) 
     call = (function, arguments, sender)
     process = _processes.Process(target=_call_and_send, args=call, daemon=True)
     error = f"its process did not end within {seconds:g} s"
+    resource_tracker.ensure_running()  # otherwise, `start` begins with this, which unblocks signals
     try:
         # An interrupt now would end the prepared process while it starts, with a traceback.
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)

@@ -21,7 +21,7 @@ FAULTS = {
     "duration_too_large": ["2:12: duration '1e300' is out of range; expected seconds, from"],
     "duration_too_small": ["2:12: duration '0.5e-9' is out of range; expected seconds, from"],
     "duration_zero": ["2:12: duration '0.0' is out of range"],
-    "empty": ["1:1: the file is empty; expected a start pose"],
+    "empty": ["1:1: the file has no line with numbers; expected a start pose"],
     "empty_cell": ["2:1: speed is missing; expected a number"],
     "four_columns": ["2:17: 4 columns; expected 'speed, steering angle' or"],
     "infinity": ["2:1: speed is '-Infinity'; expected a finite number"],
@@ -39,7 +39,7 @@ FAULTS = {
     "not_a_number": ["2:6: steering angle is 'left', which is not a number; expected one such as"],
     "nul_byte": ["2:6: steering angle is '0\\x00.09', which is not a number"],
     "one_column": ["2:4: 1 column; expected 'speed, steering angle' or"],
-    "only_comments": ["1:1: the file contains only comments; expected a start pose"],
+    "only_comments": ["1:1: the file has no line with numbers; expected a start pose"],
     "overflow": ["2:6: steering angle '1e400' is out of range; expected radians, from -1.57 to"],
     "semicolons": [
         "2:10: 1 column; expected 'speed, steering angle' or 'speed, steering angle, duration' in "

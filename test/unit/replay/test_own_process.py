@@ -16,6 +16,12 @@ def test_memory_of_the_replay():
         own_process.in_own_process(bytearray, 3_000_000_000, seconds=60.0)
 
 
+def test_no_signal_is_blocked():
+    """The node inherits the mask of signals."""
+    mask = own_process.in_own_process(signal.pthread_sigmask, signal.SIG_BLOCK, (), seconds=60.0)
+    assert mask == set()
+
+
 def test_an_interrupt_while_the_process_of_a_replay_starts(monkeypatch):
     """The process ends, too."""
     started, start = [], own_process._processes.Process.start
