@@ -149,11 +149,19 @@ def test_in_a_terminal(tmp_path):
         assert script.processes() == []
 
 
-def test_a_plan_that_is_not_there(tmp_path):
+@pytest.mark.parametrize(
+    "plan, status, message",
+    [
+        ("figure_9", 2, "figure_9: no such file; did you mean figure_8?"),
+        ("bad.txt", 1, "bad.txt:2:1: speed is 'fast'"),
+    ],
+)
+def test_a_wrong_plan(tmp_path, plan, status, message):
     """The script starts nothing."""
-    command = [f"{CHECKOUT}/scripts/run", "figure_9"]
+    (tmp_path / "bad.txt").write_text("0,0,0\nfast,0\n")
+    command = [f"{CHECKOUT}/scripts/run", plan]
     output = subprocess.STDOUT
     script = subprocess.run(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=output, text=True)
-    assert script.returncode == 2
-    assert "figure_9: no such file; did you mean figure_8?" in script.stdout
+    assert script.returncode == status
+    assert message in script.stdout
     assert "starting" not in script.stdout
