@@ -52,3 +52,9 @@ def test_a_missing_package(monkeypatch):
     monkeypatch.setattr(sandbox.shutil, "which", lambda name: None)
     with pytest.raises(UserError, match="apt-get install bubblewrap python3-seccomp"):
         make_sandbox("", [], "/tmp")
+
+
+def test_a_folder_for_locks_that_cannot_be_written(monkeypatch):
+    monkeypatch.setattr("os.access", lambda path, _: path != "/dev/shm")
+    with pytest.raises(UserError, match="chmod 1777 /dev/shm"):
+        make_sandbox("", [], "/tmp")
