@@ -128,7 +128,8 @@ def _wrong_stamps(sender: Publisher, facts: Facts) -> List[Finding]:
         return []
     arrivals = [(each, each) for each in sender.arrivals]
     if facts.clock:  # the time of each arrival is not known
-        arrivals = [facts.window] * len(sender.stamps) if facts.window else []
+        window = facts.clock.window
+        arrivals = [window] * len(sender.stamps) if window else []
     pairs = list(zip(sender.stamps, arrivals))
     ahead = min((stamp - end for stamp, (_, end) in pairs), default=0)
     behind = min((begin - stamp for stamp, (begin, _) in pairs), default=0)

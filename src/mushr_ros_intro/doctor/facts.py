@@ -78,9 +78,15 @@ class Clock(NamedTuple):
 
     publishers: Tuple[str, ...] = ()
     """The nodes that publish /clock."""
-    advances: bool = False
+    window: Optional[Tuple[int, int]] = None
+    """The first and the last time that was received on /clock [ns]; None if there was none."""
     resume_service: str = ""
     """The service that resumes a paused clock; empty if there is none."""
+
+    @property
+    def advances(self) -> bool:
+        """Whether the time changed."""
+        return self.window is not None and self.window[0] < self.window[1]
 
 
 @dataclass(frozen=True)
@@ -115,8 +121,6 @@ class Facts:
     """The input that the mux forwards."""
     clock: Optional[Clock] = None
     """None in wall-clock time."""
-    window: Optional[Tuple[int, int]] = None
-    """The first and the last time that was received on /clock [ns]; None if there was none."""
     pose_publishers: Tuple[str, ...] = ()
     """The nodes that report the pose of the car."""
     contact: str = ""

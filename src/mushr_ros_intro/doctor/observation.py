@@ -126,13 +126,13 @@ class Observer:
         commands = [*inputs.values(), self._output, self._initial_pose]
         strays, stray_poses, other_cars = self._read_other_topics(graph, commands)
         heard = self._listen(graph, commands, uses_clock)
-        clock = window = None
+        clock = None
         if uses_clock:
             instants = _instants(heard)
             window = (min(instants), max(instants)) if instants else None
             resume = (each for each in graph.services if each.endswith("/car_sim/resume"))
             publishers = tuple(graph.publishers.get("/clock", []))
-            clock = Clock(publishers, len(set(instants)) > 1, next(resume, ""))
+            clock = Clock(publishers, window, next(resume, ""))
         topics = {name: _topic(graph, heard, topic) for name, topic in inputs.items()}
         output = _topic(graph, heard, self._output)
         muxes = {node for topic in topics.values() for node in topic.subscribers}
@@ -159,7 +159,6 @@ class Observer:
             other_cars=other_cars,
             active=_input(actives[-1], inputs) if actives else IDLE,
             clock=clock,
-            window=window,
             pose_publishers=tuple(graph.live(graph.publishers, self._pose)),
             contact=_shown(contacts[-1][0]) if touches else "",
             moves=len(poses) > 1 if poses else None,
