@@ -56,8 +56,9 @@ class PoseTest(unittest.TestCase):
         meaning = "expected heading; by default any heading is right"
         theta = parameters.optional_number("theta", "rad", -1e6, 1e6, meaning)
         self._wanted = Pose(x, y, theta or 0.0)
-        self._position = number("position_tolerance", 0.05, "m", 0.0, 1e6)
-        angle = number("angle_tolerance", 0.05, "rad", 0.0, 1e6)
+        meaning = "allowed difference from the expected pose"
+        self._position = number("position_tolerance", 0.05, "m", 0.0, 1e6, meaning)
+        angle = number("angle_tolerance", 0.05, "rad", 0.0, 1e6, meaning)
         self._angle = None if theta is None else angle
         meaning = "whether the pose must be reached once; otherwise at the end"
         self._passes = parameters.flag("passes", False, meaning)

@@ -1,4 +1,4 @@
-"""Send messages with odd numbers to every node."""
+"""Send messages with odd numbers to the nodes of the car, and to those that create plans."""
 
 import copy
 import itertools

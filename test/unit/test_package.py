@@ -146,6 +146,7 @@ def test_programs_start(path):
     The other tests start the nodes in forks of a server, which need none of that. No master is
     needed for --help.
     """
+    assert os.access(path, os.X_OK), f"type: chmod +x {path}"
     process = Process(path, "--help", ROS_MASTER_URI="http://localhost:1")
     assert process.wait() == 0, process.output
     assert re.search("^Example: ", process.output, re.M), process.output
@@ -288,7 +289,7 @@ def test_a_promise_without_its_test_is_found(cell, fault):
 def test_the_page_lists_every_plan():
     listed = re.findall(r"^\| `(\w+)` \| [\d.]+ s \|", read("docs/tutorial.md"), re.M)
     files = glob.glob(os.path.join(PACKAGE, "plans", "*.txt"))
-    assert sorted(listed) == sorted(os.path.basename(path)[:-4] for path in files)
+    assert set(listed) == {os.path.basename(path)[:-4] for path in files}
 
 
 @pytest.mark.parametrize(
@@ -300,4 +301,4 @@ def test_the_page_lists_every_plan():
 )
 def test_the_page_lists_every_check(header, names):
     rows = cells_of("docs/grading.md", header)
-    assert sorted(re.findall(r"`(\w+)`", " ".join(row[0] for row in rows))) == sorted(names)
+    assert set(re.findall(r"`(\w+)`", " ".join(row[0] for row in rows))) == set(names)

@@ -157,10 +157,12 @@ def test_the_modules_that_import_ros():
 
 def test_every_module_has_a_name_of_its_own():
     names = [name for _, name, _ in modules() if name != "__init__"]
-    assert {name for name in names if names.count(name) > 1} == set()
+    wrong = {name for name in names if names.count(name) > 1}
+    assert wrong == set(), "expected names that no module of another folder has"
 
 
 def test_the_unit_tests_are_in_the_folders_of_the_library():
     tests = glob.glob(os.path.join(CHECKOUT, "test", "unit", "*", "test_*.py"))
     folders = {os.path.basename(os.path.dirname(path)) for path in tests}
-    assert folders <= {folder for folder, _, _ in modules()}
+    wrong = folders - {folder for folder, _, _ in modules()}
+    assert wrong == set(), "expected the names of the folders of src/mushr_ros_intro"

@@ -7,6 +7,7 @@ import re
 import sys
 
 import pytest
+import yaml
 
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.simulator.car_sim import CarSim
@@ -53,10 +54,19 @@ def test_help(program, monkeypatch):
     """It names the purpose, the topics, an example, and every documented parameter."""
     text = node.help_text(class_of(program, monkeypatch))
     purpose, *_, example, parameters = text.split("\n\n")
-    assert purpose.endswith(".") and "Subscribes" in text or "Publishes" in text or "topics" in text
+    assert purpose.endswith(".")
+    assert re.search("Subscribes|Publishes|topics", text)
     assert re.match(r"Example: (rosrun|roslaunch|<test)", example)
-    assert set(re.findall(r"^  (\w+)$", parameters, re.M)) == documented(program)
-    assert "\n    \n" not in parameters, "each parameter has a meaning"
+    names = set(re.findall(r"^  (\w+)$", parameters, re.M))
+    assert names == documented(program), f"expected the parameters in the section of {program}"
+    lacking = re.findall(r"^  (\w+)\n    (?:a number|an integer|true)", parameters, re.M)
+    assert lacking == [], "expected a meaning of each parameter"
+
+
+@pytest.mark.parametrize("program", ["ackermann_cmd_mux", "car_sim", "keyboard_teleop"])
+def test_files_of_parameters(program):
+    with open(f"{PACKAGE}/config/{program}.yaml") as file:
+        assert set(yaml.safe_load(file)) <= documented(f"{program}.py")
 
 
 def test_a_program_that_catkin_has_wrapped():
