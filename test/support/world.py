@@ -62,6 +62,7 @@ def load(name, namespace):
 @contextlib.contextmanager
 def running(start):
     """Run a master, then call `start`, which returns processes; make this process a node."""
+    assert not rospy.core.is_initialized(), "one file per process; run several with scripts/test"
     serve_master()
     processes = []
     try:
