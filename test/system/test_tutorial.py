@@ -171,9 +171,12 @@ def test_a_course(home):
     """Packages of a course that includes mushr_sim; its node has relative topics and no stamps."""
     for name in ("course", "introduction"):
         copy_package(f"{FIXTURES}/course/{name}", f"{home}/a course/{name}")
+    # The workspace contains the package of underlay/; the one of the course replaces it.
+    copy_package(f"{CHECKOUT}/underlay/mushr_utils", f"{home}/a course/mushr_utils")
     (home / "a course" / "introduction" / "lost.py").write_text("#!/usr/bin/python3\n")
     output = make_workspace(home, "--course", "a course")
-    assert "setup: the course: course introduction \n" in output, output
+    assert "setup: the course: course introduction mushr_utils \n" in output, output
+    assert not os.path.lexists(f"{home}/catkin_ws/src/mushr/mushr_utils")
     assert "1 files begin with #!" in output and "introduction/lost.py" in output, output
     plan = home / "plan.txt"
     plan.write_text("1,2,0.5\n2.0,0\n1.0,0\n")
