@@ -59,7 +59,7 @@ def test_help(program, monkeypatch):
     assert re.match(r"Example: (rosrun|roslaunch|<test)", example)
     names = set(re.findall(r"^  (\w+)$", parameters, re.M))
     assert names == documented(program), f"expected the parameters in the section of {program}"
-    lacking = re.findall(r"^  (\w+)\n    (?:a number|an integer|true)", parameters, re.M)
+    lacking = re.findall(r"^  (\w+)\n    (?:a number|true or|one of|text that)", parameters, re.M)
     assert lacking == [], "expected a meaning of each parameter"
 
 
