@@ -18,8 +18,7 @@ import signal
 import sys
 import tempfile
 import time
-from contextlib import closing
-from typing import Any, Dict, List, Sequence
+from typing import Any, List
 
 from mushr_ros_intro.classroom import services, tables
 from mushr_ros_intro.classroom.arguments import parse_arguments, read_exercises
@@ -27,9 +26,9 @@ from mushr_ros_intro.classroom.assignment import Plans, choose, setting_from
 from mushr_ros_intro.classroom.environment import check_environment
 from mushr_ros_intro.classroom.feedback import read_feedback
 from mushr_ros_intro.classroom.grades import Grade
-from mushr_ros_intro.classroom.grading import Grading, Options, Task, not_graded, shortener
+from mushr_ros_intro.classroom.grading import Grading, Options, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
-from mushr_ros_intro.classroom.progress import Progress
+from mushr_ros_intro.classroom.progress import grade_with_progress
 from mushr_ros_intro.classroom.store import Store, give_to_user, load_newest, make_folder
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
@@ -152,28 +151,10 @@ def grade_class(arguments: argparse.Namespace) -> int:
         }
         grading = Grading(setting, store, options, shortener(workspace, places))
         began = time.monotonic()
-        results = run(grading, tasks, points)
+        results = grade_with_progress(grading, tasks, points)
     if len(results) == 1:
         services.write_results(arguments, results[0], points, time.monotonic() - began)
     return finish(arguments.out, results, points, plans.names)
-
-
-def run(grading: Grading, tasks: Sequence[Task], points: Points) -> List[Grade]:
-    """Grade until the end, or until Ctrl-C; return the results in the order of the tasks."""
-    progress = Progress(points, len(tasks))
-    results: Dict[str, Grade] = {}
-    try:
-        with closing(grading.run(tasks)) as graded:
-            for each, is_new in graded:
-                results[each.name] = each
-                progress.add(each, is_new)
-    except KeyboardInterrupt:
-        progress.end()
-        done = f"{len(results)} of {counted(len(tasks), 'submission')}"
-        print(f"interrupted: {done} graded; the same command grades the others", file=sys.stderr)
-    else:
-        progress.end()
-    return [results.get(task.submission.name) or not_graded(task.submission) for task in tasks]
 
 
 def merge(arguments: argparse.Namespace) -> int:

@@ -2,14 +2,43 @@
 
 import sys
 import time
+from contextlib import closing
+from typing import Dict, List, Sequence
 
 from mushr_ros_intro.classroom.grades import Grade
+from mushr_ros_intro.classroom.grading import Grading, Task, not_graded
 from mushr_ros_intro.classroom.points import Points
 from mushr_ros_intro.wording import counted
 
 _WIDTH = 200
 """Longest line of a result."""
 _BAR = 40
+
+
+def grade_with_progress(
+    grading: Grading, tasks: Sequence[Task], points: Points
+) -> List[Grade]:
+    """Grade until the end, or until Ctrl-C; return the results in the order of the tasks."""
+    progress = Progress(points, len(tasks))
+    results: Dict[str, Grade] = {}
+    try:
+        with closing(grading.run(tasks)) as graded:
+            for each, is_new in graded:
+                results[each.name] = each
+                progress.add(each, is_new)
+    except KeyboardInterrupt:
+        progress.end()
+        done = f"{len(results)} of {counted(len(tasks), 'submission')}"
+        print(
+            f"interrupted: {done} graded; the same command grades the others",
+            file=sys.stderr,
+        )
+    else:
+        progress.end()
+    return [
+        results.get(task.submission.name) or not_graded(task.submission)
+        for task in tasks
+    ]
 
 
 class Progress:
@@ -29,14 +58,18 @@ class Progress:
             self._replace_line("")
             print(_line(result, self._points), flush=True)
         bar = "#" * (_BAR * self._done // self._count)
-        self._replace_line(f"[{bar:{_BAR}s}] {self._done} of {self._count}{self._time_left()}")
+        self._replace_line(
+            f"[{bar:{_BAR}s}] {self._done} of {self._count}{self._time_left()}"
+        )
 
     def end(self) -> None:
         """Remove the line of progress; print how many results are not new."""
         self._replace_line("")
         if old := self._done - self._new:
             is_or_are = "is" if old == 1 else "are"
-            print(f"{counted(old, 'result')} {is_or_are} unchanged since an earlier run")
+            print(
+                f"{counted(old, 'result')} {is_or_are} unchanged since an earlier run"
+            )
 
     def _time_left(self) -> str:
         """Return an estimate of the time that grading will still take, as text."""
@@ -60,7 +93,9 @@ def _line(result: Grade, points: Points) -> str:
     if result.error:
         state, text = "ERROR", result.error
     failed = {
-        plan.plan: [check.name for check in plan.checks if check.is_judged and not check.passed]
+        plan.plan: [
+            check.name for check in plan.checks if check.is_judged and not check.passed
+        ]
         for plan in result.plans
     }
     text = text or "; ".join(
