@@ -99,11 +99,7 @@ def parse_plan(data: bytes, path: str) -> Plan:
     Raises:
         PlanError: the bytes are not a plan; it lists every fault with line and column.
     """
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise PlanError([Fault(path, 1, 1, "the file is UTF-16; expected UTF-8 or plain ASCII")])
-    text = data.decode("utf-8-sig", errors="replace")
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-
+    lines = _lines(data, path)
     faults: List[Fault] = []
     plan = Plan(path, ORIGIN, ())
     rows: List[Row] = []
@@ -144,6 +140,14 @@ def parse_plan(data: bytes, path: str) -> Plan:
     if faults:
         raise PlanError(faults)
     return plan._replace(rows=tuple(rows))
+
+
+def _lines(data: bytes, path: str) -> List[str]:
+    """Return the lines of a plan file; raise PlanError if it is UTF-16."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise PlanError([Fault(path, 1, 1, "the file is UTF-16; expected UTF-8 or plain ASCII")])
+    text = data.decode("utf-8-sig", errors="replace")
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 def _columns(cells: List[str]) -> Tuple[int, ...]:
