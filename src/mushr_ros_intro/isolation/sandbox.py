@@ -235,16 +235,16 @@ def make_sandbox(user: str, hidden: Sequence[str], folder: str) -> Tuple[Sandbox
         folder: an empty folder that all users can reach, for all that nodes may see.
 
     Raises:
-        UserError: there is no such user, or it is root; a package is missing; or /dev/shm cannot
-            be written.
+        UserError: there is no such user, or it is root.
+        OSError: a package is missing, or /dev/shm cannot be written.
     """
     if not (shutil.which("bwrap") and importlib.util.find_spec("seccomp")):
-        raise UserError(
+        raise OSError(
             "the isolation of submissions needs two packages; type: "
             "sudo apt-get install bubblewrap python3-seccomp"
         )
     if not os.access("/dev/shm", os.W_OK):
-        raise UserError("/dev/shm cannot be written; type: sudo chmod 1777 /dev/shm")
+        raise OSError("/dev/shm cannot be written; type: sudo chmod 1777 /dev/shm")
     number, is_root = None, os.geteuid() == 0
     if user:
         try:

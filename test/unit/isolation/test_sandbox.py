@@ -4,7 +4,6 @@ import os
 
 import pytest
 
-from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation import sandbox
 from mushr_ros_intro.isolation.sandbox import Sandbox, make_sandbox
 
@@ -50,11 +49,11 @@ def test_arguments_of_bwrap(isolated):
 
 def test_a_missing_package(monkeypatch):
     monkeypatch.setattr(sandbox.shutil, "which", lambda name: None)
-    with pytest.raises(UserError, match="apt-get install bubblewrap python3-seccomp"):
+    with pytest.raises(OSError, match="apt-get install bubblewrap python3-seccomp"):
         make_sandbox("", [], "/tmp")
 
 
 def test_a_folder_for_locks_that_cannot_be_written(monkeypatch):
     monkeypatch.setattr("os.access", lambda path, _: path != "/dev/shm")
-    with pytest.raises(UserError, match="chmod 1777 /dev/shm"):
+    with pytest.raises(OSError, match="chmod 1777 /dev/shm"):
         make_sandbox("", [], "/tmp")
