@@ -12,8 +12,18 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from support.geometry import closed_form, planar
 from support.ghost import Ghost
-from support.helpers import ForkedProcess, Recording, RosTestCase, driver, kill, node, wait_for
-from support.messages import COMMAND_TIMEOUT, NAVIGATION, OUTPUT
+from support.helpers import (
+    ForkedProcess,
+    Recording,
+    Relay,
+    RosTestCase,
+    driver,
+    kill,
+    node,
+    publisher,
+    wait_for,
+)
+from support.messages import COMMAND_TIMEOUT, NAVIGATION, OUTPUT, at, command
 from support.paths import FIXTURES
 from support.world import launch
 
@@ -40,18 +50,18 @@ class TestPathPublisher(RosTestCase):
     def test_interrupted(self):
         """After Ctrl-C the last message is a stop; the node prints where the car stopped."""
         path = self.plan("0,0,0\n1.0,0.2,60\n")
-        with driver(path) as publisher:
+        with driver(path) as process:
             wait_for(self.drives, "five commands")
-            publisher.send_signal(signal.SIGINT)
-            self.assertEqual(publisher.wait(), 1)
+            process.send_signal(signal.SIGINT)
+            self.assertEqual(process.wait(), 1)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         first, *_, last = self.commands.messages
         seconds = (last.header.stamp - first.header.stamp).to_sec()
         end = closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)])
         self.assert_rests_at(end)
         stopped = r"stopped in line 2 of 2 at \((.*) m, (.*) m, (.*) rad\)"
-        self.assertRegex(publisher.output, stopped)
-        printed = re.search(stopped, publisher.output).groups()
+        self.assertRegex(process.output, stopped)
+        printed = re.search(stopped, process.output).groups()
         self.assert_pose(tuple(map(float, printed)), end, 1e-4)
 
     def test_loop(self):
@@ -60,13 +70,13 @@ class TestPathPublisher(RosTestCase):
         options = (f"plan_file:={path}", "loop:=true")
         with ForkedProcess(
             "roslaunch", "mushr_ros_intro", "path_publisher.launch", *options
-        ) as publisher:
+        ) as process:
             wait_for(lambda: len(self.placements.messages) >= 4, "four laps")
-            publisher.send_signal(signal.SIGINT)
-            publisher.wait()
-        self.assertIn("plan.txt: 2 rows, 0.55 s, 0.55 m", publisher.output)
-        self.assertNotIn("earlier run", publisher.output)  # roslaunch has set the parameters
-        self.assertIn("lap 2, line 3 of 3: -1 m/s, 0.1 rad; 0.30 s left", publisher.output)
+            process.send_signal(signal.SIGINT)
+            process.wait()
+        self.assertIn("plan.txt: 2 rows, 0.55 s, 0.55 m", process.output)
+        self.assertNotIn("earlier run", process.output)  # roslaunch has set the parameters
+        self.assertIn("lap 2, line 3 of 3: -1 m/s, 0.1 rad; 0.30 s left", process.output)
         commands = [m.header.stamp.to_nsec() for m in self.commands.messages]
         lap = [0, 100, 200, 250, 350, 450, 550]  # [ms], the last one is the stop
         placements = [m.header.stamp.to_nsec() for m in self.placements.messages]
@@ -79,31 +89,37 @@ class TestPathPublisher(RosTestCase):
 
     def test_another_node_drives_the_car(self):
         """The message contains the name of the other publisher, even if it has ended."""
-        path = self.plan("0,0,0\n1.0,0.2,8\n")
-        # Half a period between its rows: the first node does not replace the commands of at least
-        # one row immediately, so the car ends at another pose.
-        other = self.plan("0,0,0\n-1.0,0.2,0.45\n-1.0,0.2,0.5\n", "other.txt")
-        with driver(path) as publisher:
+        path = self.plan("0,0,0\n1.0,0.2,4\n")
+        with driver(path) as process:
             wait_for(self.drives, "five commands")
-            rospy.set_param("/other/send_init_pose", False)  # as if from an earlier drive
-            with node("path_publisher.py", f"_plan_file:={other}", "__name:=other") as second:
-                wait_for(lambda: "/other also publishes on" in publisher.output, "a warning")
-                self.assertEqual(second.wait(), 0)
-                left = "of rosparam: send_init_pose: False; to delete them, type: rosparam delete "
-                self.assertIn(f"{left}/other\n", second.output)
-            self.assertEqual(publisher.wait(), 1)
-        self.assertIn(f"/other also published on {NAVIGATION}", publisher.output)
-        self.assertNotIn("has been driven", publisher.output)
+            other = publisher(NAVIGATION, AckermannDriveStamped)
+            name = rospy.get_name()
+            wait_for(lambda: f"{name} also publishes on" in process.output, "a warning")
+            # Half a period after those of the node, which does not replace them immediately.
+            begin = self.commands.last.header.stamp
+            for number in range(10):
+                other.publish(command(at(begin, 0.1 * number + 0.05), -1.0, 0.0))
+            other.unregister()
+            self.assertEqual(process.wait(), 1)
+        self.assertIn(f"{name} also published on {NAVIGATION}", process.output)
+        self.assertNotIn("has been driven", process.output)
+
+    def test_parameters_of_an_earlier_run(self):
+        """The node prints those that its command line does not set."""
+        rospy.set_param("/path_publisher/loop", False)
+        output = self.drive_plan(self.plan("0,0,0\n1.0,0.2,0.1\n"))
+        left = "of rosparam: loop: False; to delete them, type: rosparam delete /path_publisher\n"
+        self.assertIn(left, output)
 
     def test_wrong_parameters_do_not_end_the_node_that_drives(self):
         path = self.plan("0,0,0\n1.0,0.2,60\n")
-        with driver(path) as publisher:
+        with driver(path) as process:
             wait_for(self.drives, "five commands")
             wrong = (f"_plan_file:={path}", "_loop:=maybe"), ("_plan_file:=figure_9",)
             for arguments in wrong:
                 with node("path_publisher.py", *arguments) as second:
                     self.assertEqual(second.wait(), 1)
-            self.assertTrue(publisher.running)
+            self.assertTrue(process.running)
 
     def test_the_car_dies(self):
         """The node warns, and ends with exit status 1."""
@@ -116,14 +132,14 @@ class TestPathPublisher(RosTestCase):
             "_init_pose_topic:=/second_initialpose",
             f"_control_topic:={NAVIGATION}",
         )
-        with driver(path, *arguments) as publisher:
+        with driver(path, *arguments) as process:
             wait_for(self.drives, "five commands")
             kill("/second/car_sim", car.pid)
             warning = "the car no longer reports its pose on /second/car_pose"
-            wait_for(lambda: warning in publisher.output, "a warning")
-            self.assertEqual(publisher.wait(), 1)
-        self.assertIn("/second/car_pose since line 2 of 2, so it is not known", publisher.output)
-        self.assertNotIn("has been driven", publisher.output)
+            wait_for(lambda: warning in process.output, "a warning")
+            self.assertEqual(process.wait(), 1)
+        self.assertIn("/second/car_pose since line 2 of 2, so it is not known", process.output)
+        self.assertNotIn("has been driven", process.output)
 
     def test_the_car_is_restarted(self):
         """The node warns twice and drives on; the new car ends at another pose."""
@@ -132,17 +148,20 @@ class TestPathPublisher(RosTestCase):
         car = self.ending(node("car_sim.py", *arguments))
         names = ("_car_name:=third", "_init_pose_topic:=/third_initialpose", "_car:=ideal")
         path = self.plan("0,0,0\n1.0,0.2,4\n")
-        with driver(path, *names, f"_control_topic:={NAVIGATION}") as publisher:
+        with driver(path, *names, f"_control_topic:={NAVIGATION}") as process:
             wait_for(self.drives, "five commands")
             kill("/third/car_sim", car.pid)
             lost = "the car no longer reports its pose on /third/car_pose"
-            wait_for(lambda: lost in publisher.output, "a warning")
-            self.ending(node("car_sim.py", *arguments))
-            wait_for(lambda: "the car has been restarted" in publisher.output, "another warning")
-            self.assertEqual(publisher.wait(), 1)
+            wait_for(lambda: lost in process.output, "a warning")
+            # The reports of another car replace a start, which could take longer than the plan.
+            # test_faults_nodes restarts the car.
+            relay = Relay("/car/car_pose", "/third/car_pose", PoseStamped, lambda _: None)
+            self.ending(relay)
+            wait_for(lambda: "the car has been restarted" in process.output, "another warning")
+            self.assertEqual(process.wait(), 1)
         self.assertEqual(self.commands.last.drive.speed, 0.0)
         self.assertEqual(len(self.commands.messages), 41)
-        self.assertIn("the car did not report its pose, or it was restarted", publisher.output)
+        self.assertIn("the car did not report its pose, or it was restarted", process.output)
 
     def test_the_parameters_of_a_car_that_has_ended(self):
         """They do not count: the plan is not checked against their limits."""
@@ -177,11 +196,11 @@ class TestPathPublisher(RosTestCase):
         # The car is slow, so a late message does not change the printed digits.
         path = self.plan("3,4,1\n0.02,0.1,1\n", "figure_8.txt")
         launch = ("roslaunch", "mushr_ros_intro", "path_publisher.launch", "plan_file:=figure_8")
-        with ForkedProcess(*launch, PWD=self.folder) as publisher:
-            self.assertEqual(publisher.wait(), 0)
-        first = next(line for line in publisher.output.splitlines() if "[INFO]" in line)
+        with ForkedProcess(*launch, PWD=self.folder) as process:
+            self.assertEqual(process.wait(), 0)
+        first = next(line for line in process.output.splitlines() if "[INFO]" in line)
         self.assertIn(f"plan {path}: 1 row, 1 s, 0.02 m", first)
-        self.assertIn("the car drove 0.02 m", publisher.output)
+        self.assertIn("the car drove 0.02 m", process.output)
         self.assert_rests_at(closed_form((3.0, 4.0, 1.0), [(0.02, 0.1, 1.0)]))
 
     def test_refuses_and_publishes_nothing(self):

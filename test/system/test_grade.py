@@ -100,11 +100,12 @@ def test_a_plan_of_a_submission_is_not_used(tmp_path):
 
 
 @PRIVILEGED
-def test_the_name_of_the_machine_does_not_resolve():
+def test_the_name_of_the_machine_does_not_resolve(tmp_path):
     """Debian's packages set no ROS_HOSTNAME."""
+    (tmp_path / "plan.txt").write_text(PLAN)
     rename = "echo nowhere >/proc/sys/kernel/hostname"
-    command = "env -u ROS_HOSTNAME -u LD_PRELOAD rosrun mushr_ros_intro grade.py"
-    arguments = "circle --node mushr_ros_intro path_publisher.py"
+    command = f"env -u ROS_HOSTNAME -u LD_PRELOAD {find_node('mushr_ros_intro', 'grade.py')[0]}"
+    arguments = f"{tmp_path}/plan.txt --node mushr_ros_intro path_publisher.py"
     script = f"{rename} && exec {command} {arguments}"
     with Process("unshare", "--uts", "sh", "-c", script) as process:
         assert process.wait() == 0, process.output
