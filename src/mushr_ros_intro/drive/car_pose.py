@@ -33,9 +33,6 @@ A simulated car also is silent while its clock is held.
 _REPOSITION = "/mushr_sim/reposition"
 """The topic on which the simulator of MuSHR's branch noetic is placed."""
 
-_KEPT_REPORTS = 256
-"""Number of kept reports; `wait_until_at` needs the first report at the start pose."""
-
 
 class ReportedPose(NamedTuple):
     """The pose in one message of the car."""
@@ -51,13 +48,15 @@ class CarPose:
 
     def __init__(self, car_name: str) -> None:
         self._lock = threading.Lock()
-        self._reports: Deque[ReportedPose] = deque(maxlen=_KEPT_REPORTS)
+        self._reports: Deque[ReportedPose] = deque(maxlen=2)
         self._arrival = 0.0
         self._sequence = 0
         self.restarts = 0
         """How often the node that reports the pose has been restarted."""
+        # Of the poses that arrive together in lock-step, only the newest one is read: the clock
+        # waits at the first report of an initial pose.
         self._subscriber = rospy.Subscriber(
-            f"/{car_name}/car_pose", PoseStamped, self._on_pose, tcp_nodelay=True
+            f"/{car_name}/car_pose", PoseStamped, self._on_pose, queue_size=1, tcp_nodelay=True
         )
         self.topic = self._subscriber.resolved_name
 
@@ -96,7 +95,8 @@ class CarPose:
             seconds: timeout [s of wall-clock time].
 
         Returns:
-            The stamp of the first such report [ns]; `since` if no node publishes the car's pose.
+            The stamp of such a report [ns], in lock-step of the first one; `since` if no node
+            publishes the car's pose.
 
         Raises:
             UserError: the car does not report the start pose in time.
@@ -107,13 +107,9 @@ class CarPose:
             return since
 
         def find() -> Optional[ReportedPose]:
-            with self._lock:
-                matches = (
-                    report
-                    for report in self._reports
-                    if report.stamp >= since and report.pose.is_close_to(pose, POSE_TOLERANCE)
-                )
-                return next(matches, None)
+            last = self.last
+            is_there = last and last.stamp >= since and last.pose.is_close_to(pose, POSE_TOLERANCE)
+            return last if is_there else None
 
         report = ros_time.wait_for(find, seconds)
         if report is None:
