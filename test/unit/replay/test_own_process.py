@@ -10,6 +10,10 @@ from mushr_ros_intro.replay import own_process
 from mushr_ros_intro.replay.own_process import KilledError
 
 
+def _blocked_signals():
+    return signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
 def test_memory_of_the_replay():
     """A node cannot make the process of its replay use all memory."""
     with pytest.raises(KilledError):
@@ -18,8 +22,7 @@ def test_memory_of_the_replay():
 
 def test_no_signal_is_blocked():
     """The node inherits the mask of signals."""
-    mask = own_process.in_own_process(signal.pthread_sigmask, signal.SIG_BLOCK, (), seconds=60.0)
-    assert mask == set()
+    assert own_process.in_own_process(_blocked_signals, seconds=60.0) == set()
 
 
 def test_an_interrupt_while_the_process_of_a_replay_starts(monkeypatch):
