@@ -152,15 +152,17 @@ class FollowWorld(ReplayWorld):
                     f"the node runs, but published no command on {CONTROL} for {timeout:g} s; "
                     f"{self.describe_topics()}"
                 )
+            if fault := self._fault(pace):
+                return fault
             if time.monotonic() > checked + CHECK_PERIOD:
                 checked = time.monotonic()
-                if fault := self._fault(process, pace):
-                    return fault
+                if excess := process.excess():
+                    return excess
         return self.describe_end(process)
 
-    def _fault(self, process: NodeProcess, pace: Pace) -> str:
+    def _fault(self, pace: Pace) -> str:
         """Return why a running node has failed; empty if it has not failed."""
-        if fault := self.fault(process, pace):
+        if fault := self.fault(pace):
             return fault
         limit = MAX_TIME * self._reference.duration / NANOSECONDS + EXTRA_TIME
         commands = self.received.commands

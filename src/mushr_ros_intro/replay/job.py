@@ -223,16 +223,18 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
                 return ""  # a node that has driven the plan need not end
         elif silence > timeout or world.silence > MAX_SILENCE:
             return _describe_silence(driven, expected, timeout, world)
+        if fault := _fault(world, job, pace):
+            return fault
         if time.monotonic() > checked + CHECK_PERIOD:
             checked = time.monotonic()
-            if fault := _fault(process, world, job, pace):
-                return fault
+            if excess := process.excess():
+                return excess
     return world.describe_end(process)
 
 
-def _fault(process: NodeProcess, world: ReplayWorld, job: Job, pace: Pace) -> str:
+def _fault(world: ReplayWorld, job: Job, pace: Pace) -> str:
     """Return why a running node has failed; empty if it has not failed."""
-    if fault := world.fault(process, pace):
+    if fault := world.fault(pace):
         return fault
     sent, limit = world.received.commands, job.plan.duration * 3 // 2 + 5 * NANOSECONDS
     if sent and sent[-1].time - sent[0].time > limit:

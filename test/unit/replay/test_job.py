@@ -63,6 +63,9 @@ class Standing:
         self.silence += 0.05
         self.ran += 0.05
 
+    def fault(self, pace):
+        return ""
+
 
 def test_a_node_that_sends_no_stop():
     """It has driven the plan if nothing follows; it need not end."""

@@ -1,5 +1,6 @@
 """Check what a replay knows about the threads of the node."""
 
+import math
 import os
 import threading
 from types import SimpleNamespace
@@ -109,7 +110,7 @@ class Driving(FollowWorld):
             self.received.commands.append(SimpleNamespace(arrived=self.now, speed=1.0))
             self.count += 1
 
-    def fault(self, process, pace):
+    def fault(self, pace):
         return self.fault_found
 
     def describe_topics(self):
@@ -121,13 +122,15 @@ class Driving(FollowWorld):
     def follow(self, has_ended=False):
         """Return what `watch` returns, and how long the node had sent nothing [s]."""
         process = SimpleNamespace(has_ended=has_ended, threads=self)
-        with mock.patch.object(follow_world, "CHECK_PERIOD", 0.0):
+        with mock.patch.object(follow_world, "CHECK_PERIOD", math.inf):
             return self.watch(process, 15.0), self.silence
 
 
 def test_a_node_that_drives_on():
-    """At most three times the duration of the path, and 5 s."""
-    assert Driving(True, 0.0).follow()[0] == "the node still drives after 35 s"
+    """At most three times the duration of the path, and 5 s: at the same instant in all runs."""
+    world = Driving(True, 0.0)
+    assert world.follow()[0] == "the node still drives after 35 s"
+    assert world.now == START + STEP + 35_000 * MS + STEP
 
 
 @pytest.mark.parametrize(("seconds", "silence"), [(0.01, 15.0), (0.0, 60.0)])
