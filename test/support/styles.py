@@ -332,6 +332,15 @@ RIGHT = {
         "warm_up": 'subprocess.run(["true"])',
         **paced("rospy.sleep(0.1)", each='subprocess.run(["true"])'),
     },
+    "forks": {"imports": "if os.fork():\n    sys.exit(os.wait()[1])"},
+    "due_since_the_start": {
+        "connect": "due = rospy.Time.now() + rospy.Duration(2.0)\n"
+        "rospy.sleep(due - rospy.Duration(1.0) - rospy.Time.now())",
+        **paced(
+            "due += rospy.Duration(0, 100000000)\nrospy.sleep(due - rospy.Time.now())",
+            "rospy.sleep(due - rospy.Time.now())",
+        ),
+    },
     "parameters": paced('rospy.get_param("~plan_file")\nrate.sleep()', "rate = rospy.Rate(10)"),
     "chatty": paced(
         'rospy.loginfo("speed %s", v)\nprint("x" * 200)\nrate.sleep()', "rate = rospy.Rate(10)"

@@ -72,7 +72,7 @@ ROS = tuple(os.path.dirname(each.__file__) + os.sep for each in (rospy, rosgraph
 
 real_sleep, real_wait, get_rostime = time.sleep, threading.Condition.wait, rospy.get_rostime
 is_child = False
-"""Whether this is a child process, in which no thread receives /clock."""
+"""Whether this is a child process of a node, in which no thread receives /clock."""
 
 
 class Waiter:
@@ -239,9 +239,9 @@ class Datetime(datetime.datetime):
 
 
 def read_in_ros() -> Any:
-    """Return the time, as `rospy.get_rostime`."""
+    """Return the time, as `rospy.get_rostime`; START before the first message on /clock."""
     poll()
-    return get_rostime()
+    return max(get_rostime(), rospy.Time(0, START))
 
 
 def sleep_in_ros(duration: Any) -> None:
@@ -322,7 +322,7 @@ def simulate() -> None:
 
     def on_fork() -> None:
         global is_child
-        is_child = True
+        is_child = is_child or is_initialized()  # otherwise the child can become the node
 
     os.register_at_fork(after_in_child=on_fork)
     rospy.core.add_preshutdown_hook(sleepers.on_shutdown)
