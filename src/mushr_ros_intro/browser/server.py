@@ -133,7 +133,7 @@ class _Handler(RequestHandler):
     def write_error(self, status_code: int, **arguments: Any) -> None:
         _, error, _ = arguments.get("exc_info", (None, None, None))
         text = error.log_message if isinstance(error, HTTPError) else None
-        self.finish(json.dumps({"error": text or self._reason}))
+        self.finish({"error": text or self._reason})
 
 
 class _File(_Handler, StaticFileHandler):

@@ -15,9 +15,7 @@ _WIDTH = 200
 _BAR = 40
 
 
-def grade_with_progress(
-    grading: Grading, tasks: Sequence[Task], points: Points
-) -> List[Grade]:
+def grade_with_progress(grading: Grading, tasks: Sequence[Task], points: Points) -> List[Grade]:
     """Grade until the end, or until Ctrl-C; return the results in the order of the tasks."""
     progress = Progress(points, len(tasks))
     results: Dict[str, Grade] = {}
@@ -35,10 +33,7 @@ def grade_with_progress(
         )
     else:
         progress.end()
-    return [
-        results.get(task.submission.name) or not_graded(task.submission)
-        for task in tasks
-    ]
+    return [results.get(task.submission.name) or not_graded(task.submission) for task in tasks]
 
 
 class Progress:
@@ -58,18 +53,14 @@ class Progress:
             self._replace_line("")
             print(_line(result, self._points), flush=True)
         bar = "#" * (_BAR * self._done // self._count)
-        self._replace_line(
-            f"[{bar:{_BAR}s}] {self._done} of {self._count}{self._time_left()}"
-        )
+        self._replace_line(f"[{bar:{_BAR}s}] {self._done} of {self._count}{self._time_left()}")
 
     def end(self) -> None:
         """Remove the line of progress; print how many results are not new."""
         self._replace_line("")
         if old := self._done - self._new:
             is_or_are = "is" if old == 1 else "are"
-            print(
-                f"{counted(old, 'result')} {is_or_are} unchanged since an earlier run"
-            )
+            print(f"{counted(old, 'result')} {is_or_are} unchanged since an earlier run")
 
     def _time_left(self) -> str:
         """Return an estimate of the time that grading will still take, as text."""
@@ -93,9 +84,7 @@ def _line(result: Grade, points: Points) -> str:
     if result.error:
         state, text = "ERROR", result.error
     failed = {
-        plan.plan: [
-            check.name for check in plan.checks if check.is_judged and not check.passed
-        ]
+        plan.plan: [check.name for check in plan.checks if check.is_judged and not check.passed]
         for plan in result.plans
     }
     text = text or "; ".join(

@@ -30,6 +30,9 @@ _FOR_STUDENTS = (
 )
 
 
+_NOT_JUDGED = " (not judged)"
+
+
 class _Test(NamedTuple):
     """What a grading service shows as one test."""
 
@@ -162,6 +165,7 @@ def release_body(result: Grade, points: Points) -> str:
     lines = [_FOR_STUDENTS] if result.error else []
     for test in _merged(_tests(result, points)):
         state = "passed" if test.status == "pass" else "FAILED"
+        state = "--" if test.name.endswith(_NOT_JUDGED) else state
         lines.append(f"{state} {test.name}, {shown(test.score)} of {shown(test.max_score)}")
         lines += [f"    {line}" for line in test.message.splitlines()]
     text = "\n".join(f"    {line}" for line in lines)  # Markdown shows such lines as they are
@@ -209,7 +213,7 @@ def _tests(result: Grade, points: Points) -> List[_Test]:
             test = _Test(
                 plan.plan,
                 points.is_hidden(plan.plan),
-                f"{plan.plan}: {check.name}{'' if check.is_judged else ' (not judged)'}",
+                f"{plan.plan}: {check.name}{'' if check.is_judged else _NOT_JUDGED}",
                 f"{row}.{column}",
                 "pass" if check.passed else "fail",
                 earned,

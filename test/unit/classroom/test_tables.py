@@ -122,6 +122,7 @@ def test_not_judged(tmp_path):
     tests = gradescope(submission(OPEN), points, 1.0)["tests"]
     (rate,) = (each for each in tests if "rate" in each["name"])
     assert rate["name"] == "circle: rate (not judged)" and rate["score"] == 2
+    assert "    -- circle: rate (not judged), 2 of 2\n" in release_body(submission(OPEN), points)
 
 
 def test_the_class(tmp_path):
