@@ -27,10 +27,7 @@ def grade_with_progress(grading: Grading, tasks: Sequence[Task], points: Points)
     except KeyboardInterrupt:
         progress.end()
         done = f"{len(results)} of {counted(len(tasks), 'submission')}"
-        print(
-            f"interrupted: {done} graded; the same command grades the others",
-            file=sys.stderr,
-        )
+        print(f"interrupted: {done} graded; the same command grades the others", file=sys.stderr)
     else:
         progress.end()
     return [results.get(task.submission.name) or not_graded(task.submission) for task in tasks]

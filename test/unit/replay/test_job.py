@@ -1,5 +1,6 @@
 """Check what happens if the process of a replay, or the node, is killed."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -8,6 +9,7 @@ from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.replay import job
 from mushr_ros_intro.replay.job import Job, run_job
 from mushr_ros_intro.replay.own_process import KilledError, ReplayError
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 from support.recorded import PLAN, commands, replay, reported
 
 RIGHT = reported(replay())
@@ -74,6 +76,28 @@ def test_a_node_that_sends_no_stop():
     setting = SimpleNamespace(timeout=15.0)
     assert job._watch(process, world, Job("node", ("node",), PLAN, setting)) == ""
     assert world.silence == pytest.approx(job.DONE_AFTER, abs=0.06)
+
+
+class Repeating(Standing):
+    """The same, but the node sends on."""
+
+    def observe(self, pace, left):
+        assert self.count < 10_000, "the replay does not end"
+        last = self.received.commands[-1]
+        self.received.commands.append(last._replace(time=last.time + COMMAND_PERIOD))
+        self.count += 1
+
+
+def test_a_node_that_sends_on(monkeypatch):
+    """Its drive ends at the same instant in all runs: 5 s after 1.5 times the plan's duration."""
+    monkeypatch.setattr(job, "CHECK_PERIOD", math.inf)
+    world = Repeating([*commands()])
+    process = SimpleNamespace(has_ended=False, threads=world)
+    setting = SimpleNamespace(timeout=15.0)
+    message = job._watch(process, world, Job("node", ("node",), PLAN, setting))
+    assert message.startswith("the node still sends commands ")
+    sent, limit = world.received.commands, PLAN.duration * 3 // 2 + 5 * NANOSECONDS
+    assert 0 < sent[-1].time - sent[0].time - limit <= COMMAND_PERIOD
 
 
 @pytest.mark.parametrize(
