@@ -179,8 +179,8 @@ class Simulation:
         self._ending.enter_context(rosout)
         try:
             for launch in launches:
-                launched = Process("roslaunch", "mushr_ros_intro", *launch, **self.environment)
-                self._ending.callback(self._end, launched)
+                self.launched = Process("roslaunch", "mushr_ros_intro", *launch, **self.environment)
+                self._ending.callback(self._end, self.launched)
             wait_for(self._answers, "the browser view")
             client = self.client(POSE)
             client.message(POSE)

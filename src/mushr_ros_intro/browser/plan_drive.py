@@ -1,5 +1,6 @@
 """Drive plans with path_publisher.py, one at a time."""
 
+import json
 import signal
 import subprocess
 import threading
@@ -61,8 +62,12 @@ class PlanDrive:
                 raise UserError(f"{self._plan} is being driven; stop it first")
             if responds(name):
                 raise UserError(f"{name} is running already; end it in its terminal first")
-            rospy.set_param(name, parameters)  # replaces those of earlier runs
+            rospy.set_param(name, {})  # deletes those of earlier runs
             command = [self._program, f"__ns:={self._namespace}", "__name:=path_publisher"]
+            command += [
+                f"_{each}:={json.dumps(value, ensure_ascii=False)}"  # which is YAML
+                for each, value in parameters.items()
+            ]
             try:
                 self._process = subprocess.Popen(command, start_new_session=True)
             except OSError as error:
