@@ -132,19 +132,20 @@ def _are_equal(folder: str, one: str, other: str) -> bool:
 
 def _missing(places: Sequence[str], packages: Sequence[str], node: str) -> str:
     """Return the fault of a submission without a node."""
+    found = f"found {show(places)}" if places else "there are no files"
     places = [each for each in places if not _TESTS & {*each.split("/")}]
     compiled = [each for each in places if each.endswith(_CPP)]
     if compiled and not any(each.endswith(".py") for each in places):
         text = f"The node is in C++ ({show(compiled)}), but only programs in Python are graded."
         return f"{text} Hand in a package with src/{node}."
-    by_name = {os.path.basename(each).lower(): each for each in places}
+    # A notebook does not become a program by another name.
+    by_name = {os.path.basename(p).lower(): p for p in places if not p.endswith(".ipynb")}
     similar = difflib.get_close_matches(node.lower(), by_name, 1, 0.8)
     if similar:
         return f"There is no {node}, but {by_name[similar[0]]!r}. Rename this file to {node}."
     programs = [each for each in places if each.endswith(".py")]
     if programs:
         return f"There is no {node}; found {show(programs)}. Name your node {node}."
-    found = f"found {show(places)}" if places else "there are no files"
     what = f"no {node} in the package" if packages else f"no package and no {node}"
     return f"There is {what}; {found}. Hand in a package with src/{node}."
 

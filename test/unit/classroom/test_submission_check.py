@@ -37,6 +37,8 @@ NAMED = "#!/usr/bin/env {}\n".format
             {"src/a.py": NODE, "test/path_publisher.py": NODE},
             "There is no path_publisher.py; found",
         ),
+        ({"tests/path_publisher.py": NODE}, "found 'tests/path_publisher.py'. Hand in a package"),
+        ({"path_publisher.ipynb": b"{}"}, "found 'path_publisher.ipynb'. Hand in a package"),
         ({**PACKAGE, "package.xml": b"<package>"}, "'package.xml' is not valid XML: no element"),
         (
             {**PACKAGE, "package.xml": b"<package/>"},
