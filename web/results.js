@@ -1,6 +1,7 @@
 // Drives in the files of grade.py or compare_drive.py: played back beside the predicted path.
 
 import { find, poseText, request, say } from "./page.js";
+import { fit } from "./plan.js";
 import { NOTHING, view } from "./view.js";
 
 const slider = find("time");
@@ -35,7 +36,7 @@ async function open(name) {
   find("player").hidden = !name;
   find("live").hidden = name !== "";
   say("recording", "");
-  if (!name) return;
+  if (!name) return fit();
   Object.assign(slider, {
     max: Math.ceil(100 * result.times.at(-1)) / 100,
     value: 0,

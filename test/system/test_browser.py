@@ -339,6 +339,9 @@ def test_results(page):
     page.choose("result", "")
     page.wait(lambda: seen(page, "driven")[0] < before + 100, "the live car")
     assert page.text("recording") == "" and page.find("pose").is_displayed()
+    scale = page.run("return window.mushr.view.scale")
+    page.find("fit").click()
+    assert scale == page.run("return window.mushr.view.scale"), "the recording is still in view"
 
 
 def test_results_that_cannot_be_read(sim, page):
