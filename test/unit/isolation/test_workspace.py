@@ -3,10 +3,20 @@
 import os
 import stat
 
+import pytest
+
 from mushr_ros_intro.isolation.workspace import copy_workspaces, environment_of
 
 XML = "<package><name>{}</name></package>"
 VARIABLES = ("CMAKE_PREFIX_PATH", "LD_LIBRARY_PATH", "PYTHONPATH", "ROS_PACKAGE_PATH")
+
+
+@pytest.fixture
+def readable():
+    """Let all users read what the test writes, also if the user's umask is 077."""
+    umask = os.umask(0o022)
+    yield
+    os.umask(umask)
 
 
 def write(path, text="", mode=0o644):
@@ -15,7 +25,7 @@ def write(path, text="", mode=0o644):
     path.chmod(mode)
 
 
-def test_copies(tmp_path, monkeypatch):
+def test_copies(tmp_path, monkeypatch, readable):
     """All that a node needs is in the copies, and readable; all else is not."""
     home, copies = tmp_path / "home", tmp_path / "copies"
     package, devel = home / "ws" / "src" / "course", home / "ws" / "devel"
