@@ -5,11 +5,13 @@ import json
 import multiprocessing
 import os
 import pathlib
+import runpy
 import signal
 import tempfile
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import pytest
 
@@ -233,3 +235,13 @@ def test_results_belong_to_the_user_of_sudo(course, monkeypatch):
     assert course.folder.stat().st_uid == 0
     with open(course.out / "data" / "ann.json") as file:
         assert json.load(file)["name"] == "ann"
+
+
+def test_a_defect_is_no_verdict(monkeypatch, capsys):
+    """If grade.py itself fails unexpectedly, its exit status does not blame the node."""
+    program = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))
+    monkeypatch.setenv("ROS_HOSTNAME", "localhost")
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.setitem(program["main"].__globals__, "parse_arguments", lambda *_: SimpleNamespace())
+    assert program["main"]() == 3
+    assert "AttributeError" in capsys.readouterr().err
