@@ -29,12 +29,16 @@ def start_faults(path: str) -> Iterator[Fault]:
     try:
         with open(path, "rb") as file:
             text = file.read(100_000)  # a package may contain large recordings
+            text += file.read() if text.startswith(b"#!") else b""
     except OSError:
         return
     if text.startswith(codecs.BOM_UTF8):
-        yield from mark_faults(path, text)
+        yield from encoding_faults(path, text)
     elif text.startswith(b"#!"):
-        yield from _first_line_faults(path, text.split(b"\n")[0])
+        line = text.split(b"\n")[0]
+        yield from _first_line_faults(path, line)
+        if b"python" in line:
+            yield from encoding_faults(path, text)
     elif path.endswith(".py") and re.search(rb"__main__|\binit_node\(", text):
         yield f"{path} does not start with a shebang line", _REMEDY
     else:
@@ -43,11 +47,28 @@ def start_faults(path: str) -> Iterator[Fault]:
         yield f"{path} is not executable", f"Type: chmod +x {shlex.quote(path)}"
 
 
-def mark_faults(path: str, text: bytes) -> Iterator[Fault]:
-    """Yield the fault of a program with a byte order mark."""
+def encoding_faults(path: str, text: bytes) -> Iterator[Fault]:
+    """Yield the faults of a program in Python with a byte order mark, or that is not UTF-8."""
     if text.startswith(codecs.BOM_UTF8 + b"#!"):
         problem = f"{path} begins with a byte order mark, so its first line does not work"
         yield problem, rf"Type: sed -i '1s/^\xef\xbb\xbf//' {shlex.quote(path)}"
+    if number := line_not_in_utf8(text):
+        yield f"{path} is not UTF-8 in line {number}", "Save it as UTF-8"
+
+
+def line_not_in_utf8(text: bytes) -> int:
+    """Return the number of the first line of a program in Python that is not UTF-8.
+
+    Return 0 if there is none, or if the program declares another encoding. `compile` accepts other
+    bytes in comments, but Python does not start such a program.
+    """
+    if any(re.match(rb"\s*#.*coding[:=]", line) for line in text.split(b"\n", 2)[:2]):
+        return 0
+    try:
+        text.decode()
+    except UnicodeDecodeError as error:
+        return text.count(b"\n", 0, error.start) + 1
+    return 0
 
 
 def _first_line_faults(path: str, line: bytes) -> Iterator[Fault]:

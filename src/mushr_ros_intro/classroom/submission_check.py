@@ -14,6 +14,7 @@ from typing import Dict, List, NamedTuple, Sequence, Tuple
 from xml.etree import ElementTree
 
 from mushr_ros_intro.classroom.submission_files import Files, SubmissionError, show
+from mushr_ros_intro.program_file import line_not_in_utf8
 
 MAX_TEXT = 1_000_000
 """Larger nodes and package.xml files are refused [bytes]: to parse them takes much memory."""
@@ -230,13 +231,8 @@ def _check_syntax(data: bytes, place: str) -> None:
         SubmissionError: it is not.
     """
     expected = "expected a program in Python."
-    if not any(re.match(rb"\s*#.*coding[:=]", each) for each in data.split(b"\n", 2)[:2]):
-        try:
-            data.decode()
-        except UnicodeDecodeError as error:
-            line = data.count(b"\n", 0, error.start) + 1
-            text = f"{place!r} is not UTF-8 in line {line}. Save it as UTF-8."
-            raise SubmissionError(text) from None
+    if number := line_not_in_utf8(data):
+        raise SubmissionError(f"{place!r} is not UTF-8 in line {number}. Save it as UTF-8.")
     # Not the interpreter of the first line: that could be a program of the submission.
     command = [sys.executable, "-I", "-S", "-W", "ignore", "-c", _COMPILE]
     try:

@@ -12,7 +12,7 @@ from contextlib import suppress
 from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
 
 from mushr_ros_intro.doctor.facts import Finding
-from mushr_ros_intro.program_file import mark_faults, start_faults
+from mushr_ros_intro.program_file import encoding_faults, start_faults
 
 _USES_ROSPY = re.compile(rb"\brospy\.(Publisher|Subscriber|Rate|spin)\(")
 
@@ -47,7 +47,10 @@ def _source_findings(path: str) -> Iterator[Finding]:
     try:
         with open(path, "rb") as file:
             text = file.read()
-        yield from (Finding(*each) for each in mark_faults(path, text))
+        faults = [Finding(*each) for each in encoding_faults(path, text)]
+        yield from faults
+        if faults:
+            return
         tree = compile(text, path, "exec", ast.PyCF_ONLY_AST, dont_inherit=True)
     except SyntaxError as error:
         problem = f"{path} has a syntax error in line {error.lineno}: {error.msg}"

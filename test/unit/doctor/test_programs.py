@@ -23,6 +23,7 @@ from mushr_ros_intro.doctor.programs import program_findings
             r"has Windows line ends (CRLF), so its first line does n",
         ),
         ("\ufeff#!/usr/bin/python3\n", 0o755, r"a byte order mark, so its first line does not"),
+        ("#!/usr/bin/python3\n# \udcfc\n", 0o755, "is not UTF-8 in line 2. Save it as UTF-8"),
         ("#!/usr/bin/python3\nprint(\n", 0o755, "has a syntax error in line 2: "),
         ("#!/usr/bin/python3\n", 0o644, "is not executable. Type: chmod +x '"),
         (
@@ -56,7 +57,7 @@ from mushr_ros_intro.doctor.programs import program_findings
 )
 def test_a_program_that_cannot_be_started(tmp_path, text, mode, words):
     path = tmp_path / "my drive.py"
-    path.write_bytes(text.encode())
+    path.write_bytes(text.encode(errors="surrogateescape"))
     path.chmod(mode)
     (finding,) = map(str, program_findings(str(tmp_path)))
     assert finding.startswith(f"{path} ")

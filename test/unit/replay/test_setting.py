@@ -46,6 +46,18 @@ def test_a_byte_order_mark(node):
     assert find_executable("student", "drive.py") == str(node)
 
 
+def test_another_encoding(node):
+    """Python would start neither the first nor the second one."""
+    long = b"#!/usr/bin/python3\n" + b"# long\n" * 20_000
+    for text, line in ((b"#!/usr/bin/python3\n# \xfc\n", 2), (long + b"# \xfc\n", 20_002)):
+        node.write_bytes(text)
+        with pytest.raises(UserError, match=f"is not UTF-8 in line {line}. Save it as UTF-8"):
+            find_executable("student", "drive.py")
+    for text in (b"#!/usr/bin/python3\n# coding: latin-1\n# \xfc\n", long + "# ü\n".encode()):
+        node.write_bytes(text)
+        assert find_executable("student", "drive.py") == str(node)
+
+
 def test_a_node_that_is_not_executable(node):
     node.chmod(0o644)
     with pytest.raises(UserError, match="It is not executable; type: chmod"):
