@@ -34,6 +34,8 @@ def main() -> int:
     except UserError as error:
         print(f"check_plan.py: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        return 130  # as of a program that SIGINT has ended
 
 
 def run() -> int:

@@ -33,6 +33,8 @@ def main() -> int:
     except UserError as error:
         print(f"compare_drive.py: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        return 130  # as of a program that SIGINT has ended
 
 
 def run() -> int:

@@ -181,8 +181,9 @@ class CarSim:
                 1.0,
                 f"the stamp of a message on {topic} differs by "
                 f"{(event.stamp - now) / NANOSECONDS:+.1f} s from the car's clock; expected at "
-                f"most {STAMP_TOLERANCE / NANOSECONDS:g} s. The message is applied on arrival; "
-                "synchronise the clocks of the machines",
+                f"most {STAMP_TOLERANCE / NANOSECONDS:g} s. The message is applied on arrival. "
+                "Its sender was suspended, as by Ctrl-Z, or its stamp is wrong, or the clocks of "
+                "two machines differ",
             )
         return stamp
 

@@ -54,6 +54,16 @@ def test_text(run):
     assert "% slower than commanded" in text.splitlines()[-1]
 
 
+def test_interrupted(run, monkeypatch):
+    """Ctrl-C ends a long computation without a traceback."""
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(compare_drive, "read_bag", interrupt)
+    assert run("a.bag") == (130, "", "")
+
+
 def test_files(run, tmp_path):
     """The pictures, and a profile that a plan can be checked with."""
     run.read()

@@ -424,6 +424,16 @@ def test_no_map_has_a_name(run):
     assert run("circle")[0] == 0
 
 
+def test_interrupted(run, monkeypatch):
+    """Ctrl-C ends a long computation without a traceback."""
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(check_plan, "spread", interrupt)
+    assert run("figure_8", "--car", "mushr_nano", "--runs", "9") == (130, "", "")
+
+
 def test_one_plan_with_faults_among_others_ends_with_status_1(run, tmp_path):
     (tmp_path / "fast.txt").write_text("0,0,0\n0.5,0\n6.6,0\n")
     status, output, errors = run("circle", "fast.txt", "--car=mushr_tx2")
