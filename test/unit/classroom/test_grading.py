@@ -242,6 +242,7 @@ def test_a_defect_is_no_verdict(monkeypatch, capsys):
     program = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))
     monkeypatch.setenv("ROS_HOSTNAME", "localhost")
     monkeypatch.setattr(signal, "signal", lambda *_: None)
-    monkeypatch.setitem(program["main"].__globals__, "parse_arguments", lambda *_: SimpleNamespace())
-    assert program["main"]() == 3
+    main = program["main"]
+    monkeypatch.setitem(main.__globals__, "parse_arguments", lambda *_: SimpleNamespace())
+    assert main() == 3
     assert "AttributeError" in capsys.readouterr().err
