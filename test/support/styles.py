@@ -230,6 +230,24 @@ RIGHT = {
     ),
     "event_wait": paced("threading.Event().wait(0.1)"),
     "select": {**paced("select.select([], [], [], 0.1)"), **NO_STAMP},
+    "files": {
+        "imports": "import selectors",
+        "warm_up": """
+            polled, epolled, selector = select.poll(), select.epoll(), selectors.SelectSelector()
+            messages = queue.SimpleQueue()
+            """,
+        **paced(
+            """
+            polled.poll(20)
+            epolled.poll(timeout=0.03, maxevents=1)
+            selector.select(timeout=0.02)
+            try:
+                messages.get(timeout=0.03)
+            except queue.Empty:
+                pass
+            """
+        ),
+    },
     "wall_rate": paced(
         "rate.sleep()",
         "class Wall:\n    def sleep(self):\n        rospy.rostime.wallsleep(0.1)\nrate = Wall()",
@@ -321,6 +339,10 @@ RIGHT = {
     "no_stop_no_stamp": {"stop": "", **NO_STAMP},
     "many_stops": {"stop": "for _ in range(5):\n    send(0.0, 0.0)\n    rospy.sleep(0.1)"},
     "on_shutdown": {"stop": "", "warm_up": "rospy.on_shutdown(lambda: send(0.0, 0.0))"},
+    "stops_for_ever": {
+        "stop": "",
+        "end": "while not rospy.is_shutdown():\n    send(0.0, 0.0)\n    rospy.sleep(0.1)",
+    },
     "spins": {"end": "rospy.spin()"},
     "spins_no_stop": {"stop": "", "end": "rospy.spin()"},
     "signal_shutdown": {"end": 'rospy.signal_shutdown("done")'},

@@ -6,7 +6,7 @@ import re
 import shutil
 import tempfile
 import time
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.isolation.node_process import WAS_KILLED, NodeProcess
@@ -22,7 +22,7 @@ from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.replay.own_process import KilledError, in_own_process
 from mushr_ros_intro.replay.pace import Pace
 from mushr_ros_intro.replay.received import CONTROL
-from mushr_ros_intro.replay.recording import Recorded, count_leading_stops
+from mushr_ros_intro.replay.recording import Recorded, Sent, count_leading_stops
 from mushr_ros_intro.replay.reference import Exercise, Reference
 from mushr_ros_intro.replay.world import CHECK_PERIOD, MAX_SILENCE, ReplayWorld
 from mushr_ros_intro.stamps import NANOSECONDS
@@ -30,6 +30,9 @@ from mushr_ros_intro.world.grid import Grid
 
 DONE_AFTER = 2.0
 """If no command follows the last one for this time, the node is done [s of simulated time]."""
+
+STOPS_AFTER = 5.0
+"""If a node sends only stops for this time after the plan, it is done [s of simulated time]."""
 
 EXIT_TIMEOUT = 5.0
 """Longest wait for the exit of a node that has left ROS [s of wall-clock time]."""
@@ -218,7 +221,8 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
         if world.count != count:
             count, heard = world.count, pace.seconds
         silence = pace.seconds - heard
-        if driven >= expected and world.silence > DONE_AFTER:
+        stops = driven > expected and _are_stops(commands[expected - driven :])
+        if stops or (driven >= expected and world.silence > DONE_AFTER):
             if not world.is_ending or silence > EXIT_TIMEOUT:
                 return ""  # a node that has driven the plan need not end
         elif silence > timeout or world.silence > MAX_SILENCE:
@@ -230,6 +234,12 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
             if excess := process.excess():
                 return excess
     return world.describe_end(process)
+
+
+def _are_stops(commands: Sequence[Sent]) -> bool:
+    """Return whether commands stop the car for STOPS_AFTER."""
+    is_long = commands[-1].time - commands[0].time > STOPS_AFTER * NANOSECONDS
+    return is_long and not any(each.speed for each in commands)
 
 
 def _fault(world: ReplayWorld, job: Job, pace: Pace) -> str:

@@ -41,7 +41,7 @@ PAUSE = NANOSECONDS
 WALL_CLOCK = (
     "the node sends commands while the simulated clock stands, so it waits in wall-clock time, and "
     "each drive would be different; wait with rospy.Rate, rospy.sleep, rospy.Timer, time.sleep, or "
-    "for a message"
+    "for a message, in the process that calls rospy.init_node"
 )
 """The failure of a node for which `uses_wall_clock` is true."""
 

@@ -3,8 +3,8 @@
 The clocks of the modules time and datetime advance with the time of ROS, from other values on, so
 that a stamp of one of them is recognised. The program sleeps in this time with `time.sleep`,
 `rospy.sleep`, `rospy.Rate` and `rospy.Timer`, and waits in it with the timeouts of threading,
-queue, select and asyncio. A thread that reads the time again and again sleeps for POLL_PERIOD. The
-random numbers of `random` and `numpy.random` are the same in each run.
+queue, select, selectors and asyncio. A thread that reads the time again and again sleeps for
+POLL_PERIOD. The random numbers of `random` and `numpy.random` are the same in each run.
 
 If several threads are due, each message on /clock wakes one of them, in the order of their due
 times. So the order does not depend on the load of the machine. The program writes to FILE, the
@@ -35,6 +35,7 @@ import selectors
 import threading
 import time
 import traceback
+from functools import partial
 from typing import Any, Callable, List, Optional, Tuple
 
 import genpy
@@ -64,6 +65,9 @@ MAX_READS = 100
 POLL_PERIOD = 10_000_000
 """A thread that polls looks once in this time [ns]."""
 
+ROUNDING = 1e-10
+"""Between the errors of times as floats and half a nanosecond [s]."""
+
 LIBRARIES = (os.path.dirname(os.__file__) + os.sep, "<frozen", sys._getframe().f_code.co_filename)
 """Files of the standard library, and this one: they act for the file that calls them."""
 
@@ -71,6 +75,7 @@ ROS = tuple(os.path.dirname(each.__file__) + os.sep for each in (rospy, rosgraph
 """Files that keep the real time."""
 
 real_sleep, real_wait, get_rostime = time.sleep, threading.Condition.wait, rospy.get_rostime
+real_monotonic = time.monotonic
 is_child = False
 """Whether this is a child process of a node, in which no thread receives /clock."""
 
@@ -153,9 +158,9 @@ class Sleepers:
 
 
 class Reads(threading.local):
-    """How often a thread has read the same time."""
+    """How often a thread has read the same time, and whether its last wait has expired."""
 
-    time, count = 0, 0
+    time, count, has_expired = 0, 0, False
 
 
 sleepers, reads = Sleepers(), Reads()
@@ -227,6 +232,11 @@ def simulate_clock_gettime(ending: str) -> None:
 class Datetime(datetime.datetime):
     """A datetime that reads the time with `time.time`, as `datetime.datetime.today` does."""
 
+    __module__, __qualname__ = "datetime", "datetime"  # for pickle
+
+    def __repr__(self) -> str:
+        return f"datetime.{super().__repr__()}"
+
     @classmethod
     def now(cls, tz: Optional[datetime.tzinfo] = None) -> "Datetime":
         """Return the time in a time zone."""
@@ -267,6 +277,15 @@ def sleep(seconds: float) -> None:
     (sleep_for if is_for_node() else real_sleep)(seconds)
 
 
+def time_of_waits() -> float:
+    """Return the time with which threading and queue measure timeouts, also before `START` [s].
+
+    After a wait that has expired, it is later than the end of the wait, whatever the rounding.
+    """
+    late, reads.has_expired = ROUNDING * reads.has_expired, False
+    return time.monotonic() + late if is_simulated() else real_monotonic()
+
+
 def wait(condition: Any, timeout: Optional[float] = None) -> bool:
     """Wait, as `threading.Condition.wait`."""
     if timeout is None or timeout <= 0.0 or not is_simulated():
@@ -275,29 +294,66 @@ def wait(condition: Any, timeout: Optional[float] = None) -> bool:
     condition._waiters.append(waiter)
     state = condition._release_save()
     try:
-        return sleepers.sleep(round(timeout * 1e9), waiter)
+        is_released = sleepers.sleep(round(timeout * 1e9), waiter)
+        reads.has_expired = not is_released
+        return is_released
     finally:
         condition._acquire_restore(state)
         with contextlib.suppress(ValueError):
             condition._waiters.remove(waiter)
 
 
-def polling(real: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function that waits for files, whose last argument is a timeout [s].
+def wait_for_files(look: Callable[[Any], Any], timeout: Any, unit: int = 1_000_000_000) -> Any:
+    """Wait until files are ready, and return them; look for them once in POLL_PERIOD.
 
-    It looks for them once in POLL_PERIOD.
+    Args:
+        look: the real function, which waits for at most its argument.
+        timeout: in units of `unit` [ns]; None or a negative number for no limit.
+        unit: see `timeout`.
     """
+    if timeout is None or timeout <= 0.0 or not is_simulated():
+        return look(timeout)
+    due = read() + round(timeout * unit)
+    while not any(found := look(0)) and read() < due and is_initialized():
+        sleepers.sleep(min(POLL_PERIOD, due - read()))
+    return found
 
-    def select_files(*arguments: Any) -> Any:
-        *files, timeout = arguments
-        if not isinstance(timeout, (int, float)) or timeout <= 0.0 or not is_simulated():
-            return real(*arguments)
-        due = read() + round(timeout * 1e9)
-        while not any(found := real(*files, 0.0)) and read() < due and is_initialized():
-            sleepers.sleep(min(POLL_PERIOD, due - read()))
-        return found
 
-    return select_files
+class Poll:
+    """A `select.poll` or `select.epoll` that waits in simulated time."""
+
+    def __init__(self, kind: Any, unit: int, *arguments: Any, **options: Any) -> None:
+        """Create a real one of a kind, whose timeouts have a unit [ns]."""
+        self._real, self._unit = kind(*arguments, **options), unit
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._real, name)
+
+    def __enter__(self) -> "Poll":
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self._real.close()
+
+    def poll(self, timeout: Any = None, *most: Any, **options: Any) -> Any:
+        """Return the files that are ready, and their events."""
+        return wait_for_files(lambda t: self._real.poll(t, *most, **options), timeout, self._unit)
+
+
+def simulate_files() -> None:
+    """Replace what waits for files."""
+
+    def of_selector(real: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda selector, timeout=None: wait_for_files(partial(real, selector), timeout)
+
+    # Not only the functions that they call: these round timeouts up to whole milliseconds.
+    poll_like: Any = selectors._PollLikeSelector
+    for each in (selectors.SelectSelector, poll_like, selectors.EpollSelector):
+        each.select = of_selector(each.select)  # type: ignore
+    real = select.select
+    select.select = lambda *files: wait_for_files(partial(real, *files[:3]), *files[3:] or [None])
+    select.poll = partial(Poll, select.poll, 1_000_000)  # type: ignore
+    select.epoll = partial(Poll, select.epoll, 1_000_000_000)  # type: ignore
 
 
 def show_exception(kind: Any, error: BaseException, trace: Any) -> None:
@@ -336,11 +392,11 @@ def simulate() -> None:
         simulate_clock(name, start)
     for ending in ("", "_ns"):
         simulate_clock_gettime(ending)
-    datetime.datetime = Datetime  # type: ignore
-    threading._time = queue.time = time.monotonic  # type: ignore
+    datetime.datetime, Datetime.__name__ = Datetime, "datetime"  # type: ignore
+    threading._time = queue.time = time_of_waits  # type: ignore
     threading.Condition.wait = wait  # type: ignore
-    select.select = polling(select.select)
-    selectors.EpollSelector.select = polling(selectors.EpollSelector.select)  # type: ignore
+    queue.SimpleQueue = queue._PySimpleQueue  # type: ignore # the other one is in C
+    simulate_files()
 
 
 def main() -> None:

@@ -100,6 +100,19 @@ def test_a_node_that_sends_on(monkeypatch):
     assert 0 < sent[-1].time - sent[0].time - limit <= COMMAND_PERIOD
 
 
+def test_a_node_that_sends_stops_on():
+    """It has driven the plan if it sends only stops for 5 s; it may send them for ever."""
+    world = Repeating([*commands()])
+    begun = len(world.received.commands)
+    world.received.commands.append(world.received.commands[-1]._replace(speed=0.0))
+    process = SimpleNamespace(has_ended=False, threads=world)
+    setting = SimpleNamespace(timeout=15.0)
+    assert job._watch(process, world, Job("node", ("node",), PLAN, setting)) == ""
+    sent = world.received.commands
+    seconds = (sent[-1].time - sent[begun].time) / NANOSECONDS
+    assert job.STOPS_AFTER < seconds < job.STOPS_AFTER + 0.21
+
+
 @pytest.mark.parametrize(
     ("first_line", "mode", "expected"),
     [

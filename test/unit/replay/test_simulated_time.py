@@ -4,6 +4,7 @@ import os
 import queue
 import random
 import select
+import selectors
 import subprocess
 import sys
 import threading
@@ -161,23 +162,75 @@ def test_a_thread_that_polls(ros):
     assert ros.woken == [("polls", None)]
 
 
-def test_files(ros):
+def _select(file, seconds):
+    return select.select([file], [], [], seconds)[0]
+
+
+def _poll(file, seconds):
+    polled = select.poll()
+    polled.register(file, select.POLLIN)
+    return polled.poll(1e3 * seconds)
+
+
+def _epoll(file, seconds):
+    with select.epoll() as polled:
+        polled.register(file, select.EPOLLIN)
+        return polled.poll(timeout=seconds, maxevents=1)
+
+
+def _selector(kind):
+    def wait(file, seconds):
+        with kind() as selector:
+            selector.register(file, selectors.EVENT_READ)
+            return selector.select(timeout=seconds)
+
+    return wait
+
+
+@pytest.mark.parametrize(
+    "wait",
+    [
+        *(_select, _poll, _epoll, _selector(selectors.SelectSelector)),
+        *(_selector(selectors.PollSelector), _selector(selectors.EpollSelector)),
+    ],
+    ids="select poll epoll SelectSelector PollSelector EpollSelector".split(),
+)
+def test_files(ros, monkeypatch, wait):
     """A pipe is ready when it has been written before the next message on /clock."""
+    for owner, name in (
+        *((select, each) for each in ("select", "poll", "epoll")),
+        *((selectors.SelectSelector, "select"), (selectors._PollLikeSelector, "select")),
+        (selectors.EpollSelector, "select"),
+    ):
+        monkeypatch.setattr(owner, name, getattr(owner, name))  # at the end, set it back
+    simulated_time.simulate_files()
+
+    def is_ready(seconds):
+        return bool(wait(receiver, seconds))
+
     receiver, sender = os.pipe()
-    wait = simulated_time.polling(select.select)
-    ros.start("selects", wait, [receiver], [], [], 0.025)
+    ros.start("selects", is_ready, 0.025)
     os.write(sender, b"x")
     ros.tell(10)
-    assert ros.woken == [("selects", ([receiver], [], []))]
+    assert ros.woken == [("selects", True)]
+    assert is_ready(0.025)  # at once
     os.read(receiver, 1)
-    ros.start("expires", wait, [receiver], [], [], 0.005)
+    ros.start("expires", is_ready, 0.005)
     assert ros.due == 15
     ros.tell(15)
-    assert ros.woken[1:] == [("expires", ([], [], []))]
+    assert ros.woken[1:] == [("expires", False)]
+
+
+def test_timeouts_before_the_time_of_ros_is_known():
+    """They are real; the clocks stand."""
+    code = "import mushr_ros_intro.replay.simulated_time as s, queue, time; s.simulate()"
+    check = "began = time.monotonic(); queue.Queue().get(timeout=0.01)"
+    done = subprocess.run([sys.executable, "-c", f"{code}; {check}"], stderr=-1, timeout=60)
+    assert done.stderr.endswith(b"_queue.Empty\n")
 
 
 PROGRAM = """
-import random, sys, time
+import pickle, random, sys, time
 from datetime import datetime, timezone
 import numpy
 import other
@@ -187,6 +240,7 @@ print(time.clock_gettime(time.CLOCK_REALTIME), time.clock_gettime_ns(time.CLOCK_
 print(time.clock_gettime(time.CLOCK_THREAD_CPUTIME_ID) > 0.0)
 print(datetime.now() == datetime.today() == datetime.fromtimestamp(time.time()))
 print(datetime.utcnow(), datetime.now(timezone.utc))
+print(repr(datetime.now()), pickle.loads(pickle.dumps(datetime.now())) == datetime.now())
 other.fail()
 """
 OTHER = "def fail():\n    raise IndexError(3)\n"
@@ -219,9 +273,10 @@ def test_a_program(tmp_path):
         "True",
         "True",
         "2027-01-15 08:00:00 2027-01-15 08:00:00+00:00",
+        "datetime.datetime(2027, 1, 15, 8, 0) True",
     ]
     lines = [line.strip() for line in done.stderr.splitlines()]
-    assert lines[1].startswith(f'File "{path}", line 12, in <module>')
+    assert lines[1].startswith(f'File "{path}", line 13, in <module>')
     assert lines[-1] == "IndexError: 3"
     assert done.returncode == 1
 
@@ -286,7 +341,7 @@ def test_a_processed_message():
 def test_what_is_replaced():
     """Otherwise, timeouts would be compared with the real time, and outlast a shutdown."""
     code = "import mushr_ros_intro.replay.simulated_time as s, queue, threading, time; s.simulate()"
-    check = "assert queue.time is threading._time is time.monotonic"
+    check = "assert queue.time is threading._time is s.time_of_waits"
     hooks = "assert s.rospy.core._preshutdown_hooks == [s.sleepers.on_shutdown]"
     subprocess.run([sys.executable, "-c", f"{code}; {check}; {hooks}"], check=True)
     assert queue.time is not simulated_time.wait
