@@ -84,11 +84,18 @@ def _add_key(targets: Targets) -> Any:
 
 
 def _use_together(_: Targets) -> Iterator[str]:
-    """Lock or watch a file that all nodes see."""
-    with open("/usr/bin/env", "rb") as file:
-        for lock in (fcntl.flock, fcntl.lockf):
-            with suppress(OSError):
-                lock(file, fcntl.LOCK_SH)
+    """Watch a file that all nodes see, or lock one so that another process notices it."""
+    path = os.path.join(os.environ["HOME"], "lock")
+    for lock in (fcntl.flock, fcntl.lockf):
+        with open(path, "wb") as file:
+            lock(file, fcntl.LOCK_EX)
+            child = os.fork()
+            if child == 0:
+                with suppress(OSError), open(path, "wb") as other:
+                    lock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    os._exit(0)
+                os._exit(1)
+            if os.waitpid(child, 0)[1]:
                 yield lock.__name__
     if _LIBC.inotify_init() != -1:
         yield "inotify"

@@ -11,8 +11,11 @@ from typing import Any, List
 
 _CLONE_NEWNET = 0x40000000
 _CLONE_NEWUSER = 0x10000000
-_LOCKS = (*range(5, 8), *range(36, 39), 1026)
-"""All commands of fcntl(2) that see what other processes do: F_GETLK to F_OFD_SETLKW, F_NOTIFY."""
+_LOCKS = {**dict.fromkeys((6, 7, 37, 38), 0), **dict.fromkeys((5, 36, 1026), errno.ENOLCK)}
+"""All commands of fcntl(2) that see what other processes do, and the error that a node gets.
+
+0 for F_SETLK to F_OFD_SETLKW, which then do nothing. F_GETLK, F_OFD_GETLK and F_NOTIFY fail.
+"""
 
 _NAMESPACES = (0x80, *(1 << bit for bit in (17, *range(25, 31))))
 """All flags CLONE_NEW... of clone(2) and unshare(2)."""
@@ -42,10 +45,11 @@ FORBIDDEN = {
 def make_filter(has_locks: bool) -> Any:
     """Return the filter of system calls for nodes, a seccomp.SyscallFilter.
 
-    Without `has_locks`, it also forbids locks on files, which another node would see on a file of
-    the system; catkin needs them to build a package. It forbids new namespaces; sockets other than
-    those of Unix, IP and netlink, such as AF_VSOCK, which reaches the host of a virtual machine;
-    and shared memory without a file, which the limit on the data of a process does not count.
+    Without `has_locks`, locks on files have no effect, because another node would see them on a
+    file of the system; catkin needs them to build a package. The filter forbids new namespaces;
+    sockets other than those of Unix, IP and netlink, such as AF_VSOCK, which reaches the host of a
+    virtual machine; and shared memory without a file, which the limit on the data of a process does
+    not count.
     """
     import seccomp  # python3-seccomp, which only the isolation of submissions needs
 
@@ -54,10 +58,10 @@ def make_filter(has_locks: bool) -> Any:
         for name in names:
             made.add_rule(seccomp.ERRNO(error), name)
     if not has_locks:
-        made.add_rule(seccomp.ERRNO(errno.ENOLCK), "flock")
-    for command in () if has_locks else _LOCKS:
+        made.add_rule(seccomp.ERRNO(0), "flock")
+    for command, error in {} if has_locks else _LOCKS.items():
         given = seccomp.Arg(1, seccomp.EQ, command)
-        made.add_rule(seccomp.ERRNO(errno.ENOLCK), "fcntl", given)
+        made.add_rule(seccomp.ERRNO(error), "fcntl", given)
     for flag in _NAMESPACES[1:]:  # clone(2) has no CLONE_NEWTIME
         given = seccomp.Arg(0, seccomp.MASKED_EQ, flag, flag)
         made.add_rule(seccomp.ERRNO(errno.EPERM), "clone", given)
