@@ -76,8 +76,8 @@ def main() -> int:
 
 def interrupt(*_: Any) -> None:
     """Interrupt the grading, once: scripts/grade sends the signal of Ctrl-C again."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, lambda *_: None)  # Python reports a signal that SIG_IGN has overtaken
     raise KeyboardInterrupt
 
 
