@@ -160,7 +160,7 @@ class TestCarSim(CarTestCase):
             self.commands.publish(command(stamp, 2.0, 0.0))
             wait_for(lambda: planar(self.poses.last.pose)[0] > 0.3, "the car to drive on")
             self.assert_pose(self.rest_after(rospy.Time.now()), (0.4, 0.0, 0.0))
-        wait_for(lambda: any("synchronise" in m.msg for m in log.messages), "a warning")
+        wait_for(lambda: any("two machines" in m.msg for m in log.messages), "a warning")
 
     def test_refuses_what_is_not_finite(self):
         log = Recording("/rosout", Log).connected()
