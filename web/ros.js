@@ -2,12 +2,13 @@
 
 const PERIOD = 500; // of the check of the connection [ms]
 const RETRY = 1000; // between two attempts to connect [ms]
-const DEAD = 5000; // a bridge that does not answer for so long is given up [ms]
+const DEAD = 5000; // a bridge that sends nothing for so long is given up [ms]
 const callbacks = {}; // by topic
 const calls = new Map(); // the functions that take the answers, by id
 let on; // the functions onOpen(), onError(text), onStatus(isConnected, delay of an answer [ms])
 let socket;
 let asked; // when a sign of life was asked for [ms]; Infinity if none is due
+let heard; // when the last message arrived [ms]; on a busy machine, an answer may take longer
 
 const send = (msg) =>
   socket.readyState === WebSocket.OPEN && socket.send(JSON.stringify(msg));
@@ -34,11 +35,14 @@ function receive({ op, topic, msg, level, id, result, values }) {
 }
 
 function connect() {
-  asked = performance.now();
+  asked = heard = performance.now();
   socket = new WebSocket(
     new URL(".", location.href).href.replace(/^http/, "ws"),
   );
-  socket.onmessage = (event) => receive(JSON.parse(event.data));
+  socket.onmessage = (event) => {
+    heard = performance.now();
+    receive(JSON.parse(event.data));
+  };
   socket.onclose = lose;
   socket.onopen = () => {
     asked = Infinity;
@@ -56,12 +60,13 @@ function lose() {
 }
 /** Every answer is a sign of life, also that there is no such service. */
 function check() {
-  const delay = Math.max(0, performance.now() - asked);
-  if (delay > DEAD) return lose();
+  const now = performance.now();
+  const delay = Math.max(0, now - asked);
+  if (delay > DEAD && now - heard > DEAD) return lose();
   if (socket.readyState !== WebSocket.OPEN) return;
   on.onStatus(true, delay);
   if (delay) return;
-  asked = performance.now();
+  asked = now;
   call("/rosapi/get_time").then(() => (asked = Infinity));
 }
 

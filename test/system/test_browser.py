@@ -294,6 +294,16 @@ def test_click_a_plan(page):
     assert page.text("click-state") == ""
 
 
+def test_late_answers(page):
+    """The page says so, but keeps a connection over which messages arrive, and loses none."""
+    page.run(
+        "const send = WebSocket.prototype.send; WebSocket.prototype.send ="
+        " function (text) { if (!text.includes('get_time')) send.call(this, text) }"
+    )
+    page.shows("problem", "the bridge has not answered for 8 s")
+    assert page.text("connection") == "connected"
+
+
 def test_connection_is_lost_and_regained(sim, page):
     pid = sim.pid("/web_view")
     os.kill(pid, signal.SIGSTOP)
