@@ -35,7 +35,7 @@ def main() -> int:
         print(f"check_plan.py: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        return 130  # as of a program that SIGINT has ended
+        return 128 + signal.SIGINT  # as in a shell
 
 
 def run() -> int:

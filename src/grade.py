@@ -77,7 +77,8 @@ def main() -> int:
 def interrupt(*_: Any) -> None:
     """Interrupt the grading, once: scripts/grade sends the signal of Ctrl-C again."""
     for each in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(each, lambda *_: None)  # Python reports a signal that SIG_IGN has overtaken
+        # Not SIG_IGN: Python prints an error if a signal has arrived just before.
+        signal.signal(each, lambda *_: None)
     raise KeyboardInterrupt
 
 

@@ -243,6 +243,7 @@ def test_one_drive_at_a_time(sim):
     assert web.fetch(sim.port, "/drive", "POST", body, form)[0] == 415, "any page can send a form"
     assert sim.delete("/drive") == (409, {"error": "no plan is being driven"})
     client = sim.client(web.STATE, "/car/mux/ackermann_cmd_mux/output")
+    sim.proxy.setParam("/path_publisher/of_an_earlier_run", 1)
     assert sim.post("/drive", {"plan": "long"}) == (200, {})
     client.message(
         "/car/mux/ackermann_cmd_mux/output", lambda msg: msg["drive"]["speed"] == 0.5, "that drives"

@@ -346,7 +346,7 @@ def simulate_files() -> None:
     def of_selector(real: Callable[..., Any]) -> Callable[..., Any]:
         return lambda selector, timeout=None: wait_for_files(partial(real, selector), timeout)
 
-    # Not only the functions that they call: these round timeouts up to whole milliseconds.
+    # The methods call poll and epoll with timeouts that are rounded up to whole milliseconds.
     poll_like: Any = selectors._PollLikeSelector
     for each in (selectors.SelectSelector, poll_like, selectors.EpollSelector):
         each.select = of_selector(each.select)  # type: ignore
