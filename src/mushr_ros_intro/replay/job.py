@@ -150,6 +150,7 @@ def _run_here(job: Job) -> Judgement:
         grid=setting.grid,
         actions=world.actions,
         ignored=received.ignored,
+        limit=received.limit,
         output=process.output,
         seconds=time.monotonic() - began,
         start_delay=received.start_delay,

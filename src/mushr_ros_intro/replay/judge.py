@@ -14,9 +14,11 @@ from mushr_ros_intro.geometry import Pose, curvature
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.replay.rate import judge_rate
 from mushr_ros_intro.replay.recording import (
+    MAX_SHIFT,
     START_TOLERANCE,
     Drive,
     Recorded,
+    Run,
     drive,
     groups_of,
     matched,
@@ -116,6 +118,8 @@ def _notes(recorded: Recorded) -> Iterator[str]:
         )
     if recorded.ignored:
         yield f"the car ignored {recorded.ignored}"
+    if recorded.limit:
+        yield f"{recorded.limit}, a limit of the car's motion; 0 means as fast as possible"
 
 
 def _ends(message: str) -> List[str]:
@@ -203,9 +207,9 @@ def _missing_start(recorded: Recorded) -> str:
 
 def _commands(judgement: Judgement) -> Tuple[bool, str]:
     """Judge whether the commands are those of the plan, in its order."""
-    runs = runs_of(judgement.recorded.plan)
+    runs, groups = runs_of(judgement.recorded.plan), groups_of(judgement.recorded)
     wanted = [run[:2] for run in runs]
-    got = [group[0].values for group in groups_of(judgement.recorded)]
+    got = [group[0].values for group in groups]
     if got == wanted:
         return True, f"{len(judgement.recorded.sent)} commands, in the plan's order"
     same = min(len(got), len(wanted))
@@ -213,13 +217,22 @@ def _commands(judgement: Judgement) -> Tuple[bool, str]:
     if index == len(got):
         return False, f"no command after row {runs[index - 1].last}; expected {runs[index]}"
     if index == len(wanted):
-        return False, _surplus(got[index:])
+        return False, _surplus(got[index:], runs[-1], len(groups[index - 1]))
     difference = f"received {_shown(got[index])}; expected {_shown(wanted[index])}"
     return False, f"{runs[index]}: {difference}{_mistake(got, wanted)}"
 
 
-def _surplus(more: Sequence[Tuple[float, ...]]) -> str:
-    """Return a description of the commands after the last row, of which there is at least one."""
+def _surplus(more: Sequence[Tuple[float, ...]], run: Run, count: int) -> str:
+    """Return a description of the commands after the last row, of which there is at least one.
+
+    Args:
+        more: these commands.
+        run: the last rows.
+        count: how many commands of these rows came before.
+    """
+    if count < run.expected - MAX_SHIFT:
+        text = f"received {_shown(more[0])} after {counted(count, 'command')}"
+        return f"{run}: {text}; expected {run.expected} commands of {_shown(run[:2])}"
     text = f"after the last row the node sent {_shown(more[0])}; expected only a stop"
     if more[0][0] == 0.0 and more[1:]:
         text = f"after the plan and a stop the node sent {_shown(more[1])}; expected nothing after "

@@ -22,6 +22,7 @@ _SPAN_TOLERANCE = 2 * COMMAND_PERIOD
 def judge_rate(recorded: Recorded) -> Tuple[Optional[bool], str]:
     """Judge whether each row has its number of commands, evenly spaced, by stamp or arrival."""
     runs, count, surplus, end = runs_of(recorded.plan), 0, 0, None
+    steps = span = 0
     for run, group in matched(recorded):
         # If the last row of the plan is a stop, the final stop belongs to the same group.
         extra = int(run is runs[-1] and run.speed == 0.0 and len(group) > run.expected)
@@ -34,9 +35,14 @@ def judge_rate(recorded: Recorded) -> Tuple[Optional[bool], str]:
             return False, f"{run}: {fault}"
         end = group[-1].time
         count += 1
+        steps += len(group) - 1
+        span += end - group[0].time
     if count < len(runs):
         return None, f"not judged: the commands of {runs[count]} did not arrive in the plan's order"
-    return _lead_fault(recorded.commands)
+    fault = _lead_fault(recorded.commands)
+    pace = f"{steps * NANOSECONDS / span:.3g} commands per second; " if span else ""
+    limit = _SPAN_TOLERANCE / NANOSECONDS
+    return not fault, fault or f"{pace}each row is as long as in the plan, tolerance {limit:g} s"
 
 
 def _stamp_fault(group: Sequence[Sent]) -> str:
@@ -57,17 +63,17 @@ def _stamp_fault(group: Sequence[Sent]) -> str:
     return ""
 
 
-def _lead_fault(commands: Sequence[Sent]) -> Tuple[bool, str]:
-    """Judge whether the commands arrive when they are due, and not in advance."""
+def _lead_fault(commands: Sequence[Sent]) -> str:
+    """Return which command arrives in advance, and not when it is due; "" if none does."""
     leads = [sent.time - sent.arrived for sent in commands]
     if max(leads) - min(leads) > _LEAD_TOLERANCE:
         number = leads.index(max(leads)) + 1
-        return False, (
+        return (
             f"message {number} arrives {max(leads) / NANOSECONDS:.3g} s before its stamp, another "
             f"one {min(leads) / NANOSECONDS:.3g} s; expected ten commands per second, not many at "
             "the same time"
         )
-    return True, f"{NANOSECONDS // COMMAND_PERIOD} commands per second in every row"
+    return ""
 
 
 def _rate_fault(run: Run, group: Sequence[Sent], surplus: int) -> str:

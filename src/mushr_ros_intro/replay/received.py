@@ -34,6 +34,8 @@ class Received:
         """If the first initial pose arrives after the first command to drive: its delay [ns]."""
         self.ignored = ""
         """The first message that the car ignored, and the reason; empty if there was none."""
+        self.limit = ""
+        """The first limit on a rate of change in a command; empty if there was none."""
         self._begin = begin  # the time of the first command to drive
 
     def add_initial_pose(self, msg: PoseWithCovarianceStamped, now: int) -> str:
@@ -63,9 +65,13 @@ class Received:
         if self._begin is None and sent.speed != 0.0:
             self._begin = now
         try:
-            conversions.command_from_msg(msg)
+            command = conversions.command_from_msg(msg)
         except conversions.MessageError as error:
             self._ignore(CONTROL, error)
+            return
+        for name, unit in (("acceleration", "m/s^2"), ("steering_angle_velocity", "rad/s")):
+            if value := getattr(command, name):
+                self.limit = self.limit or f"drive.{name} of a command is {value:g} {unit}"
 
     def _ignore(self, topic: str, error: conversions.MessageError) -> None:
         self.ignored = self.ignored or f"a message on {topic}: {error}"

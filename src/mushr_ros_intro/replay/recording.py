@@ -75,6 +75,8 @@ class Recorded(NamedTuple):
     """What the node did besides driving the car, such as "publishes on /clock"."""
     ignored: str = ""
     """The first message that the car ignored, and the reason; empty if there was none."""
+    limit: str = ""
+    """The first limit on a rate of change in a command; empty if there was none."""
     output: str = ""
     """The end of the node's output."""
     seconds: float = 0.0

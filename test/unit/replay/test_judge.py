@@ -3,11 +3,13 @@
 import math
 
 import pytest
+from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.replay import recording
 from mushr_ros_intro.replay.judge import CHECK_NAMES, POSE_TYPE, compare, default_tolerances
+from mushr_ros_intro.replay.received import Received
 from mushr_ros_intro.replay.recording import START_TOLERANCE
 from support import cars, recorded
 from support.geometry import float32
@@ -210,6 +212,14 @@ UNSTAMPED = stamped(len(COMMANDS) * [0])
 SWAPPED = [each._replace(speed=each.steering_angle, steering_angle=each.speed) for each in COMMANDS]
 
 REORDERED = commands([ROWS[1], ROWS[2], ROWS[0], STOP])
+
+
+def test_a_rate_within_the_tolerance_is_shown():
+    slow = [each._replace(time=BEGIN + (each.time - BEGIN) * 20 // 19) for each in COMMANDS]
+    assert "ok   rate: 9.5 commands per second; each row is" in judged(replay(sent=slow))[1]
+    assert "ok   rate: 10 commands per second; each row is" in judged(replay())[1]
+
+
 RATE = "rate: row 1 (1 s): "
 ROW = "commands: row 1 (1 s): received "
 
@@ -267,6 +277,17 @@ def test_commands(sent, said):
 def test_a_node_that_repeats_the_plan_is_ended_before_its_stop():
     _, verdict = judged(replay(sent=commands([*ROWS, *ROWS])))
     assert "(does the node repeat the plan?)" in verdict and "note:" not in verdict
+
+
+def test_a_wrong_sign_in_one_of_the_last_rows_is_no_repetition():
+    plan = recorded.plan_of((1.0, 2.0, 0.5), [(2.0, 0.1, 1.0), (2.0, -0.1, 1.0)])
+    failed, _ = judged(
+        replay(plan, commands([(2.0, 0.1, 1.0), (2.0, -0.1, 0.5), (2.0, 0.1, 0.5), STOP]))
+    )
+    assert failed["commands"] == (
+        "row 2 (1 s): received 2 m/s, 0.1 rad after 5 commands; expected 10 commands of "
+        "2 m/s, -0.1 rad"
+    )
 
 
 def test_a_symmetric_plan_does_not_tell_two_mistakes_apart():
@@ -386,6 +407,17 @@ def test_one_stop_is_allowed_after_the_plan(rows, sent, names):
     """If the plan ends with a stop, it is either like the commands before or a group of its own."""
     seen = replay(recorded.plan_of((0, 0, 0), rows), commands(sent))
     assert set(judged(seen)[0]) == names
+
+
+def test_a_limit_in_a_command_is_noted():
+    received = Received()
+    for values in ({}, {"acceleration": 2.0}, {"steering_angle_velocity": 0.5}):
+        drive = AckermannDrive(speed=1.0, **values)
+        received.add_command(AckermannDriveStamped(drive=drive), BEGIN)
+    assert judged(replay(limit=received.limit))[1].endswith(
+        "\nnote: drive.acceleration of a command is 2 m/s^2, a limit of the car's motion; 0 means "
+        "as fast as possible"
+    )
 
 
 @pytest.mark.parametrize(
