@@ -19,6 +19,7 @@ TESTS = {
     "is skipped": "import pytest\ndef test_it(): pytest.skip('no display')",
     "is full": "import pytest\npytestmark = pytest.mark.full\ndef test_it(): assert 1 == 2",
     "has a full test": "import pytest\n@pytest.mark.full\ndef test_it(): assert 1 == 2",
+    "has a right one": "class Tests:\n def test_1(self): pass\ndef test_2(): assert 1 == 2",
 }
 
 
@@ -32,6 +33,8 @@ TESTS = {
         ([], ["dies at the end"], 1, ["exit status 7", "0 passed, 1 failed, 0 skipped"]),
         ([], ["is skipped"], 1, ["no display", "0 passed, 0 failed, 1 skipped"]),
         ([], ["passes", "is full", "has a full test"], 0, ["1 passed, 0 failed, 0 skipped"]),
+        ([], ["has a right one::test_1"], 0, ["1 passed, 0 failed, 0 skipped"]),
+        ([], ["has a right one::test_2"], 1, ["assert 1 == 2", "0 passed, 1 failed, 0 skipped"]),
         (["--all"], ["passes", "is full"], 1, ["1 passed, 1 failed, 0 skipped"]),
         (["--all"], ["passes", "has a full test"], 1, ["1 passed, 1 failed, 0 skipped"]),
     ],
@@ -39,8 +42,10 @@ TESTS = {
 def test_results(tmp_path, arguments, names, status, lines):
     paths = []
     for number, name in enumerate(names):
-        paths.append(tmp_path / f"test_{number}.py")
-        paths[-1].write_text(TESTS[name])
+        name, *test = name.split("::")
+        path = tmp_path / f"test_{number}.py"
+        path.write_text(TESTS[name])
+        paths.append("::".join([str(path), *test]))
     results = tmp_path / "results.xml"
     command = [os.path.join(CHECKOUT, "scripts/dev/run_tests"), *arguments, results, *paths]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
