@@ -1,5 +1,6 @@
 """Parts of scripts/setup that can be tested without an installation."""
 
+import os
 import subprocess
 
 from support.paths import CHECKOUT
@@ -27,6 +28,14 @@ downloading: 30 %
 installing: 0 %
 installing: 100 %
 """
+
+
+def test_grade_without_an_installation(tmp_path):
+    """The exit status 1 would mean that a node has failed."""
+    environment = {**os.environ, "TMPDIR": str(tmp_path / "missing")}
+    command = [f"{CHECKOUT}/scripts/grade", "--help"]
+    done = subprocess.run(command, env=environment, stderr=subprocess.PIPE, check=False)
+    assert done.returncode == 3 and b"missing" in done.stderr
 
 
 def test_the_progress_of_apt_get():

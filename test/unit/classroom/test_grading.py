@@ -1,11 +1,13 @@
 """Grade a class with replays that are computed, and with the results of earlier runs."""
 
+import errno
 import gc
 import json
 import multiprocessing
 import os
 import pathlib
 import runpy
+import shutil
 import signal
 import tempfile
 import threading
@@ -246,3 +248,14 @@ def test_a_defect_is_no_verdict(monkeypatch, capsys):
     monkeypatch.setitem(main.__globals__, "parse_arguments", lambda *_: SimpleNamespace())
     assert main() == 3
     assert "AttributeError" in capsys.readouterr().err
+
+
+def test_an_error_of_the_system_names_its_place():
+    described = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))["described"]
+    full = OSError(errno.ENOSPC, "No space left")
+    places = f"files are written to results and {tempfile.gettempdir()}"
+    assert described(full, "results") == f"[Errno 28] No space left; {places}"
+    named = OSError(errno.ENOSPC, "No space left", "a file")
+    assert described(named, "results") == "[Errno 28] No space left: 'a file'"
+    copies = shutil.Error([("here", "there", str(named)), ("second", "copy", "reason")])
+    assert described(copies, "results") == "[Errno 28] No space left: 'a file'"
