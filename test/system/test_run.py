@@ -76,7 +76,8 @@ class Run:
 
     def wait_for_text(self, text):
         wait_for(lambda: text in self.log.read_text() or self.process.poll() is not None, text)
-        assert text in self.log.read_text()
+        log = self.log.read_text()
+        assert text in log, log
 
     def processes(self):
         """Return the folders in /proc of the processes of the script."""
