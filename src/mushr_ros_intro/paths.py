@@ -37,8 +37,8 @@ def find_file(name: str, folder: str, ending: str) -> str:
     Both can also be relative to the current directory.
 
     Raises:
-        UserError: there is no such file; the message names the closest one in `folder`, the
-            folders searched, and all files in `folder`.
+        UserError: there is no such file, or it cannot be reached; the message names the closest
+            one in `folder`, the folders searched, and all files in `folder`.
     """
     candidates = [user_path(name), os.path.abspath(name)]
     is_there = os.path.exists
@@ -48,10 +48,19 @@ def find_file(name: str, folder: str, ending: str) -> str:
     for candidate in candidates:
         if is_there(candidate):
             return candidate
+    problem = "no such file"
+    for candidate in candidates:
+        try:
+            os.stat(candidate)
+            problem = "not a file"
+        except PermissionError:
+            problem = "permission denied"
+        except (OSError, ValueError):  # a name with a null character
+            pass
     known = sorted(entry[: -len(ending)] for entry in os.listdir(folder) if entry.endswith(ending))
     close = similar(os.path.basename(name).replace(ending, ""), known)
     searched = dict.fromkeys(os.path.dirname(candidate) for candidate in candidates)
     raise UserError(
-        f"{name}: no such file{close} "
+        f"{name}: {problem}{close} "
         f"(searched: {', '.join(searched)}); expected a path, or one of {', '.join(known)}"
     )

@@ -68,7 +68,8 @@ REPLAYS = {
     "silent": (
         wrong("silent"),
         NEVER_DROVE,
-        f"FAIL node: the node runs, but published no command on {CONTROL} for 8 s; it publishes ",
+        f"FAIL node: the node runs, but sent no command on {CONTROL} for 8 s; it "
+        "has a publisher for this topic, but no message arrived: does it call publish?",
     ),
 }
 

@@ -117,10 +117,12 @@ def test_a_drive(tmp_path):
         assert script.process.wait(PATIENCE) == 0, script.log.read_text()
     assert len(addresses) > 8  # two for each node, and the master
     assert all(re.match("0100007F:|0{24}01000000:", address) for address in addresses), addresses
-    difference = re.search(r"the car drove .* difference (\S+) m", script.log.read_text())
+    log = script.log.read_text()
+    difference = re.search(r"the car drove .* difference (\S+) m", log)
+    assert difference, log
     assert float(difference.group(1)) < POSITION_TOLERANCE
     # There is no display.
-    assert re.search(r"open http://localhost:\d+ in a browser", script.log.read_text())
+    assert re.search(r"open http://localhost:\d+ in a browser", log)
     assert script.processes() == []
 
 

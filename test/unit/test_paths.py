@@ -58,12 +58,26 @@ def test_files_are_found_by_name_and_by_path(folders, monkeypatch):
         ("here/own", "here/own: no such file (searched: HERE/here, "),
         ("/nowhere/own.txt", "/nowhere/own.txt: no such file (searched: /nowhere); expected"),
         ("circle\0", ": no such file; did you mean circle?"),
+        ("folder", "folder: not a file (searched: HERE, PLANS"),
+        ("pipe", "pipe: not a file (searched: HERE, PLANS"),
+        ("here/own.txt/x", "here/own.txt/x: no such file (searched: HERE"),
     ],
 )
 def test_a_missing_file(folders, name, expected, monkeypatch):
     plans, here = folders
     monkeypatch.setenv("PWD", str(here))
+    (here / "folder").mkdir()
+    os.mkfifo(here / "pipe")
     with pytest.raises(UserError) as caught:
         find_file(name, str(plans), ".txt")
     expected = expected.replace("PLANS", str(plans)).replace("HERE", str(here))
     assert expected in str(caught.value)
+
+
+def test_a_folder_that_may_not_be_entered(folders, monkeypatch):
+    def refuse(path):
+        raise PermissionError(13, "Permission denied", path)
+
+    monkeypatch.setattr(os, "stat", refuse)
+    with pytest.raises(UserError, match="own: permission denied"):
+        find_file(str(folders[1] / "missing" / "own"), str(folders[0]), ".txt")

@@ -38,7 +38,24 @@ def test_grade_without_an_installation(tmp_path):
     assert done.returncode == 3 and b"missing" in done.stderr
 
 
+def run_function(name, script, given=""):
+    """Return the output of a script that calls a function of scripts/setup."""
+    function = f"sed -n '/^{name}()/,/^}}/p' '{CHECKOUT}/scripts/setup'"
+    command = ["bash", "-euc", f'eval "$({function})"; {script}']
+    return subprocess.check_output(command, input=given, text=True)
+
+
 def test_the_progress_of_apt_get():
-    functions = f"sed -n '/^show_progress()/,/^}}/p' '{CHECKOUT}/scripts/setup'"
-    script = f'eval "$({functions})"; say() {{ echo "$*"; }}; show_progress'
-    assert subprocess.check_output(["bash", "-euc", script], input=APT, text=True) == SHOWN
+    assert run_function("show_progress", 'say() { echo "$*"; }; show_progress', APT) == SHOWN
+
+
+def test_all_users_can_read_the_build(tmp_path):
+    script = f"""
+        scratch={tmp_path} workspace={tmp_path}/workspace
+        list_sources() {{ echo files; }}
+        compile() {{ touch "$workspace/message"; }}
+        umask 077
+        build
+        stat -c %a "$workspace" "$workspace/message"
+        umask"""
+    assert run_function("build", script) == "755\n644\n0077\n"

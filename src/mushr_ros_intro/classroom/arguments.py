@@ -136,6 +136,8 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
         return "expected PLAN... --node PACKAGE FILE, or SUBMISSION... --plans PLAN... --out FOLDER"
     if (arguments.merge or arguments.bag) and not arguments.out:
         return "expected --out FOLDER"
+    if arguments.out and os.path.exists(arguments.out) and not os.path.isdir(arguments.out):
+        return f"--out: {arguments.out} is not a folder"
     if arguments.feedback and (arguments.gradescope or arguments.classroom50 or arguments.github):
         return "--feedback is for pages and tables, not for Gradescope, Classroom 50 or GitHub"
     if arguments.jobs < 1 or not arguments.timeout > 0.0:

@@ -37,6 +37,8 @@ MAX_FAULTS = 1000
 # Unambiguous, so that matching takes time in proportion to the length of any line.
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 
+_HAS_NUMBER = re.compile("[0-9]|nan|inf", re.IGNORECASE)
+
 _LIMITS = {
     "x": (-MAX_COORDINATE, MAX_COORDINATE, "metres"),
     "y": (-MAX_COORDINATE, MAX_COORDINATE, "metres"),
@@ -109,10 +111,13 @@ def parse_plan(data: bytes, path: str) -> Plan:
         content = line.split("#", 1)[0].rstrip()
         if not content:
             continue
-        count += 1
         cells = content.split(",")
         columns = _columns(cells)
-        found = _line_faults(cells, columns, is_start=count == 1)
+        if not count and not _HAS_NUMBER.search(content):
+            found = [(1, f"the line has no number; expected {_START[2]}, and # before a comment")]
+        else:
+            count += 1
+            found = _line_faults(cells, columns, is_start=count == 1)
         faults += [Fault(path, number, column, text) for column, text in found]
         if len(faults) >= MAX_FAULTS:
             faults.append(Fault(path, number, 1, "too many faults; the rest is not checked"))

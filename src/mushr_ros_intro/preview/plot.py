@@ -1,5 +1,6 @@
 """Draw a plan: the path on the map, and below it speed and steering angle over time."""
 
+import io
 import os
 from typing import Any, Optional
 
@@ -21,13 +22,17 @@ _MAX_ARROWS = 100
 def write_picture(
     path: str, report: Report, spread: Optional[Spread], grid: Optional[Grid]
 ) -> None:
-    """Draw into a file; its ending is the format.
+    """Draw into a file; its ending is the format, and PNG without an ending.
 
     Raises:
         UserError: the file cannot be written, or matplotlib does not know the format.
     """
+    kind = os.path.splitext(path)[1][1:] or "png"
+    picture = io.BytesIO()  # savefig(path) adds an ending to the name of a folder
     try:
-        draw_report(report, spread, grid).savefig(path, dpi=120)
+        draw_report(report, spread, grid).savefig(picture, format=kind, dpi=120)
+        with open(path, "wb") as file:
+            file.write(picture.getvalue())
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         text = f"{path} cannot be written: {reason}; expected a name such as figure_8.png"

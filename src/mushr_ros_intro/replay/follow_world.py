@@ -149,7 +149,7 @@ class FollowWorld(ReplayWorld):
                 return ""
             if pace.seconds - heard > timeout or self.silence > MAX_SILENCE:
                 return (
-                    f"the node runs, but published no command on {CONTROL} for {timeout:g} s; "
+                    f"the node runs, but sent no command on {CONTROL} for {timeout:g} s; "
                     f"{self.describe_topics()}"
                 )
             if fault := self._fault(pace):

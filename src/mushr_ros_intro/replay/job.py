@@ -267,6 +267,6 @@ def _describe_silence(count: int, expected: int, timeout: float, world: ReplayWo
             f"{timeout:g} s, although the node is still running"
         )
     return (
-        f"the node runs, but published no command on {CONTROL} for {timeout:g} s; "
+        f"the node runs, but sent no command on {CONTROL} for {timeout:g} s; "
         f"{world.describe_topics()}"
     )

@@ -87,8 +87,10 @@ def _rate_fault(run: Run, group: Sequence[Sent], surplus: int) -> str:
     times = [sent.time for sent in group]
     seconds, span = run.duration / NANOSECONDS, (times[-1] - times[0]) / NANOSECONDS
     if abs(surplus) > MAX_SHIFT:
-        pace = f", {(len(group) - 1) / span:.3g} per second" if span else ""
-        return f"{counted(len(group), 'command')} received{pace}; expected {run.expected}"
+        count = len(group)
+        lasted = f" in {span * count / (count - 1):.3g} s" if span else ""
+        received = f"{counted(count, 'command')} received{lasted}"
+        return f"{received}; expected {run.expected} in {seconds:g} s"
     if fault := _step_fault(times):
         return fault
     if abs(times[-1] - times[0] - run.duration) > _SPAN_TOLERANCE:

@@ -162,6 +162,10 @@ class ReplayWorld:
         """Return what the node publishes."""
         if self.published.get(CONTROL, COMMAND_TYPE) != COMMAND_TYPE:
             return f"it publishes {self.published[CONTROL]} there; expected {COMMAND_TYPE}"
+        if CONTROL in self.published:
+            return (
+                "it has a publisher for this topic, but no message arrived: does it call publish?"
+            )
         topics = [topic for topic in sorted(self.published) if topic != "/rosout"]
         return f"it publishes {', '.join(topics) or 'no topic at all'}"
 

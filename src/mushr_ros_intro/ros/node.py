@@ -23,6 +23,7 @@ from mushr_ros_intro.parameters import Description, Parameters
 from mushr_ros_intro.ros import rospy_fixes
 from mushr_ros_intro.ros.connections import responds, wait_until_connected
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
+from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER
 
 SHUTDOWN_TIMEOUT = 14.0
 """Timeout for the end of a node [s]; roslaunch waits 15 s, a call to the master may take 5 s."""
@@ -161,12 +162,16 @@ def init_node(name: str, node_class: Optional[Callable[[], Any]] = None, **optio
             message for the user.
     """
     rospy_fixes.apply_before_init_node()
+    uri = rosgraph.get_master_uri()
     no_master = (
-        f"{name}: no master answers at ROS_MASTER_URI={rosgraph.get_master_uri()}; expected "
+        f"{name}: no master answers at ROS_MASTER_URI={uri}; expected "
         "one there (roscore or roslaunch starts one on this machine)"
     )
-    if not _is_master_online():
-        sys.exit(no_master)
+    try:
+        if not rosgraph.is_master_online():  # rospy prints a traceback or waits for ever
+            sys.exit(no_master)
+    except (ValueError, OSError):
+        sys.exit(f"{name}: ROS_MASTER_URI is '{uri}'; expected an address such as {DEFAULT_MASTER}")
     if node_class:
         _check_parameters(_full_name(name), node_class)
     try:
@@ -179,14 +184,6 @@ def init_node(name: str, node_class: Optional[Callable[[], Any]] = None, **optio
         clock = rospy.Subscriber("/clock", Clock)
         wait_until_connected(clock, "publishers")
         clock.unregister()
-
-
-def _is_master_online() -> bool:
-    """Return whether a master answers; without one, rospy prints a traceback or waits for ever."""
-    try:
-        return bool(rosgraph.is_master_online())
-    except ValueError:  # ROS_MASTER_URI is no address
-        return False
 
 
 def _check_parameters(name: str, node_class: Callable[[], Any]) -> None:

@@ -236,3 +236,14 @@ def test_any_bytes_are_a_plan_or_a_plan_error(data, text):
     check_verdict(data)
     check_verdict(text)
     check_verdict(b"0,0,0\n1,0\n" + text)
+
+
+def test_a_header_is_one_fault(tmp_path):
+    """The line after it is the start pose."""
+    path = tmp_path / "plan.txt"
+    path.write_text("x,y,theta\n0,0,0\n2.0,0.1\n")
+    (fault,) = faults_of(path)
+    assert (
+        ":1:1: the line has no number; expected a start pose 'x, y, theta' in m, m, rad, and # "
+        in fault
+    )

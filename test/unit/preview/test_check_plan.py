@@ -467,9 +467,11 @@ def test_every_fault_of_broken_plans_is_printed(run):
         (["circle", "slalom", "--plot", "a.png"], "--plot draws one plan; expected one PLAN"),
         (["circle", "--plot", "/nowhere/a.png"], "cannot be written: No such file or directory"),
         (["circle", "--plot", "a.mp3"], "expected a name such as figure_8.png"),
+        (["circle", "--plot", "folder"], "folder cannot be written: Is a directory; expected a na"),
     ],
 )
 def test_bad_usage_ends_with_status_2(run, arguments, text, tmp_path):
+    (tmp_path / "folder").mkdir()
     (tmp_path / "long.txt").write_text("0,0,0\n1,0,1e9\n")
     status, _, errors = run(*arguments)
     assert status == 2

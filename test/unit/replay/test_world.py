@@ -137,7 +137,7 @@ def test_a_node_that_drives_on():
 def test_a_node_that_sends_nothing(seconds, silence):
     """It may use 15 s of its own time, and 60 s of simulated time."""
     message, found = Driving(False, seconds).follow()
-    assert message.startswith("the node runs, but published no command on /car/mux/")
+    assert message.startswith("the node runs, but sent no command on /car/mux/")
     assert message.endswith("for 15 s; it publishes nothing")
     assert found == pytest.approx(silence, abs=0.05)
 

@@ -179,20 +179,23 @@ def test_nodes_that_do_not_end_are_ended(master):
             assert "made: the node did not end within 1 s" in process.output
 
 
+NO_MASTER = "no master answers at ROS_MASTER_URI=http://localhost:1; expected one there"
+
+
 @pytest.mark.parametrize(
-    "name, address",
+    "name, address, message",
     [
-        ("path_publisher.py", "http://localhost:1"),
-        ("car_sim.py", "localhost"),
-        ("keyboard_teleop.py", "http://localhost:1"),
+        ("path_publisher.py", "http://localhost:1", NO_MASTER),
+        ("car_sim.py", "localhost:11311", "ROS_MASTER_URI is 'localhost:11311'; expected an addr"),
+        ("map_server.py", "ftp://localhost:1", "ROS_MASTER_URI is 'ftp://localhost:1'; expected a"),
+        ("keyboard_teleop.py", "http://localhost:1", NO_MASTER),
     ],
 )
-def test_without_a_master_a_node_fails(name, address):
+def test_without_a_master_a_node_fails(name, address, message):
     with node(name, "_plan_file:=circle", ROS_MASTER_URI=address) as process:
         assert process.wait() == 1, process.output
     assert "Traceback" not in process.output
-    expected = f"{name[:-3]}: no master answers at ROS_MASTER_URI={address}; expected one there"
-    assert process.output.startswith(expected)
+    assert process.output.startswith(f"{name[:-3]}: {message}")
 
 
 def test_a_node_logs_if_its_home_cannot_be_written(master, tmp_path):
