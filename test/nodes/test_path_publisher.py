@@ -25,7 +25,7 @@ from support.helpers import (
 )
 from support.messages import COMMAND_TIMEOUT, NAVIGATION, OUTPUT, at, command
 from support.paths import FIXTURES
-from support.world import launch
+from support.world import launch, load
 
 
 def start_world():
@@ -235,6 +235,21 @@ class TestPathPublisher(RosTestCase):
         # It called the subscriber and the publisher that do not answer more than once.
         for calls in ghost.calls.values():
             self.assertGreater(len(calls), 1)
+
+    def test_the_car_starts_after_the_mux(self):
+        """On a busy machine, click_planner, which subscribes to the start pose, can be first."""
+        load("ackermann_cmd_mux.yaml", "/late/mux/ackermann_cmd_mux")
+        self.ending(node("ackermann_cmd_mux.py", "__ns:=/late/mux"))
+        self.ending(Recording("/late/initialpose", PoseWithCovarianceStamped))
+        path = self.plan("1,-1,0.5\n1.0,0.2,0.3\n")
+        names = ("_car_name:=late", "_init_pose_topic:=/late/initialpose", "__name:=early")
+        with driver(path, *names) as plan:
+            wait_for(
+                lambda: "waiting for a publisher of /late/car_pose" in plan.output, "the message"
+            )
+            self.ending(node("car_sim.py", "__ns:=/late"))
+            self.assertEqual(plan.wait(), 0, plan.output)
+        self.assertIn("the car drove 0.30 m", plan.output)
 
     def test_the_car_of_mushrs_branch_noetic(self):
         """It is placed on another topic; the message contains the command that places it."""

@@ -132,7 +132,7 @@ def wait_until_connected(
             return False
         if now > announced + REANNOUNCE_PERIOD:
             if announced == began and minimum:
-                rospy.loginfo("waiting for a subscriber to %s", end.resolved_name)
+                rospy.loginfo("waiting for a %s of %s", role[:-1], end.resolved_name)
             announced = now
             reannounce(end, role)
         time.sleep(POLL_PERIOD)
