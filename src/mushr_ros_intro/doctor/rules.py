@@ -64,7 +64,13 @@ def health(facts: Facts) -> str:
 
 def hints(facts: Facts) -> List[str]:
     """Return what could be better in a system without findings."""
-    return [
+    past = [each.node for each in facts.inputs["output"].senders] if _has_mux(facts) else []
+    found = [
+        f"hint: {node} sends commands past the mux, so nobody can take over with the keyboard or "
+        f"the joystick. Publish on {facts.control_topic}"
+        for node in past
+    ]
+    return found + [
         f"hint: the commands of {each.node} have no stamp, so each one takes effect when it "
         "arrives, and the final pose differs from drive to drive. In send_command of the "
         "tutorial's listing, replace AckermannDriveStamped(drive=drive) by AckermannDriveStamped("

@@ -309,6 +309,13 @@ def test_hints():
     assert hint.startswith("hint: the commands of /path_publisher have no stamp")
 
 
+def test_a_node_that_sends_past_the_mux():
+    (hint,) = hints(replace(HEALTHY, inputs=inputs(None, bypass=PLAN)))
+    assert hint.startswith("hint: /path_publisher sends commands past the mux, so nobody can take")
+    assert hint.endswith(f"Publish on {NAVIGATION}")
+    assert not hints(replace(HEALTHY, inputs=without_mux(PLAN)))
+
+
 def test_parameters_of_earlier_runs():
     assert left_parameters(HEALTHY) == []
     left = {"/path_publisher": {"control_topic": "/nav", "loop": True}}
