@@ -7,11 +7,10 @@ import math
 from itertools import groupby
 from typing import Any, Callable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-import numpy as np
-
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose, curvature
 from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.replay.mistakes import command_mistake
 from mushr_ros_intro.replay.rate import judge_rate
 from mushr_ros_intro.replay.recording import (
     MAX_SHIFT,
@@ -32,9 +31,6 @@ INITIAL_POSES = "/initialpose"
 
 POSE_TYPE = "geometry_msgs/PoseWithCovarianceStamped"
 """The type of the messages on INITIAL_POSES."""
-
-_SAME = 1e-4
-"""Relative difference between commands that count as equal; a node may compute in float32."""
 
 
 class Tolerances(NamedTuple):
@@ -219,7 +215,7 @@ def _commands(judgement: Judgement) -> Tuple[bool, str]:
     if index == len(wanted):
         return False, _surplus(got[index:], runs[-1], len(groups[index - 1]))
     difference = f"received {_shown(got[index])}; expected {_shown(wanted[index])}"
-    return False, f"{runs[index]}: {difference}{_mistake(got, wanted)}"
+    return False, f"{runs[index]}: {difference}{command_mistake(got, wanted)}"
 
 
 def _surplus(more: Sequence[Tuple[float, ...]], run: Run, count: int) -> str:
@@ -238,44 +234,6 @@ def _surplus(more: Sequence[Tuple[float, ...]], run: Run, count: int) -> str:
         text = f"after the plan and a stop the node sent {_shown(more[1])}; expected nothing after "
         text += "the stop"
     return f"{text} (does the node repeat the plan?)"
-
-
-def _mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...]]) -> str:
-    """Return a sentence about a common mistake that explains all commands, if there is one."""
-    if any(speed for speed, _ in wanted) and not any(speed for speed, _ in got):
-        return ". All speeds are 0"
-    if len(got) == len(wanted):
-        if [command[::-1] for command in got] == list(wanted):
-            return ". Speed and steering angle are swapped in all commands"
-        (speeds, angles), (right_speeds, right_angles) = zip(*got), zip(*wanted)
-        speed, angle = _factor(speeds, right_speeds), _factor(angles, right_angles)
-        if speed is not None and angle is not None:
-            mistakes = []
-            if abs(speed - 1.0) > _SAME:
-                mistakes.append(f"All speeds are {speed:.4g} times those of the plan")
-            if abs(angle + 1.0) < _SAME:
-                is_reversed = list(got[::-1]) == list(wanted)
-                other = ", or the rows are in reverse order" if is_reversed else ""
-                sign = "All steering angles have the wrong sign; positive turns left"
-                mistakes.append(sign + other)
-            elif abs(angle / math.degrees(1.0) - 1.0) < _SAME:
-                mistakes.append("All steering angles are in degrees; expected radians")
-            elif abs(angle / math.radians(1.0) - 1.0) < _SAME:
-                mistakes.append(
-                    "All steering angles are converted from degrees; those of the plan are radians"
-                )
-            elif abs(angle - 1.0) > _SAME:
-                mistakes.append(f"All steering angles are {angle:.4g} times those of the plan")
-            return "".join(f". {mistake}" for mistake in mistakes)
-    return ". The rows are in the wrong order" if sorted(got) == sorted(wanted) else ""
-
-
-def _factor(got: Sequence[float], wanted: Sequence[float]) -> Optional[float]:
-    """Return the factor between all numbers of two sequences, or None if there is none."""
-    square = float(np.dot(wanted, wanted))
-    factor = float(np.dot(got, wanted)) / square if square else 1.0
-    is_same = np.allclose(got, factor * np.array(wanted), rtol=_SAME, atol=0.0)
-    return factor if is_same else None
 
 
 def _shown(command: Tuple[float, ...]) -> str:

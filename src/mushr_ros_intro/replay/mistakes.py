@@ -1,0 +1,47 @@
+"""Recognise common mistakes in what a node sends."""
+
+import math
+from typing import Optional, Sequence, Tuple
+
+import numpy as np
+
+_SAME = 1e-4
+"""Relative difference between commands that count as equal; a node may compute in float32."""
+
+
+def command_mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...]]) -> str:
+    """Return a sentence about a common mistake that explains all commands, if there is one."""
+    if any(speed for speed, _ in wanted) and not any(speed for speed, _ in got):
+        return ". All speeds are 0"
+    if len(got) == len(wanted):
+        if [command[::-1] for command in got] == list(wanted):
+            return ". Speed and steering angle are swapped in all commands"
+        (speeds, angles), (right_speeds, right_angles) = zip(*got), zip(*wanted)
+        speed, angle = _factor(speeds, right_speeds), _factor(angles, right_angles)
+        if speed is not None and angle is not None:
+            mistakes = []
+            if abs(speed - 1.0) > _SAME:
+                mistakes.append(f"All speeds are {speed:.4g} times those of the plan")
+            if abs(angle + 1.0) < _SAME:
+                is_reversed = list(got[::-1]) == list(wanted)
+                other = ", or the rows are in reverse order" if is_reversed else ""
+                sign = "All steering angles have the wrong sign; positive turns left"
+                mistakes.append(sign + other)
+            elif abs(angle / math.degrees(1.0) - 1.0) < _SAME:
+                mistakes.append("All steering angles are in degrees; expected radians")
+            elif abs(angle / math.radians(1.0) - 1.0) < _SAME:
+                mistakes.append(
+                    "All steering angles are converted from degrees; those of the plan are radians"
+                )
+            elif abs(angle - 1.0) > _SAME:
+                mistakes.append(f"All steering angles are {angle:.4g} times those of the plan")
+            return "".join(f". {mistake}" for mistake in mistakes)
+    return ". The rows are in the wrong order" if sorted(got) == sorted(wanted) else ""
+
+
+def _factor(got: Sequence[float], wanted: Sequence[float]) -> Optional[float]:
+    """Return the factor between all numbers of two sequences, or None if there is none."""
+    square = float(np.dot(wanted, wanted))
+    factor = float(np.dot(got, wanted)) / square if square else 1.0
+    is_same = np.allclose(got, factor * np.array(wanted), rtol=_SAME, atol=0.0)
+    return factor if is_same else None
