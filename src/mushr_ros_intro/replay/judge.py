@@ -10,7 +10,7 @@ from typing import Any, Callable, Iterator, List, Mapping, NamedTuple, Optional,
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose, curvature
 from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.replay.mistakes import command_mistake
+from mushr_ros_intro.replay.mistakes import command_mistake, start_mistake
 from mushr_ros_intro.replay.rate import judge_rate
 from mushr_ros_intro.replay.recording import (
     MAX_SHIFT,
@@ -177,7 +177,7 @@ def _start_pose(judgement: Judgement) -> Tuple[bool, str]:
         found = f"the node sent the start pose {sent}"
         if not all(map(math.isfinite, sent)):
             found = f"the car ignored {judgement.recorded.ignored}"
-        return False, f"{found}; expected {wanted}"
+        return False, f"{found}; expected {wanted}{start_mistake(sent, wanted, START_TOLERANCE)}"
     passed, difference = compare(
         Pose(*judgement.drive.driven[0]), wanted, *judgement.tolerances[:2]
     )

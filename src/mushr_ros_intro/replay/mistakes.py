@@ -5,8 +5,29 @@ from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
+from mushr_ros_intro.geometry import Pose
+
 _SAME = 1e-4
 """Relative difference between commands that count as equal; a node may compute in float32."""
+
+
+def start_mistake(sent: Pose, wanted: Pose, tolerance: float) -> str:
+    """Return a sentence about a common mistake that explains a start pose, if there is one.
+
+    Args:
+        sent: the start pose of the node.
+        wanted: that of the plan.
+        tolerance: of their comparison [m, rad].
+    """
+    guesses = {
+        "x and y are swapped": wanted._replace(x=wanted.y, y=wanted.x),
+        "theta is in degrees; expected radians": wanted._replace(theta=math.degrees(wanted.theta)),
+        "theta is converted from degrees; that of the plan is in radians": wanted._replace(
+            theta=math.radians(wanted.theta)
+        ),
+    }
+    close = [text for text, pose in guesses.items() if sent.is_close_to(pose, tolerance)]
+    return "".join(f". Perhaps {text}" for text in close[:1])
 
 
 def command_mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...]]) -> str:
@@ -36,6 +57,9 @@ def command_mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[flo
             elif abs(angle - 1.0) > _SAME:
                 mistakes.append(f"All steering angles are {angle:.4g} times those of the plan")
             return "".join(f". {mistake}" for mistake in mistakes)
+    rows = [command for command in got if command[0]]  # without the stop at the end
+    if rows and rows == list(wanted[-len(rows) :]):
+        return ". The first rows are missing"
     return ". The rows are in the wrong order" if sorted(got) == sorted(wanted) else ""
 
 

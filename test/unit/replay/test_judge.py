@@ -95,6 +95,9 @@ def test_an_ignored_message_is_noted():
         ),
         ({"start": Pose(1, 2.002, 0.5)}, "start_pose", "start pose (1.0000 m, 2.0020 m"),
         ({"start": Pose(1, 2, 0.502)}, "start_pose", "2.0000 m, 0.5020 rad); expected"),
+        ({"start": Pose(2, 1, 0.5)}, "start_pose", "0.5000 rad). Perhaps x and y are swapped"),
+        ({"start": Pose(1, 2, math.degrees(0.5))}, "start_pose", "Perhaps theta is in degrees; e"),
+        ({"start": Pose(1, 2, math.radians(0.5))}, "start_pose", "theta is converted from degr"),
         (
             {"start": Pose(math.nan, 2, 0.5), "ignored": "a message on /initialpose: x is nan"},
             "start_pose",
@@ -321,6 +324,7 @@ def without_reverse(rows):
     ("mistake", "end"),
     [
         (backwards, ". The rows are in the wrong order"),
+        (lambda rows: rows[2:], ". The first rows are missing"),
         (mirrored, ". All steering angles have the wrong sign; positive turns left"),
         (in_degrees, ". All steering angles are in degrees; expected radians"),
         (swapped, ". Speed and steering angle are swapped in all commands"),
