@@ -6,6 +6,7 @@ from functools import lru_cache
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
+from std_msgs.msg import Time
 from tf.transformations import quaternion_from_euler
 
 from mushr_ros_intro.drive.car_pose import CarPose
@@ -28,7 +29,8 @@ class PathPublisher:
 
     Publishes the start pose on ``~init_pose_topic`` (geometry_msgs/PoseWithCovarianceStamped) and
     the commands on ``~control_topic`` (ackermann_msgs/AckermannDriveStamped). Waits until the car
-    reports the start pose on /CAR_NAME/car_pose. Checks the plan before the drive.
+    reports the start pose on /CAR_NAME/car_pose. Checks the plan before the drive. Publishes on
+    ``~start`` (std_msgs/Time, latched) when the first row of the plan begins.
     Stops the car at the end, on Ctrl-C, on an error, and if ``~active_topic`` shows that another
     input drives.
 
@@ -61,6 +63,7 @@ class PathPublisher:
         self.pub_init_pose = rospy.Publisher(
             init_pose_topic, PoseWithCovarianceStamped, queue_size=10, tcp_nodelay=True
         )
+        self.pub_start = rospy.Publisher("~start", Time, queue_size=1, latch=True)
         self.car_pose = CarPose(car_name)
         self.timetable = Timetable(self.plan, self.loop)
         self.monitor = DriveMonitor(
@@ -99,6 +102,7 @@ class PathPublisher:
             self.send_init_pose(stamp)
             stamp = self.car_pose.wait_until_at(self.plan.start, stamp, self.timeout)
         self.timetable.start_after(stamp)
+        self.pub_start.publish(Time(conversions.time_from(self.timetable.start)))
         for row in self.plan.rows:
             self.send_command(row)
         self.timetable.wait_until(self.timetable.end)

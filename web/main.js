@@ -15,7 +15,8 @@ import {
   addError,
   fit,
   listPlans,
-  onCommand,
+  onOutput,
+  onStart,
   stopPlan,
   updateDrive,
 } from "./plan.js";
@@ -114,7 +115,9 @@ function subscribe(car, mux, prefix) {
     (msg) => (view.touches = msg.poses.length > 0),
   );
   ros.subscribe(`${mux}/active`, (msg) => say("owner", msg.data));
-  ros.subscribe(`${mux}/input/navigation`, onCommand);
+  // Not an input: path_publisher would take the server for a mux, also if the mux is dead.
+  ros.subscribe(`${mux}/output`, onOutput);
+  ros.subscribe(`${prefix}/path_publisher/start`, onStart);
   ros.subscribe(`${prefix}/click_planner/path`, (msg) =>
     view.set({ clicked: path(msg) }),
   );

@@ -18,7 +18,7 @@ const table = find("rows");
 const stop = find("stop");
 let plan = { rows: [] };
 let drive; // that of the server's state; undefined if it is not known
-let begin; // when the first row began [s]; null before it, NaN if it is not known
+let begin = NaN; // when the first row of the latest drive or lap began [s]
 let errors = []; // of path_publisher
 let missing = ""; // the plan to show as soon as the server lists it
 
@@ -90,12 +90,7 @@ function mayRun() {
 }
 export function updateDrive(next) {
   const isNew = next?.running && !drive?.running;
-  // The stamp of the first command is not known of a drive that began before this page.
-  const isKnown = drive !== undefined;
-  if (isNew) {
-    begin = isKnown ? null : NaN;
-    errors = [];
-  }
+  if (isNew) errors = [];
   // A plan that another page drives.
   if (isNew && plan.name !== next.plan) listPlans(next.plan).then(fit);
   drive = next;
@@ -123,14 +118,16 @@ export function addError(text) {
   errors.push(text);
   if (drive) updateDrive(drive);
 }
-/** A command of the plan: its stamp shows which row is driven. */
-export function onCommand({ header }) {
+/** path_publisher publishes when the first row begins, in each lap. */
+export const onStart = ({ data }) => (begin = seconds(data));
+/** A command for the car, of any input of the mux: its stamp shows which row is driven. */
+export function onOutput({ header }) {
   if (!drive?.running || plan.name !== drive.plan) return;
-  const stamp = seconds(header.stamp);
-  begin ??= stamp;
-  if (stamp - begin > plan.duration + TOLERANCE) begin = stamp; // the next lap
-  let end = begin - TOLERANCE;
-  mark(plan.rows.findIndex((row) => stamp < (end += row.duration)));
+  const time = seconds(header.stamp) - begin + TOLERANCE;
+  let end = 0;
+  mark(
+    time < 0 ? -1 : plan.rows.findIndex((row) => time < (end += row.duration)),
+  );
 }
 function mark(number) {
   const row = table.rows[number];

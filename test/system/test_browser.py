@@ -12,6 +12,7 @@ from support.cars import plan_named
 from support.geometry import closed_form
 from support.grades import graded, store, submission
 from support.helpers import node
+from support.messages import MUX
 
 pytestmark = pytest.mark.full
 
@@ -68,12 +69,12 @@ def page(sim, chromium):
     sim.delete("/drive")
 
 
-def load(page, sim):
+def load(page, sim, is_driving=False):
     page.driver.get(sim.url)
     page.wait(lambda: page.text("connection") == "connected", "a connection")
     page.wait(page.pose, "the pose in the page")
     page.wait(lambda: page.text("check") not in ("", "reading the plan"), "the plan")
-    page.wait(lambda: not page.find("stop").is_enabled(), "the end of an earlier drive")
+    page.wait(lambda: page.find("stop").is_enabled() is is_driving, "the state of the drive")
 
 
 def colour(page, name):
@@ -165,6 +166,14 @@ def test_keys(page):
     page.actions().key_up("s").perform()
 
 
+def test_a_dead_mux_is_missed(sim, page):
+    """The page is not a subscriber for which path_publisher takes the mux."""
+    page.shows("owner", "idle")  # the page has subscribed to all of its topics but the last
+    _, subscribers, _ = sim.proxy.getSystemState()
+    nodes = {topic: names for topic, names in subscribers if "/input/" in topic}
+    assert nodes and {name for names in nodes.values() for name in names} == {MUX}, nodes
+
+
 def at_rest(page):
     """Wait until the car has stopped, and has one pose for 1 s of simulated time."""
     page.shows("owner", "idle")
@@ -211,6 +220,8 @@ def drive(page, plan, speed):
 def test_stop(sim, page):
     drive(page, "long", "0.50 m/s")
     page.wait(lambda: page.run(CURRENT) == 2, "the mark of the second row")
+    load(page, sim, is_driving=True)
+    page.wait(lambda: page.run(CURRENT) == 2, "the same mark after a reload")
     red = page.run("return getComputedStyle(document.getElementById('stop')).backgroundColor")
     assert red == "rgb(179, 32, 10)"
     page.find("stop").click()
