@@ -78,7 +78,7 @@ class WebView:
         asyncio.run(self._run())
 
     async def _run(self) -> None:
-        ended = asyncio.Event()
+        ended, wake = asyncio.Event(), asyncio.Event()
         car, planner = f"/{self._car_name}", f"{self._prefix}/click_planner"
         self._bridge = Bridge(
             {
@@ -92,7 +92,14 @@ class WebView:
             },
             {STATE_TOPIC},
         )
-        rospy.on_shutdown(lambda: self._bridge.call_soon(ended.set))
+
+        def end() -> None:
+            ended.set()
+            wake.set()
+
+        rospy.on_shutdown(lambda: self._bridge.call_soon(end))
+        # Otherwise a drive that starts elsewhere would be known up to a second later.
+        self._bridge.listen(f"{self._prefix}/path_publisher/start", lambda _: wake.set())
         program = os.path.join(os.path.dirname(os.path.abspath(__file__)), "path_publisher.py")
         self._drive = PlanDrive(program, self._prefix or "/", self._on_drive)
         self._map = WebMap(self._bridge, self._offer_state)
@@ -110,10 +117,11 @@ class WebView:
             self._token,
         )
         while not ended.is_set():
+            wake.clear()
             self._seen = await self._bridge.in_thread(self._look)
             self._offer_state()
             with suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(ended.wait(), STATE_PERIOD)
+                await asyncio.wait_for(wake.wait(), STATE_PERIOD)
         server.stop()
         await self._bridge.in_thread(self._drive.end)
 
@@ -134,7 +142,6 @@ class WebView:
         car = f"/{self._car_name}/car_sim"
         seen = {
             "holds_clock": False,
-            "plan": None,
             **car_limits(Parameters({})),
             **self._seen,
             "problem": "",
@@ -150,10 +157,9 @@ class WebView:
             is_simulated = f"{car}/reset" in services
             values = simulated_car_parameters(self._car_name) if is_simulated else Parameters({})
             seen.update(car_limits(values), holds_clock=f"{car}/pause" in services)
-            plan = rospy.get_param(f"{self._prefix}/path_publisher/plan_file", "")
-            seen["plan"] = plans.name_of(str(plan), seen["plans"])
+            self._drive.look(services, seen["plans"])
         except (CallError, OSError) as error:
-            seen["problem"] = f"the ROS master does not answer ({error}); restart the simulation"
+            seen["problem"] = rosapi.no_answer(error)
         except UserError as error:
             seen["problem"] = str(error)
         return seen

@@ -65,7 +65,6 @@ function onStatus(isConnected, delay) {
 
 function onState(state) {
   const isFirst = !server.state;
-  const lastPlan = server.state?.plan;
   server.state = state;
   updateDrive(state.drive);
   find("time-section").hidden = !state.holds_clock;
@@ -76,10 +75,6 @@ function onState(state) {
     if (state.map !== (view.map?.number ?? null)) loadMap(state.map);
     if (JSON.stringify(state.plans) !== plans) listPlans();
     plans = JSON.stringify(state.plans);
-    // A plan that is driven from a terminal. That of a drive from a page can become known after its end.
-    const known = [lastPlan, state.drive?.plan, find("plan").value];
-    if (state.plan && !known.includes(state.plan))
-      listPlans(state.plan).then(fit);
     return;
   }
   plans = JSON.stringify(state.plans);

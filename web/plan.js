@@ -18,13 +18,14 @@ const table = find("rows");
 const stop = find("stop");
 let plan = { rows: [] };
 let drive; // that of the server's state; undefined if it is not known
-let begin = NaN; // when the first row of the latest drive or lap began [s]
+let begun; // when the latest drive began, which tells drives apart; null if there was none
+let start = NaN; // when the first row of the latest drive or lap began [s]
 let errors = []; // of path_publisher
 let missing = ""; // the plan to show as soon as the server lists it
 
 /** Show the names of the server's state; read the plan with this name, and show it. */
 export async function listPlans(
-  name = missing || names.value || (server.state.plan ?? "figure_8"),
+  name = missing || names.value || (server.state.drive?.plan ?? "figure_8"),
 ) {
   const plans = Object.keys(server.state.plans);
   const isOld =
@@ -89,41 +90,52 @@ function mayRun() {
   return drive === undefined || drive?.running;
 }
 export function updateDrive(next) {
-  const isNew = next?.running && !drive?.running;
-  if (isNew) errors = [];
-  // A plan that another page drives.
-  if (isNew && plan.name !== next.plan) listPlans(next.plan).then(fit);
+  const isNew = next !== undefined && (next?.begun ?? null) !== begun;
+  // A plan that another page or a terminal drives.
+  const isOther = begun !== undefined && next?.plan && next.plan !== plan.name;
+  if (isNew) {
+    errors = [];
+    begun = next?.begun ?? null;
+  }
   drive = next;
   stop.disabled = !mayRun();
   find("drive").disabled = mayRun() || !plan.rows.length;
   if (!drive?.running) mark(-1);
   say("drive-state", result());
+  if (isNew && isOther) listPlans(drive.plan).then(fit);
 }
+/** Whether the latest drive is one of the chosen plan, which has not been changed since. */
+const isOfPlan = () =>
+  drive?.plan === plan.name && drive.written === server.state.plans[plan.name];
 /** The state of the drive, and the result of the last drive of the chosen plan. */
 function result() {
   if (drive === undefined) return "not connected: the drive is not known";
-  if (!drive || (!drive.running && drive.plan !== names.value)) return "";
+  if (!drive || !(drive.running || isOfPlan())) return "";
   const { running, stopped, exit_status: status } = drive;
+  const name = drive.plan ?? "a plan that is not in the list";
   const states = running
-    ? [`${stopped ? "stopping" : "driving"} ${drive.plan}`]
+    ? [`${stopped ? "stopping" : "driving"} ${name}`]
     : stopped
-      ? [`${drive.plan} was stopped`]
+      ? [`${name} was stopped`]
       : status === 0
-        ? [`${drive.plan} ended successfully`]
-        : [`${drive.plan} ended with an error, exit status ${status}`];
+        ? [`${name} ended successfully`]
+        : status === null // it was started elsewhere
+          ? [`the drive of ${name} has ended`]
+          : [`${name} ended with an error, exit status ${status}`];
   return [...states, ...errors].join("\n");
 }
 
 export function addError(text) {
+  if (!drive?.running) return; // it belongs to a drive that the server does not know yet
   errors.push(text);
-  if (drive) updateDrive(drive);
+  updateDrive(drive);
 }
 /** path_publisher publishes when the first row begins, in each lap. */
-export const onStart = ({ data }) => (begin = seconds(data));
+export const onStart = ({ data }) => (start = seconds(data));
 /** A command for the car, of any input of the mux: its stamp shows which row is driven. */
 export function onOutput({ header }) {
-  if (!drive?.running || plan.name !== drive.plan) return;
-  const time = seconds(header.stamp) - begin + TOLERANCE;
+  if (!drive?.running || !isOfPlan()) return;
+  const time = seconds(header.stamp) - start + TOLERANCE;
   let end = 0;
   mark(
     time < 0 ? -1 : plan.rows.findIndex((row) => time < (end += row.duration)),

@@ -460,6 +460,8 @@ def test_a_master_that_does_not_answer(sim):
         assert result is False and isinstance(values, str)
         watcher.stamps(100)
         assert sim.get("/plans")[0] == 200
+        status, answer = sim.post("/drive", {"plan": "long"})
+        assert status == 409 and "the ROS master does not answer" in answer["error"]
     finally:
         os.kill(sim.master.pid, signal.SIGCONT)
     client.state(lambda state: not state["problem"], "without a problem")

@@ -423,13 +423,40 @@ OFF_WALLS = """
 
 
 def test_a_drive_in_a_terminal(page, sim):
-    """The page shows its plan, also if it is opened later."""
+    """The page shows its plan and the current row, also if it is opened later, and can stop it."""
     with node("path_publisher.py", "_plan_file:=circle", **sim.environment) as process:
-        page.wait(lambda: page.find("plan").get_attribute("value") == "circle", "the plan")
         page.shows("check", "12.00 m")
+        page.shows("drive-state", "the drive of circle has ended")
         assert process.wait() == 0
     load(page, sim)
     page.shows("check", "12.00 m")
+    for _ in range(2):  # the page shows a plan that is driven twice, also if it shows another one
+        page.choose("plan", "figure_8")
+        page.shows("check", "44.00 m")
+        with node("path_publisher.py", "_plan_file:=long", **sim.environment) as process:
+            page.shows("drive-state", "driving long")
+            assert page.find("plan").get_attribute("value") == "long"
+            page.wait(lambda: page.run(CURRENT) == 2, "the mark of the second row")
+            page.actions().send_keys("\ue00c").perform()  # Escape
+            page.shows("drive-state", "long was stopped")
+            assert process.wait() == 1
+        at_rest(page)
+
+
+def test_a_plan_that_has_been_changed(sim, page):
+    """The result of a drive is not shown beside another version of the plan."""
+    path = os.path.join(sim.environment["PWD"], "changed.txt")
+    try:
+        for rows in ("2.0, 0.0", "2.0, 0.1"):
+            with open(path, "w") as file:
+                file.write(f"0, 0, 0\n{rows}, 1.0\n")
+            page.choose("plan", "changed")
+            page.wait(lambda: page.text("drive-state") == "", "no result of the last version")
+            page.wait(lambda: page.find("drive").is_enabled(), "the plan")
+            page.find("drive").click()
+            page.shows("drive-state", "changed ended successfully")
+    finally:
+        os.remove(path)
 
 
 def test_a_drive_of_another_page(page, sim):

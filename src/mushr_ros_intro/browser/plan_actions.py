@@ -69,7 +69,9 @@ class PlanActions:
             "spread": bool(options.get("spread")),
             "loop": bool(options.get("loop")),
         }
-        await self._bridge.in_thread(self._drive.start, options["plan"], parameters)
+        name = options["plan"]
+        written = (await self._bridge.in_thread(plans.versions, self._folders)).get(name)
+        await self._bridge.in_thread(self._drive.start, name, written, parameters)
         return {}
 
     async def _stop_drive(self) -> Dict[str, Any]:

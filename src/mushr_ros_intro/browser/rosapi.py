@@ -38,6 +38,11 @@ def _master(method: str, *arguments: Any) -> Any:
     return ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), method, *arguments)
 
 
+def no_answer(error: Exception) -> str:
+    """Return the message for a master that does not answer, because of `error`."""
+    return f"the ROS master does not answer ({error}); restart the simulation"
+
+
 def topic_types() -> Dict[str, str]:
     """Return the type of each topic that the master knows.
 
