@@ -23,13 +23,13 @@ import {
 import { place } from "./pointer.js";
 import { listResults } from "./results.js";
 import * as ros from "./ros.js";
-import { poseAt, points } from "./scan.js";
+import { poseAt, points, SAME } from "./scan.js";
 import { NOTHING, view } from "./view.js";
 
 const LATE = 1000; // a pose or an answer of the bridge is late after this time [ms]
 let heard = 0; // when a pose came [ms]
-let isHeld = false; // the clock, by this page
-let plans = ""; // names and times of the server's plans
+let held = Infinity; // when this page held the clock [s]; Infinity if the clock runs
+let checked = ""; // names and times of the server's plans, and the map, on which a check depends
 let poses = []; // the last ones: a scan is drawn from the pose of its stamp
 let scan = null; // that waits for this pose
 
@@ -40,8 +40,8 @@ function onStatus(isConnected, delay) {
   if (!state) updateDrive(undefined);
   if (!state || delay > LATE) stopHand();
   const silence = performance.now() - heard;
-  const isStale = !state || (silence > LATE && !isHeld);
-  const cause = `is ${state?.simulated_time ? "the clock held, or " : ""}the car not running?`;
+  const isStale = !state || (silence > LATE && held === Infinity);
+  const cause = `${state?.simulated_time ? "the clock is held, or " : ""}the car is not running`;
   say(
     "problem",
     [
@@ -65,7 +65,10 @@ function onStatus(isConnected, delay) {
 
 function onState(state) {
   const isFirst = !server.state;
+  const lastDrive = server.state?.drive;
+  const last = checked;
   server.state = state;
+  checked = JSON.stringify([state.plans, state.map]);
   updateDrive(state.drive);
   find("time-section").hidden = !state.holds_clock;
   find("result-section").hidden = !state.results;
@@ -73,15 +76,17 @@ function onState(state) {
   find("spread-note").hidden = state.has_noise;
   if (!isFirst) {
     if (state.map !== (view.map?.number ?? null)) loadMap(state.map);
-    if (JSON.stringify(state.plans) !== plans) listPlans();
-    plans = JSON.stringify(state.plans);
+    if (checked !== last) listPlans();
+    if (state.drive && state.drive.begun !== lastDrive?.begun)
+      find("log").prepend(
+        element("div", `drive of ${state.drive.plan ?? "a plan"}`, "begin"),
+      );
     return;
   }
-  plans = JSON.stringify(state.plans);
   Promise.all([listPlans(), loadMap(state.map)]).then(heard ? null : fit);
   if (state.results) listResults();
   heard = performance.now();
-  isHeld = false;
+  held = Infinity;
   view.set(NOTHING);
   scan = null;
   subscribe(
@@ -111,7 +116,7 @@ function subscribe(car, mux, prefix) {
   );
   ros.subscribe(`${mux}/active`, (msg) => say("owner", msg.data));
   // Not an input: path_publisher would take the server for a mux, also if the mux is dead.
-  ros.subscribe(`${mux}/output`, onOutput);
+  ros.subscribe(`${mux}/output`, onOutput, 100);
   ros.subscribe(`${prefix}/path_publisher/start`, onStart);
   ros.subscribe(`${prefix}/click_planner/path`, (msg) =>
     view.set({ clicked: path(msg) }),
@@ -129,6 +134,10 @@ function subscribe(car, mux, prefix) {
 function onPose(msg) {
   const stamp = seconds(msg.header.stamp);
   const pose = flat(msg.pose);
+  if (stamp > held + SAME) {
+    held = Infinity; // any client may have released the clock
+    say("time-state", "");
+  }
   const last = poses.at(-1)?.stamp ?? stamp;
   if (stamp < last || stamp > last + 2) view.driven = []; // it is another car
   poses = [...poses.slice(-60), { stamp, pose }];
@@ -159,19 +168,27 @@ function onScan(msg) {
 }
 
 function onLog({ level, name, msg }) {
-  const node = name.split("/").at(-1);
-  if (node === "click_planner" && find("clicks").checked) {
-    say("click-state", msg);
-    find("click-state").className = level >= 4 ? "warning" : "";
-  }
-  const isOfCar = name.startsWith(`/${server.state?.car_name}/`);
-  if (!isOfCar && !["path_publisher", "web_view"].includes(node)) return;
+  const { car_name: car, prefix } = server.state ?? {};
+  const driver = `${prefix}/path_publisher`;
   const kind = level >= 8 ? "error" : level >= 4 ? "warning" : "";
+  if (name === `${prefix}/click_planner` && find("clicks").checked) {
+    say("click-state", msg);
+    find("click-state").className = kind && "warning";
+  }
+  if (
+    name.startsWith(`/${car}/`) ||
+    [driver, `${prefix}/web_view`].includes(name)
+  )
+    addLine(name, kind, msg);
+  if (name === driver && kind === "error") addError(msg);
+}
+/** Add a line to the log, of a node or of the page itself. */
+function addLine(name, kind, msg) {
+  const node = name.split("/").at(-1);
   find("log").prepend(
     element("div", [node, kind, msg].filter(Boolean).join(": "), kind),
   );
   if (find("log").children.length > 300) find("log").lastChild.remove();
-  if (node === "path_publisher" && kind === "error") addError(msg);
 }
 
 async function loadMap(number) {
@@ -183,8 +200,10 @@ async function loadMap(number) {
 /** Call a service of the clock or of click_planner, and show its answer. */
 async function call(service, output) {
   const { success, message } = await ros.call(service);
-  say(output, message || (success ? "done" : "refused"));
-  if (success && output === "time-state") isHeld = !service.endsWith("resume");
+  const isResumed = success && service.endsWith("resume");
+  say(output, isResumed ? "" : message || (success ? "done" : "refused"));
+  if (success && output === "time-state")
+    held = isResumed ? Infinity : Number.parseFloat(message);
   const [, name] = message.match(/^saved .*?([^/]+)\.txt;/) ?? [];
   if (name) listPlans(name);
 }
@@ -223,7 +242,7 @@ window.mushr = {
     return view.frames;
   },
 };
-const onError = (msg) => onLog({ level: 8, name: "/web_view", msg });
+const onError = (msg) => addLine("web_view", "error", msg);
 addEventListener("unhandledrejection", (event) =>
   onError(event.reason.message),
 );

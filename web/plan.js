@@ -17,6 +17,7 @@ const names = find("plan");
 const table = find("rows");
 const stop = find("stop");
 let plan = { rows: [] };
+let ends = []; // of the rows in the table, from the start of the drive [s]
 let drive; // that of the server's state; undefined if it is not known
 let begun; // when the latest drive began, which tells drives apart; null if there was none
 let start = NaN; // when the first row of the latest drive or lap began [s]
@@ -41,26 +42,40 @@ export async function listPlans(
   const found = await request(`plans/${encodeURIComponent(names.value)}`);
   if (found.name === names.value) show((plan = found));
 }
-/** What a plan does: until a wall, if it hits one. */
-function size({ rows, length, duration, wall, final_pose: end }) {
-  if (!rows.length) return "cannot be driven";
-  const all = `${counted(rows.length, "row")}, ${duration.toFixed(2)} s`;
+/** What a plan does: until a wall, if it hits one. The fault contains the time of the wall. */
+function size({ row_count: count, length, duration, wall, final_pose: end }) {
+  if (!count) return "cannot be driven";
+  const all = `${counted(count, "row")}, ${duration.toFixed(2)} s`;
   const driven = `${length.toFixed(2)} m`;
   return wall === null
     ? `${all}, ${driven}; ends at ${poseText(end)}`
-    : `${all}; hits a wall after ${wall.toFixed(2)} s and ${driven}, at ${poseText(end)}`;
+    : `${all}; hits a wall after ${driven}, at ${poseText(end)}`;
 }
-function show({ rows, faults, path }) {
+/** The server sends the first rows and faults only: the others would take minutes and gigabytes. */
+const others = (all, shown, noun) =>
+  all > shown.length
+    ? [`... and ${counted(all - shown.length, `more ${noun}`)}`]
+    : [];
+function show({ rows, row_count, faults, fault_count, path }) {
   const cells = (row) =>
     [row.line, row.speed, row.steering_angle, row.duration]
       .map((each) => `<td>${Number(each.toFixed(4))}</td>`)
       .join("");
-  table.innerHTML = rows.map((row) => `<tr>${cells(row)}</tr>`).join("");
+  const more = others(row_count, rows, "row");
+  table.innerHTML = [
+    ...rows.map(cells),
+    ...more.map((text) => `<td colspan="4">${text}</td>`),
+  ]
+    .map((each) => `<tr>${each}</tr>`)
+    .join("");
+  let end = 0;
+  ends = rows.map((row) => (end += row.duration));
   const texts = faults.map(({ line, column, text }) =>
     [line && `line ${line}`, column && `column ${column}`, text]
       .filter(Boolean)
       .join(": "),
   );
+  texts.push(...others(fault_count, faults, "fault"));
   const lines = texts.length
     ? texts.map((text) => [text, "warning"])
     : [["no faults", "good"]];
@@ -136,10 +151,8 @@ export const onStart = ({ data }) => (start = seconds(data));
 export function onOutput({ header }) {
   if (!drive?.running || !isOfPlan()) return;
   const time = seconds(header.stamp) - start + TOLERANCE;
-  let end = 0;
-  mark(
-    time < 0 ? -1 : plan.rows.findIndex((row) => time < (end += row.duration)),
-  );
+  // The line below the rows stands for the others.
+  mark(time >= 0 ? ends.filter((end) => end <= time).length : -1);
 }
 function mark(number) {
   const row = table.rows[number];

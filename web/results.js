@@ -9,6 +9,7 @@ const button = find("play");
 const GRADES = { true: ": passed", false: ": failed" };
 let result = {};
 
+/** List the drives, and read the shown one again: it may have been graded again. */
 export async function listResults() {
   let results = [];
   let problem = "the folder contains no drive";
@@ -25,11 +26,18 @@ export async function listResults() {
     ...options,
   );
   find("result").value = result.name ?? "";
-  say("verdict", results.length ? (result.verdict ?? "") : problem);
+  const { value: name } = find("result"); // empty if the drive is not listed any more
+  const found = await read(name);
+  const isNew = JSON.stringify(found) !== JSON.stringify(result);
+  if (isNew && find("result").value === name) show(found);
+  if (!results.length) say("verdict", problem);
 }
-
-async function open(name) {
-  result = name ? await request(`results/${encodeURI(name)}`) : {};
+const read = async (name) =>
+  name ? await request(`results/${encodeURI(name)}`) : {};
+/** Show a drive from its beginning, or without a name, the live car. */
+function show(found) {
+  result = found;
+  const { name = "" } = result;
   say("verdict", result.verdict ?? "");
   view.set({ replay: null });
   button.checked = false;
@@ -42,10 +50,10 @@ async function open(name) {
     value: 0,
   });
   view.fit([...result.driven, ...result.predicted]);
-  show();
+  showPose();
 }
 /** Show the drive at the time of the slider. */
-function show() {
+function showPose() {
   const { times, driven, predicted } = result;
   const time = slider.valueAsNumber;
   const count = Math.max(
@@ -70,13 +78,13 @@ const play = (last) =>
   requestAnimationFrame((now) => {
     if (!button.checked) return;
     slider.value = slider.valueAsNumber + Math.max(0, now - last) / 1000;
-    show();
+    showPose();
     if (slider.value === slider.max) button.checked = false;
     play(now);
   });
-find("result").onchange = () => open(find("result").value);
+find("result").onchange = async () => show(await read(find("result").value));
 find("result").onfocus = listResults;
-slider.oninput = show;
+slider.oninput = showPose;
 button.onchange = () => {
   if (slider.value === slider.max) slider.value = 0;
   play(performance.now());

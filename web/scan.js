@@ -1,7 +1,7 @@
 // Laser scans: which points of the map they show.
 
 const LASER = 0.1227; // from the rear axle ahead to the laser [m]
-const SAME = 1e-6; // stamps that differ by less are the same [s]
+export const SAME = 1e-6; // stamps that differ by less are the same [s]
 
 /**
  * The pose [x, y, theta] at a stamp [s], between two of the poses {stamp, pose}. Until there is a

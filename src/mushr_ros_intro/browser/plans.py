@@ -3,7 +3,7 @@
 import glob
 import os
 from contextlib import suppress
-from typing import Any, Container, Dict, List, Optional, Sequence
+from typing import Any, Container, Dict, Optional, Sequence
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.plan.parse import read_plan
@@ -18,6 +18,9 @@ MAX_LISTED_SIZE = 1_000_000
 
 MAX_PATH_POINTS = 2000
 """Points of a path."""
+
+MAX_ENTRIES = 1000
+"""Rows and faults of a plan, of which the page makes elements; the others are counted."""
 
 
 def find_plans(folders: Sequence[str]) -> Dict[str, str]:
@@ -51,12 +54,12 @@ def name_of(path: str, names: Container[str]) -> Optional[str]:
 
 def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:
     """Check a plan with a car, and on a map (a `Grid`) if there is one; see docs/web.md."""
-    result: Dict[str, Any] = {"name": name, "start": None, "rows": [], "faults": [], "path": []}
+    result: Dict[str, Any] = {"name": name, "start": None, "rows": [], "row_count": 0, "path": []}
     result.update(length=None, duration=None, wall=None, final_pose=None)
     try:
         plan = read_plan(path)
     except PlanError as error:
-        return {**result, "faults": _faults(error.faults)}
+        return {**result, **_faults(error.faults)}
     report = check(plan, car_name, car, "the map" if grid else "", grid)
     step = -(-len(report.states) // MAX_PATH_POINTS)
     states = [*report.states[:-1:step], report.states[-1]]
@@ -70,9 +73,10 @@ def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[s
                 "steering_angle": shortest_decimal(row.steering_angle),
                 "duration": row.duration / NANOSECONDS,
             }
-            for row in plan.rows
+            for row in plan.rows[:MAX_ENTRIES]
         ],
-        "faults": _faults(report.faults),
+        "row_count": len(plan.rows),
+        **_faults(report.faults),
         "length": report.length,
         "duration": plan.duration / NANOSECONDS,
         "wall": report.rest / NANOSECONDS if report.collision else None,
@@ -81,5 +85,9 @@ def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[s
     }
 
 
-def _faults(faults: Sequence[Fault]) -> List[Dict[str, Any]]:
-    return [{"line": each.line, "column": each.column, "text": each.text} for each in faults]
+def _faults(faults: Sequence[Fault]) -> Dict[str, Any]:
+    shown = [
+        {"line": each.line, "column": each.column, "text": each.text}
+        for each in faults[:MAX_ENTRIES]
+    ]
+    return {"faults": shown, "fault_count": len(faults)}

@@ -84,7 +84,7 @@ def test_a_plan(tmp_path):
         {"line": 3, "speed": 2.0, "steering_angle": 0.0, "duration": 1.0},
         {"line": 4, "speed": 0.5, "steering_angle": 0.1, "duration": 20.0},
     ]
-    assert answer["faults"] == []
+    assert (answer["row_count"], answer["faults"], answer["fault_count"]) == (2, [], 0)
     assert answer["length"] == pytest.approx(12.0)
     assert (answer["duration"], answer["wall"]) == (21.0, None)
     turned = 10.0 * math.tan(0.1) / 0.33
@@ -103,6 +103,17 @@ def test_a_plan_with_faults(tmp_path):
     assert (answer["start"], answer["rows"], answer["path"]) == (None, [], [])
     assert answer["length"] is answer["duration"] is answer["final_pose"] is None
     assert answer["wall"] is None
+
+
+def test_a_long_plan(tmp_path):
+    """The page gets a part of it."""
+    answer = summary(tmp_path, "0, 0, 0\n" + 5000 * "1, 0, 0.1\n")
+    assert (len(answer["rows"]), answer["row_count"]) == (1000, 5000)
+    assert answer["rows"][-1]["line"] == 1001
+    assert answer["duration"] == pytest.approx(500.0)
+    answer = summary(tmp_path, "0, 0, 0\n" + 5000 * "fast, 0\n")
+    assert (len(answer["faults"]), answer["row_count"]) == (1000, 0)
+    assert answer["fault_count"] > 1000
 
 
 def test_a_plan_that_hits_a_wall(tmp_path):
