@@ -116,8 +116,8 @@ class Terminal:
         self.is_open = True
         self._keys = Keys()
         self._help_due = 0
+        tty.setcbreak(self._input)  # discards what was typed before
         self._show_help(time.monotonic_ns())
-        tty.setcbreak(self._input)
 
     def read(self) -> Keys:
         """Wait for characters; return the keys that are held."""
