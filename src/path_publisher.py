@@ -84,8 +84,8 @@ class PathPublisher:
         ros_time.wait_for_clock(self.timeout)
         self.pub_controls.wait_for_subscriber(self.timeout)
         if self.places_car:
+            self.car_pose.wait_until_reported(self.timeout)
             connections.wait_for_subscriber(self.pub_init_pose, self.timeout)
-            self.car_pose.wait_until_connected(self.timeout)
         prediction = self.preview.show()
         self.pub_controls.wait_until_free(self.timeout, self.countdown)
 

@@ -93,12 +93,14 @@ class TestPathPublisher(RosTestCase):
         with driver(path) as process:
             wait_for(self.drives, "five commands")
             other = publisher(NAVIGATION, AckermannDriveStamped)
+            passed = self.ending(Recording(OUTPUT, AckermannDriveStamped).connected())
             name = rospy.get_name()
             wait_for(lambda: f"{name} also publishes on" in process.output, "a warning")
             # Half a period after those of the node, which does not replace them immediately.
             begin = self.commands.last.header.stamp
             for number in range(10):
                 other.publish(command(at(begin, 0.1 * number + 0.05), -1.0, 0.0))
+            wait_for(lambda: -1.0 in {m.drive.speed for m in passed.messages}, "its commands")
             other.unregister()
             self.assertEqual(process.wait(), 1)
         self.assertIn(f"{name} also published on {NAVIGATION}", process.output)

@@ -82,12 +82,13 @@ class CarPose:
         except (rosgraph.MasterException, OSError):
             return False  # the next call to the master reports the error
 
-    def wait_until_connected(self, seconds: float) -> None:
-        """Wait until a node publishes the car's pose and is connected, at most `seconds`.
+    def wait_until_reported(self, seconds: float) -> None:
+        """Wait until the car reports its pose, at most `seconds`; then it has subscribed, too.
 
         On a busy machine, the mux and click_planner can be ready before the car.
         """
-        wait_until_connected(self._subscriber, "publishers", seconds, minimum=1)
+        if wait_until_connected(self._subscriber, "publishers", seconds, minimum=1):
+            ros_time.wait_for(lambda: self.last, seconds)
 
     def wait_until_at(self, pose: Pose, since: int, seconds: float) -> int:
         """Wait until the car reports the start pose.
