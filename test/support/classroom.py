@@ -149,7 +149,7 @@ MISUSES = {
             time.sleep(0.01)
         teleop.publish(AckermannDriveStamped(drive=AckermannDrive(speed=1.0)))
         """,
-        "sends commands on /car/mux/ackermann_cmd_mux/input/teleop",
+        "publishes on /car/mux/ackermann_cmd_mux/input/teleop",
     ),
     "service": (
         """

@@ -38,6 +38,8 @@ class GuardedMaster(ROSMasterHandler):
         """The first actions that the node tried on the simulated car, each once."""
         self.published: Dict[str, str] = {}
         """The types of the first topics on which the node has published, by topic."""
+        self.plan_is_read = False
+        """Whether the node has read its parameter ~plan_file."""
         self._updates: Dict[str, List[str]] = {}  # of publishers, by topic, for the owner
         self._owner: Optional[str] = None
         self._parameters: Tuple[str, ...] = ()
@@ -114,6 +116,10 @@ class GuardedMaster(ROSMasterHandler):
                 caller, topic, kind = map(str, params[:3])
                 if len(self.published) < MAX_NAMES:
                     self.published[resolve_name(topic, caller)[:MAX_TEXT]] = kind[:MAX_TEXT]
+            if method in ("getParam", "subscribeParam") and len(params) > 1:
+                name = str(params[-1])
+                is_read = name.endswith("/plan_file") or name.rstrip("/") == params[0]
+                self.plan_is_read = self.plan_is_read or is_read
             action = self._action(method, *map(str, params[:2]))
             if action:
                 self.record(action)

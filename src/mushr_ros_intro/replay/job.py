@@ -155,6 +155,7 @@ def _run_here(job: Job) -> Judgement:
         seconds=time.monotonic() - began,
         start_delay=received.start_delay,
         published=tuple(sorted(world.published.items())),
+        plan_is_read=world.plan_is_read,
     )
     verb = "follows" if isinstance(job.plan, Reference) else "drives"
     title = f"{job.name} {verb} {job.plan.path} with the car {setting.car}:"

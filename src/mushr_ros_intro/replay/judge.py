@@ -100,6 +100,8 @@ class Judgement(NamedTuple):
 
 def _notes(recorded: Recorded) -> Iterator[str]:
     """Yield what a node might do better, although no check fails because of it."""
+    if not recorded.plan_is_read:
+        yield "the node did not read its parameter ~plan_file, the path of the plan"
     if stops := len(recorded.sent) - len(recorded.commands):
         yield f"the node sends {counted(stops, 'stop')} before the plan"
     for run, group in matched(recorded):
@@ -174,10 +176,11 @@ def _start_pose(judgement: Judgement) -> Tuple[bool, str]:
     if not sent:
         return False, f"{_missing_start(judgement.recorded)}; expected {wanted}"
     if not sent.is_close_to(wanted, START_TOLERANCE):  # also if it is NaN
-        found = f"the node sent the start pose {sent}"
         if not all(map(math.isfinite, sent)):
-            found = f"the car ignored {judgement.recorded.ignored}"
-        return False, f"{found}; expected {wanted}{start_mistake(sent, wanted, START_TOLERANCE)}"
+            ignored = judgement.recorded.ignored
+            return False, f"the car ignored {ignored}; the plan starts at {wanted}"
+        found = f"the node sent the start pose {sent}; expected {wanted}"
+        return False, f"{found}{start_mistake(sent, wanted, START_TOLERANCE)}"
     passed, difference = compare(
         Pose(*judgement.drive.driven[0]), wanted, *judgement.tolerances[:2]
     )

@@ -85,6 +85,8 @@ class Recorded(NamedTuple):
     """The delay of the start pose if it arrived after the first command to drive [ns]."""
     published: Tuple[Tuple[str, str], ...] = ()
     """The topics on which the node has published, and their types."""
+    plan_is_read: bool = True
+    """Whether the node has read its parameter ~plan_file."""
 
     @property
     def commands(self) -> Tuple[Sent, ...]:

@@ -158,6 +158,11 @@ class ReplayWorld:
         """The types of the topics on which the node has published, by topic."""
         return self._master.published
 
+    @property
+    def plan_is_read(self) -> bool:
+        """Whether the node has read its parameter ~plan_file."""
+        return self._master.plan_is_read
+
     def describe_topics(self) -> str:
         """Return what the node publishes."""
         if self.published.get(CONTROL, COMMAND_TYPE) != COMMAND_TYPE:
@@ -326,7 +331,7 @@ class ReplayWorld:
         if topic == CONTROL:
             self.received.add_command(msg, self.now)
         else:
-            self._master.record(f"sends commands on {topic}")
+            self._master.record(f"publishes on {topic}")
         self._mux.on_command(msg, source)
 
 

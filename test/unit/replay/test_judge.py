@@ -65,6 +65,13 @@ def test_an_ignored_message_is_noted():
     assert verdict.endswith("passed\nnote: the car ignored a message on /initialpose: wrong frame")
 
 
+def test_a_node_that_does_not_read_the_plan_is_noted():
+    _, verdict = judged(replay(plan_is_read=False))
+    assert verdict.endswith(
+        "passed\nnote: the node did not read its parameter ~plan_file, the path of the plan"
+    )
+
+
 @pytest.mark.parametrize(
     ("changes", "name", "message"),
     [
@@ -101,7 +108,7 @@ def test_an_ignored_message_is_noted():
         (
             {"start": Pose(math.nan, 2, 0.5), "ignored": "a message on /initialpose: x is nan"},
             "start_pose",
-            "the car ignored a message on /initialpose: x is nan; expected (1.0000 m, 2.0000",
+            "ignored a message on /initialpose: x is nan; the plan starts at (1.0000 m, 2.0000",
         ),
         ({"collisions": (Pose(3, 2, 0),)}, "map", "a wall at (3.0000 m, 2.0000 m"),
         ({"grid": map_of(7, 20, Pose(-5, -5, 0))}, "map", "left the map at (2.0"),
