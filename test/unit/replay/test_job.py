@@ -72,7 +72,7 @@ class Standing:
 def test_a_node_that_sends_no_stop():
     """It has driven the plan if nothing follows; it need not end."""
     world = Standing(commands())
-    process = SimpleNamespace(has_ended=False, threads=world)
+    process = SimpleNamespace(has_ended=False, threads=world, excess=str)
     setting = SimpleNamespace(timeout=15.0)
     assert job._watch(process, world, Job("node", ("node",), PLAN, setting)) == ""
     assert world.silence == pytest.approx(job.DONE_AFTER, abs=0.06)
@@ -92,7 +92,7 @@ def test_a_node_that_sends_on(monkeypatch):
     """Its drive ends at the same instant in all runs: 5 s after 1.5 times the plan's duration."""
     monkeypatch.setattr(job, "CHECK_PERIOD", math.inf)
     world = Repeating([*commands()])
-    process = SimpleNamespace(has_ended=False, threads=world)
+    process = SimpleNamespace(has_ended=False, threads=world, excess=str)
     setting = SimpleNamespace(timeout=15.0)
     message = job._watch(process, world, Job("node", ("node",), PLAN, setting))
     assert message.startswith("the node still sends commands ")
@@ -105,7 +105,7 @@ def test_a_node_that_sends_stops_on():
     world = Repeating([*commands()])
     begun = len(world.received.commands)
     world.received.commands.append(world.received.commands[-1]._replace(speed=0.0))
-    process = SimpleNamespace(has_ended=False, threads=world)
+    process = SimpleNamespace(has_ended=False, threads=world, excess=str)
     setting = SimpleNamespace(timeout=15.0)
     assert job._watch(process, world, Job("node", ("node",), PLAN, setting)) == ""
     sent = world.received.commands
