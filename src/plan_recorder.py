@@ -3,7 +3,7 @@
 
 import contextlib
 import threading
-from typing import Iterator
+from typing import Callable, Iterator, Optional
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -12,6 +12,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from mushr_ros_intro.authoring.plan_file import PlanFile
 from mushr_ros_intro.authoring.recorder import Recording
 from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
 from mushr_ros_intro.stamps import CurrentTime
@@ -66,7 +67,7 @@ class PlanRecorder:
         rospy.spin()
         # Not in rospy.on_shutdown: the process would not wait for a hook in another thread.
         with self._lock:
-            rospy.loginfo("%s", self._file.finish(self._recording.plan(), self._empty))
+            rospy.loginfo("%s", self._written(self._file.finish))
 
     @conversions.ignore_bad_messages
     def _on_pose(self, msg: PoseStamped) -> None:
@@ -110,8 +111,6 @@ class PlanRecorder:
             yield self._time.now
             if not was_recording and self._recording.begin is not None:
                 rospy.loginfo("recording")
-                if not self._recording.is_start_exact:
-                    rospy.logwarn("the car was moving: the start pose of the plan is approximate")
 
     def _begin_anew(self) -> str:
         """Begin a new recording; return a message; needs the lock."""
@@ -124,7 +123,18 @@ class PlanRecorder:
         Raises:
             UserError: there is no drive, or it cannot be written.
         """
-        return self._file.save(self._recording.plan(), self._empty)
+        return self._written(self._file.save)
+
+    def _written(self, write: Callable[[Optional[Plan], str], str]) -> str:
+        """Write the drive so far; return a message; needs the lock.
+
+        Whether the start pose is exact is known only now: an initial pose can arrive after the
+        commands that were sent after it.
+        """
+        message = write(self._recording.plan(), self._empty)
+        if self._recording.begin is None or self._recording.is_start_exact:
+            return message
+        return f"{message}; the car was moving at the start, so the start pose is approximate"
 
 
 if __name__ == "__main__":
