@@ -21,6 +21,7 @@ from mushr_ros_intro.replay.recording import (
     drive,
     groups_of,
     matched,
+    placed_pose,
     runs_of,
 )
 from mushr_ros_intro.stamps import NANOSECONDS
@@ -181,10 +182,24 @@ def _start_pose(judgement: Judgement) -> Tuple[bool, str]:
             return False, f"the car ignored {ignored}; the plan starts at {wanted}"
         found = f"the node sent the start pose {sent}; expected {wanted}"
         return False, f"{found}{start_mistake(sent, wanted, START_TOLERANCE)}"
-    passed, difference = compare(
-        Pose(*judgement.drive.driven[0]), wanted, *judgement.tolerances[:2]
-    )
+    placed = Pose(*judgement.recorded.poses[placed_pose(judgement.recorded)])
+    passed, difference = compare(placed, wanted, *judgement.tolerances[:2])
     return passed, f"the car started at {difference}"
+
+
+def start_topic_fault(topics: Mapping[str, str]) -> str:
+    """Return what a node did instead of publishing start poses; "" if it publishes them.
+
+    Args:
+        topics: the types of the topics on which it has published, by topic.
+    """
+    if INITIAL_POSES not in topics:
+        others = ", ".join(topic for topic in sorted(topics) if topic != "/rosout")
+        others = others or "nothing there"
+        return f"sent no start pose on {INITIAL_POSES}; it publishes {others}"
+    if topics[INITIAL_POSES] != POSE_TYPE:
+        return f"published {topics[INITIAL_POSES]} on {INITIAL_POSES}, not {POSE_TYPE}"
+    return ""
 
 
 def _missing_start(recorded: Recorded) -> str:
@@ -192,12 +207,8 @@ def _missing_start(recorded: Recorded) -> str:
     if recorded.start_delay:
         seconds = recorded.start_delay / NANOSECONDS
         return f"the node sent its start pose {seconds:.2f} s after the first command to drive"
-    topics = dict(recorded.published)
-    if INITIAL_POSES not in topics:
-        others = ", ".join(topic for topic in topics if topic != "/rosout") or "nothing there"
-        return f"the node sent no start pose on {INITIAL_POSES}; it publishes {others}"
-    if topics[INITIAL_POSES] != POSE_TYPE:
-        return f"the node published {topics[INITIAL_POSES]} on {INITIAL_POSES}, not {POSE_TYPE}"
+    if fault := start_topic_fault(dict(recorded.published)):
+        return f"the node {fault}"
     return (
         f"the node sent no start pose on {INITIAL_POSES}, or sent it before this topic was "
         "connected: wait until its get_num_connections() is not 0, or sleep for a second"

@@ -32,11 +32,11 @@ def start_mistake(sent: Pose, wanted: Pose, tolerance: float) -> str:
 
 def command_mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...]]) -> str:
     """Return a sentence about a common mistake that explains all commands, if there is one."""
+    if [command[::-1] for command in got] == list(wanted):
+        return ". Speed and steering angle are swapped in all commands"
     if any(speed for speed, _ in wanted) and not any(speed for speed, _ in got):
         return ". All speeds are 0"
     if len(got) == len(wanted):
-        if [command[::-1] for command in got] == list(wanted):
-            return ". Speed and steering angle are swapped in all commands"
         (speeds, angles), (right_speeds, right_angles) = zip(*got), zip(*wanted)
         speed, angle = _factor(speeds, right_speeds), _factor(angles, right_angles)
         if speed is not None and angle is not None:
@@ -58,8 +58,11 @@ def command_mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[flo
                 mistakes.append(f"All steering angles are {angle:.4g} times those of the plan")
             return "".join(f". {mistake}" for mistake in mistakes)
     rows = [command for command in got if command[0]]  # without the stop at the end
-    if rows and rows == list(wanted[-len(rows) :]):
-        return ". The first rows are missing"
+    if rows and len(rows) < len(wanted):
+        if rows == list(wanted[-len(rows) :]):
+            return ". The first rows are missing"
+        if rows == list(wanted[: len(rows)]):
+            return ". The last rows are missing"
     return ". The rows are in the wrong order" if sorted(got) == sorted(wanted) else ""
 
 

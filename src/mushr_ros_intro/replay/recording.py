@@ -228,16 +228,20 @@ def drive(recorded: Recorded) -> Drive:
     return Drive(times, driven, predicted, frechet_distance(driven[:, :2], predicted[:, :2]))
 
 
-def _first_pose(recorded: Recorded) -> int:
-    """Return the index of the first pose of the drive.
+def placed_pose(recorded: Recorded) -> int:
+    """Return the index of the pose nearest to the plan's start pose.
 
-    This is the one nearest to the plan's start pose, up to two command periods after the first
-    command, because the car may be placed late. It is not before the first command.
+    It is at most two command periods after the first command, because the car may be placed late.
     """
     count = int(np.searchsorted(recorded.stamps, recorded.begin + 2 * COMMAND_PERIOD))
     poses = [Pose(*row) for row in recorded.poses[: max(1, count)]]
     start = recorded.plan.start
-    placed = int(np.argmin([each.distance_to(start) + each.angle_to(start) for each in poses]))
+    return int(np.argmin([each.distance_to(start) + each.angle_to(start) for each in poses]))
+
+
+def _first_pose(recorded: Recorded) -> int:
+    """Return the index of the first pose of the drive: `placed_pose`, or the first command's."""
+    placed = placed_pose(recorded)
     if placed and recorded.sent and not recorded.commands[0].has_stamp:
         return placed  # the time of an unstamped command is too rough
     first = int(np.searchsorted(recorded.stamps, recorded.begin))

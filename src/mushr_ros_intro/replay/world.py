@@ -24,7 +24,7 @@ from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.isolation.node_process import NodeProcess
 from mushr_ros_intro.isolation.threads import Threads
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
-from mushr_ros_intro.replay.judge import INITIAL_POSES
+from mushr_ros_intro.replay.judge import INITIAL_POSES, start_topic_fault
 from mushr_ros_intro.replay.pace import WALL_CLOCK, Pace
 from mushr_ros_intro.replay.received import CONTROL, Received
 from mushr_ros_intro.replay.replay_car import MUX, ReplayCar, ReplayMux
@@ -168,9 +168,11 @@ class ReplayWorld:
         if self.published.get(CONTROL, COMMAND_TYPE) != COMMAND_TYPE:
             return f"it publishes {self.published[CONTROL]} there; expected {COMMAND_TYPE}"
         if CONTROL in self.published:
-            return (
-                "it has a publisher for this topic, but no message arrived: does it call publish?"
-            )
+            text = "it has a publisher for this topic, but no message arrived"
+            fault = start_topic_fault(self.published)
+            if fault and not self.received.start:
+                return f"{text}. The node {fault}: does it wait for a subscriber there?"
+            return f"{text}: does it call publish?"
         topics = [topic for topic in sorted(self.published) if topic != "/rosout"]
         return f"it publishes {', '.join(topics) or 'no topic at all'}"
 

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 
@@ -332,6 +333,7 @@ def without_reverse(rows):
     [
         (backwards, ". The rows are in the wrong order"),
         (lambda rows: rows[2:], ". The first rows are missing"),
+        (lambda rows: rows[:-1], ". The last rows are missing"),
         (mirrored, ". All steering angles have the wrong sign; positive turns left"),
         (in_degrees, ". All steering angles are in degrees; expected radians"),
         (swapped, ". Speed and steering angle are swapped in all commands"),
@@ -343,6 +345,22 @@ def test_the_plan_of_the_documentation_tells_mistakes_apart(mistake, end):
     rows = [(row.speed, row.steering_angle, 1.0) for row in plan.rows]
     failed, _ = judged(replay(plan, commands([*mistake(rows), STOP])))
     assert failed["commands"].endswith(end)
+
+
+def test_swapped_columns_of_a_plan_without_turns():
+    """All speeds are 0 then, but this is not the mistake."""
+    plan = recorded.plan_of((0, 0, 0), [(2.0, 0.0, 1.0)])
+    failed, _ = judged(replay(plan, commands([(0.0, 2.0, 1.0)])))
+    assert failed["commands"].endswith(". Speed and steering angle are swapped in all commands")
+
+
+def test_the_start_pose_is_right_although_the_first_command_is_wrong():
+    """A large steering angle turns the car by 1 rad before it reports its first pose."""
+    seen = replay()
+    stamps = seen.stamps - TENTH // 10
+    turned = seen.poses + np.outer(stamps > BEGIN, (0.0, 0.0, 1.0))
+    failed, verdict = judged(seen._replace(stamps=stamps, poses=turned))
+    assert set(failed) == {"final_pose"}, verdict
 
 
 def test_what_was_not_judged_is_said():

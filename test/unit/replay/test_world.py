@@ -11,9 +11,10 @@ import pytest
 from mushr_ros_intro.car import model
 from mushr_ros_intro.replay import follow_world
 from mushr_ros_intro.replay.follow_world import REST, FollowWorld
+from mushr_ros_intro.replay.judge import POSE_TYPE
 from mushr_ros_intro.replay.pace import STEP
 from mushr_ros_intro.replay.received import CONTROL, Received
-from mushr_ros_intro.replay.world import START, ReplayWorld
+from mushr_ros_intro.replay.world import COMMAND_TYPE, START, ReplayWorld
 from mushr_ros_intro.ros import conversions
 
 MS = 1_000_000
@@ -64,6 +65,33 @@ def test_a_car_that_has_not_driven_yet(commands):
     received = SimpleNamespace(commands=sent)
     world = SimpleNamespace(received=received, now=3 * REST, states=300 * [SimpleNamespace(pose=0)])
     assert not FollowWorld.stands.fget(world)
+
+
+@pytest.mark.parametrize(
+    ("topics", "start", "end"),
+    [
+        ({"/initialpose": POSE_TYPE}, None, "no message arrived: does it call publish?"),
+        ({}, (0.0, 0.0, 0.0), "no message arrived: does it call publish?"),
+        (
+            {"/initial_pose": POSE_TYPE},
+            None,
+            f"sent no start pose on /initialpose; it publishes {CONTROL}, /initial_pose: does it "
+            "wait for a subscriber there?",
+        ),
+        (
+            {"/initialpose": "geometry_msgs/PoseStamped"},
+            None,
+            f"published geometry_msgs/PoseStamped on /initialpose, not {POSE_TYPE}: does it wait "
+            "for a subscriber there?",
+        ),
+    ],
+)
+def test_a_node_that_sends_no_command(topics, start, end):
+    """It often waits for a subscriber of a wrong start pose topic; then publish is not called."""
+    world = ReplayWorld.__new__(ReplayWorld)
+    world._master = SimpleNamespace(published={**topics, CONTROL: COMMAND_TYPE})
+    world.received = Received(start)
+    assert world.describe_topics().endswith(end)
 
 
 SERVICE = "/car/controller/follow_path"
