@@ -18,14 +18,21 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_srvs.srv import Trigger
 
 from support.geometry import closed_form
-from support.helpers import ForkedProcess, Recording, RosTestCase, driver, wait_for
-from support.messages import NAVIGATION, at
+from support.helpers import (
+    ForkedProcess,
+    Recording,
+    RosTestCase,
+    driver,
+    wait_for,
+    wait_for_receiver,
+)
+from support.messages import at
 from support.paths import FIXTURES, PACKAGE
 from support.world import LOCK_STEP, launch
 
 sys.path.append(os.path.join(PACKAGE, "src"))
 import posetest  # noqa: E402
-from mushr_ros_intro.ros.connections import receivers, registered_nodes  # noqa: E402
+from mushr_ros_intro.ros.connections import receivers  # noqa: E402
 
 PATIENCE = 90.0
 """[s] The time limit for the start of all nodes on a busy machine."""
@@ -186,14 +193,11 @@ class TestTestNodes(RosTestCase):
         plan = self.plan("\n".join(", ".join(map(str, row)) for row in [START, *ROWS]))
         process = self.ending(driver(plan, *arguments))
 
-        def is_there():
-            return "/case_driver" in registered_nodes(NAVIGATION, "publishers")
-
         def do_listen():
             return all(case.is_waiting or not case.is_alive() for case in cases)
 
         wait_for(do_listen, "the test nodes to listen", PATIENCE)
-        wait_for(lambda: is_there() or not process.running, "the driver", PATIENCE)
+        wait_for_receiver("/case_driver", "/car/car_sim", "/car/car_pose")
         wait_for(is_connected, "the test nodes to be connected", PATIENCE)
         # At first, the driver places the car.
         rospy.ServiceProxy("/car/car_sim/step", Trigger)()
