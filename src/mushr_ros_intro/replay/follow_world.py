@@ -78,7 +78,7 @@ class FollowWorld(ReplayWorld):
             grid: the map, or None.
             reference: the path.
         """
-        self._reference, self._grid = reference, grid
+        self._reference = reference
         self._has_path = False  # whether the node has received the path
         self._service, self._has_service = "", threading.Event()
         start = dict(zip(("x", "y", "theta"), reference.start))
@@ -150,7 +150,7 @@ class FollowWorld(ReplayWorld):
             if pace.seconds - heard > timeout or self.silence > MAX_SILENCE:
                 return (
                     f"the node runs, but sent no command on {CONTROL} for {timeout:g} s; "
-                    f"{self.describe_topics()}"
+                    f"{self.topic_mistake}"
                 )
             if fault := self._fault(pace):
                 return fault

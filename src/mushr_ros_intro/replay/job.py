@@ -22,7 +22,7 @@ from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.replay.own_process import KilledError, in_own_process
 from mushr_ros_intro.replay.pace import Pace
 from mushr_ros_intro.replay.received import CONTROL
-from mushr_ros_intro.replay.recording import Recorded, Sent, count_leading_stops
+from mushr_ros_intro.replay.recording import Sent, count_leading_stops
 from mushr_ros_intro.replay.reference import Exercise, Reference
 from mushr_ros_intro.replay.world import CHECK_PERIOD, MAX_SILENCE, ReplayWorld
 from mushr_ros_intro.stamps import NANOSECONDS
@@ -136,27 +136,8 @@ def _run_here(job: Job) -> Judgement:
             process.end()
             sandbox.end_processes()
     world.wait_until_rest(car.command_timeout)
-    received = world.received
-    states, stamps, poses, collisions = world.recording()
-    recorded = Recorded(
-        plan=job.plan,
-        car=car,
-        outcome=outcome,
-        start=received.start,
-        sent=tuple(received.commands),
-        stamps=stamps,
-        poses=poses,
-        collisions=collisions,
-        grid=setting.grid,
-        actions=world.actions,
-        ignored=received.ignored,
-        limit=received.limit,
-        output=process.output,
-        seconds=time.monotonic() - began,
-        start_delay=received.start_delay,
-        published=tuple(sorted(world.published.items())),
-        plan_is_read=world.plan_is_read,
-    )
+    states, recorded = world.recording(job.plan, car, outcome)
+    recorded = recorded._replace(output=process.output, seconds=time.monotonic() - began)
     verb = "follows" if isinstance(job.plan, Reference) else "drives"
     title = f"{job.name} {verb} {job.plan.path} with the car {setting.car}:"
     report = judge_drive(recorded, setting.tolerances)._replace(title=title)
@@ -269,5 +250,5 @@ def _describe_silence(count: int, expected: int, timeout: float, world: ReplayWo
         )
     return (
         f"the node runs, but sent no command on {CONTROL} for {timeout:g} s; "
-        f"{world.describe_topics()}"
+        f"{world.topic_mistake}"
     )

@@ -10,7 +10,12 @@ from typing import Any, Callable, Iterator, List, Mapping, NamedTuple, Optional,
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose, curvature
 from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.replay.mistakes import command_mistake, start_mistake
+from mushr_ros_intro.replay.mistakes import (
+    INITIAL_POSES,
+    command_mistake,
+    start_mistake,
+    start_topic_mistake,
+)
 from mushr_ros_intro.replay.rate import judge_rate
 from mushr_ros_intro.replay.recording import (
     MAX_SHIFT,
@@ -26,12 +31,6 @@ from mushr_ros_intro.replay.recording import (
 )
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.wording import counted
-
-INITIAL_POSES = "/initialpose"
-"""The topic of the start pose."""
-
-POSE_TYPE = "geometry_msgs/PoseWithCovarianceStamped"
-"""The type of the messages on INITIAL_POSES."""
 
 
 class Tolerances(NamedTuple):
@@ -187,27 +186,12 @@ def _start_pose(judgement: Judgement) -> Tuple[bool, str]:
     return passed, f"the car started at {difference}"
 
 
-def start_topic_fault(topics: Mapping[str, str]) -> str:
-    """Return what a node did instead of publishing start poses; "" if it publishes them.
-
-    Args:
-        topics: the types of the topics on which it has published, by topic.
-    """
-    if INITIAL_POSES not in topics:
-        others = ", ".join(topic for topic in sorted(topics) if topic != "/rosout")
-        others = others or "nothing there"
-        return f"sent no start pose on {INITIAL_POSES}; it publishes {others}"
-    if topics[INITIAL_POSES] != POSE_TYPE:
-        return f"published {topics[INITIAL_POSES]} on {INITIAL_POSES}, not {POSE_TYPE}"
-    return ""
-
-
 def _missing_start(recorded: Recorded) -> str:
     """Return why there was no start pose before the first command."""
     if recorded.start_delay:
         seconds = recorded.start_delay / NANOSECONDS
         return f"the node sent its start pose {seconds:.2f} s after the first command to drive"
-    if fault := start_topic_fault(dict(recorded.published)):
+    if fault := start_topic_mistake(dict(recorded.published)):
         return f"the node {fault}"
     return (
         f"the node sent no start pose on {INITIAL_POSES}, or sent it before this topic was "

@@ -1,7 +1,7 @@
 """Recognise common mistakes in what a node sends."""
 
 import math
-from typing import Optional, Sequence, Tuple
+from typing import Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -9,6 +9,51 @@ from mushr_ros_intro.geometry import Pose
 
 _SAME = 1e-4
 """Relative difference between commands that count as equal; a node may compute in float32."""
+
+
+INITIAL_POSES = "/initialpose"
+"""The topic of the start pose."""
+
+POSE_TYPE = "geometry_msgs/PoseWithCovarianceStamped"
+"""The type of the messages on INITIAL_POSES."""
+
+COMMAND_TYPE = "ackermann_msgs/AckermannDriveStamped"
+"""The type of the commands."""
+
+
+def start_topic_mistake(topics: Mapping[str, str]) -> str:
+    """Return what a node did instead of publishing start poses; "" if it publishes them.
+
+    Args:
+        topics: the types of the topics on which it has published, by topic.
+    """
+    if INITIAL_POSES not in topics:
+        others = ", ".join(topic for topic in sorted(topics) if topic != "/rosout")
+        others = others or "nothing there"
+        return f"sent no start pose on {INITIAL_POSES}; it publishes {others}"
+    if topics[INITIAL_POSES] != POSE_TYPE:
+        return f"published {topics[INITIAL_POSES]} on {INITIAL_POSES}, not {POSE_TYPE}"
+    return ""
+
+
+def command_topic_mistake(topics: Mapping[str, str], control: str, has_start: bool) -> str:
+    """Return what a node did instead of sending commands.
+
+    Args:
+        topics: the types of the topics on which it has published, by topic.
+        control: the topic of the commands.
+        has_start: whether it has sent a start pose, or needs none.
+    """
+    if control not in topics:
+        others = ", ".join(topic for topic in sorted(topics) if topic != "/rosout")
+        return f"it publishes {others or 'no topic at all'}"
+    if topics[control] != COMMAND_TYPE:
+        return f"it publishes {topics[control]} there; expected {COMMAND_TYPE}"
+    text = "it has a publisher for this topic, but no message arrived"
+    mistake = "" if has_start else start_topic_mistake(topics)
+    if mistake:
+        return f"{text}. The node {mistake}: does it wait for a subscriber there?"
+    return f"{text}: does it call publish?"
 
 
 def start_mistake(sent: Pose, wanted: Pose, tolerance: float) -> str:

@@ -6,7 +6,7 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.replay.judge import INITIAL_POSES
+from mushr_ros_intro.replay.mistakes import INITIAL_POSES
 from mushr_ros_intro.replay.recording import Sent
 from mushr_ros_intro.replay.replay_car import MUX
 from mushr_ros_intro.ros import conversions

@@ -19,14 +19,14 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from rosgraph_msgs.msg import Clock
 
-from mushr_ros_intro.car.model import State
-from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.car.model import Car, State
 from mushr_ros_intro.isolation.node_process import NodeProcess
 from mushr_ros_intro.isolation.threads import Threads
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
-from mushr_ros_intro.replay.judge import INITIAL_POSES, start_topic_fault
+from mushr_ros_intro.replay.mistakes import INITIAL_POSES, command_topic_mistake
 from mushr_ros_intro.replay.pace import WALL_CLOCK, Pace
 from mushr_ros_intro.replay.received import CONTROL, Received
+from mushr_ros_intro.replay.recording import Recorded
 from mushr_ros_intro.replay.replay_car import MUX, ReplayCar, ReplayMux
 from mushr_ros_intro.ros import conversions, node, ros_time, rospy_fixes
 from mushr_ros_intro.simulator.mux import Input
@@ -56,9 +56,6 @@ MAX_SILENCE = 60.0
 
 CHECK_PERIOD = 0.05
 """Period of the checks of what a running node uses [s of wall-clock time]."""
-
-COMMAND_TYPE = "ackermann_msgs/AckermannDriveStamped"
-"""The type of the messages on CONTROL."""
 
 CLOSE_TIMEOUT = 1.0
 """Longest wait until the messages of an ended node have arrived [s of wall-clock time]."""
@@ -92,6 +89,7 @@ class ReplayWorld:
         """The reported states of the car."""
         self.now = START
         """The simulated time [ns]."""
+        self._grid = grid
         self._due_reader, self.due_file = os.pipe()
         """The number of a pipe, to which the node writes when its next thread is due."""
         os.set_blocking(self._due_reader, False)
@@ -127,11 +125,6 @@ class ReplayWorld:
     def _offer(self) -> None:
         """Offer more topics and services, before the node under test is started."""
 
-    @property
-    def actions(self) -> Tuple[str, ...]:
-        """What the node did besides driving the car, each action once."""
-        return tuple(self._master.actions)
-
     def fault(self, pace: Pace) -> str:
         """Return why a running node has failed; empty if it has not failed.
 
@@ -154,27 +147,11 @@ class ReplayWorld:
         return bool(self.received.commands) and not self._master.count_publishers(CONTROL)
 
     @property
-    def published(self) -> Dict[str, str]:
-        """The types of the topics on which the node has published, by topic."""
-        return self._master.published
-
-    @property
-    def plan_is_read(self) -> bool:
-        """Whether the node has read its parameter ~plan_file."""
-        return self._master.plan_is_read
-
-    def describe_topics(self) -> str:
-        """Return what the node publishes."""
-        if self.published.get(CONTROL, COMMAND_TYPE) != COMMAND_TYPE:
-            return f"it publishes {self.published[CONTROL]} there; expected {COMMAND_TYPE}"
-        if CONTROL in self.published:
-            text = "it has a publisher for this topic, but no message arrived"
-            fault = start_topic_fault(self.published)
-            if fault and not self.received.start:
-                return f"{text}. The node {fault}: does it wait for a subscriber there?"
-            return f"{text}: does it call publish?"
-        topics = [topic for topic in sorted(self.published) if topic != "/rosout"]
-        return f"it publishes {', '.join(topics) or 'no topic at all'}"
+    def topic_mistake(self) -> str:
+        """What the node did instead of sending commands."""
+        return command_topic_mistake(
+            self._master.published, CONTROL, self.received.start is not None
+        )
 
     @property
     def silence(self) -> float:
@@ -287,7 +264,7 @@ class ReplayWorld:
         fault = process.describe_failure()
         if fault or self.received.commands:
             return fault
-        return f"the node ended without a command on {CONTROL}; {self.describe_topics()}"
+        return f"the node ended without a command on {CONTROL}; {self.topic_mistake}"
 
     def wait_until_rest(self, timeout: int) -> None:
         """Let the clock run until the car stands and its last command has expired.
@@ -310,16 +287,35 @@ class ReplayWorld:
         recent = [each.pose for each in self.states[-1000:] if each.stamp >= stamp - timeout]
         return stamp > commands[-1].time + 2 * timeout and all(each == pose for each in recent)
 
-    def recording(self) -> Tuple[List[State], np.ndarray, np.ndarray, Tuple[Pose, ...]]:
-        """Return the states of the car when it reported them, corrected by late commands.
+    def recording(self, plan: Any, car: Car, outcome: str) -> Tuple[List[State], Recorded]:
+        """Return the states of the car when it reported them, and what was recorded.
 
-        Also return their stamps [ns] and poses, and the poses at which the car hit a wall.
+        Commands that arrived late correct the states.
+
+        Args:
+            plan: the plan or path of the node.
+            car: the car.
+            outcome: how the node failed; "" if it did not.
         """
-        states = self._car.corrected_states()
-        stamps = np.array([state.stamp for state in states], np.int64)
-        poses = np.array([state.pose for state in states], float)
+        states, received, master = self._car.corrected_states(), self.received, self._master
         contacts = [state.collision for state in states if state.collision]
-        return states, stamps, poses, tuple(dict.fromkeys(contact.pose for contact in contacts))
+        return states, Recorded(
+            plan=plan,
+            car=car,
+            outcome=outcome,
+            start=received.start,
+            sent=tuple(received.commands),
+            stamps=np.array([state.stamp for state in states], np.int64),
+            poses=np.array([state.pose for state in states], float),
+            collisions=tuple(dict.fromkeys(contact.pose for contact in contacts)),
+            grid=self._grid,
+            actions=tuple(master.actions),
+            ignored=received.ignored,
+            limit=received.limit,
+            start_delay=received.start_delay,
+            published=tuple(sorted(master.published.items())),
+            plan_is_read=master.plan_is_read,
+        )
 
     def _on_initial_pose(self, msg: PoseWithCovarianceStamped) -> None:
         """Record an initial pose, and give it to the car."""

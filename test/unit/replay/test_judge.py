@@ -9,7 +9,8 @@ from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.replay import recording
-from mushr_ros_intro.replay.judge import CHECK_NAMES, POSE_TYPE, compare, default_tolerances
+from mushr_ros_intro.replay.judge import CHECK_NAMES, compare, default_tolerances
+from mushr_ros_intro.replay.mistakes import POSE_TYPE
 from mushr_ros_intro.replay.received import Received
 from mushr_ros_intro.replay.recording import START_TOLERANCE
 from support import cars, recorded
