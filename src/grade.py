@@ -14,7 +14,6 @@ Exit status: 0 if all checks passed, 1 if some failed, 2 if the command line or 
 
 import argparse
 import os
-import shutil
 import signal
 import sys
 import tempfile
@@ -31,7 +30,13 @@ from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.grading import Grading, Options, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.progress import grade_with_progress
-from mushr_ros_intro.classroom.store import Store, give_to_user, load_newest, make_folder
+from mushr_ros_intro.classroom.store import (
+    Store,
+    describe_error,
+    give_to_user,
+    load_newest,
+    make_folder,
+)
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox, make_sandbox
@@ -67,22 +72,12 @@ def main() -> int:
         print(f"grade.py: {error}", file=sys.stderr)
         return NOT_GRADED if isinstance(error, ReplayError) else USAGE
     except OSError as error:
-        print(f"grade.py: {described(error, arguments.out)}", file=sys.stderr)
+        print(f"grade.py: {describe_error(error, arguments.out)}", file=sys.stderr)
     except KeyboardInterrupt:
         print("grade.py: interrupted", file=sys.stderr)
     except Exception:  # a defect of grading: 1 would mean that the node has failed
         traceback.print_exc()
     return NOT_GRADED
-
-
-def described(error: OSError, out: str) -> str:
-    """Return the text of an error, with the place where it happened; `out` is the output folder."""
-    if isinstance(error, shutil.Error):  # a list: the source, the copy, and the error of each file
-        return str(error.args[0][0][2])
-    folders = filter(None, (out, tempfile.gettempdir()))
-    return (
-        f"{error}" if error.filename else f"{error}; files are written to {' and '.join(folders)}"
-    )
 
 
 def interrupt(*_: Any) -> None:

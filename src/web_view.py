@@ -145,8 +145,8 @@ class WebView:
             **car_limits(Parameters({})),
             **self._seen,
             "problem": "",
+            "plans": plans.versions(self._folders),
         }
-        seen["plans"] = plans.versions(self._folders)
         try:
             services = rosapi.services()
             if f"{rospy.get_name()}/get_loggers" not in services:  # rospy offers it

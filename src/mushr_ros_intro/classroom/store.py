@@ -8,7 +8,9 @@ import fcntl
 import hashlib
 import json
 import os
+import shutil
 import sys
+import tempfile
 from contextlib import suppress
 from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Set
 
@@ -252,6 +254,16 @@ def give_to_user(path: str) -> None:
     user, group = os.environ.get("SUDO_UID", ""), os.environ.get("SUDO_GID", "")
     if os.geteuid() == 0 and user.isdecimal() and group.isdecimal():
         os.chown(path, int(user), int(group), follow_symlinks=False)
+
+
+def describe_error(error: OSError, out: str) -> str:
+    """Return the text of an error, with the place where it happened; `out` is the output folder."""
+    if isinstance(error, shutil.Error):  # a list: the source, the copy, and the error of each file
+        return str(error.args[0][0][2])
+    folders = filter(None, (out, tempfile.gettempdir()))
+    return (
+        f"{error}" if error.filename else f"{error}; files are written to {' and '.join(folders)}"
+    )
 
 
 def make_folder(path: str, mode: int = 0o755) -> None:

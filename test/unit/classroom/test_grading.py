@@ -18,7 +18,7 @@ from types import SimpleNamespace
 import pytest
 
 from mushr_ros_intro.classroom import grading
-from mushr_ros_intro.classroom.store import Store, load_all
+from mushr_ros_intro.classroom.store import Store, describe_error, load_all
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox
@@ -251,11 +251,10 @@ def test_a_defect_is_no_verdict(monkeypatch, capsys):
 
 
 def test_an_error_of_the_system_names_its_place():
-    described = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))["described"]
     full = OSError(errno.ENOSPC, "No space left")
     places = f"files are written to results and {tempfile.gettempdir()}"
-    assert described(full, "results") == f"[Errno 28] No space left; {places}"
+    assert describe_error(full, "results") == f"[Errno 28] No space left; {places}"
     named = OSError(errno.ENOSPC, "No space left", "a file")
-    assert described(named, "results") == "[Errno 28] No space left: 'a file'"
+    assert describe_error(named, "results") == "[Errno 28] No space left: 'a file'"
     copies = shutil.Error([("here", "there", str(named)), ("second", "copy", "reason")])
-    assert described(copies, "results") == "[Errno 28] No space left: 'a file'"
+    assert describe_error(copies, "results") == "[Errno 28] No space left: 'a file'"
