@@ -29,7 +29,7 @@ import { NOTHING, view } from "./view.js";
 const LATE = 1000; // a pose or an answer of the bridge is late after this time [ms]
 let heard = 0; // when a pose came [ms]
 let held = Infinity; // when this page held the clock [s]; Infinity if the clock runs
-let checked = ""; // names and times of the server's plans, and the map, on which a check depends
+let checked = ""; // names and times of the plans, the map and the car, on which a check depends
 let poses = []; // the last ones: a scan is drawn from the pose of its stamp
 let scan = null; // that waits for this pose
 
@@ -68,7 +68,7 @@ function onState(state) {
   const lastDrive = server.state?.drive;
   const last = checked;
   server.state = state;
-  checked = JSON.stringify([state.plans, state.map]);
+  checked = JSON.stringify([state.plans, state.map, state.car]);
   updateDrive(state.drive);
   find("time-section").hidden = !state.holds_clock;
   find("result-section").hidden = !state.results;

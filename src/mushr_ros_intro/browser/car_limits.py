@@ -12,6 +12,8 @@ from mushr_ros_intro.yaml_file import read_mapping
 def car_limits(parameters: Parameters) -> Dict[str, Any]:
     """Return the commands of driving by hand within a car's limits, and whether it can have noise.
 
+    Also return a text that is another one for another car.
+
     Args:
         parameters: of the simulated car; empty without one.
 
@@ -25,4 +27,5 @@ def car_limits(parameters: Parameters) -> Dict[str, Any]:
     return {
         "hand": {"speed": min(hand["speed"], car.speed_limit), "steering_angle": min(angles)},
         "has_noise": car.has_command_noise,
+        "car": str(car_from(parameters)),
     }

@@ -67,7 +67,9 @@ def test_what_a_car_can_do(profile, hand, has_noise):
     values = read_profile(f"{PACKAGE}/config/cars/{profile}.yaml") if profile else {}
     speed, steering_angle = hand
     expected = {"speed": speed, "steering_angle": steering_angle}
-    assert car_limits(Parameters(values)) == {"hand": expected, "has_noise": has_noise}
+    limits = car_limits(Parameters(values))
+    assert limits.pop("car") != car_limits(Parameters({"wheelbase": 0.5}))["car"]
+    assert limits == {"hand": expected, "has_noise": has_noise}
 
 
 def summary(tmp_path, text, grid=None):
