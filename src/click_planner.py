@@ -38,9 +38,10 @@ class ClickPlanner:
 
     def __init__(self) -> None:
         with node.parameters() as parameters:
-            car_name = parameters.text("car_name", "car", meaning="the car whose limits apply")
+            car_name = parameters.text("car_name", "car", meaning="the car to plan for").strip("/")
             meaning = "topic of the start pose"
-            init_pose_topic = parameters.text("init_pose_topic", "/initialpose", meaning=meaning)
+            topic = node.initial_pose_topic(car_name)
+            init_pose_topic = parameters.text("init_pose_topic", topic, meaning=meaning)
             self._file = PlanFile(parameters, "clicked.txt")
             number = parameters.optional_number
             meaning = "limit to both sides; by default that of the car, or 0.34 without one"

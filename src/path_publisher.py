@@ -44,8 +44,9 @@ class PathPublisher:
             car_name = text("car_name", "car", meaning="the car to drive").strip("/")
             control_topic = f"/{car_name}/mux/ackermann_cmd_mux/input/navigation"
             control_topic = text("control_topic", control_topic, meaning="topic of the commands")
+            init_pose_topic = node.initial_pose_topic(car_name)
             init_pose_topic = text(
-                "init_pose_topic", "/initialpose", meaning="topic of the start pose"
+                "init_pose_topic", init_pose_topic, meaning="topic of the start pose"
             )
             active_topic = parameters.optional_text("active_topic", ACTIVE_TOPIC)
             self.places_car = flag("send_init_pose", True, "place the car at the start pose")

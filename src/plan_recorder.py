@@ -32,7 +32,8 @@ class PlanRecorder:
         with node.parameters() as parameters:
             car_name = parameters.text("car_name", "car", meaning="the car to record").strip("/")
             meaning = "topic of the initial pose"
-            init_pose_topic = parameters.text("init_pose_topic", "/initialpose", meaning=meaning)
+            topic = node.initial_pose_topic(car_name)
+            init_pose_topic = parameters.text("init_pose_topic", topic, meaning=meaning)
             self._file = PlanFile(parameters, "recorded.txt")
         car = car_from(simulated_car_parameters(car_name))
         self._command_timeout = car.command_timeout

@@ -47,8 +47,10 @@ class WebView:
         with node.parameters() as parameters:
             text, optional = parameters.text, parameters.optional_text
             self._car_name = text("car_name", "car", meaning="the car to show").strip("/")
-            meaning = "topic of the initial pose"
-            self._init_pose_topic = text("init_pose_topic", "/initialpose", meaning=meaning)
+            topic = node.initial_pose_topic(self._car_name)
+            self._init_pose_topic = text(
+                "init_pose_topic", topic, meaning="topic of the initial pose"
+            )
             meaning = "address of the network interface; 0.0.0.0 is all of them"
             self._address = text("address", "127.0.0.1", meaning=meaning)
             self._port = parameters.integer("port", 9090, 1, 65535, "port of the server")

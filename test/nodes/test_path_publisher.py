@@ -126,14 +126,9 @@ class TestPathPublisher(RosTestCase):
     def test_the_car_dies(self):
         """The node warns, and ends with exit status 1."""
         path = self.plan("0,0,0\n1.0,0.2,2\n")
-        car = node("car_sim.py", "__ns:=/second", "initialpose:=/second_initialpose")
+        car = node("car_sim.py", "__ns:=/second")
         self.addCleanup(car.end)
-        arguments = (
-            "_loop:=false",
-            "_car_name:=second",
-            "_init_pose_topic:=/second_initialpose",
-            f"_control_topic:={NAVIGATION}",
-        )
+        arguments = ("_loop:=false", "_car_name:=second", f"_control_topic:={NAVIGATION}")
         with driver(path, *arguments) as process:
             wait_for(self.drives, "five commands")
             kill("/second/car_sim", car.pid)
@@ -145,10 +140,9 @@ class TestPathPublisher(RosTestCase):
 
     def test_the_car_is_restarted(self):
         """The node warns twice and drives on; the new car ends at another pose."""
-        arguments = ("__ns:=/third", "initialpose:=/third_initialpose")
-        arguments += (f"mux/ackermann_cmd_mux/output:={OUTPUT}",)
+        arguments = ("__ns:=/third", f"mux/ackermann_cmd_mux/output:={OUTPUT}")
         car = self.ending(node("car_sim.py", *arguments))
-        names = ("_car_name:=third", "_init_pose_topic:=/third_initialpose", "_car:=ideal")
+        names = ("_car_name:=third", "_car:=ideal")
         path = self.plan("0,0,0\n1.0,0.2,4\n")
         with driver(path, *names, f"_control_topic:={NAVIGATION}") as process:
             wait_for(self.drives, "five commands")
@@ -244,7 +238,7 @@ class TestPathPublisher(RosTestCase):
         self.ending(node("ackermann_cmd_mux.py", "__ns:=/late/mux"))
         self.ending(Recording("/late/initialpose", PoseWithCovarianceStamped))
         path = self.plan("1,-1,0.5\n1.0,0.2,0.3\n")
-        names = ("_car_name:=late", "_init_pose_topic:=/late/initialpose", "__name:=early")
+        names = ("_car_name:=late", "__name:=early")
         with driver(path, *names) as plan:
             wait_for(
                 lambda: "waiting for a publisher of /late/car_pose" in plan.output, "the message"

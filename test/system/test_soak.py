@@ -254,7 +254,7 @@ class TestSoak(unittest.TestCase):
             drives.append(Drive(car, read_plan(os.path.join(plans, f"{name}.txt"))))
             arguments = [f"_car_name:={car}", f"_plan_file:={name}", "_loop:=true"]
             if car != "car":
-                arguments += [f"_init_pose_topic:=/{car}/initialpose", f"__ns:=/{car}"]
+                arguments.append(f"__ns:=/{car}")
             nodes.append(node("path_publisher.py", *arguments))
             self.addCleanup(nodes[-1].end)
         for drive in drives:

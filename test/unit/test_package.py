@@ -101,7 +101,7 @@ def test_launch_files_clear_the_parameters_of_earlier_runs():
             ["control_topic:=/cmd", "init_pose_topic:=/p"],
             {"control_topic": "/cmd", "init_pose_topic": "/p"},
         ),
-        (["car_name:=car2"], {"car_name": "car2", "init_pose_topic": "/car2/initialpose"}),
+        (["car_name:=car2"], {"car_name": "car2"}),
     ],
 )
 def test_path_publisher_launch_leaves_no_defaults(arguments, expected):

@@ -86,7 +86,7 @@ class DriveMonitor:
                 )
             elif not is_lost and (was_lost or is_new):
                 lost_since, restarts = math.inf, self._car_pose.restarts
-                self._lost_at = position
+                self._lost_at = self._lost_at or position
                 event = "has been restarted" if is_new else "reports its pose again"
                 rospy.logwarn("%s: the car %s", position, event)
             if ros_time.is_simulated() and time.monotonic() > lost_since + REPORT_TIMEOUT:

@@ -38,7 +38,7 @@ def slowed(plan: Plan, max_speed: float) -> Tuple[Plan, List[Fault]]:
     Also return one fault for each run of rows that have been slowed down.
     """
     limit = as_float32(min(max_speed, MAX_SPEED))
-    sent = f"the largest speed allowed is {max_speed:g} m/s, and that is sent"
+    sent = f"the largest speed allowed is {max_speed:g} m/s, which replaces it"
     faults = [
         plan.fault(first, 0, f"{_asks(plan, first, last, 0)}; {sent}")
         for first, last in _runs([abs(row.speed) > limit for row in plan.rows])

@@ -292,6 +292,11 @@ def _own_parameters(name: str, values: Any) -> Parameters:
     return Parameters(values)
 
 
+def initial_pose_topic(car_name: str) -> str:
+    """Return the topic on which sim.launch lets a car be placed."""
+    return "/initialpose" if car_name == "car" else f"/{car_name}/initialpose"
+
+
 def frame_prefix(read: Parameters) -> str:
     """Return the prefix of the frames of this node's car, by default the name of its namespace."""
     namespace = rospy.get_namespace().strip("/")
