@@ -19,7 +19,8 @@ from mushr_ros_intro.doctor.listener import Listener
 from mushr_ros_intro.doctor.network import is_local, resolve, run_in_parallel
 from mushr_ros_intro.doctor.processes import abandoned_nodes, left_parameters
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.ros import conversions, node
+from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros.node import initial_pose_topic
 from mushr_ros_intro.ros.ros_time import wait_for
 from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER, CallError, CallFault, ask
 from mushr_ros_intro.simulator.mux import IDLE, full_topic, parse_config
@@ -75,7 +76,7 @@ class Observer:
         mux = f"/{car}/mux/ackermann_cmd_mux"
         self._mux, self._output, self._active = mux, f"{mux}/output", f"{mux}/active"
         self._pose, self._collision = f"/{car}/car_pose", f"/{car}/car_sim/collision"
-        self._initial_pose = node.initial_pose_topic(car)
+        self._initial_pose = initial_pose_topic(car)
 
     def observe(self) -> Facts:
         """Return the facts. It takes some seconds, whatever is stopped or unreachable."""

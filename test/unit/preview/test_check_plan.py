@@ -227,7 +227,8 @@ def test_a_plan_is_slowed_down_with_a_fault_for_each_run_of_rows():
     assert [str(each) for each in changes] == [
         "my.txt:4:2: lines 4 to 5 ask for 2 to -3 m/s; the largest speed allowed is 1 m/s, "
         "which replaces it",
-        "my.txt:7:1: line 7 asks for 1.5 m/s; the largest speed allowed is 1 m/s, which replaces it",
+        "my.txt:7:1: line 7 asks for 1.5 m/s; the largest speed allowed is 1 m/s, "
+        "which replaces it",
     ]
     assert slowed(plan, math.inf) == (plan, [])
     at_the_limit = plan_of("0,0,0\n0.3,0\n")  # 0.3 rounds up as a float32
