@@ -30,7 +30,7 @@ def diagnose(facts: Facts, package: str = "") -> List[Finding]:
     if facts.master.fault:
         return [_no_master(facts.master, facts.master.fault)]
     first = rivals(facts) + _doubles(facts) + [_abandoned(node) for node in facts.abandoned]
-    found = [_dead_node(node, fault) for node, fault in facts.dead.items()]
+    found = [] if facts.moves else _dead_nodes(facts)
     if facts.clock:
         found += _time(facts.clock, set(facts.dead))
     if not facts.output.subscribers or not (_has_mux(facts) or facts.senders):
@@ -65,7 +65,8 @@ def health(facts: Facts) -> str:
 def hints(facts: Facts) -> List[str]:
     """Return what could be better in a system without findings."""
     past = [each.node for each in facts.inputs["output"].senders] if _has_mux(facts) else []
-    found = [
+    found = [f"hint: {each}" for each in _dead_nodes(facts)]  # the car moves without them
+    found += [
         f"hint: {node} sends commands past the mux, so nobody can take over with the keyboard or "
         f"the joystick. Publish on {facts.control_topic}"
         for node in past
@@ -132,6 +133,10 @@ def _no_master(master: Master, fault: CallFault) -> Finding:
         "Check the network connection to that machine, and start the master there. To use a master "
         f"on this machine instead, type: export ROS_MASTER_URI={DEFAULT_MASTER}",
     )
+
+
+def _dead_nodes(facts: Facts) -> List[Finding]:
+    return [_dead_node(node, fault) for node, fault in facts.dead.items()]
 
 
 def _dead_node(node: str, fault: CallFault) -> Finding:

@@ -115,10 +115,26 @@ def test_master(master, problem, remedy):
 @pytest.mark.parametrize(
     "changes, problem, remedy",
     [
-        ({"dead": {"/rviz": CallFault.REFUSED}}, "/rviz has died", "rosnode cleanup"),
-        ({"dead": {"/rviz": CallFault.NOT_ROS}}, "/rviz has died", "rosnode cleanup"),
-        ({"dead": {"/rviz": CallFault.NO_RESPONSE}}, "/rviz does not respond", "terminal: fg"),
-        ({"dead": {"/rviz": CallFault.UNKNOWN_HOST}}, "/rviz cannot be reached", "set ROS_IP"),
+        (
+            {"moves": None, "dead": {"/rviz": CallFault.REFUSED}},
+            "/rviz has died",
+            "rosnode cleanup",
+        ),
+        (
+            {"moves": None, "dead": {"/rviz": CallFault.NOT_ROS}},
+            "/rviz has died",
+            "rosnode cleanup",
+        ),
+        (
+            {"moves": None, "dead": {"/rviz": CallFault.NO_RESPONSE}},
+            "/rviz does not respond",
+            "terminal: fg",
+        ),
+        (
+            {"moves": None, "dead": {"/rviz": CallFault.UNKNOWN_HOST}},
+            "/rviz cannot be reached",
+            "set ROS_IP",
+        ),
         ({"clock": Clock()}, "no node publishes /clock", "rosparam set use_sim_time false"),
         (
             {"clock": Clock((CAR,), (NOW, NOW), "/car/car_sim/resume")},
@@ -305,6 +321,10 @@ def test_no_finding(changes):
 
 def test_hints():
     assert hints(HEALTHY) == []
+    dead = {"dead": {"/tf_echo": CallFault.REFUSED}}
+    assert findings(**dead) == []  # the car moves
+    (hint,) = hints(replace(HEALTHY, **dead))
+    assert hint.startswith("hint: /tf_echo has died")
     (hint,) = hints(replace(HEALTHY, inputs=inputs(PLAN._replace(stamps=(NOW, 0)))))
     assert hint.startswith("hint: the commands of /path_publisher have no stamp")
 
@@ -326,7 +346,9 @@ def test_parameters_of_earlier_runs():
 
 def test_the_first_finding_is_a_second_node_that_drives_the_car():
     two = {"navigation": Topic("/n", TYPE, MD5, (PLAN, SECOND), (MUX,))}
-    found = findings(inputs=two, dead={"/rviz": CallFault.REFUSED}, contact="(9, 8, 7)")
+    found = findings(
+        inputs=two, dead={"/rviz": CallFault.REFUSED}, contact="(9, 8, 7)", moves=False
+    )
     assert len(found) == 3 and found[0].startswith("/path_publisher and /second")
 
 
