@@ -56,8 +56,8 @@ def sentence(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> str
     rest = f"; the drive does not determine {' and '.join(unknown)}" if unknown else ""
     if not texts:
         return (
-            f"the fit explains none of the error of {found.rms:.3f} m (rms): only random errors "
-            f"and small errors of the model are left{rest}"
+            f"the drive is {found.rms:.3f} m (rms) from the prediction, and the fit explains none "
+            f"of it: only random errors and small errors of the model are left{rest}"
         )
     *most, last = texts
     joined = f"{', '.join(most)} and {last}" if most else last

@@ -80,7 +80,7 @@ def test_a_car_as_in_its_profile_has_random_errors():
     plan = plan_of("0, 0, 0\n0.5, 0.2, 2\n0.5, -0.2, 2")
     log = driven(plan, NANO._replace(seed=2, **NOISE), random.Random(2), rate=5.0)
     text, _, _ = verdict(log, fit([log], NANO))
-    assert "the fit explains none of the error" in text
+    assert "the fit explains none of it" in text
 
 
 def test_a_drive_that_no_car_of_the_model_drives_is_a_misfit():
@@ -205,7 +205,7 @@ def test_a_drive_that_tells_nothing():
     result = fit([log], NANO)
     assert not any(value.is_fitted for value in result.values.values())
     assert result.car[:12] == NANO[:12]
-    assert "the fit explains none of the error" in verdict(log, result)[0]
+    assert "the fit explains none of it" in verdict(log, result)[0]
 
 
 def test_a_range_is_wider_if_the_size_of_the_random_errors_is_not_known():
