@@ -7,6 +7,7 @@ import logging
 import os
 import secrets
 from contextlib import suppress
+from functools import partial
 from typing import Any, Dict
 
 import rospy
@@ -103,7 +104,8 @@ class WebView:
         # Otherwise a drive that starts elsewhere would be known up to a second later.
         self._bridge.listen(f"{self._prefix}/path_publisher/start", lambda _: wake.set())
         program = os.path.join(os.path.dirname(os.path.abspath(__file__)), "path_publisher.py")
-        self._drive = PlanDrive(program, self._prefix or "/", self._on_drive)
+        offer = partial(self._bridge.call_soon, self._offer_state)
+        self._drive = PlanDrive(program, self._prefix or "/", offer)
         self._map = WebMap(self._bridge, self._offer_state)
         server = serve(
             package_folder("web"),
@@ -184,9 +186,6 @@ class WebView:
         if text != self._state:
             self._state = text
             self._bridge.offer(STATE_TOPIC, text)
-
-    def _on_drive(self) -> None:
-        self._bridge.call_soon(self._offer_state)
 
     async def _get_results(self) -> Dict[str, Any]:
         if not self._results:
