@@ -25,6 +25,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.ros import node, ros_time
+from mushr_ros_intro.ros.connections import is_published
 from mushr_ros_intro.ros.xmlrpc_client import CallError
 from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
 
@@ -146,6 +147,7 @@ class WebView:
         car = f"/{self._car_name}/car_sim"
         seen = {
             "holds_clock": False,
+            "has_car": False,
             **car_limits(Parameters({})),
             **self._seen,
             "problem": "",
@@ -161,7 +163,9 @@ class WebView:
             is_simulated = f"{car}/reset" in services
             values = simulated_car_parameters(self._car_name) if is_simulated else Parameters({})
             seen.update(car_limits(values), holds_clock=f"{car}/pause" in services)
+            seen["has_car"] = is_simulated
             self._drive.look(services, seen["plans"])
+            self._map.is_published = is_published("/map")
         except (CallError, OSError) as error:
             seen["problem"] = rosapi.no_answer(error)
         except UserError as error:
@@ -177,7 +181,7 @@ class WebView:
             "prefix": self._prefix,
             "initial_pose_topic": self._init_pose_topic,
             "simulated_time": ros_time.is_simulated(),
-            "map": self._map.number or None,
+            "map": self._map.number,
             "results": bool(self._results),
             "drive": self._drive.state,
             **self._seen,

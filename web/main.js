@@ -29,7 +29,7 @@ import { NOTHING, view } from "./view.js";
 const LATE = 1000; // a pose or an answer of the bridge is late after this time [ms]
 let heard = 0; // when a pose came [ms]
 let held = Infinity; // when this page held the clock [s]; Infinity if the clock runs
-let checked = ""; // names and times of the plans, the map and the car, on which a check depends
+let checked = ""; // names and times of the plans, the map, the car: on which a check depends
 let poses = []; // the last ones: a scan is drawn from the pose of its stamp
 let scan = null; // that waits for this pose
 
@@ -41,7 +41,9 @@ function onStatus(isConnected, delay) {
   if (!state || delay > LATE) stopHand();
   const silence = performance.now() - heard;
   const isStale = !state || (silence > LATE && held === Infinity);
-  const cause = `${state?.simulated_time ? "the clock is held, or " : ""}the car is not running`;
+  const cause = state?.problem
+    ? ""
+    : `: ${state?.simulated_time ? "the clock is held, or " : ""}the car is not running`;
   say(
     "problem",
     [
@@ -50,7 +52,7 @@ function onStatus(isConnected, delay) {
         `the bridge has not answered for ${Math.round(delay / 1000)} s`,
       state &&
         isStale &&
-        `no pose for ${Math.round(silence / 1000)} s: ${cause}`,
+        `no pose for ${Math.round(silence / 1000)} s${cause}`,
     ]
       .filter(Boolean)
       .join("; "),
@@ -67,8 +69,11 @@ function onState(state) {
   const isFirst = !server.state;
   const lastDrive = server.state?.drive;
   const last = checked;
+  // What was published for another car does not belong to this one.
+  if (server.state && state.car !== server.state.car)
+    view.set({ predicted: [], spread: [], cloud: [] });
   server.state = state;
-  checked = JSON.stringify([state.plans, state.map, state.car]);
+  checked = JSON.stringify([state.plans, state.map, state.car, state.has_car]);
   updateDrive(state.drive);
   find("time-section").hidden = !state.holds_clock;
   find("result-section").hidden = !state.results;

@@ -79,6 +79,8 @@ function show({ rows, row_count, faults, fault_count, path }) {
   const lines = texts.length
     ? texts.map((text) => [text, "warning"])
     : [["no faults", "good"]];
+  if (server.state?.has_car === false)
+    lines.push(["no simulated car is running: its limits are not checked"]);
   find("check").replaceChildren(
     ...[[size(plan)], ...lines].map((each) => element("p", ...each)),
   );

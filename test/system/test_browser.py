@@ -402,7 +402,7 @@ def test_results_that_cannot_be_read(sim, page):
 
 def test_another_map(sim, page):
     def width():
-        return page.run("return window.mushr.view.map.width")
+        return page.run("return window.mushr.view.map?.width")
 
     page.wait(lambda: width() == 1000, "the map sandbox")
     page.choose("plan", "colliding")
@@ -413,6 +413,7 @@ def test_another_map(sim, page):
         page.wait(lambda: seen(page, "wall", "unknown") != before, "another picture")
         page.wait(lambda: "49.02 m" not in page.text("check"), "another check of the plan")
         page.shows("check", "hits a wall after")
+    page.wait(lambda: not page.run("return window.mushr.view.map"), "no map: its server has ended")
     sim.start("map_server.py", "_map_file:=sandbox")  # for the other tests
     page.wait(lambda: width() == 1000, "the map sandbox")
 

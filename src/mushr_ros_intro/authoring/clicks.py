@@ -58,8 +58,8 @@ def extend(plan: Plan, point: Tuple[float, float], speed: float, car: Car) -> Pl
     nearest = car.within_limits(0.0, angle)[1]
     if nearest != angle:
         raise UserError(
-            f"the point {shown} needs a steering angle of {angle:.4f} rad; the car's limit on "
-            f"the {'left' if angle > 0.0 else 'right'} is {abs(nearest):.4f} rad"
+            f"the point {shown} needs a steering angle of {angle:.4f} rad; click_planner uses at "
+            f"most {abs(nearest):.4f} rad to the {'left' if angle > 0.0 else 'right'}"
         )
     row = Row(math.copysign(speed, distance), as_float32(angle), duration)
     return plan._replace(rows=(*plan.rows, row))

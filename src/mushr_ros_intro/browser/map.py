@@ -21,11 +21,21 @@ class WebMap:
         self._bridge = bridge
         self._on_change = on_change
         self._png = 0, b""
-        self.grid: Optional[Grid] = None
-        """The map, or None if there is none yet."""
-        self.number = 0
-        """Of the map, from 1; 0 if there is none yet."""
+        self.is_published = True
+        """Whether a node publishes maps. Those of a node that has ended do not count."""
+        self._grid: Optional[Grid] = None
+        self._number = 0  # of the map, from 1
         bridge.listen("/map", self._on_map)
+
+    @property
+    def grid(self) -> Optional[Grid]:
+        """The map, or None if there is none."""
+        return self._grid if self.is_published else None
+
+    @property
+    def number(self) -> Optional[int]:
+        """Of the map; another map has another number; None if there is no map."""
+        return self._number if self.grid else None
 
     def _on_map(self, raw: bytes) -> None:
         asyncio.ensure_future(self._use(raw))
@@ -35,11 +45,11 @@ class WebMap:
             return conversions.grid_from_msg(OccupancyGrid().deserialize_numpy(raw, np))
 
         try:
-            self.grid = await self._bridge.in_thread(read)
+            self._grid = await self._bridge.in_thread(read)
         except conversions.MessageError as error:
             rospy.logwarn("ignored a message on /map: %s", error)
             return
-        self.number += 1
+        self._number += 1
         self._on_change()
 
     async def get_numbers(self) -> Dict[str, Any]:
@@ -55,7 +65,7 @@ class WebMap:
 
     async def get_png(self) -> bytes:
         """Return the image; raise LookupError without a map."""
-        grid, number = self._found(), self.number
+        grid, number = self._found(), self._number
         if self._png[0] != number:
             self._png = number, await self._bridge.in_thread(png, grid)
         return self._png[1]

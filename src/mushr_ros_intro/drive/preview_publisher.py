@@ -180,7 +180,8 @@ class Preview:
         self._pub_ellipses.publish(conversions.ellipses_to_msg(ellipses, ros_time.now()))
         rospy.loginfo(
             "spread of %d drives with random errors: the final positions are %.2f m (root mean "
-            "square) from the predicted one; their 95 %% ellipse is %.2f m long and %.2f m wide",
+            "square) from the predicted one; their 95 %% ellipse is %.2f m long and %.2f m wide. "
+            "Walls are ignored",
             SPREAD_RUNS,
             result.rms_errors[-1],
             2.0 * ellipses[-1][1],

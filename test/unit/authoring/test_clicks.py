@@ -113,10 +113,10 @@ def test_fifty_clicks(start, speed, seed):
 @pytest.mark.parametrize(
     "point, expected",
     [
-        ((0.0, 1.0), "the point (0.000, 1.000) needs a steering angle of 0.5834 rad; the car's li"),
-        ((0.0, 1.0), "limit on the left is 0.3400 rad"),
-        ((0.0, -2.0), "angle of -0.3187 rad; the car's limit on the right is 0.2500 rad"),
-        ((-0.1, 0.1), "limit on the left"),
+        ((0.0, 1.0), "the point (0.000, 1.000) needs a steering angle of 0.5834 rad; click"),
+        ((0.0, 1.0), "uses at most 0.3400 rad to the left"),
+        ((0.0, -2.0), "of -0.3187 rad; click_planner uses at most 0.2500 rad to the right"),
+        ((-0.1, 0.1), "rad to the left"),
         ((0.0, 0.0), "the plan already ends at the point (0.000, 0.000)"),
         ((1e-10, 0.0), "the plan already ends at the point"),
     ],
@@ -132,5 +132,5 @@ def test_the_limit_itself_is_driven():
     row_to((0.0, 2.0 * radius * (1.0 + 1e-9)), 1.0, CAR)
     straight = Car(steering_limit_left=0.0, steering_limit_right=0.0)
     assert row_to((1.0, 0.0), 1.0, straight).duration == SECOND
-    with pytest.raises(UserError, match="is 0.0000 rad"):
+    with pytest.raises(UserError, match="at most 0.0000 rad"):
         row_to((1.0, 0.1), 1.0, straight)
