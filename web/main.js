@@ -50,9 +50,7 @@ function onStatus(isConnected, delay) {
       state?.problem,
       delay > LATE &&
         `the bridge has not answered for ${Math.round(delay / 1000)} s`,
-      state &&
-        isStale &&
-        `no pose for ${Math.round(silence / 1000)} s${cause}`,
+      state && isStale && `no pose for ${Math.round(silence / 1000)} s${cause}`,
     ]
       .filter(Boolean)
       .join("; "),
