@@ -12,7 +12,7 @@ from mushr_ros_intro.yaml_file import read_mapping
 def car_limits(parameters: Parameters) -> Dict[str, Any]:
     """Return the commands of driving by hand within a car's limits, and whether it can have noise.
 
-    Also return a text that is another one for another car.
+    Also return the `car` as text, which shows whether it is still the same car.
 
     Args:
         parameters: of the simulated car; empty without one.

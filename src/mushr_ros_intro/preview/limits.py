@@ -38,9 +38,9 @@ def slowed(plan: Plan, max_speed: float) -> Tuple[Plan, List[Fault]]:
     Also return one fault for each run of rows that have been slowed down.
     """
     limit = as_float32(min(max_speed, MAX_SPEED))
-    sent = f"the largest speed allowed is {max_speed:g} m/s, which replaces it"
+    allowed = f"the largest speed allowed is {max_speed:g} m/s, which replaces it"
     faults = [
-        plan.fault(first, 0, f"{_asks(plan, first, last, 0)}; {sent}")
+        plan.fault(first, 0, f"{_asks(plan, first, last, 0)}; {allowed}")
         for first, last in _runs([abs(row.speed) > limit for row in plan.rows])
     ]
     rows = tuple(row._replace(speed=max(-limit, min(limit, row.speed))) for row in plan.rows)

@@ -1,7 +1,7 @@
 """Recognise common mistakes in what a node sends."""
 
 import math
-from typing import Mapping, Optional, Sequence, Tuple
+from typing import Iterable, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -28,8 +28,7 @@ def start_topic_mistake(topics: Mapping[str, str]) -> str:
         topics: the types of the topics on which it has published, by topic.
     """
     if INITIAL_POSES not in topics:
-        others = ", ".join(topic for topic in sorted(topics) if topic != "/rosout")
-        others = others or "nothing there"
+        others = _listed(topics) or "nothing there"
         return f"sent no start pose on {INITIAL_POSES}; it publishes {others}"
     if topics[INITIAL_POSES] != POSE_TYPE:
         return f"published {topics[INITIAL_POSES]} on {INITIAL_POSES}, not {POSE_TYPE}"
@@ -45,8 +44,7 @@ def command_topic_mistake(topics: Mapping[str, str], control: str, has_start: bo
         has_start: whether it has sent a start pose, or needs none.
     """
     if control not in topics:
-        others = ", ".join(topic for topic in sorted(topics) if topic != "/rosout")
-        return f"it publishes {others or 'no topic at all'}"
+        return f"it publishes {_listed(topics) or 'no topic at all'}"
     if topics[control] != COMMAND_TYPE:
         return f"it publishes {topics[control]} there; expected {COMMAND_TYPE}"
     text = "it has a publisher for this topic, but no message arrived"
@@ -54,6 +52,10 @@ def command_topic_mistake(topics: Mapping[str, str], control: str, has_start: bo
     if mistake:
         return f"{text}. The node {mistake}: does it wait for a subscriber there?"
     return f"{text}: does it call publish?"
+
+
+def _listed(topics: Iterable[str]) -> str:
+    return ", ".join(topic for topic in sorted(topics) if topic != "/rosout")
 
 
 def start_mistake(sent: Pose, wanted: Pose, tolerance: float) -> str:

@@ -92,6 +92,15 @@ def test_a_node_that_sends_no_command(topics, has_start, end):
     assert mistake.endswith(end)
 
 
+def test_the_recording_has_what_the_master_observed():
+    world = ReplayWorld.__new__(ReplayWorld)
+    world._car, world._grid = SimpleNamespace(corrected_states=list), None
+    world.received = Received()
+    world._master = SimpleNamespace(actions=["a"], published={"/b": "c"}, plan_is_read=False)
+    _, seen = world.recording(None, model.Car(), "")
+    assert (seen.actions, seen.published, seen.plan_is_read) == (("a",), (("/b", "c"),), False)
+
+
 SERVICE = "/car/controller/follow_path"
 
 
