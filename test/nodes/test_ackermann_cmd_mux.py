@@ -78,7 +78,7 @@ class TestMux(RosTestCase):
             self.expect((0.0, 1.0))
             self.send("teleop", 0.25, 2.0)
             self.expect((0.0, 1.0), (0.25, 2.0))
-            wait_for(lambda: self.active.last.data == "teleop", "teleop to drive")
+            self.active.first(lambda msg: msg.data == "teleop", "teleop to drive")
             self.send("navigation", 0.5, 3.0)  # teleop is live
             self.wait_until(0.6)
             self.send("navigation", 1.24, 4.0)  # and still is
@@ -97,7 +97,7 @@ class TestMux(RosTestCase):
             self.send("safety", 2.5, 0.0)
             expected.append((2.5, 0.0))
             self.expect(*expected)
-            wait_for(lambda: self.active.last.data == "safety", "safety to drive")
+            self.active.first(lambda msg: msg.data == "safety", "safety to drive")
             self.expect(*expected, STOP)
 
     def test_one_stop_when_the_last_live_input_times_out(self):

@@ -51,9 +51,15 @@ class Commands:
         super().setUp()
         self.commands = self.ending(Recording(TELEOP, AckermannDriveStamped))
         self.active = self.ending(Recording(f"{MUX}/active", String).connected())
+        self.seen = rospy.Time()
 
     def wait_for_drive(self, wanted):
-        wait_for(lambda: drives(self.commands.messages)[-1:] == [wanted], f"the command {wanted}")
+        """Wait for such a command after the one that the last call waited for."""
+        command = self.commands.first(
+            lambda msg: msg.header.stamp > self.seen and drives([msg]) == [wanted],
+            f"the command {wanted}",
+        )
+        self.seen = command.header.stamp
 
     def check_silence(self):
         """Wait for the stop; check that there is one stop and no later message."""
@@ -209,12 +215,10 @@ class TerminalTest(Commands, RosTestCase):
         self.addCleanup(self.node.kill)
         wait_for(lambda: termios.tcgetattr(terminal) != self.settings, "the terminal to be set")
         self.commands.connected()
-        os.write(self.keyboard, b"w")
-        self.wait_for_drive(FORWARD)
 
     def test_keys(self):
-        """A character drives for a while; then there is one stop, and silence."""
-        os.write(self.keyboard, b"a")
+        """Characters drive for a while; then there is one stop, and silence."""
+        os.write(self.keyboard, b"wa")
         self.wait_for_drive(FORWARD_LEFT)
         self.check_silence()
         self.check_headers()
@@ -234,6 +238,8 @@ class TerminalTest(Commands, RosTestCase):
 
     def test_end(self):
         """Ctrl-C, a signal of the terminal: one stop, and the settings are restored."""
+        os.write(self.keyboard, b"w")
+        self.wait_for_drive(FORWARD)
         os.killpg(self.node.pid, signal.SIGINT)
         self.assertEqual(self.node.wait(PATIENCE), 0)
         self.assertEqual(termios.tcgetattr(self.terminal), self.settings)

@@ -83,8 +83,12 @@ class TestMessageFaults(DrivenCarTestCase):
             begin = at(begin, 0.3)
             for number in range(3):
                 self.inputs["teleop"].publish(command(at(begin, 0.1 * number), 0.5, -0.3))
-            wait_for(lambda: self.active.last.data == "teleop", "teleop to drive")
-            wait_for(lambda: self.active.last.data == "navigation", "the plan to drive again")
+            self.output.first(lambda msg: msg.drive.speed == 0.5, "teleop to drive")
+            expires = at(begin, 0.2 + COMMAND_TIMEOUT)
+            self.output.first(
+                lambda msg: msg.drive.speed == 1.0 and msg.header.stamp >= expires,
+                "the plan to drive again",
+            )
             plan.send_signal(signal.SIGINT)
             self.assertEqual(plan.wait(), 1)
             self.assertNotIn("Traceback", plan.output)
