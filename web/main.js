@@ -149,7 +149,7 @@ function onPose(msg) {
   say("pose", poseText(pose) + (view.touches ? ", touches a wall" : ""));
   view.set({ pose }, false);
   if (find("follow").checked && !view.replay)
-    view.set({ x: pose[0], y: pose[1] });
+    view.set({ x: pose[0], y: pose[1] }, false);
   if (scan) onScan(scan);
 }
 const onOdometry = ({ twist }) =>

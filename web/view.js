@@ -1,5 +1,5 @@
 // The canvas, drawn in an animation frame after a change. The picture `back` has what rarely
-// changes: map, grid, plans, spread.
+// changes: map, grid, plans, spread. It is larger than the canvas, so that it can be moved.
 
 import { find, flat, say } from "./page.js";
 
@@ -18,6 +18,7 @@ const ARROW = [
   [1.5, 0],
 ]; // shows where the car heads
 const CAR_PIXELS = 16; // the car is drawn at least this long
+const MARGIN = 200; // of `back` around the canvas [pixel]
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 /** Paths are lists of [x, y] or [x, y, theta]; spread has markers. */
 export const NOTHING = {
@@ -45,6 +46,7 @@ export const view = {
   y: 0,
   scale: 40,
   frames: 0,
+  drawn: [0, 0], // the middle of `back` [m]
   /** Change what is drawn; with `all`, also what rarely changes. */
   set(values, all = true) {
     const isOld = ([name, value]) =>
@@ -93,8 +95,8 @@ function inMetres(pen, [x, y, theta] = [0, 0, 0]) {
     0,
     0,
     -k,
-    back.width / 2 - k * view.x,
-    back.height / 2 + k * view.y,
+    pen.canvas.width / 2 - k * view.x,
+    pen.canvas.height / 2 + k * view.y,
   );
   pen.translate(x, y);
   pen.rotate(theta);
@@ -106,10 +108,18 @@ function draw() {
   if (!view.width || !view.height) return;
   const pen = canvas.getContext("2d");
   const { driven, scan, pose, wheels, isStale } = view.replay ?? view;
-  if (view.isBackOld) drawBack(back.getContext("2d"), view.replay ?? view);
-  view.isBackOld = false;
+  const moved = () => [view.drawn[0] - view.x, view.y - view.drawn[1]];
+  const margin = MARGIN / view.scale;
+  if (view.isBackOld || moved().some((each) => Math.abs(each) > margin)) {
+    drawBack(back.getContext("2d"), view.replay ?? view);
+    view.drawn = [view.x, view.y];
+    view.isBackOld = false;
+  }
+  const [right, down] = moved().map((each) =>
+    Math.round((each - margin) * view.scale * view.ratio),
+  );
   pen.resetTransform();
-  pen.drawImage(back, 0, 0);
+  pen.drawImage(back, right, down);
   drawLine(pen, driven, "driven", 3);
   drawDots(pen, scan, "scan", 3);
   if (pose) drawCar(pen, pose, wheels, isStale);
@@ -156,8 +166,8 @@ function roundLength(pixels) {
 }
 function drawGrid(pen, step) {
   const [[left, top], [right, low]] = [
-    view.toMap(0, 0),
-    view.toMap(view.width, view.height),
+    view.toMap(-MARGIN, -MARGIN),
+    view.toMap(view.width + MARGIN, view.height + MARGIN),
   ];
   const add = (...points) => drawLine(pen, points, "grid", 1);
   for (let x = left - (left % step); x < right; x += step)
@@ -204,8 +214,10 @@ function drawCar(pen, pose, steering, isOutline) {
 function resize() {
   const { clientWidth: width, clientHeight: height } = canvas;
   const ratio = Math.min(devicePixelRatio, 2);
-  canvas.width = back.width = width * ratio;
-  canvas.height = back.height = height * ratio;
+  canvas.width = width * ratio;
+  canvas.height = height * ratio;
+  back.width = (width + 2 * MARGIN) * ratio;
+  back.height = (height + 2 * MARGIN) * ratio;
   view.set({ width, height, ratio });
   draw(); // at once: the new size has cleared the canvas
 }
