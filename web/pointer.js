@@ -19,7 +19,8 @@ let isDrag = false;
 
 function pan(right, down) {
   find("follow").checked = false;
-  view.set({ x: view.x - right / view.scale, y: view.y + down / view.scale });
+  const { x, y, scale } = view;
+  view.set({ x: x - right / scale, y: y + down / scale }, false);
 }
 const click = (x, y) =>
   ros.publish(`${server.state?.prefix}/clicked_point`, {

@@ -6,6 +6,7 @@ import shutil
 import signal
 
 import pytest
+from PIL import ImageChops
 
 from support import browser, web
 from support.cars import plan_named
@@ -147,6 +148,26 @@ def pixel(page, x, y):
     if tuple(map(int, version.split(".")[:2])) < (4, 3):
         across, down = across + width / 2, down + height / 2
     return round(across), round(down)
+
+
+def test_move_view(page):
+    """The moved picture of the map is the one that is drawn there; a pixel is 1/64 m."""
+    change = "window.mushr.view.set(...arguments)"
+
+    def picture(*changes):
+        page.run(change, *changes)
+        page.wait(lambda: not page.run("return window.mushr.view.request"), "the next frame")
+        return page.picture("view")
+
+    def moved():
+        """Return the moved picture, or None if a message has caused a new one meanwhile."""
+        picture({"x": 0.0, "y": 0.0, "scale": 64.0})
+        found = picture({"x": 1.5, "y": -0.25}, False)
+        return found if page.run("return window.mushr.view.drawn") == [0.0, 0.0] else None
+
+    page.find("show-scan").click()  # a scan can arrive between two pictures
+    differences = ImageChops.difference(page.wait(moved, "a moved picture"), picture({}))
+    assert max(most for _, most in differences.getextrema()) < 16, "only rounded colours differ"
 
 
 def test_keys(page):
