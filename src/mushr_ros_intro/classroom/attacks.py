@@ -176,6 +176,11 @@ ATTACKS: Dict[str, Callable[[Targets], Any]] = {
 """The attacks of one process; each returns what it has reached, or fails."""
 
 
+def _report(text: str) -> None:
+    """Write a line at once. print writes it in parts, between which other processes may write."""
+    os.write(1, f"{text}\n".encode())
+
+
 def _share_out() -> None:
     """Use more memory than one process may have."""
     reader, writer = os.pipe()
@@ -185,7 +190,7 @@ def _share_out() -> None:
             os.write(writer, b"x")
             time.sleep(600)
         os.read(reader, 1)
-        print(number * 300, "MB", flush=True)
+        _report(f"{number * 300} MB")
         time.sleep(0.3)
 
 
@@ -194,7 +199,7 @@ def _multiply() -> None:
         for number in range(1, 1001):
             if os.fork() == 0:
                 time.sleep(600)
-            print(number, "processes", flush=True)
+            _report(f"{number} processes")
             time.sleep(0.002)
 
 

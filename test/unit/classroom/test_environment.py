@@ -5,6 +5,8 @@ import importlib
 import os
 import pathlib
 import re
+import socket
+import subprocess
 import sys
 
 import pytest
@@ -87,3 +89,12 @@ def test_a_package_that_the_sandbox_has_hidden(tmp_path, monkeypatch):
     (tmp_path / "mushr_ros_intro" / "__init__.py").touch()
     importlib.invalidate_caches()
     assert find(Targets("", "", 0, 0, "", 0)) == "import mushr_ros_intro"
+
+
+def test_progress_is_written_line_by_line():
+    """No other process writes into a line: each one is a datagram of its own."""
+    reader, writer = socket.socketpair(type=socket.SOCK_DGRAM)
+    code = "from mushr_ros_intro.classroom.attacks import _report; _report('50 processes')"
+    with reader, writer:
+        subprocess.run([sys.executable, "-u", "-c", code], stdout=writer, check=True)
+        assert reader.recv(100) == b"50 processes\n"
