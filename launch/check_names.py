@@ -10,6 +10,7 @@ import sys
 from contextlib import suppress
 
 import rosgraph
+from check_arguments import refuse_unknown, roslaunch_command
 
 from mushr_ros_intro.car.profile import names_in
 from mushr_ros_intro.errors import UserError
@@ -21,8 +22,7 @@ from mushr_ros_intro.wording import similar
 
 def is_running(node: str) -> bool:
     """Return whether a node responds at the master that roslaunch is going to use."""
-    with open(f"/proc/{os.getppid()}/cmdline") as file:
-        program, *words = file.read().split("\0")[1:]
+    program, *words = roslaunch_command()
     # rostest, and roslaunch -p, start a master of their own; roslaunch --nodes starts nothing.
     if os.path.basename(program) != "roslaunch" or any(each.startswith("-") for each in words):
         return False
@@ -34,6 +34,7 @@ def is_running(node: str) -> bool:
 
 
 if __name__ == "__main__":
+    refuse_unknown(roslaunch_command())
     _, car, map_name, node = sys.argv
     cars = names_in(package_folder("config/cars"))
     if car not in cars:

@@ -94,7 +94,7 @@ class TestMapServer(RosTestCase):
             self.assertIn("did you mean rooms?", second.output)
             self.assertTrue(running.running)
 
-    def test_wrong_names_in_sim_launch(self):
+    def test_wrong_names_in_launch_files(self):
         """roslaunch stops before it starts a node."""
         car = self.ending(node("car_sim.py", "__ns:=fifth"))
         wait_for(lambda: "command timeout" in car.output, "the car")
@@ -113,6 +113,11 @@ class TestMapServer(RosTestCase):
                 self.assertEqual(launch.wait(), 1, launch.output)
                 self.assertIn(f"\nsim.launch: {message}", launch.output)
                 self.assertNotIn("process[", launch.output)
+        words = ("mushr_ros_intro", "path_publisher.launch", "plan:=figure_8")
+        with Process("roslaunch", *words) as launch:
+            self.assertEqual(launch.wait(), 1, launch.output)
+            self.assertIn("path_publisher.launch: there is no argument plan;", launch.output)
+            self.assertNotIn("process[", launch.output)
         # roslaunch --nodes starts nothing, and other programs, such as rostest, have own masters.
         launch = ("mushr_ros_intro", "sim.launch", "car_name:=fifth")
         program = os.path.join(CHECKOUT, "launch", "check_names.py")

@@ -4,6 +4,7 @@ import ast
 import glob
 import os
 import re
+import runpy
 import stat
 import xml.etree.ElementTree as ElementTree
 
@@ -89,6 +90,34 @@ def test_launch_files_clear_the_parameters_of_earlier_runs():
             if node.find("param") is not None or node.find("rosparam") is not None:
                 is_ours = node.get("type").endswith(".py")
                 assert not is_ours or node.get("clear_params") == "true", (path, node.get("name"))
+
+
+REFUSE_UNKNOWN = runpy.run_path(f"{PACKAGE}/launch/check_arguments.py")["refuse_unknown"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["mushr_ros_intro", "path_publisher.launch"],
+        ["--screen", f"{PACKAGE}/launch/path_publisher.launch"],
+    ],
+)
+def test_unknown_arguments_of_launch_files_are_refused(words):
+    REFUSE_UNKNOWN(["/usr/bin/roslaunch", *words, "plan_file:=a", "__log:=b"])
+    with pytest.raises(SystemExit, match="there is no argument plan; .* did you mean plan_file?"):
+        REFUSE_UNKNOWN(["/usr/bin/roslaunch", *words, "plan:=a"])
+
+
+def test_other_launch_files_may_have_any_arguments():
+    """That of a course may have the name of one of this package, and include it."""
+    REFUSE_UNKNOWN(["/usr/bin/roslaunch", "my_ros_intro", "path_publisher.launch", "plan:=a"])
+    REFUSE_UNKNOWN(["/usr/bin/roslaunch", "/home/ann/sim.launch", "plan:=a"])
+
+
+@pytest.mark.parametrize("name", ["path_publisher", "real_car", "sim", "web"])
+def test_launch_files_refuse_unknown_arguments(name):
+    params = ElementTree.parse(f"{PACKAGE}/launch/{name}.launch").iter("param")
+    assert any("$(dirname)/check_" in each.get("command", "") for each in params)
 
 
 @pytest.mark.parametrize(
