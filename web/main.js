@@ -1,6 +1,6 @@
 // Connects the parts of the page with the topics and services.
 
-import { stopHand } from "./drive.js";
+import * as hand from "./drive.js";
 import {
   element,
   find,
@@ -38,7 +38,7 @@ function onStatus(isConnected, delay) {
   if (!isConnected) server.state = null;
   const { state } = server;
   if (!state) updateDrive(undefined);
-  if (!state || delay > LATE) stopHand();
+  if (!state || delay > LATE) hand.stopHand();
   const silence = performance.now() - heard;
   const isStale = !state || (silence > LATE && held === Infinity);
   const cause = state?.problem
@@ -119,7 +119,14 @@ function subscribe(car, mux, prefix) {
   );
   ros.subscribe(`${mux}/active`, (msg) => say("owner", msg.data));
   // Not an input: path_publisher would take the server for a mux, also if the mux is dead.
-  ros.subscribe(`${mux}/output`, onOutput, 100);
+  ros.subscribe(
+    `${mux}/output`,
+    (msg) => {
+      hand.onOutput();
+      onOutput(msg);
+    },
+    100,
+  );
   ros.subscribe(`${prefix}/path_publisher/start`, onStart);
   ros.subscribe(`${prefix}/click_planner/path`, (msg) =>
     view.set({ clicked: path(msg) }),
@@ -215,7 +222,7 @@ addEventListener("keydown", (event) => {
     event.key === " " && !event.target.closest("button, input, select");
   if (event.key !== "Escape" && !isSpace) return;
   event.preventDefault();
-  stopHand();
+  hand.stopHand();
   stopPlan();
 });
 find("pose-form").onsubmit = (event) => {

@@ -20,7 +20,7 @@ let plan = { rows: [] };
 let ends = []; // of the rows in the table, from the start of the drive [s]
 let drive; // that of the server's state; undefined if it is not known
 let begun; // when the latest drive began, which tells drives apart; null if there was none
-let start = NaN; // when the first row of the latest drive or lap began [s]
+let start = NaN; // when the first row of the running drive or lap began [s]; before that, NaN
 let errors = []; // of path_publisher
 let missing = ""; // the plan to show as soon as the server lists it
 
@@ -33,12 +33,16 @@ export async function listPlans(
     `${[...names.options].map((each) => each.value)}` === `${plans}`;
   if (!isOld) names.replaceChildren(...plans.map((each) => new Option(each)));
   missing = plans.includes(name) ? "" : name;
-  if (!missing) names.value = name;
-  if (names.value !== plan.name) {
+  // At first, any plan; later never another one than the user has chosen.
+  if (!missing || plan.name !== undefined)
+    names.value = missing ? plan.name : name;
+  if (names.value !== (plan.name ?? "")) {
+    const text = names.value ? "reading the plan" : `there is no plan ${name}`;
     plan = { name: names.value, rows: [], faults: [], path: [] };
     show(plan);
-    say("check", "reading the plan");
+    say("check", text);
   }
+  if (!names.value) return;
   const found = await request(`plans/${encodeURIComponent(names.value)}`);
   if (found.name === names.value) show((plan = found));
 }
@@ -114,6 +118,7 @@ export function updateDrive(next) {
     errors = [];
     begun = next?.begun ?? null;
   }
+  if (drive?.running && !next?.running) start = NaN;
   drive = next;
   stop.disabled = !mayRun();
   find("drive").disabled = mayRun() || !plan.rows.length;
@@ -131,7 +136,7 @@ function result() {
   const { running, stopped, exit_status: status } = drive;
   const name = drive.plan ?? "a plan that is not in the list";
   const states = running
-    ? [`${stopped ? "stopping" : "driving"} ${name}`]
+    ? [`${stopped ? "stopping" : start >= 0 ? "driving" : "starting"} ${name}`]
     : stopped
       ? [`${name} was stopped`]
       : status === 0
@@ -148,7 +153,10 @@ export function addError(text) {
   updateDrive(drive);
 }
 /** path_publisher publishes when the first row begins, in each lap. */
-export const onStart = ({ data }) => (start = seconds(data));
+export function onStart({ data }) {
+  start = seconds(data);
+  updateDrive(drive);
+}
 /** A command for the car, of any input of the mux: its stamp shows which row is driven. */
 export function onOutput({ header }) {
   if (!drive?.running || !isOfPlan()) return;

@@ -1,6 +1,6 @@
 // The pointer on the canvas (mouse, wheel, pen, touch), and the keys of the focused canvas.
 
-import { find, server } from "./page.js";
+import { find, say, server } from "./page.js";
 import * as ros from "./ros.js";
 import { view } from "./view.js";
 
@@ -50,6 +50,13 @@ const aim = (x, y) => [
   Math.atan2(start[1] - y, x - start[0]),
 ];
 
+/** Whether the pointer would place the car, or click a plan, that the view does not show. */
+function isRefused() {
+  if (!view.replay || find("pan").checked) return false;
+  say("click-state", "refused: a recording is shown, not the live car");
+  return true;
+}
+
 canvas.onpointerdown = ({ button, pointerId, offsetX, offsetY }) => {
   if (button) return;
   canvas.setPointerCapture(pointerId);
@@ -78,7 +85,7 @@ canvas.onpointerup = canvas.onpointercancel = ({
   offsetX,
   offsetY,
 }) => {
-  const isDone = start && type === "pointerup";
+  const isDone = start && type === "pointerup" && !isRefused();
   const [x, y, theta] = isDone ? aim(offsetX, offsetY) : [];
   if (isDone && find("place").checked) place(x, y, isDrag ? theta : undefined);
   if (isDone && find("clicks").checked && !isDrag) click(x, y);

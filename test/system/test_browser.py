@@ -196,6 +196,22 @@ def test_a_dead_mux_is_missed(sim, page):
     assert nodes and {name for names in nodes.values() for name in names} == {MUX}, nodes
 
 
+def test_a_mux_that_does_not_answer(sim, page):
+    """The page does not show commands as if the car obeyed them."""
+    note = "the mux does not pass this on"
+    page.find("view").click()
+    pid = sim.pid(MUX)
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        page.actions().key_down("w").perform()
+        page.shows("hand-state", note)
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    page.wait(lambda: note not in page.text("hand-state"), "the mux to answer")
+    page.actions().key_up("w").perform()
+    at_rest(page)
+
+
 def at_rest(page):
     """Wait until the car has stopped, and has one pose for 1 s of simulated time."""
     page.shows("owner", "idle")
@@ -289,6 +305,16 @@ def test_simulated_time(sim, page):
         page.find("resume").click()
     page.wait(lambda: page.run(stamp) > before + 1.0, "time to run again")
     assert page.text("time-state") == ""
+
+
+def test_a_drive_that_waits(page):
+    """The page says that the plan is driven when the first row begins, not before."""
+    page.find("pause").click()
+    page.shows("time-state", " s")
+    page.find("drive").click()
+    page.shows("drive-state", "starting figure_8")
+    page.find("resume").click()
+    page.shows("drive-state", "driving figure_8")
 
 
 def test_plans_with_faults(page):
@@ -400,9 +426,14 @@ def test_results(sim, page):
     page.find("play").click()
     page.shows("recording", "8.00 s of 8.00 s")
     page.wait(lambda: not page.find("play").is_selected(), "the end of the playback")
+    page.find("place").click()
+    page.find("view").click()
+    page.shows("click-state", "a recording is shown")
+    page.find("pan").click()
     page.choose("result", "")
     page.wait(lambda: seen(page, "driven")[0] < before + 100, "the live car")
     assert page.text("recording") == "" and page.find("pose").is_displayed()
+    assert web.is_near(page.pose(), (0.0, 0.0, 0.0)), "the click has placed the live car"
     scale = page.run("return window.mushr.view.scale")
     page.find("fit").click()
     assert scale == page.run("return window.mushr.view.scale"), "the recording is still in view"
@@ -505,6 +536,9 @@ def test_a_plan_that_has_been_changed(sim, page):
             page.shows("drive-state", "changed ended successfully")
     finally:
         os.remove(path)
+    page.shows("check", "there is no plan changed")
+    assert not page.find("drive").is_enabled(), "another plan would be driven"
+    assert page.find("plan").get_attribute("value") == ""
 
 
 def test_a_drive_of_another_page(page, sim):
