@@ -72,6 +72,8 @@ def start_mistake(sent: Pose, wanted: Pose, tolerance: float) -> str:
         "theta is converted from degrees; that of the plan is in radians": wanted._replace(
             theta=math.radians(wanted.theta)
         ),
+        "theta has the wrong sign": wanted._replace(theta=-wanted.theta),
+        "theta is not used": wanted._replace(theta=0.0),
     }
     close = [text for text, pose in guesses.items() if sent.is_close_to(pose, tolerance)]
     return "".join(f". Perhaps {text}" for text in close[:1])

@@ -107,6 +107,8 @@ def test_a_node_that_does_not_read_the_plan_is_noted():
         ({"start": Pose(2, 1, 0.5)}, "start_pose", "0.5000 rad). Perhaps x and y are swapped"),
         ({"start": Pose(1, 2, math.degrees(0.5))}, "start_pose", "Perhaps theta is in degrees; e"),
         ({"start": Pose(1, 2, math.radians(0.5))}, "start_pose", "theta is converted from degr"),
+        ({"start": Pose(1, 2, -0.5)}, "start_pose", "Perhaps theta has the wrong sign"),
+        ({"start": Pose(1, 2, 0)}, "start_pose", "Perhaps theta is not used"),
         (
             {"start": Pose(math.nan, 2, 0.5), "ignored": "a message on /initialpose: x is nan"},
             "start_pose",
