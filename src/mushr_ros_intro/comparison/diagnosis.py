@@ -224,8 +224,9 @@ def _glitch_text(glitches: Sequence[Tuple[float, float]], drive: str) -> str:
     (begin, end), (_, last) = glitches[0], glitches[-1]
     return (
         f"the fit ignores {counted(len(glitches), 'step')} from pose to pose of {drive} that no "
-        "random errors explain (perhaps a stall, a push, or a jump of the localisation); the first "
-        f"is from {begin:.2f} to {end:.2f} s, the last ends at {last:.2f} s"
+        "random errors explain (perhaps a stall, a push, a late command, or a jump of the "
+        f"localisation); the first is from {begin:.2f} to {end:.2f} s, the last ends at "
+        f"{last:.2f} s"
     )
 
 

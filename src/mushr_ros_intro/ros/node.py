@@ -215,6 +215,7 @@ def check_arguments(node_class: Callable[[], Any], *known: str) -> None:
     program = os.path.basename(sys.argv[0])
     for each in sys.argv[1:]:
         if each in ("-h", "--help"):
+            signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end quietly if the output is cut off
             print(f"{program}: {help_text(node_class)}")
             sys.exit()
         is_remapping = ":=" in each and not each.startswith("-")
