@@ -42,6 +42,7 @@ import genpy
 import rosgraph
 import rospy
 import rospy.impl.simtime
+from rospy.impl import tcpros_pubsub
 
 START = 1_000_000_000_000_000_000
 """The time of ROS until the first message on /clock [ns]."""
@@ -363,6 +364,15 @@ def show_exception(kind: Any, error: BaseException, trace: Any) -> None:
     traceback.print_exception(kind, error, trace)
 
 
+def write_at_once(connection: Any, data: bytes) -> Any:
+    """Write a message in the thread that publishes it.
+
+    With a queue_size, another thread of rospy writes it. Then the last messages of a node are lost
+    if the node ends before this thread runs, which depends on the load of the machine.
+    """
+    return connection._connection.write_data(data)
+
+
 def simulate() -> None:
     """Replace the functions."""
     on_clock = rospy.impl.simtime._set_rostime_clock_wrapper
@@ -384,6 +394,7 @@ def simulate() -> None:
     rospy.core.add_preshutdown_hook(sleepers.on_shutdown)
     rospy.impl.simtime._set_rostime_clock_wrapper = on_message
     rospy.topics._SubscriberImpl.receive_callback = receive
+    tcpros_pubsub.QueuedConnection.write_data = write_at_once
     rospy.timer.sleep = rospy.sleep = sleep_in_ros
     rospy.rostime.get_rostime = rospy.get_rostime = read_in_ros
     rospy.rostime.wallsleep = sleep_for  # of rospy.spin and rospy.wait_for_message

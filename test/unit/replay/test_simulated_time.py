@@ -338,6 +338,26 @@ def test_a_processed_message():
     subprocess.run([sys.executable, "-c", PROCESSES_A_MESSAGE], check=True)
 
 
+PUBLISHES = """
+import os
+import threading
+import types
+import mushr_ros_intro.replay.simulated_time as simulated
+simulated.simulate()
+written = []
+write = lambda data: written.append((data, threading.current_thread()))
+transport = types.SimpleNamespace(done=False, set_cleanup_callback=id, write_data=write)
+connection = simulated.tcpros_pubsub.QueuedConnection(transport, queue_size=10)
+connection.write_data(b"stop")
+os._exit(written != [(b"stop", threading.main_thread())])
+"""
+
+
+def test_a_published_message_is_written_at_once():
+    """So the last one is not lost when the node ends."""
+    subprocess.run([sys.executable, "-c", PUBLISHES], check=True)
+
+
 def test_what_is_replaced():
     """Otherwise, timeouts would be compared with the real time, and outlast a shutdown."""
     code = "import mushr_ros_intro.replay.simulated_time as s, queue, threading, time; s.simulate()"
