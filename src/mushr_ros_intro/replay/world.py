@@ -9,6 +9,7 @@ import contextlib
 import os
 import select
 import threading
+import time
 from collections import deque
 from typing import Any, Deque, Dict, Iterator, List, Optional, Tuple
 
@@ -57,8 +58,8 @@ MAX_SILENCE = 60.0
 CHECK_PERIOD = 0.05
 """Period of the checks of what a running node uses [s of wall-clock time]."""
 
-CLOSE_TIMEOUT = 1.0
-"""Longest wait until the messages of an ended node have arrived [s of wall-clock time]."""
+CLOSE_LOOKS = 100
+"""If nothing arrives from an ended node for so many looks, a child process holds its connection."""
 
 
 class ReplayWorld:
@@ -257,9 +258,10 @@ class ReplayWorld:
 
     def describe_end(self, process: NodeProcess) -> str:
         """Receive the last messages of a node that has ended; return why it failed, "" if not."""
-        ros_time.wait_for(
-            lambda: not self._mux.inputs[CONTROL].get_num_connections(), CLOSE_TIMEOUT
-        )
+        looks = 0  # that have found nothing to receive, one after another
+        while self._mux.inputs[CONTROL].get_num_connections() and looks < CLOSE_LOOKS:
+            looks = looks + 1 if self._others.are_waiting() else 0
+            time.sleep(ros_time.POLL_PERIOD)
         self._process()
         fault = process.describe_failure()
         if fault or self.received.commands:
