@@ -172,7 +172,8 @@ class TestPathPublisher(RosTestCase):
         angles = (0.09, -0.15)
         path = self.plan("0,0,0.0\n2.0,0.09\n3.0,-0.15")
         self.poses.clear()
-        with node("listing.py", f"_plan_file:={path}") as listing:
+        # Of this test, and of the mux or the car.
+        with node("listing.py", f"_plan_file:={path}", "_connections:=2") as listing:
             self.assertEqual(listing.wait(), 0)
         self.assertGreaterEqual(len(self.commands.messages), 19)
         self.poses.pose_at_rest(rospy.Time.now() + rospy.Duration(COMMAND_TIMEOUT))

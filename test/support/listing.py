@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """A path publisher with the habits of the tutorial's listing.
 
-It sleeps for one second instead of waiting for subscribers, its messages have no stamp and no
-frame, and it sends no stop at the end.
+It sleeps for one second instead of waiting for subscribers, unless ~connections is set. Its
+messages have no stamp and no frame, and it sends no stop at the end.
 """
 
 import rospy
@@ -20,6 +20,10 @@ def main():
     with open(rospy.get_param("~plan_file")) as plan_file:
         plan = [tuple(map(float, line.split(","))) for line in plan_file]
     rospy.sleep(1.0)
+    # On a busy machine, one second is not enough, and the first commands are lost.
+    least = rospy.get_param("~connections", 0)
+    while min(commands.get_num_connections(), placements.get_num_connections()) < least:
+        rospy.sleep(0.1)
 
     placements.publish(placement(rospy.Time(), *plan[0], frame=""))
     for speed, steering_angle in plan[1:]:
