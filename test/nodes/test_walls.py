@@ -89,6 +89,15 @@ class TestWalls(CarTestCase):
             self.assertEqual(len(self.collisions.messages), contacts + 1)
             self.assertEqual(len(self.warnings("hit a wall")), hits)
 
+    def test_a_plan_from_where_the_car_stands(self):
+        """A wall is an error, although the final pose is not checked."""
+        self.place(48.9, 2.0, 0.0)
+        plan = self.plan("0,0,0\n1.0,0,2.0\n")
+        output = self.drive_plan(plan, "_send_init_pose:=false", status=1)
+        self.assertRegex(
+            output, r"FATAL.* the car stopped at a wall in line 2 of 2 at \(49.0200 m, 2"
+        )
+
     def test_an_initial_pose_in_a_wall_is_refused(self):
         self.place(1.0, 2.0, 3.0)
         self.log.clear()

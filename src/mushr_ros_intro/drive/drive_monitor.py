@@ -143,6 +143,8 @@ class DriveMonitor:
         self._is_done = True
         if report:
             self._compare(report, prediction)
+        elif self._wall:
+            raise UserError(self._wall)
         elif not prediction.is_placed:
             move = compose(inverse(self._plan.start), prediction.pose)
             x, y, theta = (round(value, 2) + 0.0 for value in move)  # no negative zero
