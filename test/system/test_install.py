@@ -57,7 +57,8 @@ def test_modules_and_files_are_in_the_install_space(folder):
 
 def test_the_stand_ins_have_their_files(folder):
     assert run("find -L install -type l", folder) == ""  # prints links without a target
-    assert (folder / "install/share/mushr_sim/maps/sandbox.yaml").is_file()
+    maps = folder / "install/share/mushr_sim/maps"
+    assert [each.name for each in sorted(maps.iterdir())] == ["sandbox.png", "sandbox.yaml"]
     assert (folder / "install/share/mushr_utils/rviz/default.rviz").is_file()
 
 
