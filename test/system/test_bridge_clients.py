@@ -260,7 +260,8 @@ def test_one_drive_at_a_time(sim):
     ended = client.state(lambda state: state["drive"] and not state["drive"]["running"], "an end")
     assert ended["drive"]["plan"] == "long" and ended["drive"]["exit_status"] != 0
     assert ended["drive"]["stopped"] is True, "a stop is not an error of the plan"
-    assert "stopped in line 2" in sim.launched.output and "earlier" not in sim.launched.output
+    wait_for(lambda: "stopped in line 2" in sim.launched.output, "the end of the output")
+    assert "earlier" not in sim.launched.output
     client.close()
     client = sim.client("/car/odom")
     client.message("/car/odom", lambda m: m["twist"]["twist"]["linear"]["x"] == 0.0, "that stands")
