@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import shutil
 import signal
 
@@ -376,7 +377,13 @@ def test_late_answers(page):
         "const send = WebSocket.prototype.send; WebSocket.prototype.send ="
         " function (text) { if (!text.includes('get_time')) send.call(this, text) }"
     )
-    page.shows("problem", "the bridge has not answered for 8 s")
+    seconds = r"the bridge has not answered for (\d+) s"
+
+    def is_late():
+        found = re.match(seconds, page.text("problem"))
+        return found and int(found[1]) >= 8
+
+    page.wait(is_late, "8 s without an answer")
     assert page.text("connection") == "connected"
 
 

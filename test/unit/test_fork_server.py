@@ -18,8 +18,8 @@ PROGRAMS = {
     "has an environment": "import os\nprint(os.environ['COLOUR'], 'ROS_NAMESPACE' in os.environ)",
     "leads a session": "import os\nprint(os.getsid(0) == os.getpid(), os.getcwd())",
     "reads": "import sys\nprint(sys.stdin.read() == '')",
-    "ends its threads": "import threading, time\n"
-    "threading.Thread(target=lambda: (time.sleep(0.1), print('late'))).start()\nprint('soon')",
+    "ends its threads": "import threading\nmain = threading.main_thread()\n"
+    "threading.Thread(target=lambda: (main.join(), print('late'))).start()\nprint('soon')",
     "runs code at the end": "import atexit\natexit.register(print, 'the end')",
     "imports rospy": "import sys\nprint('rospy' in sys.modules)\nimport rospy\n"
     "print(rospy.names.get_mappings())",

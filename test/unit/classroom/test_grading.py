@@ -11,7 +11,6 @@ import shutil
 import signal
 import tempfile
 import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
@@ -170,7 +169,7 @@ def test_an_interruption_also_ends_the_repetition_of_a_killed_replay(course, mon
             assert has_begun.wait(10.0)
             return course.run_job(job)
         for _ in range(2):
-            process = multiprocessing.get_context("fork").Process(target=time.sleep, args=(3.0,))
+            process = multiprocessing.get_context("fork").Process(target=signal.pause)
             process.start()
             has_begun.set()
             process.join()
