@@ -19,7 +19,7 @@ from PIL import Image
 
 from support import web
 from support.geometry import closed_form
-from support.helpers import PATIENCE, ForkedProcess, Process, free_port, node, wait_for
+from support.helpers import PATIENCE, ForkedProcess, Process, free_port, kill, node, wait_for
 from support.messages import TELEOP
 from support.paths import CHECKOUT
 
@@ -170,7 +170,7 @@ def test_a_car_that_is_killed(sim):
         client.subscribe(web.STATE)
         client.state(lambda state: state["has_car"], "with a car")
         assert web.fetch(port, "/plans/figure_8")[2] != sim.get("/plans/figure_8")[2]
-        car.send_signal(signal.SIGKILL)
+        kill("/car9/car_sim", sim.pid("/car9/car_sim"), sim.environment["ROS_MASTER_URI"])
         client.state(lambda state: not state["has_car"], "without a car")
         assert web.fetch(port, "/plans/figure_8")[2] == sim.get("/plans/figure_8")[2]
         client.close()
