@@ -5,11 +5,12 @@ import os
 import signal
 
 import rosgraph
-import roslaunch.config
 import rospy
 import yaml
+from roslaunch.config import ROSLaunchConfig
 from roslaunch.core import local_machine, setup_env
 from roslaunch.node_args import create_local_process_args
+from roslaunch.xmlloader import XmlLoader
 
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
 from support.helpers import ForkedProcess, Process
@@ -36,7 +37,9 @@ def launch(file, parameters=(), **arguments):
         arguments: of the launch file.
     """
     values = [f"{name}:={value}" for name, value in arguments.items()]
-    config = roslaunch.config.load_config_default([(f"{PACKAGE}/launch/{file}", values)], None)
+    config = ROSLaunchConfig()
+    XmlLoader().load(f"{PACKAGE}/launch/{file}", config, argv=values)
+    config.assign_machines()
     master = rosgraph.Master("/world")
     for name, parameter in config.params.items():
         master.setParam(name, parameter.value)
