@@ -2,7 +2,7 @@
 
 A node that waits for the clock runs after each step of the clock, so the next step follows at once.
 A node that runs without a pause gets time to notice the clock. Only the times of the node itself
-count: while it waits, and while it runs, but not while it waits for a processor.
+count: while it waits, and while it runs, but not while it, or the replay, waits for a processor.
 """
 
 import time
@@ -25,6 +25,9 @@ STEP_WAIT = 0.015
 
 BETWEEN_POLLS = 0.002
 """If a node runs between two observations, it waits at most for so long meanwhile [s]."""
+
+MAX_WAIT = 0.01
+"""The same if it does not run: after a longer time, the replay has waited for a processor [s]."""
 
 MAX_COMPUTATION = 2.0
 """A node that runs for a longer time without waiting polls something [s of processor time]."""
@@ -64,6 +67,7 @@ class Pace:
         self._wall = time.monotonic()
         self._waited = 0.0
         self._is_waiting = False
+        self._are_all_waiting = False  # the others, too
         self._before = self._now  # when the last message was written
         self._written = 0  # number of threads of the node that received the last message
         self._quiet_since = 0.0  # for how long the node had waited when it last ran
@@ -89,7 +93,7 @@ class Pace:
         Return whether all threads of the node wait, and whether all others do; if both, at the
         same time.
         """
-        usages, wall, was_waiting = self._node.usages, time.monotonic(), self._is_waiting
+        usages, wall, were_waiting = self._node.usages, time.monotonic(), self._are_all_waiting
         # A thread is found waiting a moment before Linux counts its run. If it has sent a message
         # in this run, its receiver is observed after it. If another one has woken a thread of the
         # node, this thread runs, or waits for a processor, when the node is observed again.
@@ -99,11 +103,11 @@ class Pace:
         node_waits = node_waits and self._node.is_each_waiting()
         self._node.observe()
         self._is_waiting = node_waits and self._node.usages is before
-        if self._is_waiting and was_waiting:
-            seconds = wall - self._wall
+        self._are_all_waiting = self._is_waiting and others_wait
+        if self._are_all_waiting and were_waiting:
             # If it has run meanwhile, it has probably waited for a processor most of the time.
-            has_run = self._node.usages is not usages
-            self._waited += min(seconds, BETWEEN_POLLS) if has_run else seconds
+            most = BETWEEN_POLLS if self._node.usages is not usages else MAX_WAIT
+            self._waited += min(wall - self._wall, most)
         self._wall = wall
         return self._is_waiting, others_wait
 

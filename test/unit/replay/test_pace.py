@@ -7,6 +7,8 @@ from mushr_ros_intro.replay.pace import HOLD, MAX_COMPUTATION, POLL, SETTLING, S
 from mushr_ros_intro.stamps import COMMAND_PERIOD
 
 MS = STEP // 10
+NAPS = 100
+"""The number of observations in a time."""
 
 
 class Threads:
@@ -46,8 +48,9 @@ class Clock:
     def after(self, seconds, left=None, due=None):
         """Return by how much the clock advances, after a time on the wall clock [s]."""
         self.observe()
-        self.wall += seconds
-        self.observe()
+        for _ in range(NAPS):
+            self.wall += seconds / NAPS
+            self.observe()
         return self.pace.advance(left, due)
 
     def write(self, is_received=True):
@@ -161,15 +164,33 @@ def test_a_computation_takes_no_simulated_time(driving):
     assert driving.after(0.0, due=STEP) is None
 
 
-@pytest.mark.parametrize(("has_run", "seconds"), [(False, 0.1), (True, pace.BETWEEN_POLLS)])
+@pytest.mark.parametrize(("has_run", "seconds"), [(False, 0.005), (True, pace.BETWEEN_POLLS)])
 def test_a_node_that_has_run_has_waited_for_a_processor(clock, has_run, seconds):
-    """Between two observations, 0.1 s apart, that find it waiting."""
+    """Between two observations, 5 ms apart, that find it waiting."""
     clock.observe()
-    clock.wall += 0.1
+    clock.wall += 0.005
     if has_run:
         clock.node.run()
     clock.observe()
     assert clock.pace.seconds == pytest.approx(seconds)
+
+
+def test_a_replay_that_has_waited_for_a_processor(clock):
+    """It observes the node late: the node has waited for it, and does not hang."""
+    clock.observe()
+    clock.wall += 100.0
+    clock.observe()
+    assert clock.pace.seconds == pytest.approx(pace.MAX_WAIT)
+
+
+@pytest.mark.parametrize("late", [0, 1])
+def test_a_thread_of_the_replay_that_waits_for_a_processor(clock, late):
+    """At one of two observations: the node may wait for its answer."""
+    for number in range(2):
+        clock.others.waits = number != late
+        clock.wall += 0.005
+        clock.observe()
+    assert clock.pace.seconds == 0.0
 
 
 @pytest.mark.parametrize("has_run", [True, False])
