@@ -101,7 +101,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--bag", action="store_true", help="also write each drive as a bag")
     add("--feedback", default="", metavar="FILE", help="points and comments by hand")
     add("--timeout", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
-    add("--jobs", type=int, default=2 * (os.cpu_count() or 1), help="simultaneous replays")
+    add("--jobs", type=int, default=2 * len(os.sched_getaffinity(0)), help="simultaneous replays")
     add("--shard", type=shard, default=(1, 1), metavar="I/N", help="grade part I of N only")
     add("--only", nargs="+", default=[], metavar="NAME", help="grade these submissions again")
     add("--rejudge", action="store_true", help="judge stored drives again; drive nothing")

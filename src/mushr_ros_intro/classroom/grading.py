@@ -106,7 +106,7 @@ class Grading:
         self._car = car_from(Parameters(setting.parameters))
         # matplotlib is slow and not thread-safe. Ctrl-C is for this process only.
         self._artists = ProcessPoolExecutor(
-            os.cpu_count(),
+            len(os.sched_getaffinity(0)),
             multiprocessing.get_context("forkserver"),
             _ignore_interrupts,
         )
