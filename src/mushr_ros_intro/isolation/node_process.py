@@ -3,10 +3,10 @@
 import contextlib
 import os
 import re
+import select
 import signal
 import subprocess
 import threading
-from functools import partial
 from typing import List
 
 from mushr_ros_intro.errors import UserError
@@ -17,6 +17,9 @@ SHOWN_LINES = 15
 
 KEPT_OUTPUT = 20_000
 """Size of the kept end of a node's output [bytes]."""
+
+PIPE = 65536
+"""The capacity of a pipe of Linux [bytes]."""
 
 MAX_OUTPUT = 50_000_000
 """A node that prints more has failed [bytes]."""
@@ -68,14 +71,24 @@ class NodeProcess:
         self._threads = Threads(self._process.pid)
         self._output = b""
         self._printed = 0
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
         assert self._process.stdout
-        for chunk in iter(partial(os.read, self._process.stdout.fileno(), 65536), b""):
+        self._pipe = self._process.stdout.fileno()
+        os.set_blocking(self._pipe, False)
+        self._is_reading = threading.Lock()
+        threading.Thread(target=self._read_all, daemon=True).start()
+
+    def _read_all(self) -> None:
+        while self._read():
+            select.select([self._pipe], [], [])
+
+    def _read(self) -> bool:
+        """Read what the node has printed; return whether it can print more."""
+        with self._is_reading, contextlib.suppress(BlockingIOError):  # nothing is new
+            chunk = os.read(self._pipe, PIPE)
             self._output = (self._output + chunk)[-KEPT_OUTPUT:]
             self._printed += len(chunk)
+            return bool(chunk)
+        return True
 
     def excess(self) -> str:
         """Return which limit the node has exceeded; empty if none. If it has, kill it."""
@@ -118,8 +131,8 @@ class NodeProcess:
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(3.0)
         self._kill()
-        self._process.wait(10.0)
-        self._reader.join(1.0)
+        self._process.wait()
+        self._read()
 
     def _kill(self) -> None:
         """Kill all processes, also those that have left the group of the first one."""
@@ -135,7 +148,7 @@ class NodeProcess:
         status = self._process.wait()
         if status == 0:
             return ""
-        self._reader.join(1.0)
+        self._read()  # not to the end of the pipe, which a child process may hold
         if self._has_namespaces and status - 128 in set(signal.Signals):  # of bwrap
             status = 128 - status
         how = f"ended with exit status {status}"

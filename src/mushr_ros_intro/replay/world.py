@@ -21,7 +21,7 @@ from nav_msgs.msg import OccupancyGrid
 from rosgraph_msgs.msg import Clock
 
 from mushr_ros_intro.car.model import Car, State
-from mushr_ros_intro.isolation.node_process import NodeProcess
+from mushr_ros_intro.isolation.node_process import PIPE, NodeProcess
 from mushr_ros_intro.isolation.threads import Threads
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
 from mushr_ros_intro.replay.mistakes import INITIAL_POSES, command_topic_mistake
@@ -45,9 +45,6 @@ NAP, LONG_NAP = 0.001, 0.004
 
 SHORT_NAP = 0.0001
 """The same after the node has written when its next thread is due: it will wait in a moment."""
-
-_PIPE = 65536
-"""The capacity of a pipe of Linux [bytes]."""
 
 MAX_RATE = 1000
 """A node that sends more commands per second has failed."""
@@ -190,7 +187,7 @@ class ReplayWorld:
 
     def _read_due(self) -> None:
         with contextlib.suppress(BlockingIOError):  # nothing is new
-            self._due = int.from_bytes(os.read(self._due_reader, _PIPE)[-8:], "little")
+            self._due = int.from_bytes(os.read(self._due_reader, PIPE)[-8:], "little")
 
     @property
     def _time_until_due(self) -> Optional[int]:

@@ -51,6 +51,15 @@ def test_signal_in_bwrap():
     assert "exit status 137" in run("sh", "-c", "exit 137")
 
 
+def test_the_last_output(monkeypatch):
+    """It is complete, also if the thread that reads it waits for a processor."""
+    monkeypatch.setattr(NodeProcess, "_read_all", lambda process: None)
+    process = NodeProcess(["sh", "-c", "echo before; sleep 300 & echo 'the end'; exit 1"])
+    wait_for(lambda: process.has_ended, "the end of the program")
+    assert process.describe_failure().endswith("its last output:\nbefore\nthe end")
+    process.end()
+
+
 def test_too_much_output():
     process = NodeProcess(["head", "-c", str(MAX_OUTPUT + 1), "/dev/zero"])
     fault = wait_for(process.excess, "all output")
