@@ -7,15 +7,18 @@ from typing import Dict, List, Optional, Sequence, Tuple
 
 from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.isolation.node_process import SHOWN_LINES
-from mushr_ros_intro.isolation.sandbox import Sandbox
+from mushr_ros_intro.isolation.sandbox import LIMITS, Sandbox
 from mushr_ros_intro.isolation.workspace import environment_of
-from mushr_ros_intro.replay.job import MAX_OVERHEAD, Job, Setting, sandboxed
+from mushr_ros_intro.replay.job import MAX_OVERHEAD, MAX_SLOWDOWN, Job, Setting, sandboxed
 from mushr_ros_intro.replay.own_process import ReplayError, in_own_process
 from mushr_ros_intro.replay.recording import Drive
 from mushr_ros_intro.replay.reference import Exercise
 
-TIMEOUT = 120.0
-"""For the build of one submission, and for the probe [s of wall-clock time]."""
+TIMEOUT = MAX_SLOWDOWN * LIMITS["--cpu"]
+"""For the build of one submission, and for the probe [s of wall-clock time].
+
+A process that computes for ever ends before, by its limit.
+"""
 
 _PROBE = """#!/usr/bin/python3
 import os, sys
@@ -84,7 +87,11 @@ def _run(sandbox: Sandbox, command: Sequence[str]) -> Tuple[Optional[int], List[
 
 
 def build(submission: Submission, setting: Setting) -> str:
-    """Build the package of a submission if necessary; return why it fails, "" if it does not."""
+    """Build the package of a submission if necessary; return why it fails, "" if it does not.
+
+    Raises:
+        ReplayError: it did not end, perhaps because the machine is busy.
+    """
     if submission.fault or not submission.needs_build:
         return ""
     seconds = TIMEOUT + MAX_OVERHEAD
@@ -92,7 +99,7 @@ def build(submission: Submission, setting: Setting) -> str:
 
 
 def _build_here(submission: Submission, setting: Setting) -> str:
-    """Build the package of a submission in this process; return as for `build`."""
+    """Build the package of a submission in this process; return and raise as `build`."""
     package = submission.packages[0]
     build = os.path.join(package, ".build")
     os.mkdir(build)
@@ -116,8 +123,9 @@ def _build_here(submission: Submission, setting: Setting) -> str:
     if status == 0:
         return ""
     if status is None:
-        return f"the build of the package did not end within {TIMEOUT:g} s"
-    first = next((number for number, line in enumerate(lines) if "rror" in line), len(lines))
+        raise ReplayError(f"the build of the package did not end within {TIMEOUT:g} s")
+    last = len(lines) - 1  # "Killed" if it has computed for too long
+    first = next((number for number, line in enumerate(lines) if "rror" in line), last)
     error = " ".join(line.strip() for line in lines[first : first + 2])  # CMake's have two lines
     return "\n".join([f"the package does not build: {error}", *lines[-SHOWN_LINES:]])
 

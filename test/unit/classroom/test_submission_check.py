@@ -4,6 +4,7 @@ import os
 
 import pytest
 
+from mushr_ros_intro.classroom import submission_check
 from support.submissions import NODE, PACKAGE, PUBLISHER, XML, fill, inside, only, zipped
 
 CMAKE = b"PROJECT(intro)\nfind_package(catkin)\ncatkin_package(\n  DEPENDS # add_library(x)\n)\n"
@@ -70,6 +71,15 @@ def test_faults(tmp_path, monkeypatch, files, said):
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
     found = only(tmp_path, zipped(tmp_path / "a.zip", files))
     assert said in found.fault
+
+
+def test_a_node_that_is_compiled_for_ever(tmp_path, monkeypatch):
+    """Only the processor time counts, so the load of the machine is no fault of a submission."""
+    endless = submission_check._COMPILE.replace("compile(", "while True: pass #")
+    monkeypatch.setattr(submission_check, "_COMPILE", endless)
+    monkeypatch.setattr(submission_check, "_COMPILE_TIME", 1)
+    found = only(tmp_path, zipped(tmp_path / "a.zip", PACKAGE))
+    assert found.fault.endswith("is too complex to compile; expected a program in Python.")
 
 
 @pytest.mark.parametrize(
