@@ -4,6 +4,7 @@ import glob
 import os
 import shutil
 import threading
+import xmlrpc.client
 
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.isolation.workspace import inherited
@@ -51,6 +52,13 @@ def unobserved_threads():
     threads = threading.enumerate()
     world._others.observe()
     return [each.name for each in threads if str(each.native_id) not in world._others.usages]
+
+
+def limits_calls():
+    """Return whether calls from a replay in this process to the node under test have a timeout."""
+    setting = _setting()
+    ReplayWorld(setting.parameters, setting.mux, None)
+    return isinstance(xmlrpc.client.Transport().make_connection("localhost").timeout, float)
 
 
 def follow(name, folder, *remap):

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from mushr_ros_intro.replay.own_process import in_own_process
-from support.controllers import copy_controllers, follow, unobserved_threads
+from support.controllers import copy_controllers, follow, limits_calls, unobserved_threads
 
 STYLES = ("three_threads", "loop", "answer", "timer", "explorer")
 
@@ -41,3 +41,8 @@ def test_equal_drives(tmp_path, name):
 def test_the_clock_waits_for_all_threads_of_a_replay():
     """A thread may delay another one that waits for the same lock of Python."""
     assert in_own_process(unobserved_threads, seconds=60.0) == ["MainThread"]
+
+
+def test_a_replay_waits_for_the_answer_of_a_node():
+    """It may wait for a processor; after a timeout, rospy would sleep before the next call."""
+    assert not in_own_process(limits_calls, seconds=60.0)

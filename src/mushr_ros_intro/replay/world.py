@@ -29,7 +29,7 @@ from mushr_ros_intro.replay.pace import WALL_CLOCK, Pace
 from mushr_ros_intro.replay.received import CONTROL, Received
 from mushr_ros_intro.replay.recording import Recorded
 from mushr_ros_intro.replay.replay_car import MUX, ReplayCar, ReplayMux
-from mushr_ros_intro.ros import conversions, node, ros_time, rospy_fixes
+from mushr_ros_intro.ros import conversions, ros_time, rospy_fixes
 from mushr_ros_intro.simulator.mux import Input
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
@@ -339,7 +339,9 @@ def _join(uri: str, parameters: Dict[str, Any], mux: Dict[str, Any]) -> None:
     rospy.set_param(CAR, {**parameters, "real_time_factor": 0.0})
     rospy.set_param(MUX, mux)
     argv = [f"initialpose:={INITIAL_POSES}"]
-    node.init_node("car_sim", argv=argv, disable_rostime=True, disable_signals=True)
+    # Calls have no limit: the other side may wait for a processor, and rospy would then sleep.
+    rospy_fixes.apply_before_init_node()
+    rospy.init_node("car_sim", argv=argv, disable_rostime=True, disable_signals=True)
 
 
 def _publish_map(grid: Grid) -> None:

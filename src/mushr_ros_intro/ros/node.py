@@ -161,6 +161,7 @@ def init_node(name: str, node_class: Optional[Callable[[], Any]] = None, **optio
         SystemExit: the master does not answer, or a parameter is not valid; the exception has a
             message for the user.
     """
+    rospy_fixes.limit_calls()
     rospy_fixes.apply_before_init_node()
     uri = rosgraph.get_master_uri()
     no_master = (

@@ -24,8 +24,7 @@ from mushr_ros_intro.stamps import CALL_TIMEOUT, NANOSECONDS
 
 
 def apply_before_init_node() -> None:
-    """Apply the fixes that are needed before rospy.init_node is called."""
-    limit_calls()
+    """Apply the fixes that are needed before rospy.init_node is called, except `limit_calls`."""
     write_logs_somewhere()
     keep_latest_link()
     forget_log_parameter()
