@@ -3,8 +3,9 @@
 The clocks of the modules time and datetime advance with the time of ROS, from other values on, so
 that a stamp of one of them is recognised. The program sleeps in this time with `time.sleep`,
 `rospy.sleep`, `rospy.Rate` and `rospy.Timer`, and waits in it with the timeouts of threading,
-queue, select, selectors and asyncio. A thread that reads the time again and again sleeps for
-POLL_PERIOD. The random numbers of `random` and `numpy.random` are the same in each run.
+queue, select, selectors, asyncio and `rospy.wait_for_message`. A thread that reads the time again
+and again sleeps for POLL_PERIOD. The random numbers of `random` and `numpy.random` are the same in
+each run.
 
 If several threads are due, each message on /clock wakes one of them, in the order of their due
 times. So the order does not depend on the load of the machine. The program writes to FILE, the
@@ -36,6 +37,7 @@ import threading
 import time
 import traceback
 from functools import partial
+from types import SimpleNamespace
 from typing import Any, Callable, List, Optional, Tuple
 
 import genpy
@@ -76,7 +78,7 @@ ROS = tuple(os.path.dirname(each.__file__) + os.sep for each in (rospy, rosgraph
 """Files that keep the real time."""
 
 real_sleep, real_wait, get_rostime = time.sleep, threading.Condition.wait, rospy.get_rostime
-real_monotonic = time.monotonic
+real_time, real_monotonic = time.time, time.monotonic
 is_child = False
 """Whether this is a child process of a node, in which no thread receives /clock."""
 
@@ -287,6 +289,11 @@ def time_of_waits() -> float:
     return time.monotonic() + late if is_simulated() else real_monotonic()
 
 
+def time_of_messages() -> float:
+    """Return the time with which `rospy.wait_for_message` measures its timeout [s]."""
+    return real_time() if is_child else read() / 1e9
+
+
 def wait(condition: Any, timeout: Optional[float] = None) -> bool:
     """Wait, as `threading.Condition.wait`."""
     if timeout is None or timeout <= 0.0 or not is_simulated():
@@ -404,6 +411,7 @@ def simulate() -> None:
     for ending in ("", "_ns"):
         simulate_clock_gettime(ending)
     datetime.datetime, Datetime.__name__ = Datetime, "datetime"  # type: ignore
+    rospy.client.time = SimpleNamespace(time=time_of_messages)
     threading._time = queue.time = time_of_waits  # type: ignore
     threading.Condition.wait = wait  # type: ignore
     queue.SimpleQueue = queue._PySimpleQueue  # type: ignore # the other one is in C

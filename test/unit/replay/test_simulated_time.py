@@ -338,6 +338,28 @@ def test_a_processed_message():
     subprocess.run([sys.executable, "-c", PROCESSES_A_MESSAGE], check=True)
 
 
+WAITS_FOR_A_MESSAGE = """
+import types
+import mushr_ros_intro.replay.simulated_time as simulated
+simulated.simulate()
+instants, rospy = [simulated.START], simulated.rospy
+simulated.read = lambda: instants[-1]
+rospy.rostime.wallsleep = lambda seconds: instants.append(instants[-1] + round(1e9 * seconds))
+rospy.topics.Subscriber = lambda *_: types.SimpleNamespace(unregister=list)
+try:
+    rospy.wait_for_message("/topic", None, timeout=0.05)
+except rospy.ROSException:
+    assert instants[-1] == simulated.START + 50_000_000
+else:
+    raise AssertionError
+"""
+
+
+def test_a_message_that_does_not_come():
+    """Its timeout passes in simulated time, as the sleeps between two looks."""
+    subprocess.run([sys.executable, "-c", WAITS_FOR_A_MESSAGE], check=True)
+
+
 PUBLISHES = """
 import os
 import threading
