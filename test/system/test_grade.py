@@ -52,6 +52,7 @@ def test_interrupted(tmp_path, ending):
     submissions.write(tmp_path / "class", "silent", submissions.before("while True: pass"))
     (tmp_path / "plan.txt").write_text(PLAN)
     plan = ("--plans", tmp_path / "plan.txt", "--out", tmp_path / "out", "--timeout", 8)
+    plan += ("--jobs", 1)  # the silent node begins after the first result
     command = (find_node("mushr_ros_intro", "grade.py")[0], tmp_path / "class", *plan)
     with Process(*map(str, command)) as process:
         wait_for(lambda: "right " in process.output, "the first result")
