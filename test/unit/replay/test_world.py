@@ -14,8 +14,8 @@ from mushr_ros_intro.replay.follow_world import REST, FollowWorld
 from mushr_ros_intro.replay.mistakes import COMMAND_TYPE, POSE_TYPE, command_topic_mistake
 from mushr_ros_intro.replay.pace import STEP
 from mushr_ros_intro.replay.received import CONTROL, Received
-from mushr_ros_intro.replay.world import START, ReplayWorld
-from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.replay.world import CLOSE_LOOKS, START, ReplayWorld
+from mushr_ros_intro.ros import conversions, ros_time
 
 MS = 1_000_000
 NOW = 1010 * MS
@@ -90,6 +90,34 @@ def test_a_node_that_sends_no_command(topics, has_start, end):
     """It often waits for a subscriber of a wrong start pose topic; then publish is not called."""
     mistake = command_topic_mistake({**topics, CONTROL: COMMAND_TYPE}, CONTROL, has_start)
     assert mistake.endswith(end)
+
+
+@pytest.mark.parametrize(
+    ("closed", "busy", "expected"),
+    [
+        pytest.param(0, None, 0, id="it has closed its connection"),
+        pytest.param(7, None, 7, id="it closes its connection"),
+        pytest.param(1000, None, CLOSE_LOOKS, id="a child process holds its connection"),
+        pytest.param(1000, 60, 60 + CLOSE_LOOKS, id="a message arrives late"),
+    ],
+)
+def test_the_last_messages_of_a_node_that_has_ended(monkeypatch, closed, busy, expected):
+    """They are received before the end is judged; nothing may arrive for CLOSE_LOOKS looks."""
+    looks, processed = [], []
+
+    def are_waiting():
+        looks.append(len(looks) + 1)
+        return looks[-1] != busy
+
+    world = ReplayWorld.__new__(ReplayWorld)
+    world._others = SimpleNamespace(are_waiting=are_waiting)
+    link = SimpleNamespace(get_num_connections=lambda: int(len(looks) < closed))
+    world._mux = SimpleNamespace(inputs={CONTROL: link})
+    world._process = lambda: processed.append(len(looks))
+    world.received = SimpleNamespace(commands=[None])
+    monkeypatch.setattr(ros_time, "POLL_PERIOD", 0.0)
+    process = SimpleNamespace(describe_failure=lambda: f"judged after {processed}")
+    assert world.describe_end(process) == f"judged after [{expected}]"
 
 
 def test_the_recording_has_what_the_master_observed():
