@@ -124,6 +124,7 @@ def car_name(text: str) -> str:
 
 def main() -> int:
     """Print the findings; return the exit status."""
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end quietly if the output is cut off
     parser = argparse.ArgumentParser(
         prog="doctor.py",
         description="Report why the car does not move, and what to type. The exit status is 0 "
@@ -138,7 +139,6 @@ def main() -> int:
         help="also check whether the programs of this package can be started",
     )
     arguments = parser.parse_args()
-    signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     signal.signal(signal.SIGINT, _interrupt)
     if missing:
         print(import_fault(missing, sys.executable, "ROS_PACKAGE_PATH" in os.environ))

@@ -58,7 +58,9 @@ PASSED, FAILED, USAGE, NOT_GRADED = range(4)
 
 def main() -> int:
     """Grade what the command line names; return the exit status."""
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end quietly if the output of --help is cut off
     arguments = parse_arguments(sys.argv[1:], __doc__ or "")
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     os.environ["ROS_HOSTNAME"] = "localhost"  # works even if the machine's name does not resolve
     signal.signal(signal.SIGINT, interrupt)
     signal.signal(signal.SIGTERM, interrupt)

@@ -4,6 +4,8 @@ import glob
 import importlib
 import os
 import re
+import signal
+import subprocess
 import sys
 
 import pytest
@@ -93,6 +95,17 @@ def test_a_program_answers_before_it_needs_a_master():
     with helpers.node("map_server.py", "--help", "_map_file:=sandbox", **NO_MASTER) as process:
         assert process.wait() == 0, process.output
     assert process.output.startswith("map_server.py: Serve a map from a YAML file")
+
+
+@pytest.mark.parametrize("program", ["car_sim.py", "doctor.py", "grade.py"])
+def test_an_output_that_is_cut_off(program):
+    """As in `grade.py --help | head`: the program ends quietly."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, f"{PACKAGE}/src/{program}", "--help"]
+    ended = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE)
+    os.close(writer)
+    assert (ended.returncode, ended.stderr) == (-signal.SIGPIPE, b"")
 
 
 @pytest.mark.parametrize("argument", ["--strict", "-x", "figure_8", "_loop", "--loop:=true", ""])
