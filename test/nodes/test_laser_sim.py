@@ -7,6 +7,7 @@ import sys
 
 import rospy
 from geometry_msgs.msg import PoseStamped
+from rosgraph_msgs.msg import Log
 from sensor_msgs.msg import LaserScan
 
 from mushr_ros_intro.errors import UserError
@@ -123,8 +124,14 @@ class TestLaserSim(RosTestCase):
     def test_invalid_poses(self):
         self.scan_of(0.0, 0.0, 0.0)
         begin = self.stamp + rospy.Duration(100)
-        self.report(begin, math.nan, 0.0, 0.0)
-        self.report(begin + rospy.Duration(1), math.inf, 0.0, 0.0)
+        log = Recording("/rosout", Log).connected()
+        for seconds, value in enumerate((math.nan, math.inf)):
+            self.report(begin + rospy.Duration(seconds), value, 0.0, 0.0)
+            # A later pose could replace one that has not been processed yet.
+            warning = f"ignored a message on /car/car_pose: pose ({value}, "
+            log.first(
+                lambda m, w=warning: m.name == "/car/laser_sim" and m.msg.startswith(w), warning
+            )
         self.report(begin + rospy.Duration(2), 0.0, 0.0, 0.0)
         self.scans.after(begin + rospy.Duration(1))
         self.assertEqual(self.since(begin), [2_000_000_000])
