@@ -14,9 +14,11 @@ from nav_msgs.msg import OccupancyGrid, Odometry, Path
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
-from mushr_ros_intro.ros import ros_time, rospy_fixes
+from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.ros import connections, ros_time, rospy_fixes
 from mushr_ros_intro.ros.connections import registered_nodes, wait_until_connected
 from mushr_ros_intro.simulator import sim_clock
+from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
 from mushr_ros_intro.simulator.car_sim import CarSim
 from support.geometry import POSITION_TOLERANCE, closed_form, planar, yaw_of
 from support.ghost import Ghost
@@ -335,15 +337,24 @@ class TestCarSim(RosTestCase):
         self.assertTrue(wait_until_connected(there, "publishers"))
 
     def test_a_node_that_died_without_unregistering(self):
-        """The master still lists it, but publishers do not wait for it."""
+        """Its registrations and parameters count until then, also while it is suspended."""
         left = rospy.Publisher("/left", Empty, queue_size=1)
-        ghost = self.ending(Ghost(subscribes=["/left"]))
-        self.assertFalse(wait_until_connected(left, "subscribers", seconds=1.0))
+        ghost = self.ending(Ghost(subscribes=["/left"], name="/left/car_sim"))
+        rospy.set_param("/left/car_sim", {"wheelbase": 0.4})
+
+        def wheelbase():
+            return car_from(simulated_car_parameters("left", must_run=True)).wheelbase
+
+        ghost.suspend()
+        with mock.patch.object(connections, "_PING_TIMEOUT", 0.1):
+            self.assertFalse(wait_until_connected(left, "subscribers", seconds=1.0))
+            self.assertEqual(wheelbase(), 0.4)
         ghost.die()
         self.assertTrue(wait_until_connected(left, "subscribers"))
+        self.assertEqual(wheelbase(), 0.33)
 
     def test_whether_the_car_publishes_the_clock(self):
-        """It does if time is simulated and no live node publishes /clock."""
+        """It does if time is simulated and no node that runs publishes /clock."""
         has_to_publish_it = sim_clock.has_to_publish_clock
         self.assertFalse(has_to_publish_it())
         self.addCleanup(rospy.delete_param, "/use_sim_time")
@@ -351,6 +362,9 @@ class TestCarSim(RosTestCase):
         self.assertTrue(has_to_publish_it())
         ghost = self.ending(Ghost(publishes=["/clock"]))
         self.assertFalse(has_to_publish_it())
+        ghost.suspend()
+        with mock.patch.object(connections, "_PING_TIMEOUT", 0.1):
+            self.assertFalse(has_to_publish_it())
         ghost.die()
         self.assertTrue(has_to_publish_it())
         rospy.set_param("/use_sim_time", False)

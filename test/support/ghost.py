@@ -14,13 +14,13 @@ class Ghost:
     reports that the caller is connected.
     """
 
-    def __init__(self, subscribes=(), publishes=(), port=None, silence=0.0):
+    def __init__(self, subscribes=(), publishes=(), port=None, silence=0.0, name="/ghost"):
         self.calls = {"publisherUpdate": [], "requestTopic": []}
         self._ended = threading.Event()
         self._silence = silence
         self._server = rosgraph.xmlrpc.ThreadingXMLRPCServer(("127.0.0.1", 0), log_requests=False)
         self._uri = f"http://localhost:{self._server.server_address[1]}/"
-        self._master = rosgraph.Master("/ghost")
+        self._master = rosgraph.Master(name)
         self._subscribes, self._publishes = subscribes, publishes
         self._server.register_function(lambda *_: (1, "", os.getpid()), "getPid")
         if silence:
@@ -45,8 +45,12 @@ class Ghost:
         self._ended.wait(self._silence)
         return 1, "", [[1, caller, "o", "TCPROS", topic, True, ""] for topic in self._publishes]
 
+    def suspend(self):
+        """Stop to answer, as a node that is stopped with Ctrl-Z."""
+        self._server.shutdown()
+
     def die(self):
-        """Stop to answer, without unregistering."""
+        """End without unregistering."""
         self._ended.set()
         self._server.shutdown()
         self._server.server_close()

@@ -10,8 +10,7 @@ import time
 import xmlrpc.client
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from itertools import compress
-from typing import Any, Dict, List, Set
+from typing import Any, Dict, List, Optional, Set
 
 import rosgraph
 import rospy
@@ -19,14 +18,14 @@ import rospy
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
-from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
+from mushr_ros_intro.ros.xmlrpc_client import CallError, CallFault, ask
 from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, REANNOUNCE_PERIOD
 
 _PING_AFTER = 0.5
-"""After this time, nodes that do not respond are ignored [s]."""
+"""After this time, nodes that have ended are ignored [s]."""
 
 _PING_TIMEOUT = 3.0
-"""Timeout for the response of a node [s]; long enough for a busy node."""
+"""Timeout for the response of a node [s]. A busy node may need longer."""
 
 
 def registered_nodes(topic: str, role: str) -> List[str]:
@@ -123,7 +122,7 @@ def wait_until_connected(
         now = time.monotonic()
         try:
             if end.get_num_connections() >= minimum and _is_connected(
-                end, role, ignores_dead=now > began + _PING_AFTER
+                end, role, ignores_ended=now > began + _PING_AFTER
             ):
                 return True
         except (rosgraph.MasterException, OSError):
@@ -138,15 +137,15 @@ def wait_until_connected(
         time.sleep(POLL_PERIOD)
 
 
-def _is_connected(end: Any, role: str, ignores_dead: bool) -> bool:
-    """Return whether `end` is connected to all nodes at its topic, or to all that respond.
+def _is_connected(end: Any, role: str, ignores_ended: bool) -> bool:
+    """Return whether `end` is connected to all nodes at its topic, or to all that have not ended.
 
     A subscriber also counts connections that are not open yet, so each publisher is called.
     """
     names = registered_nodes(end.resolved_name, role)
-    if ignores_dead and names:
+    if ignores_ended and names:
         with ThreadPoolExecutor(len(names)) as pool:
-            names = list(compress(names, pool.map(responds, names)))
+            names = [name for name, ended in zip(names, pool.map(has_ended, names)) if not ended]
     if end.get_num_connections() < len(names):
         return False
     return role == "subscribers" or all(_serves(name, end.resolved_name) for name in names)
@@ -163,11 +162,27 @@ def has_live_publisher(subscriber: rospy.Subscriber) -> bool:
 
 def responds(name: str) -> bool:
     """Return whether a node responds within a few seconds."""
+    return _ping(name) is None
+
+
+def has_ended(name: str) -> bool:
+    """Return whether a node has ended, or does not exist.
+
+    A node that is busy, suspended or cannot be reached does not respond, but has not ended.
+    """
+    return _ping(name) not in (None, CallFault.NO_RESPONSE)
+
+
+def _ping(name: str) -> Optional[CallFault]:
+    """Return why a node does not respond within a few seconds; None if it does."""
     caller = rospy.get_name()
-    with suppress(rosgraph.MasterException, OSError, CallError):
+    try:
         ask(rosgraph.Master(caller).lookupNode(name), _PING_TIMEOUT, caller, "getPid")
-        return True
-    return False
+    except CallError as error:
+        return error.fault
+    except (rosgraph.MasterException, OSError):
+        return CallFault.REFUSED
+    return None
 
 
 def _serves(name: str, topic: str) -> bool:

@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Description, Parameters
 from mushr_ros_intro.ros import rospy_fixes
-from mushr_ros_intro.ros.connections import responds, wait_until_connected
+from mushr_ros_intro.ros.connections import has_ended, wait_until_connected
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER
 
@@ -112,7 +112,7 @@ def _full_name(name: str) -> str:
 def _refuse_a_second_one(name: str) -> None:
     """Raise SystemExit if a node with the name that this one is going to have runs already."""
     name = _full_name(name)
-    if responds(name):
+    if not has_ended(name):
         sys.exit(f"{name} is running already; end it first, or start this one with __name:=NAME")
 
 

@@ -3,16 +3,16 @@
 import rospy
 
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.ros.connections import responds
+from mushr_ros_intro.ros.connections import has_ended
 
 
 def simulated_car_parameters(car_name: str, must_run: bool = False) -> Parameters:
     """Return the parameters of a simulated car; they are empty if it has never been started.
 
-    With `must_run`, they are also empty if the car does not respond: the parameters of a car that
-    has ended remain at the master. A node that starts together with the car does not set it,
-    because the car may not respond yet.
+    With `must_run`, they are also empty if the car has ended, because its parameters remain at the
+    master. A node that starts together with the car does not set it, because the car may not have
+    registered yet.
     """
     name = f"/{car_name}/car_sim"
-    is_valid = not must_run or responds(name)
+    is_valid = not (must_run and has_ended(name))
     return Parameters(rospy.get_param(name, {}) if is_valid else {}, f"{name}/")

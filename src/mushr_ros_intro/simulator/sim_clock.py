@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 from mushr_ros_intro.car.model import Event, State
 from mushr_ros_intro.ros import conversions, ros_time
-from mushr_ros_intro.ros.connections import responds
+from mushr_ros_intro.ros.connections import has_ended
 from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
 from mushr_ros_intro.simulator.clock import Stream, first_report
 from mushr_ros_intro.stamps import CALL_TIMEOUT, CLOCK_PATIENCE, NANOSECONDS, CurrentTime
@@ -27,7 +27,7 @@ MAX_CATCH_UP = 0.1
 
 
 def has_to_publish_clock() -> bool:
-    """Return whether time is simulated and no live node publishes /clock.
+    """Return whether time is simulated and no node that runs publishes /clock.
 
     This function can be called before rospy.init_node.
     """
@@ -39,7 +39,7 @@ def has_to_publish_clock() -> bool:
     except CallError:
         return False  # the parameter is not set, or there is no master, which init_node reports
     names = {name for topic, nodes in publishers if topic == "/clock" for name in nodes}
-    return not any(map(responds, names))
+    return all(map(has_ended, names))
 
 
 class FollowedClock:

@@ -139,15 +139,18 @@ def test_the_master_ends_a_node(master):
 
 
 def test_a_node_that_must_not_be_replaced(master):
-    """Otherwise, two browser views end each other."""
+    """Otherwise, two browser views end each other. It may be suspended."""
     options = ", is_replaceable=False"
     with start(PROGRAMS["waits"], master, options, ROS_NAMESPACE="/car2") as process:
         wait_for(lambda: "waits" in process.output, "the node")
-        with start(PROGRAMS["waits"], master, options, ROS_NAMESPACE="/car2") as namesake:
-            assert namesake.wait() == 1, namesake.output
+        for number in (signal.SIGCONT, signal.SIGSTOP):
+            process.send_signal(number)
+            with start(PROGRAMS["waits"], master, options, ROS_NAMESPACE="/car2") as namesake:
+                assert namesake.wait() == 1, namesake.output
+            expected = "/car2/made is running already; end it first, or start this one with "
+            assert namesake.output == expected + "__name:=NAME\n"
+        process.send_signal(signal.SIGCONT)
         assert process.running
-    expected = "/car2/made is running already; end it first, or start this one with __name:=NAME\n"
-    assert namesake.output == expected
 
 
 @pytest.mark.parametrize("name", ENDS)
