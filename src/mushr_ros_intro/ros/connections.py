@@ -10,6 +10,7 @@ import time
 import xmlrpc.client
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from itertools import compress
 from typing import Any, Dict, List, Optional, Set
 
 import rosgraph
@@ -22,7 +23,7 @@ from mushr_ros_intro.ros.xmlrpc_client import CallError, CallFault, ask
 from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, REANNOUNCE_PERIOD
 
 _PING_AFTER = 0.5
-"""After this time, nodes that have ended are ignored [s]."""
+"""After this time, nodes that do not respond are ignored [s]."""
 
 _PING_TIMEOUT = 3.0
 """Timeout for the response of a node [s]. A busy node may need longer."""
@@ -122,7 +123,7 @@ def wait_until_connected(
         now = time.monotonic()
         try:
             if end.get_num_connections() >= minimum and _is_connected(
-                end, role, ignores_ended=now > began + _PING_AFTER
+                end, role, ignores_dead=now > began + _PING_AFTER
             ):
                 return True
         except (rosgraph.MasterException, OSError):
@@ -137,15 +138,15 @@ def wait_until_connected(
         time.sleep(POLL_PERIOD)
 
 
-def _is_connected(end: Any, role: str, ignores_ended: bool) -> bool:
-    """Return whether `end` is connected to all nodes at its topic, or to all that have not ended.
+def _is_connected(end: Any, role: str, ignores_dead: bool) -> bool:
+    """Return whether `end` is connected to all nodes at its topic, or to all that respond.
 
     A subscriber also counts connections that are not open yet, so each publisher is called.
     """
     names = registered_nodes(end.resolved_name, role)
-    if ignores_ended and names:
+    if ignores_dead and names:
         with ThreadPoolExecutor(len(names)) as pool:
-            names = [name for name, ended in zip(names, pool.map(has_ended, names)) if not ended]
+            names = list(compress(names, pool.map(responds, names)))
     if end.get_num_connections() < len(names):
         return False
     return role == "subscribers" or all(_serves(name, end.resolved_name) for name in names)
