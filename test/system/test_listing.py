@@ -31,6 +31,21 @@ ENDS_WITHOUT_ERROR = pytest.mark.skipif(
     reason="rospy of Debian 11 calls Thread.isAlive when a node ends; Python 3.9 does not have it",
 )
 
+SLOW = """
+import runpy, sys, time
+import rospy.core, rospy.impl.tcpros_base
+write = rospy.impl.tcpros_base.TCPROSTransport.write_data
+
+def write_late(self, data):
+    if rospy.core._in_shutdown:
+        time.sleep(0.5)  # less than the 1 s for which the node waits
+    return write(self, data)
+
+rospy.impl.tcpros_base.TCPROSTransport.write_data = write_late
+runpy.run_path({!r}, run_name="__main__")
+"""
+"""Run a node; when it ends, its threads that send are as late as on a busy machine."""
+
 ELSEWHERE = ("_init_pose_topic:=/elsewhere", f"_control_topic:={NAVIGATION}2")
 
 # Each fault: the plan (None: no file), more arguments of the node, a part of its message.
@@ -142,7 +157,9 @@ def test_interrupted(example, car, tmp_path):
     """Ctrl-C: the last message is a stop, and the car stops at its stamp."""
     plan = tmp_path / "plan.txt"
     plan.write_text("1,2,2.5\n1.0,0.2,60\n")
-    with ForkedProcess(example, f"_plan_file:={plan}") as publisher:
+    slow = tmp_path / "slow.py"
+    slow.write_text(SLOW.format(example))
+    with ForkedProcess(str(slow), f"_plan_file:={plan}") as publisher:
         wait_for(lambda: len(car.commands) >= 5, "five commands")
         publisher.send_signal(signal.SIGINT)
         assert publisher.wait() == 0, publisher.output

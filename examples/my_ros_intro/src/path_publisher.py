@@ -117,10 +117,17 @@ if __name__ == "__main__":
 
     stop = AckermannDriveStamped(header=Header(frame_id="car/base_footprint"))  # speed 0
 
+    outputs = deque(maxlen=1)  # the newest command that the mux has passed on to the car
+    rospy.Subscriber("/car/mux/ackermann_cmd_mux/output", AckermannDriveStamped, outputs.append)
+
     def send_stop():
         stop.header.stamp = stop.header.stamp or rospy.Time.now()
-        pub_controls.publish(stop)
-        time.sleep(0.1)  # rospy sends in another thread
+        pub_controls.publish(stop)  # another thread sends it, unless the node ends before
+        deadline = time.monotonic() + 1.0
+        while time.monotonic() < deadline:
+            if outputs and outputs[0].header.stamp == stop.header.stamp:
+                break
+            time.sleep(0.001)
 
     rospy.on_shutdown(send_stop)  # at the end, on Ctrl-C and after an error
     stop.header.stamp = run_plan(pub_init_pose, pub_controls, plan)
