@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from support.helpers import PATIENCE, Process, free_port
+from support.helpers import PATIENCE, Process, free_port, wait_for
 from support.paths import CHECKOUT
 
 pytestmark = pytest.mark.full
@@ -68,6 +68,7 @@ def test_roslaunch_drives(folder):
     uri = f"ROS_MASTER_URI=http://localhost:{port}"
     launch = f"source install/setup.bash; exec roslaunch -p {port} "
     with shell(f"{launch} mushr_ros_intro sim.launch", folder, uri) as simulation:
+        wait_for(lambda: "ready: the car" in simulation.output, "the car", 2 * PATIENCE)
         plan = f"path_publisher.launch plan_file:={folder}/short.txt"
-        output = run(f"{launch} --wait mushr_ros_intro {plan}", folder, uri)
+        output = run(f"{launch} mushr_ros_intro {plan}", folder, uri)
     assert "difference" in output, output + simulation.output

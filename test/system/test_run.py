@@ -113,9 +113,13 @@ class Run:
 def test_a_drive(tmp_path):
     with Run(tmp_path, 1.5) as script:
         script.wait_for_text("line 2 of 2")
-        addresses = script.listening()
+        script.process.send_signal(signal.SIGSTOP)  # so that it does not end the simulation
+        try:  # two for each node, and the master
+            wait_for(lambda: len(script.listening()) > 8, "the nodes to listen")
+            addresses = script.listening()
+        finally:
+            script.process.send_signal(signal.SIGCONT)
         assert script.process.wait(PATIENCE) == 0, script.log.read_text()
-    assert len(addresses) > 8  # two for each node, and the master
     assert all(re.match("0100007F:|0{24}01000000:", address) for address in addresses), addresses
     log = script.log.read_text()
     difference = re.search(r"the car drove .* difference (\S+) m", log)
