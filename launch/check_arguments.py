@@ -14,23 +14,24 @@ from mushr_ros_intro.wording import similar
 
 
 def refuse_unknown(command: List[str]) -> None:
-    """Raise SystemExit if an argument of roslaunch is not one of a launch file in this folder.
+    """Raise SystemExit if an argument of roslaunch is not one of its launch files.
 
     Args:
-        command: the command line of roslaunch. A launch file that is not in this folder may
-            include one that is.
+        command: the command line of roslaunch. If no launch file in it is of this folder, one of
+            them includes one that is, and may have any arguments.
     """
     folder = os.path.dirname(os.path.realpath(__file__))
-    given = [each.partition(":=")[0] for each in command if ":=" in each]
+    known, names = [], []
     for package, name in zip(command, command[1:]):
         path = os.path.join(folder, name if package == "mushr_ros_intro" else os.path.abspath(name))
-        if not name.endswith(".launch") or os.path.dirname(os.path.realpath(path)) != folder:
-            continue
-        known = [each.attrib["name"] for each in ElementTree.parse(path).getroot().findall("arg")]
-        for each in given:
-            if each not in known and not each.startswith("__"):
-                expected = f"one of {', '.join(known)}{similar(each, known)}"
-                sys.exit(f"\n{name}: there is no argument {each}; expected {expected}\n")
+        if name.endswith((".launch", ".xml")) and os.path.isfile(path):
+            arguments = ElementTree.parse(path).getroot().findall("arg")
+            known += [each.attrib["name"] for each in arguments]
+            names += [name] if os.path.dirname(os.path.realpath(path)) == folder else []
+    for each in (word.partition(":=")[0] for word in command if ":=" in word):
+        if names and each not in known and not each.startswith("__"):
+            expected = f"one of {', '.join(known)}{similar(each, known)}"
+            sys.exit(f"\n{names[0]}: there is no argument {each}; expected {expected}\n")
 
 
 def roslaunch_command() -> List[str]:

@@ -116,6 +116,15 @@ def test_unknown_arguments_of_launch_files_are_refused(words):
         REFUSE_UNKNOWN(["/usr/bin/roslaunch", *words, "plan:=a"])
 
 
+def test_arguments_of_all_launch_files_are_known(tmp_path):
+    (tmp_path / "own.launch").write_text('<launch><arg name="mine" /></launch>')
+    words = ["mushr_ros_intro", "sim.launch", f"{PACKAGE}/launch/web.launch"]
+    command = ["/usr/bin/roslaunch", *words, str(tmp_path / "own.launch"), "noise:=1", "port:=2"]
+    REFUSE_UNKNOWN([*command, "mine:=3"])
+    with pytest.raises(SystemExit, match="there is no argument mime; .* did you mean mine?"):
+        REFUSE_UNKNOWN([*command, "mime:=3"])
+
+
 def test_other_launch_files_may_have_any_arguments():
     """That of a course may have the name of one of this package, and include it."""
     REFUSE_UNKNOWN(["/usr/bin/roslaunch", "my_ros_intro", "path_publisher.launch", "plan:=a"])
