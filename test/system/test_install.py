@@ -17,6 +17,7 @@ def shell(script, folder, *variables):
     source = f"source {NOETIC}/setup.bash; " if os.path.isdir(NOETIC) else ""
     return Process(
         *("env", "-i", "-C", str(folder), "PATH=/usr/bin:/bin", f"HOME={folder}"),
+        "PYTHONUNBUFFERED=1",  # otherwise messages are in a buffer
         *(f"ROS_HOME={folder}/ros", "ROS_HOSTNAME=localhost"),
         f"LD_PRELOAD={os.environ.get('LD_PRELOAD', '')}",  # see scripts/loopback.c
         *(*variables, "bash", "-c", source + script),
