@@ -25,7 +25,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.ros import node, ros_time
-from mushr_ros_intro.ros.connections import is_published
+from mushr_ros_intro.ros.connections import is_alive, is_published
 from mushr_ros_intro.ros.xmlrpc_client import CallError
 from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
 
@@ -160,7 +160,7 @@ class WebView:
                     "the ROS master has been restarted, and does not know this server; press "
                     "Ctrl-C in the terminal of web.launch or sim.launch, and start it again"
                 )
-            is_simulated = f"{car}/reset" in services
+            is_simulated = f"{car}/reset" in services and is_alive(car)
             values = simulated_car_parameters(self._car_name) if is_simulated else Parameters({})
             seen.update(car_limits(values), holds_clock=f"{car}/pause" in services)
             seen["has_car"] = is_simulated

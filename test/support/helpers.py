@@ -288,13 +288,13 @@ ENDING = 5.0
 _held = []
 
 
-def kill(name, pid):
+def kill(name, pid, master_uri=None):
     """Kill a node, and occupy its port until this process ends.
 
     The master and the former subscribers of the node may still call this port. If a node of
     another test had it then, a call could shut it down, or could block its other connections.
     """
-    uri = rosgraph.Master("/kill").lookupNode(name)
+    uri = rosgraph.Master("/kill", master_uri).lookupNode(name)
     os.kill(pid, signal.SIGKILL)
     held = socket.socket()
     held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -19,7 +19,7 @@ from PIL import Image
 
 from support import web
 from support.geometry import closed_form
-from support.helpers import PATIENCE, ForkedProcess, Process, free_port, node, wait_for
+from support.helpers import PATIENCE, ForkedProcess, Process, free_port, kill, node, wait_for
 from support.messages import TELEOP
 from support.paths import CHECKOUT
 
@@ -159,15 +159,21 @@ def test_a_port_that_is_taken(sim):
     assert f"port {sim.port} of 127.0.0.1 cannot be used" in process.output
 
 
-def test_parameters_of_a_car_that_has_ended(sim):
-    """They do not change the prediction."""
+def test_a_car_that_is_killed(sim):
+    """The state says that there is none, and its parameters do not change the prediction."""
     port = free_port()
-    sets = ["rosparam", "set", "/car9/car_sim/speed_limit", "0.25"]
-    subprocess.run(sets, env={**os.environ, **sim.environment}, check=True)
+    car = node("car_sim.py", "__ns:=/car9", "_speed_limit:=0.25", **sim.environment)
     settings = ("__name:=fourth_view", f"_port:={port}", "_car_name:=car9")
-    with node("web_view.py", *settings, **sim.environment) as process:
+    with car, node("web_view.py", *settings, **sim.environment) as process:
         wait_for(lambda: "in a browser" in process.output, "the other server")
+        client = web.Client(port)
+        client.subscribe(web.STATE)
+        client.state(lambda state: state["has_car"], "with a car")
+        assert web.fetch(port, "/plans/figure_8")[2] != sim.get("/plans/figure_8")[2]
+        kill("/car9/car_sim", sim.pid("/car9/car_sim"), sim.environment["ROS_MASTER_URI"])
+        client.state(lambda state: not state["has_car"], "without a car")
         assert web.fetch(port, "/plans/figure_8")[2] == sim.get("/plans/figure_8")[2]
+        client.close()
 
 
 def test_headers(sim):
@@ -458,10 +464,13 @@ def test_a_master_that_does_not_answer(sim):
         client.subscribe("/tf")
         state = client.state(lambda state: state["problem"], "with a problem")
         assert "the ROS master does not answer" in state["problem"]
+        assert state["has_car"], "the master does not say that it is gone"
         result, values = client.call("/rosapi/topics")
         assert result is False and isinstance(values, str)
         watcher.stamps(100)
         assert sim.get("/plans")[0] == 200
+        status, _, content = sim.get("/plans/figure_8")
+        assert status == 409 and b"the ROS master does not answer" in content
         status, answer = sim.post("/drive", {"plan": "long"})
         assert status == 409 and "the ROS master does not answer" in answer["error"]
     finally:

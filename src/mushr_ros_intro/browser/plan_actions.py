@@ -2,12 +2,13 @@
 
 from typing import Any, Dict, List, Sequence
 
-from mushr_ros_intro.browser import plans
+from mushr_ros_intro.browser import plans, rosapi
 from mushr_ros_intro.browser.bridge import Bridge
 from mushr_ros_intro.browser.map import WebMap
 from mushr_ros_intro.browser.plan_drive import PlanDrive
 from mushr_ros_intro.browser.server import Action
 from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
 
 
@@ -50,8 +51,11 @@ class PlanActions:
         return await self._bridge.in_thread(self._check, name, path)
 
     def _check(self, name: str, path: str) -> Dict[str, Any]:
-        car = car_from(simulated_car_parameters(self._parameters["car_name"], must_run=True))
-        return plans.describe(name, path, "car", car, self._map.grid)
+        try:
+            parameters = simulated_car_parameters(self._parameters["car_name"], must_run=True)
+        except OSError as error:
+            raise UserError(rosapi.no_answer(error)) from None
+        return plans.describe(name, path, "car", car_from(parameters), self._map.grid)
 
     async def _path(self, name: Any) -> str:
         """Return the path of a plan; raise a LookupError if there is none with this name."""

@@ -186,6 +186,24 @@ def _ping(name: str) -> Optional[CallFault]:
     return None
 
 
+def is_alive(name: str) -> bool:
+    """Return whether a node is registered, and its process has not ended.
+
+    A process that has ended refuses the connection; one that is busy or suspended does not.
+
+    Raises:
+        OSError: the master does not answer.
+    """
+    caller = rospy.get_name()
+    try:
+        ask(rosgraph.Master(caller).lookupNode(name), _PING_TIMEOUT, caller, "getPid")
+    except rosgraph.MasterException:
+        return False
+    except CallError as error:
+        return error.fault is not CallFault.REFUSED
+    return True
+
+
 def _serves(name: str, topic: str) -> bool:
     """Return whether a node reports that it publishes a topic to this node."""
     caller = rospy.get_name()

@@ -3,16 +3,18 @@
 import rospy
 
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.ros.connections import has_ended
+from mushr_ros_intro.ros.connections import is_alive
 
 
 def simulated_car_parameters(car_name: str, must_run: bool = False) -> Parameters:
     """Return the parameters of a simulated car; they are empty if it has never been started.
 
-    With `must_run`, they are also empty if the car has ended, because its parameters remain at the
-    master. A node that starts together with the car does not set it, because the car may not have
-    registered yet.
+    With `must_run`, they are also empty if the car has ended: its parameters remain at the master.
+    A node that starts together with the car does not set it, because the car may not run yet.
+
+    Raises:
+        OSError: the master does not answer.
     """
     name = f"/{car_name}/car_sim"
-    is_valid = not (must_run and has_ended(name))
+    is_valid = not must_run or is_alive(name)
     return Parameters(rospy.get_param(name, {}) if is_valid else {}, f"{name}/")
