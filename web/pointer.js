@@ -52,7 +52,8 @@ const aim = (x, y) => [
 
 /** Whether the pointer would place the car, or click a plan, that the view does not show. */
 function isRefused() {
-  if (!view.replay || find("pan").checked) return false;
+  const isPan = find("pan").checked || (find("clicks").checked && isDrag);
+  if (!view.replay || isPan) return false;
   say("click-state", "refused: a recording is shown, not the live car");
   return true;
 }

@@ -234,9 +234,6 @@ def test_figure_8(page):
     final = closed_form(plan.start, rows)
     page.find("fit").click()
     page.find("drive").click()
-    page.shows("drive-state", "driving figure_8")
-    assert not page.find("drive").is_enabled() and page.find("stop").is_enabled()
-    page.shows("owner", "navigation")
     page.shows("drive-state", "figure_8 ended successfully")
     page.wait(lambda: web.is_near(page.pose(), final), f"the car at {final}")
     assert page.run(CURRENT) == 0, "no row is current after the drive"
@@ -258,6 +255,9 @@ def drive(page, plan, speed):
 
 def test_stop(sim, page):
     drive(page, "long", "0.50 m/s")
+    page.shows("drive-state", "driving long")
+    assert not page.find("drive").is_enabled() and page.find("stop").is_enabled()
+    page.shows("owner", "navigation")
     page.wait(lambda: page.run(CURRENT) == 2, "the mark of the second row")
     load(page, sim, is_driving=True)
     page.wait(lambda: page.run(CURRENT) == 2, "the same mark after a reload")
@@ -433,6 +433,10 @@ def test_results(sim, page):
     page.find("play").click()
     page.shows("recording", "8.00 s of 8.00 s")
     page.wait(lambda: not page.find("play").is_selected(), "the end of the playback")
+    page.find("clicks").click()
+    drag = page.actions().move_to_element(page.find("view")).click_and_hold()
+    drag.move_by_offset(50, 0).release().perform()
+    assert page.text("click-state") == "", "only clicks are refused"
     page.find("place").click()
     page.find("view").click()
     page.shows("click-state", "a recording is shown")
