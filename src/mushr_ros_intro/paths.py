@@ -48,7 +48,10 @@ def find_file(name: str, folder: str, ending: str) -> str:
     for candidate in candidates:
         if is_there(candidate):
             return candidate
+    others = [each for each in sorted(os.listdir(folder)) if os.path.splitext(each)[0] == name]
     problem = "no such file"
+    if others:
+        problem += f" with the ending {ending}, only {', '.join(others)}"
     for candidate in candidates:
         try:
             os.stat(candidate)

@@ -55,6 +55,7 @@ def test_files_are_found_by_name_and_by_path(folders, monkeypatch):
         ("x", "x: no such file (searched: HERE, PLANS, "),
         ("x", "); expected a path, or one of circle, eight"),
         ("cirlce.txt", "; did you mean circle? (searched: HERE, PLANS"),
+        ("wave", "wave: no such file with the ending .txt, only wave.csv (searched: HERE, PLANS"),
         ("here/own", "here/own: no such file (searched: HERE/here, "),
         ("/nowhere/own.txt", "/nowhere/own.txt: no such file (searched: /nowhere); expected"),
         ("circle\0", ": no such file; did you mean circle?"),
@@ -67,6 +68,7 @@ def test_a_missing_file(folders, name, expected, monkeypatch):
     plans, here = folders
     monkeypatch.setenv("PWD", str(here))
     (here / "folder").mkdir()
+    (plans / "wave.csv").touch()
     os.mkfifo(here / "pipe")
     with pytest.raises(UserError) as caught:
         find_file(name, str(plans), ".txt")
