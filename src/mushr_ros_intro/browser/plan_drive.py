@@ -12,7 +12,7 @@ import rospy
 
 from mushr_ros_intro.browser import plans, rosapi
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.ros.connections import has_ended
+from mushr_ros_intro.ros.connections import is_alive
 from mushr_ros_intro.ros.xmlrpc_client import CallError, CallFault, ask
 from mushr_ros_intro.stamps import CALL_TIMEOUT
 
@@ -75,9 +75,9 @@ class PlanDrive:
         with self._lock:
             if self._is_running():
                 raise UserError(f"{self._plan} is being driven; stop it first")
-            if not has_ended(self._name):
-                raise UserError(f"{self._name} is running already; stop it first")
             try:
+                if is_alive(self._name):
+                    raise UserError(f"{self._name} is running already; stop it first")
                 rospy.set_param(self._name, {})  # deletes those of earlier runs
             except OSError as error:
                 raise UserError(rosapi.no_answer(error)) from None

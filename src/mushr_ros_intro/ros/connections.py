@@ -11,7 +11,7 @@ import xmlrpc.client
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import compress
-from typing import Any, Dict, List, Optional, Set
+from typing import Any, Dict, List, Set
 
 import rosgraph
 import rospy
@@ -163,27 +163,10 @@ def has_live_publisher(subscriber: rospy.Subscriber) -> bool:
 
 def responds(name: str) -> bool:
     """Return whether a node responds within a few seconds."""
-    return _ping(name) is None
-
-
-def has_ended(name: str) -> bool:
-    """Return whether a node has ended, or does not exist.
-
-    A node that is busy, suspended or cannot be reached does not respond, but has not ended.
-    """
-    return _ping(name) not in (None, CallFault.NO_RESPONSE)
-
-
-def _ping(name: str) -> Optional[CallFault]:
-    """Return why a node does not respond within a few seconds; None if it does."""
-    caller = rospy.get_name()
-    try:
-        ask(rosgraph.Master(caller).lookupNode(name), _PING_TIMEOUT, caller, "getPid")
-    except CallError as error:
-        return error.fault
-    except (rosgraph.MasterException, OSError):
-        return CallFault.REFUSED
-    return None
+    with suppress(rosgraph.MasterException, OSError, CallError):
+        _ping(name)
+        return True
+    return False
 
 
 def is_alive(name: str) -> bool:
@@ -194,14 +177,18 @@ def is_alive(name: str) -> bool:
     Raises:
         OSError: the master does not answer.
     """
-    caller = rospy.get_name()
     try:
-        ask(rosgraph.Master(caller).lookupNode(name), _PING_TIMEOUT, caller, "getPid")
+        _ping(name)
     except rosgraph.MasterException:
         return False
     except CallError as error:
-        return error.fault is not CallFault.REFUSED
+        return error.fault is CallFault.NO_RESPONSE
     return True
+
+
+def _ping(name: str) -> None:
+    caller = rospy.get_name()
+    ask(rosgraph.Master(caller).lookupNode(name), _PING_TIMEOUT, caller, "getPid")
 
 
 def _serves(name: str, topic: str) -> bool:

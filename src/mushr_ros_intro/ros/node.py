@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Description, Parameters
 from mushr_ros_intro.ros import rospy_fixes
-from mushr_ros_intro.ros.connections import has_ended, wait_until_connected
+from mushr_ros_intro.ros.connections import is_alive, wait_until_connected
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER
 
@@ -112,8 +112,10 @@ def _full_name(name: str) -> str:
 def _refuse_a_second_one(name: str) -> None:
     """Raise SystemExit if a node with the name that this one is going to have runs already."""
     name = _full_name(name)
-    if not has_ended(name):
-        sys.exit(f"{name} is running already; end it first, or start this one with __name:=NAME")
+    with suppress(OSError):  # the master does not answer, which init_node reports
+        if is_alive(name):
+            expected = "end it first, or start this one with __name:=NAME"
+            sys.exit(f"{name} is running already; {expected}")
 
 
 def end_with_error(error: UserError) -> None:
