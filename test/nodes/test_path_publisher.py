@@ -10,6 +10,10 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
+from mushr_ros_intro.drive.car_pose import CarPose
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.ros.connections import wait_for_subscriber
 from support.geometry import closed_form, planar
 from support.ghost import Ghost
 from support.helpers import (
@@ -202,11 +206,8 @@ class TestPathPublisher(RosTestCase):
 
     def test_refuses_and_publishes_nothing(self):
         """Each fault is one message and exit status 1, and no command is published."""
-        ghost = self.ending(Ghost(subscribes=["/told_late"], publishes=["/ghost/car_pose"]))
-        wrong = rospy.Subscriber("/wrong_initialpose", PoseWithCovarianceStamped)
-        self.addCleanup(wrong.unregister)
+        self.ending(Ghost(subscribes=["/told_late"]))
         broken = os.path.join(FIXTURES, "broken_plans", "not_a_number.txt")
-        other_car = ("_car_name:=ghost", f"_control_topic:={NAVIGATION}")
         cases = {
             f"{broken}:": [f"_plan_file:={broken}"],
             "circle, closed_figure_8, figure_8": ["_plan_file:=figure_9"],
@@ -216,22 +217,55 @@ class TestPathPublisher(RosTestCase):
             "'plan_file:=circle' sets no parameter; expected _plan_file:=circle": [
                 "plan_file:=circle"
             ],
-            "no node subscribes to /nowhere": ["_init_pose_topic:=/nowhere"],
-            "nodes are registered: /ghost. Do they respond": ["_control_topic:=/told_late"],
-            # The car does not stand at the start of slalom, the origin.
-            "was not at the start pose (0.0000 m": [
-                *("_plan_file:=slalom", "_init_pose_topic:=/wrong_initialpose")
+            "nodes are registered: /ghost. Do they respond": [
+                *("_control_topic:=/told_late", "_subscriber_timeout:=0")
             ],
-            "was not at the start pose": [*other_car, "_init_pose_topic:=/wrong_initialpose"],
         }
-        common = ("_plan_file:=circle", "_subscriber_timeout:=3.0")
         self.assert_refused(
-            *(("path_publisher.py", [*common, *each], said) for said, each in cases.items())
+            *(
+                ("path_publisher.py", ["_plan_file:=circle", *each], said)
+                for said, each in cases.items()
+            )
         )
         self.assertEqual(self.commands.messages, [])
-        # It called the subscriber and the publisher that do not answer more than once.
-        for calls in ghost.calls.values():
-            self.assertGreater(len(calls), 1)
+
+    def test_waits_and_publishes_nothing(self):
+        """Each wait is reached, lasts until Ctrl-C, and repeats calls that get no answer."""
+        ghost = self.ending(Ghost(subscribes=["/told_late"], publishes=["/ghost/car_pose"]))
+        wrong = self.ending(Recording("/wrong_initialpose", PoseWithCovarianceStamped))
+        control_topic = f"_control_topic:={NAVIGATION}"
+        # The car does not stand at the start of slalom, the origin.
+        cases = (
+            (["_control_topic:=/told_late"], lambda _: len(ghost.calls["publisherUpdate"]) > 1),
+            (["_car_name:=ghost", control_topic], lambda _: len(ghost.calls["requestTopic"]) > 1),
+            (
+                ["_init_pose_topic:=/nowhere"],
+                lambda output: "waiting for a subscriber of /nowhere" in output,
+            ),
+            (["_init_pose_topic:=/wrong_initialpose"], lambda _: wrong.last),
+        )
+        started = [
+            self.ending(driver("slalom", f"__name:=waiting_{number}", *arguments))
+            for number, (arguments, _) in enumerate(cases)
+        ]
+        for process, (arguments, is_waiting) in zip(started, cases):
+            wait_for(lambda p=process, w=is_waiting: w(p.output), f"the wait with {arguments}")
+        for process in started:
+            process.send_signal(signal.SIGINT)
+        for process in started:
+            self.assertEqual(process.wait(), 1, process.output)
+        self.assertEqual(self.commands.messages, [])
+
+    def test_timeouts(self):
+        """In this process: in a node, an earlier wait could have the same timeout."""
+        nowhere = rospy.Publisher("/nowhere", AckermannDriveStamped, queue_size=1)
+        self.addCleanup(nowhere.unregister)
+        with self.assertRaisesRegex(UserError, "no node subscribes to /nowhere after 0 s"):
+            wait_for_subscriber(nowhere, 0.0)
+        self.ending(Ghost(publishes=["/ghost/car_pose"]))
+        for car in ("car", "ghost"):
+            with self.assertRaisesRegex(UserError, r"was not at the start pose \(90.0000 m"):
+                CarPose(car).wait_until_at(Pose(90.0, 0.0, 0.0), 0, 0.0)
 
     def test_the_car_starts_after_the_mux(self):
         """On a busy machine, click_planner, which subscribes to the start pose, can be first."""
@@ -252,12 +286,9 @@ class TestPathPublisher(RosTestCase):
         """It is placed on another topic; the message contains the command that places it."""
         reposition = Recording("/mushr_sim/reposition", PoseStamped)
         self.addCleanup(reposition.subscriber.unregister)
-        wrong = rospy.Subscriber("/wrong_initialpose", PoseWithCovarianceStamped)
-        self.addCleanup(wrong.unregister)
-        path = self.plan("5,6,0.5\n1,0\n")
-        with driver(path, "_init_pose_topic:=/wrong_initialpose", "_subscriber_timeout:=1") as plan:
-            self.assertEqual(plan.wait(), 1)
-        command = re.search("Type: (.*) and then start", plan.output)[1]
+        with self.assertRaises(UserError) as raised:
+            CarPose("car").wait_until_at(Pose(5.0, 6.0, 0.5), 0, 0.0)
+        command = re.search("Type: (.*) and then start", str(raised.exception))[1]
         with ForkedProcess(*shlex.split(command)) as place:
             self.assertEqual(place.wait(), 0)
         wait_for(lambda: reposition.last, "the pose")

@@ -189,9 +189,8 @@ class TestTestNodes(RosTestCase):
         self.addCleanup(tf2_ros.Buffer().frame_server.shutdown)
         placements = Recording("/initialpose", PoseWithCovarianceStamped)
         cases = self.start(CASES)
-        arguments = (f"_subscriber_timeout:={PATIENCE}", "__name:=case_driver")
         plan = self.plan("\n".join(", ".join(map(str, row)) for row in [START, *ROWS]))
-        process = self.ending(driver(plan, *arguments))
+        process = self.ending(driver(plan, "__name:=case_driver"))
 
         def do_listen():
             return all(case.is_waiting or not case.is_alive() for case in cases)

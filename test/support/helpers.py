@@ -411,8 +411,9 @@ def node(name, *arguments, **environment):
 
 
 def driver(plan, *arguments, **environment):
-    """Start path_publisher with the path or the name of a plan."""
-    return node("path_publisher.py", f"_plan_file:={plan}", *arguments, **environment)
+    """Start path_publisher with the path or the name of a plan; it waits patiently for the car."""
+    common = (f"_plan_file:={plan}", f"_subscriber_timeout:={PATIENCE}")
+    return node("path_publisher.py", *common, *arguments, **environment)
 
 
 @contextlib.contextmanager
