@@ -5,11 +5,12 @@ import re
 import time
 
 import rospy
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 from rosgraph_msgs.msg import Log
 
 from support.geometry import planar
-from support.helpers import Recording, RosTestCase, wait_for
+from support.helpers import Recording, Relay, RosTestCase, wait_for
 from support.world import LOCK_STEP, launch
 
 PROMISED = 1e-9
@@ -40,10 +41,10 @@ def start_world():
 
 
 class TestProfiles(RosTestCase):
-    def drive(self, plan):
+    def drive(self, plan, *arguments):
         """Drive a plan; return the predicted final pose."""
         began = time.monotonic()
-        output = self.drive_plan(plan, "_subscriber_timeout:=20.0", "__name:=driver")
+        output = self.drive_plan(plan, "__name:=driver", *arguments)
         # There are progress lines, but at most 20 per second.
         lines = output.count(" s left\n")
         self.assertGreaterEqual(lines, 1)
@@ -57,6 +58,13 @@ class TestProfiles(RosTestCase):
         log = Recording("/rosout", Log)
         at_its_limits = self.plan("0, 0, 0\n0.9286, 0.3158, 0.2\n-0.9286, -0.4211, 0.2\n")
         paths = Recording("/car/predicted_path", Path)
+
+        def path_of_figure_8():  # the longest plan
+            return next((each for each in paths.messages if len(each.poses) > 2200), None)
+
+        def wait_for_path(_):
+            wait_for(path_of_figure_8, "the predicted path")
+
         for profile in ("racecar_mit", "mushr_nano"):
             with car(car=profile):
                 if profile == "mushr_nano":
@@ -64,7 +72,10 @@ class TestProfiles(RosTestCase):
                     self.drive(at_its_limits)
                 ends.add(self.drive("parallel_parking"))
                 if profile == "mushr_nano":
-                    figure_8 = self.drive("figure_8")
+                    # The node waits for the start pose until its path has arrived.
+                    held, kind = "/held/initialpose", PoseWithCovarianceStamped
+                    self.ending(Relay(held, "/initialpose", kind, wait_for_path))
+                    figure_8 = self.drive("figure_8", f"_init_pose_topic:={held}")
 
         # The car warns of a plan that exceeds its limits, but not of one that reaches them.
         def warnings():
@@ -74,11 +85,7 @@ class TestProfiles(RosTestCase):
 
         self.assertEqual(len(ends), 2)  # the profiles differ
 
-        # The topic may be connected after some drives have ended, and figure_8 is the longest plan.
-        def last_prediction():
-            return next((each for each in paths.messages[::-1] if len(each.poses) > 2200), None)
-
-        self.check_path(wait_for(last_prediction, "the predicted path"), figure_8)
+        self.check_path(path_of_figure_8(), figure_8)
 
     def check_path(self, path, end):
         self.assertEqual(path.header.frame_id, "map")

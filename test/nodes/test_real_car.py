@@ -13,9 +13,19 @@ from nav_msgs.msg import OccupancyGrid, Path
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
+from mushr_ros_intro.drive.command_publisher import CommandPublisher
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros.connections import registered_nodes
 from support.geometry import angle_between, closed_form, planar
-from support.helpers import ForkedProcess, Recording, RosTestCase, driver, publisher, wait_for
+from support.helpers import (
+    ForkedProcess,
+    Recording,
+    Relay,
+    RosTestCase,
+    driver,
+    publisher,
+    wait_for,
+)
 from support.messages import MUX, NAVIGATION, TELEOP
 from support.world import LOCK_STEP, launch
 
@@ -50,9 +60,9 @@ class TestRealCar(RosTestCase):
         self.paths.clear()
         self.addCleanup(self.forget)
 
-    def prediction(self):
-        """Return the predicted path."""
-        return self.paths.last
+    def wait_for_prediction(self, _=None):
+        """Return the predicted path; it comes before the countdown and the start pose."""
+        return wait_for(lambda: self.paths.last, "the predicted path")
 
     @staticmethod
     def forget():
@@ -64,7 +74,10 @@ class TestRealCar(RosTestCase):
 
     def test_faults_are_warnings_and_the_prediction_ends_at_the_wall(self):
         plan = self.plan("47,0,0\n0.9,0\n2.0, 0.0, 3\n")
-        output = self.drive_plan(plan, status=1)
+        # The node ends at once, so it waits for the start pose until the path has arrived.
+        held, topic = "/held/initialpose", "/initialpose"
+        self.ending(Relay(held, topic, PoseWithCovarianceStamped, self.wait_for_prediction))
+        output = self.drive_plan(plan, f"_init_pose_topic:={held}", status=1)
         fast = "line 3 asks for 2 m/s; the car does 0.9286 m/s at most"
         wall = "the car hits a wall at t = 2.3 s, (49.0, 0.0); it stops there"
         warnings = WARNINGS.findall(output)
@@ -74,7 +87,7 @@ class TestRealCar(RosTestCase):
             r"FATAL.* the car stopped at a wall in line 3 of 3 at \((.*) m, 0.0000 m, 0.0000 rad\)"
         )
         self.assertAlmostEqual(float(at_wall.search(output)[1]), AT_WALL, delta=1e-4)
-        end = planar(wait_for(self.prediction, "the predicted path").poses[-1].pose)
+        end = planar(self.paths.last.poses[-1].pose)
         self.assertLess(math.dist(end, (AT_WALL, 0.0, 0.0)), FOUND)
 
     def test_strict_refuses_faults_and_publishes_nothing(self):
@@ -92,11 +105,11 @@ class TestRealCar(RosTestCase):
         cloud = Recording(NAME + "/spread_poses", PoseArray)
         ellipses = Recording(NAME + "/spread_ellipses", MarkerArray)
         plan = self.plan("1,2,0.5\n0.5,0.1\n0.8,-0.1,3\n")
-        output = self.drive_plan(plan, "_strict:=true", "_spread:=true")
-        self.assertIn(
-            "spread of 1000 drives with random errors: the final positions are 0.", output
-        )
-        wait_for(lambda: cloud.last and ellipses.last, "the spread")
+        said = "spread of 1000 drives with random errors: the final positions are 0."
+        with driver(plan, "_strict:=true", "_spread:=true", "_countdown:=600") as process:
+            wait_for(lambda: cloud.last and ellipses.last, "the spread")
+            predicted = planar(self.wait_for_prediction().poses[-1].pose)
+            wait_for(lambda: said in process.output, "the message")
         poses = np.array([planar(pose) for pose in cloud.last.poses])
         self.assertEqual(poses.shape, (1000, 3))
         clear, *markers = ellipses.last.markers
@@ -116,30 +129,31 @@ class TestRealCar(RosTestCase):
         )  # the two directions of an axis are equal
         self.assertLess(off, 1e-6)
         # The errors of the final positions are some centimetres.
-        predicted = planar(self.prediction().poses[-1].pose)
         self.assertLess(math.dist(centre[:2], predicted[:2]), 0.1)
         self.assertLess(max(abs(marker.pose.position.z) for marker in markers), 1e-9)
 
     def test_refusals(self):
-        """Each fault is one message and exit status 1, and the car does not move."""
-        broken = rospy.Publisher("/broken_map", OccupancyGrid, queue_size=1, latch=True)
-        broken.publish(OccupancyGrid())
-        in_wall = self.plan("49.4,0,0\n0.5,0.1\n")
-        name, soon = "path_publisher.py", "_subscriber_timeout:=3.0"
-        circle, no_pose = "_plan_file:=circle", "_send_init_pose:=false"
+        """Each fault is one message and exit status 1."""
+        name, circle = "path_publisher.py", "_plan_file:=circle"
         self.assert_refused(
             (name, [circle, "_max_speed:=0.0"], "parameter ~max_speed is 0.0; expected a number"),
             (name, [circle, "_car:=tx2"], "mushr_tx2, racecar_mit; did you mean mushr_tx2?"),
-            (
-                *(name, [circle, no_pose, soon, "_active_topic:=/nobody"]),
-                "no message was published on /nobody within 3 s",
-            ),
-            (
-                *(name, [f"_plan_file:={in_wall}", soon, "/map:=/broken_map"]),
-                *("the map on /broken_map cannot be read: ", "was not at the start pose"),
-            ),
         )
-        broken.unregister()
+        # In this process: in a node, an earlier wait could have the same timeout.
+        unused = CommandPublisher("/unused", "/nobody")
+        with self.assertRaisesRegex(UserError, "no message was published on /nobody within 0 s"):
+            unused.wait_until_free(0.0, 0.0)
+
+    def test_a_start_pose_in_a_wall_and_a_broken_map(self):
+        """The node waits for the car, which refuses the start pose, and sends no command."""
+        broken = rospy.Publisher("/broken_map", OccupancyGrid, queue_size=1, latch=True)
+        self.addCleanup(broken.unregister)
+        broken.publish(OccupancyGrid())
+        with driver(self.plan("49.4,0,0\n0.5,0.1\n"), "/map:=/broken_map") as process:
+            wait_for(lambda: self.placements.last, "the start pose")
+            process.send_signal(signal.SIGINT)
+            self.assertEqual(process.wait(), 1)
+        self.assertIn("the map on /broken_map cannot be read: ", process.output)
         self.assertEqual(self.commands.messages, [])
 
     # A real car
@@ -166,7 +180,7 @@ class TestRealCar(RosTestCase):
         plan = self.plan("1,2,0.5\n0.5,0.3,2500\n")
         with driver(plan, "_countdown:=60", "_car:=ideal") as process:
             wait_for(lambda: "the car starts to drive in 60 s" in process.output, "the countdown")
-            path = wait_for(self.prediction, "the predicted path")
+            path = self.wait_for_prediction()
             process.send_signal(signal.SIGINT)
             self.assertEqual(process.wait(), 1)
         self.assertEqual(self.commands.messages, [])
