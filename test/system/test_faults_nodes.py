@@ -129,8 +129,8 @@ class TestNodeFaults(DrivenCarTestCase):
         for name in ("/path_publisher", MUX, "/car/car_sim"):
             self.output.clear()
             with driver(path) as plan:
+                pid = plan.pid if name == "/path_publisher" else pid_of(name)
                 wait_for(lambda: self.count(0.5) >= 8, "eight commands")
-                pid = pid_of(name)
                 os.kill(pid, signal.SIGSTOP)
                 resume = at(self.output.messages[0].header.stamp, 1.3)
                 wait_for(lambda resume=resume: rospy.Time.now() > resume, "the end of the plan")
