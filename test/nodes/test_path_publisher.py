@@ -7,6 +7,7 @@ import re
 import shlex
 import signal
 
+import rosgraph
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
@@ -148,12 +149,14 @@ class TestPathPublisher(RosTestCase):
 
     def test_wrong_parameters_do_not_end_the_node_that_drives(self):
         path = self.plan("0,0,0\n1.0,0.2,60\n")
-        with self.driving(path) as process:
+        master = rosgraph.Master("/test")
+        with self.driving(path):
+            address = master.lookupNode("/path_publisher")
             wrong = (f"_plan_file:={path}", "_loop:=maybe"), ("_plan_file:=figure_9",)
             for arguments in wrong:
                 with node("path_publisher.py", *arguments) as second:
                     self.assertEqual(second.wait(), 1)
-            self.assertTrue(process.running)
+            self.assertEqual(master.lookupNode("/path_publisher"), address)
 
     def test_the_car_dies(self):
         """The node warns, and ends with exit status 1."""
