@@ -190,8 +190,7 @@ def test_a_course(home):
         exercise = f"roslaunch introduction exercise.launch.xml plan_file:={plan}"
         output, status = terminal.type(exercise)
         assert status == 0, output
-        moved = float(re.search("the car moved (.*) m", output)[1])
-        assert moved > 0.0
+        assert re.search(r"the car moved \d.* m", output), output
         # Without stamps, the distance depends on the load. grade.py drives without this effect.
         x, y = position_of_car(terminal)
         assert x > 1.0
