@@ -6,6 +6,7 @@ import rospy
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap
 
+from support.cars import CARS
 from support.geometry import yaw_of
 from support.helpers import PATIENCE, ForkedProcess, Process, Recording, RosTestCase, node, wait_for
 from support.paths import CHECKOUT, FIXTURES
@@ -101,8 +102,8 @@ class TestMapServer(RosTestCase):
         cases = (
             (
                 "car:=nano",
-                "car:=nano: no such car; expected one of ideal, mushr_nano, mushr_nano_master, "
-                "mushr_sim, mushr_tx2, racecar_mit; did you mean mushr_nano?\n",
+                f"car:=nano: no such car; expected one of {', '.join(sorted(CARS))}; "
+                "did you mean mushr_nano?\n",
             ),
             ("map:=sandbx", "map:=sandbx: no such file; did you mean sandbox? ("),
             ("car_name:=fifth", "/fifth/car_sim is running already; end it first (Ctrl-C in its"),

@@ -16,6 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros.connections import registered_nodes
+from support.cars import CARS
 from support.geometry import angle_between, closed_form, planar
 from support.helpers import (
     ForkedProcess,
@@ -137,7 +138,7 @@ class TestRealCar(RosTestCase):
         name, circle = "path_publisher.py", "_plan_file:=circle"
         self.assert_refused(
             (name, [circle, "_max_speed:=0.0"], "parameter ~max_speed is 0.0; expected a number"),
-            (name, [circle, "_car:=tx2"], "mushr_tx2, racecar_mit; did you mean mushr_tx2?"),
+            (name, [circle, "_car:=tx2"], f"{max(CARS)}; did you mean mushr_tx2?"),
         )
         # In this process: in a node, an earlier wait could have the same timeout.
         unused = CommandPublisher("/unused", "/nobody")

@@ -10,6 +10,7 @@ import pytest
 from roslib.packages import find_node
 
 from support import classroom as submissions
+from support.cars import CARS
 from support.grading import ISOLATED, PLAN, PRIVILEGED, WITHOUT_NAMESPACES, assert_status
 from support.helpers import Process, wait_for
 from support.paths import PACKAGE
@@ -144,7 +145,7 @@ NODE = ("--node", "mushr_ros_intro", "path_publisher.py")
         ),
         (("figure_8",), 2, "expected PLAN... --node PACKAGE FILE, or"),
         (("figure_8", *NODE, "--car", "fiat"), 2, "car is 'fiat'; expected one of ideal"),
-        (("figure_8", *NODE, "--car", "nano"), 2, "racecar_mit; did you mean mushr_nano?"),
+        (("figure_8", *NODE, "--car", "nano"), 2, f"{max(CARS)}; did you mean mushr_nano?"),
         (("--merge", "/nowhere", "--out", "/nowhere"), 2, "/nowhere: not the output of grade.py"),
         (("/nowhere", "--plans", "figure_8", "--out", "/proc/x"), 3, "/proc/x"),
         (("figure_8", *NODE, "--out", "/dev/null"), 2, "--out: /dev/null is not a folder"),

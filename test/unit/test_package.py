@@ -21,6 +21,9 @@ from support.helpers import Process
 
 PACKAGE = paths.CHECKOUT
 
+CARS = "profile | car"
+"""The header of the table of the cars."""
+
 
 def read(name):
     with open(os.path.join(PACKAGE, name), encoding="utf-8") as file:
@@ -131,10 +134,12 @@ def test_other_launch_files_may_have_any_arguments():
     REFUSE_UNKNOWN(["/usr/bin/roslaunch", "/home/ann/sim.launch", "plan:=a"])
 
 
-@pytest.mark.parametrize("name", ["path_publisher", "real_car", "sim", "web"])
-def test_launch_files_refuse_unknown_arguments(name):
-    params = ElementTree.parse(f"{PACKAGE}/launch/{name}.launch").iter("param")
-    assert any("$(dirname)/check_" in each.get("command", "") for each in params)
+@pytest.mark.parametrize("path", glob.glob(os.path.join(PACKAGE, "launch", "*.launch")))
+def test_launch_files_refuse_unknown_arguments(path):
+    """Only view.launch does not, because it drives nothing."""
+    params = ElementTree.parse(path).iter("param")
+    is_checked = any("$(dirname)/check_" in each.get("command", "") for each in params)
+    assert is_checked != path.endswith("view.launch"), "expected check_arguments.py, see web.launch"
 
 
 @pytest.mark.parametrize(
@@ -155,7 +160,8 @@ def test_path_publisher_launch_leaves_no_defaults(arguments, expected):
     parameters = parameters_of("launch/path_publisher.launch", ["plan_file:=a", *arguments])
     name = "/car2/path_publisher" if "car2" in expected.values() else "/path_publisher"
     expected = {"plan_file": "a", **expected}
-    assert parameters == {f"{name}/{key}": value for key, value in expected.items()}
+    given = {f"{name}/{key}": value for key, value in expected.items()}
+    assert parameters == given, "expected only what the user gives"
 
 
 @pytest.mark.parametrize(
@@ -339,6 +345,16 @@ def test_the_page_lists_every_plan():
     assert len(listed) == len(names)
 
 
+def test_the_pages_list_every_car():
+    names = {os.path.basename(path)[:-5] for path in glob.glob(f"{PACKAGE}/config/cars/*.yaml")}
+    listed = re.findall(r"`(\w+)`", " ".join(row[0] for row in cells_of("docs/nodes.md", CARS)))
+    assert sorted(listed) == sorted(names), "expected the cars of config/cars/ in docs/nodes.md"
+    arguments = ElementTree.parse(f"{PACKAGE}/launch/sim.launch").getroot().findall("arg")
+    (text,) = (each.get("doc") for each in arguments if each.get("name") == "car")
+    listed = set(re.findall(r"\w+", text.partition(":")[2])) - {"or"}
+    assert listed == names, "expected the cars of config/cars/ in launch/sim.launch"
+
+
 @pytest.mark.parametrize(
     ("header", "names"),
     [
@@ -352,3 +368,10 @@ def test_the_page_lists_every_check(header, names):
     wrong = set(listed) ^ set(names)
     assert wrong == set(), "expected the checks of the library in docs/grading.md"
     assert len(listed) == len(names)
+
+
+def test_the_pages_count_every_check():
+    (score,) = re.findall(r"max-score: (\d+)", read("docs/grading.md"))
+    assert int(score) == len(CHECK_NAMES), "expected a point per check in docs/grading.md"
+    shown = re.findall(r"^    ok   (\w+): ", read("docs/tutorial.md"), re.M)
+    assert shown[: len(CHECK_NAMES)] == list(CHECK_NAMES), "expected a verdict in docs/tutorial.md"

@@ -52,7 +52,8 @@ class CarSim:
                 number("theta", 0.0, "rad", -1e3, 1e3, "start pose"),
             )
             self._car = car_from(parameters)
-            pose_rate = number("pose_rate", 50.0, "Hz", 0.1, 1000.0, "rate of all topics")
+            meaning = "rate of the pose, the odometry, the joint states and the transforms"
+            pose_rate = number("pose_rate", 50.0, "Hz", 0.1, 1000.0, meaning)
             factor = number("real_time_factor", 1.0, "", 0.0, 1e6, FACTOR)
             meaning = "the car is ready only when it has received a map"
             self._expects_map = parameters.flag("expects_map", False, meaning)

@@ -55,10 +55,12 @@ def documented(program):
 def test_help(program, monkeypatch):
     """It names the purpose, the topics, an example, and every documented parameter."""
     text = node.help_text(class_of(program, monkeypatch))
+    expected = "expected a docstring of the class with a sentence, the topics, and an example"
+    assert text.count("\n\n") >= 2, expected
     purpose, *_, example, parameters = text.split("\n\n")
-    assert purpose.endswith(".")
-    assert re.search("Subscribes|Publishes|topics", text)
-    assert re.match(r"Example: (rosrun|roslaunch|<test)", example)
+    assert purpose.endswith("."), expected
+    assert re.search("Subscribes|Publishes|topics", text), expected
+    assert re.match(r"Example: (rosrun|roslaunch|<test)", example), expected
     names = set(re.findall(r"^  (\w+)$", parameters, re.M))
     assert names == documented(program), f"expected the parameters in the section of {program}"
     lacking = re.findall(r"^  (\w+)\n    (?:a number|true or|one of|text that)", parameters, re.M)
