@@ -117,9 +117,9 @@ class GuardedMaster(ROSMasterHandler):
                 if len(self.published) < MAX_NAMES:
                     self.published[resolve_name(topic, caller)[:MAX_TEXT]] = kind[:MAX_TEXT]
             if method in ("getParam", "subscribeParam") and len(params) > 1:
-                name = str(params[-1])
-                is_read = name.endswith("/plan_file") or name.rstrip("/") == params[0]
-                self.plan_is_read = self.plan_is_read or is_read
+                name = str(params[-1]).rstrip("/")
+                if name in (params[0], f"{params[0]}/plan_file"):
+                    self.plan_is_read = True
             action = self._action(method, *map(str, params[:2]))
             if action:
                 self.record(action)

@@ -100,8 +100,13 @@ class Judgement(NamedTuple):
 
 def _notes(recorded: Recorded) -> Iterator[str]:
     """Yield what a node might do better, although no check fails because of it."""
-    if not recorded.plan_is_read:
-        yield "the node did not read its parameter ~plan_file, the path of the plan"
+    if recorded.outcome.endswith("KeyError: '~plan_file'"):
+        yield "~plan_file exists only after rospy.init_node; call rospy.get_param after it"
+    elif not recorded.plan_is_read:
+        yield (
+            "the node did not read its parameter ~plan_file, the path of the plan; plan_file "
+            "without ~ is another parameter"
+        )
     if stops := len(recorded.sent) - len(recorded.commands):
         yield f"the node sends {counted(stops, 'stop')} before the plan"
     for run, group in matched(recorded):

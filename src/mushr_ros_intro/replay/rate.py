@@ -94,6 +94,8 @@ def _rate_fault(run: Run, group: Sequence[Sent], surplus: int) -> str:
     if fault := _step_fault(times):
         return fault
     if abs(times[-1] - times[0] - run.duration) > _SPAN_TOLERANCE:
+        if not span and group[0].has_stamp:
+            return f"its {len(group)} commands have the same stamp; expected the time of each one"
         expected = f"{seconds:g} s, tolerance {_SPAN_TOLERANCE / NANOSECONDS:g} s"
         return f"its {len(group)} commands span {span:.3g} s; expected {expected}"
     return ""

@@ -157,6 +157,19 @@ class ReplayWorld:
         commands = self.received.commands
         return (self.now - (commands[-1].arrived if commands else START)) / NANOSECONDS
 
+    def exceeded_silence(self, seconds: float, timeout: float) -> str:
+        """Return which limit on the time without a command the node exceeds; empty if none.
+
+        Args:
+            seconds: for how long it has sent nothing [s of wall-clock time].
+            timeout: the limit on it.
+        """
+        if seconds > timeout:
+            return f"{timeout:g} s"
+        if self.silence > MAX_SILENCE:
+            return f"{MAX_SILENCE:g} s of simulated time"
+        return ""
+
     def observe(self, pace: Pace, left: Optional[int]) -> None:
         """Observe the node once; if it waits, process its messages or send the next one.
 

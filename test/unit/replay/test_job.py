@@ -6,9 +6,11 @@ from types import SimpleNamespace
 import pytest
 
 from mushr_ros_intro.isolation.sandbox import Sandbox
+from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.replay import job
 from mushr_ros_intro.replay.job import Job, run_job
 from mushr_ros_intro.replay.own_process import KilledError, ReplayError
+from mushr_ros_intro.replay.world import ReplayWorld
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 from support.recorded import PLAN, commands, replay, reported
 
@@ -56,6 +58,7 @@ class Standing:
 
     usages, ran, time_left = {}, 0.0, 1
     is_ending, silence = False, 0.0
+    exceeded_silence = ReplayWorld.exceeded_silence
 
     def __init__(self, sent):
         self.received, self.count = SimpleNamespace(commands=sent), len(sent)
@@ -76,6 +79,18 @@ def test_a_node_that_sends_no_stop():
     setting = SimpleNamespace(timeout=15.0)
     assert job._watch(process, world, Job("node", ("node",), PLAN, setting)) == ""
     assert world.silence == pytest.approx(job.DONE_AFTER, abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("timeout", "limit"), [(15.0, "15 s"), (math.inf, "60 s of simulated time")]
+)
+def test_a_node_that_hangs(timeout, limit):
+    """The message names the limit that it has exceeded."""
+    world = Standing(commands()[:4])
+    process = SimpleNamespace(has_ended=False, threads=world, excess=str)
+    setting = SimpleNamespace(timeout=timeout)
+    message = job._watch(process, world, Job("node", ("node",), PLAN, setting))
+    assert f" 4 of {count_commands(PLAN)} commands arrived, and then none for {limit}, " in message
 
 
 class Repeating(Standing):

@@ -1,6 +1,7 @@
 """Check the verdicts on replays."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -67,10 +68,18 @@ def test_an_ignored_message_is_noted():
     assert verdict.endswith("passed\nnote: the car ignored a message on /initialpose: wrong frame")
 
 
+def test_a_parameter_before_init_node_is_noted():
+    outcome = "the node ended with exit status 1; its last output:\nKeyError: '~plan_file'"
+    _, verdict = judged(replay(outcome=outcome, plan_is_read=False))
+    (note,) = re.findall("^note: (.*)$", verdict, re.M)
+    assert note == "~plan_file exists only after rospy.init_node; call rospy.get_param after it"
+
+
 def test_a_node_that_does_not_read_the_plan_is_noted():
     _, verdict = judged(replay(plan_is_read=False))
     assert verdict.endswith(
-        "passed\nnote: the node did not read its parameter ~plan_file, the path of the plan"
+        "passed\nnote: the node did not read its parameter ~plan_file, the path of the plan; "
+        "plan_file without ~ is another parameter"
     )
 
 
@@ -217,6 +226,7 @@ def test_two_commands_at_the_begin(seconds):
 
 
 HURRIED = moved(COMMANDS[:10], [-k * TENTH * 2 // 10 for k in range(10)])
+SAME = [each._replace(time=BEGIN, stamp=BEGIN) for each in COMMANDS[:10]]
 BURST = [
     each._replace(arrived=BEGIN - TENTH + k // 8 * 8 * TENTH) for k, each in enumerate(COMMANDS)
 ]
@@ -247,6 +257,7 @@ ROW = "commands: row 1 (1 s): received "
         (later(5, TENTH * 6 // 10), RATE + "0.16 s between messages 5 and 6; expected 0.1 s"),
         (later(5, TENTH * 4 // 10), ""),
         (later(5, -TENTH * 3 // 2), RATE + "message 6 is stamped 0.05 s before"),
+        (SAME + COMMANDS[10:], RATE + "its 10 commands have the same stamp; expected the time of"),
         (BURST, "rate: message 8 arrives 0.8 s before its stamp, another one 0.1 s; expected ten"),
         (UNSTAMPED, ""),
         (UNSTAMPED[:8] + UNSTAMPED[10:], RATE + "8 commands received in 0.8 s; expected 10 in 1 s"),
