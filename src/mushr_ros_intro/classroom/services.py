@@ -244,10 +244,12 @@ def _summary(result: Grade, points: Points) -> List[str]:
     lines = []
     for plan in result.plans:
         if not points.is_hidden(plan.plan):
-            failed = [check.name for check in plan.checks if not check.passed]
-            what = f"{counted(len(failed), 'check')} failed: {', '.join(failed)}" if failed else ""
+            failed = [check.name for check in plan.checks if check.is_judged and not check.passed]
+            verdict = f"{counted(len(failed), 'check')} failed: {', '.join(failed)}"
+            if count := sum(not check.is_judged for check in plan.checks):
+                verdict += f", {count} not judged"
+            verdict = "all checks passed" if plan.passed else verdict
             score, most = points.plan_score(plan), points.max_score([plan.plan])
-            verdict = what or "all checks passed"
             lines.append(f"{plan.plan}: {verdict} ({shown(score)} of {shown(most)})")
             lines += filter(None, [points.loss(plan)])
     return lines

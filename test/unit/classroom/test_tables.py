@@ -119,8 +119,9 @@ def test_not_judged(tmp_path):
     assert "rate\u2013 not judged2 / 2rate: as expected" in text and "2 of 5 points" in text
     index = Page(tmp_path / "index.html").text
     assert "fail 2 / 5" in index and "no drivepath, map" in index
-    tests = gradescope(submission(OPEN), points, 1.0)["tests"]
-    (rate,) = (each for each in tests if "rate" in each["name"])
+    report = gradescope(submission(OPEN), points, 1.0)
+    (rate,) = (each for each in report["tests"] if "rate" in each["name"])
+    assert report["output"] == "circle: 2 checks failed: path, map, 1 not judged (2 of 5)"
     assert rate["name"] == "circle: rate (not judged)" and rate["score"] == 2
     assert "    -- circle: rate (not judged), 2 of 2\n" in release_body(submission(OPEN), points)
 
