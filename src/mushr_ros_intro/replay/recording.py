@@ -181,11 +181,13 @@ def driven_plan(recorded: Recorded) -> Plan:
     not drive so, return the plan itself.
     """
     rows, due, before, end, number = list(recorded.plan.rows), recorded.begin, 0, 0, 0
-    times = [sent.time for sent in recorded.commands]
+    sent = recorded.commands
     for run, group in matched(recorded):
         due, number = due + run.duration, number + len(group)
-        if number < len(times):  # the next command ends the row, but a stop may come late
-            left = min(times[number], group[-1].time + COMMAND_PERIOD)
+        if number < len(sent):  # the next command ends the row, but a stop may come late
+            left = sent[number].time
+            if sent[number].speed == 0.0:
+                left = min(left, max(due + before, group[-1].time + COMMAND_PERIOD))
         else:
             left = group[-1].time + run.duration - (run.expected - 1) * COMMAND_PERIOD
         shift = round((left - due) / _BORDER) * _BORDER

@@ -428,6 +428,34 @@ def test_a_row_that_does_not_last_whole_tenths():
     assert recording.driven_plan(seen._replace(sent=tuple(late))) == recording.driven_plan(seen)
 
 
+@pytest.mark.parametrize(
+    ("seconds", "driven"), [((1.0, 1.0), (1.0, 1.0)), ((1.0, 1.5, 1.0, 2.0), (1.0, 1.6, 1.0, 2.0))]
+)
+def test_another_rate_does_not_move_the_end_of_a_row(seconds, driven):
+    """A node that sends every 0.2 s drives 1.5 s as 1.6 s, and other rows as long as they are."""
+    wanted, rows = (
+        [(2.0, 0.18 * (-1) ** index, each) for index, each in enumerate(durations)]
+        for durations in (seconds, driven)
+    )
+    seen = replay(recorded.plan_of((0, 0, 0), rows), commands([*rows, STOP])[::2])
+    seen = seen._replace(plan=recorded.plan_of((0, 0, 0), wanted))
+    durations = [row.duration / SECOND for row in recording.driven_plan(seen).rows]
+    assert durations == [*driven]
+    failed, verdict = judged(seen)
+    assert set(failed) == {"rate"}, verdict
+
+
+def test_a_missing_command_does_not_move_the_end_of_a_row():
+    """The one before drives the car on."""
+    seen = replay(sent=[*COMMANDS[:9], *COMMANDS[10:]])
+    assert recording.driven_plan(seen).rows[0] == seen.plan.rows[0]
+
+
+def test_a_late_stop_does_not_make_a_row_longer():
+    seen = replay(sent=[*COMMANDS[:-1], *moved(COMMANDS[-1:], [TENTH])])
+    assert sum(row.duration for row in recording.driven_plan(seen).rows) == 18 * TENTH
+
+
 def test_stops_before_the_plan_are_a_note():
     stops = [each._replace(speed=0.0, steering_angle=0.0) for each in COMMANDS[:3]]
     sent = moved(stops, 3 * [-3 * TENTH]) + COMMANDS
