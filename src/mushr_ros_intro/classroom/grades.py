@@ -49,8 +49,11 @@ class PlanGrade(NamedTuple):
 
     @property
     def has_commands(self) -> bool:
-        """Whether the node has sent a command; otherwise most checks cannot be judged."""
-        return any(check.is_judged for check in self.checks if check.name not in ("node", "topics"))
+        """Whether the node has sent a command to drive; otherwise most checks are not judged."""
+        others = (
+            check for check in self.checks if check.name not in ("node", "topics", "commands")
+        )
+        return any(check.is_judged for check in others)
 
     @property
     def notes(self) -> List[str]:

@@ -251,9 +251,15 @@ def _path(judgement: Judgement) -> Tuple[bool, str]:
 
 
 def _final_pose(judgement: Judgement) -> Tuple[bool, str]:
-    end, wanted = Pose(*judgement.drive.driven[-1]), Pose(*judgement.drive.predicted[-1])
-    passed, difference = compare(end, wanted, *judgement.tolerances[:2])
-    return passed, f"the car ended at {difference}"
+    """Judge whether the car ended right; it proves nothing if it was placed near the end."""
+    _, driven, predicted, _ = judgement.drive
+    (starts, start), (ends, end) = (
+        compare(Pose(*driven[index]), Pose(*predicted[index]), *judgement.tolerances[:2])
+        for index in (0, -1)
+    )
+    if ends and not starts:
+        return False, f"the car ended at the expected pose, but started at {start}"
+    return ends, f"the car ended at {end}"
 
 
 def _rest(judgement: Judgement) -> Tuple[bool, str]:
@@ -314,10 +320,14 @@ def checked(judgement: Judgement, checks: Mapping[str, Callable[..., Any]]) -> I
     recorded = judgement.recorded
     yield Check("node", not recorded.outcome, recorded.outcome or "the node ran without an error")
     missing = "" if recorded.sent else "no command"
-    if recorded.outcome and recorded.sent and not any(any(each.values) for each in recorded.sent):
-        missing = "only stops"
+    named = {"topics"} if recorded.actions else set()  # these checks are judged all the same
+    if recorded.sent and not any(each.speed for each in recorded.sent):
+        if recorded.outcome:
+            missing = "only stops"
+        elif "commands" in checks and any(row.speed for row in recorded.plan.rows):
+            missing, named = "only stops", named | {"commands"}
     for name, check in checks.items():
         passed, message, *share = None, f"not judged: the node sent {missing}"
-        if not missing or (name == "topics" and recorded.actions):
+        if not missing or name in named:
             passed, message, *share = check(judgement)
         yield Check(name, bool(passed), message, passed is not None, *share)

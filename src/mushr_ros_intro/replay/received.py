@@ -1,5 +1,6 @@
 """What the car receives from the node under test in a replay."""
 
+import math
 from typing import List, Optional
 
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -14,6 +15,9 @@ from mushr_ros_intro.stamps import effective_stamp
 
 CONTROL = f"{MUX}/input/navigation"
 """The topic of the commands."""
+
+
+_UNUSABLE = Pose(*3 * [math.nan])
 
 
 class Received:
@@ -46,12 +50,14 @@ class Received:
         try:
             pose = conversions.initial_pose_from_msg(msg).pose
         except conversions.MessageError as error:
-            pose = Pose(*3 * [float("nan")])
+            pose = _UNUSABLE
             self._ignore(INITIAL_POSES, error)
+        # A node may send stops first, or its start pose several times; but without this, stops and
+        # poses along the path would look like a drive.
+        if self.start and (self._begin is not None or (self.commands and pose != self.start)):
+            return f"places the car again, at {pose}"
         if self._begin is None:
             self.start = pose
-        elif self.start:
-            return f"places the car again, at {pose}"
         else:
             self.start_delay = self.start_delay or now - self._begin
         return ""

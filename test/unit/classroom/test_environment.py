@@ -20,7 +20,7 @@ CHEATS = {
     "publish the clock": "clock",
     "publish the output of the mux": "output",
     "drive by another input of the mux": "teleop",
-    "place the car again during the drive": "again",
+    "place the car again after a command": "again",
     "call a service of the car": "service",
     "offer a service of the car": "offers",
     "change a parameter of the car": "parameter",

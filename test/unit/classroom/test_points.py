@@ -50,11 +50,12 @@ def test_points_of_plans(tmp_path, text, circle, secret):
 
 
 def test_checks_that_are_not_judged():
-    """They cost nothing, unless there is no command at all."""
+    """They cost nothing, unless there is no command to drive."""
     crashed = graded("circle", ["node", "path"], unjudged=["rate"])
     assert Points().plan_score(crashed) == ALL - 2 and not crashed.passed
     silent = graded("circle", ["node"], unjudged=CHECK_NAMES[1:])
-    assert Points().plan_score(silent) == 0
+    stopping = graded("circle", ["commands"], unjudged={*CHECK_NAMES} - {"node", "commands"})
+    assert Points().plan_score(silent) == Points().plan_score(stopping) == 0
     strict = Points(plans={"circle": PlanPoints(all_or_nothing=True)})
     assert strict.plan_score(crashed) == 0
     assert strict.loss(crashed).endswith("because a check failed: node, path.")

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
@@ -177,6 +178,29 @@ def test_a_crash_before_the_first_command_to_drive():
     report = recorded.reported(replay(outcome=outcome, sent=COMMANDS[-1:]))
     assert [check.name for check in report.checks if check.is_judged] == ["node"]
     assert "not judged: the node sent only stops" in report.verdict
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.1])
+def test_a_node_that_does_not_drive(angle):
+    """Whatever moves the car; only the check of the commands says what is wrong."""
+    sent = [each._replace(speed=0.0, steering_angle=angle) for each in COMMANDS]
+    report = recorded.reported(replay(sent=sent))
+    judged_checks = {check.name: check.passed for check in report.checks if check.is_judged}
+    assert judged_checks == {"node": True, "commands": False}
+    assert "final_pose, rest, map: not judged: the node sent only stops" in report.verdict
+    assert not any(check.passed for check in report.checks[1:])
+    standing = replay(recorded.plan_of((0, 0, 0), [(0.0, angle, 1.0)]), commands([(0, angle, 1.0)]))
+    assert judged(standing)[0] == {}
+
+
+def test_a_car_that_is_placed_at_the_end():
+    """With a command that hardly drives it."""
+    sent = [each._replace(speed=1e-6 if each.speed else 0.0) for each in COMMANDS]
+    right = replay()
+    poses = np.tile(right.poses[-1], (len(right.poses), 1))
+    failed, _ = judged(right._replace(sent=tuple(sent), start=Pose(*poses[-1]), poses=poses))
+    assert set(failed) == {"start_pose", "commands", "rate", "path", "final_pose"}
+    assert failed["final_pose"].startswith("the car ended at the expected pose, but started at (")
 
 
 def changed(index, **values):
@@ -478,6 +502,42 @@ def test_one_stop_is_allowed_after_the_plan(rows, sent, names):
     """If the plan ends with a stop, it is either like the commands before or a group of its own."""
     seen = replay(recorded.plan_of((0, 0, 0), rows), commands(sent))
     assert set(judged(seen)[0]) == names
+
+
+def received_of(*messages):
+    """Return what is received of commands with speeds, initial poses with x, and unusable ones.
+
+    Also return which of these messages place the car again.
+    """
+    received, again = Received(), []
+    for each in messages:
+        if isinstance(each, float):
+            drive = AckermannDrive(speed=each)
+            received.add_command(AckermannDriveStamped(drive=drive), BEGIN)
+        else:
+            msg = PoseWithCovarianceStamped()
+            msg.header.frame_id = "map" if each is not None else "odom"
+            msg.pose.pose.position.x, msg.pose.pose.orientation.w = each or 0, 1.0
+            again.append(bool(received.add_initial_pose(msg, BEGIN)))
+    return received, again
+
+
+@pytest.mark.parametrize(
+    ("messages", "again"),
+    [
+        ((1, 2, 0.0, 2, 2, 1.0), [False, False, False, False]),
+        ((0.0, 0.0, 2, 2, 0.0, 2, 1.0), [False, False, False]),
+        ((1, 0.0, 2, 0.0, 3), [False, True, True]),
+        ((0.0, 1, 2, 3), [False, True, True]),
+        ((1, 1e-6, 2), [False, True]),
+        ((1, 1.0, 1), [False, True]),
+        ((1.0, 1, 2), [False, False]),
+        ((None, 0.0, None, 0.0), [False, False]),
+    ],
+)
+def test_a_node_that_places_the_car_again(messages, again):
+    """Also between stops. It may repeat the same start pose until it drives."""
+    assert received_of(*messages)[1] == again
 
 
 def test_a_limit_in_a_command_is_noted():
