@@ -41,6 +41,7 @@ class Received:
         self.limit = ""
         """The first limit on a rate of change in a command; empty if there was none."""
         self._begin = begin  # the time of the first command to drive
+        self._is_ahead = False  # whether the stamp of an initial pose was ahead of its arrival
 
     def add_initial_pose(self, msg: PoseWithCovarianceStamped, now: int) -> str:
         """Add an initial pose that arrives at a time [ns].
@@ -53,8 +54,10 @@ class Received:
             pose = _UNUSABLE
             self._ignore(INITIAL_POSES, error)
         # A node may send stops first, or its start pose several times; but without this, stops and
-        # poses along the path would look like a drive.
-        if self.start and (self._begin is not None or (self.commands and pose != self.start)):
+        # poses along the path would look like a drive. A pose with a later stamp applies later.
+        self._is_ahead |= effective_stamp(msg.header.stamp.to_nsec(), now) > now
+        is_late = bool(self.commands) or self._is_ahead
+        if self.start and (self._begin is not None or (is_late and pose != self.start)):
             return f"places the car again, at {pose}"
         if self._begin is None:
             self.start = pose

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+import rospy
 from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
@@ -504,10 +505,19 @@ def test_one_stop_is_allowed_after_the_plan(rows, sent, names):
     assert set(judged(seen)[0]) == names
 
 
-def received_of(*messages):
-    """Return what is received of commands with speeds, initial poses with x, and unusable ones.
+def pose_msg(x, ahead=0):
+    """Return an initial pose, whose stamp is ahead of BEGIN [ns]; unusable if x is None."""
+    msg = PoseWithCovarianceStamped()
+    msg.header.frame_id = "map" if x is not None else "odom"
+    msg.header.stamp = rospy.Time(nsecs=BEGIN + ahead)
+    msg.pose.pose.position.x, msg.pose.pose.orientation.w = x or 0, 1.0
+    return msg
 
-    Also return which of these messages place the car again.
+
+def places_again(*messages):
+    """Return which initial poses place the car again, among floats, which are speeds of commands.
+
+    An initial pose is its x, an int, or None if it is unusable.
     """
     received, again = Received(), []
     for each in messages:
@@ -515,11 +525,8 @@ def received_of(*messages):
             drive = AckermannDrive(speed=each)
             received.add_command(AckermannDriveStamped(drive=drive), BEGIN)
         else:
-            msg = PoseWithCovarianceStamped()
-            msg.header.frame_id = "map" if each is not None else "odom"
-            msg.pose.pose.position.x, msg.pose.pose.orientation.w = each or 0, 1.0
-            again.append(bool(received.add_initial_pose(msg, BEGIN)))
-    return received, again
+            again.append(bool(received.add_initial_pose(pose_msg(each), BEGIN)))
+    return again
 
 
 @pytest.mark.parametrize(
@@ -537,7 +544,22 @@ def received_of(*messages):
 )
 def test_a_node_that_places_the_car_again(messages, again):
     """Also between stops. It may repeat the same start pose until it drives."""
-    assert received_of(*messages)[1] == again
+    assert places_again(*messages) == again
+
+
+@pytest.mark.parametrize(
+    ("poses", "again"),
+    [
+        ([(1, 0), (2, TENTH)], [False, True]),
+        ([(2, TENTH), (1, 0)], [False, True]),
+        ([(1, TENTH), (1, 2 * TENTH)], [False, False]),
+        ([(1, -TENTH), (2, 0), (3, 10 * SECOND)], [False, False, False]),
+    ],
+)
+def test_an_initial_pose_with_a_stamp_ahead(poses, again):
+    """It may apply during the drive. A stamp that is too far ahead is not used."""
+    received = Received()
+    assert [bool(received.add_initial_pose(pose_msg(*each), BEGIN)) for each in poses] == again
 
 
 def test_a_limit_in_a_command_is_noted():
