@@ -23,10 +23,10 @@ from typing import Any, List
 
 from mushr_ros_intro.classroom import services, tables
 from mushr_ros_intro.classroom.arguments import parse_arguments, read_exercises
-from mushr_ros_intro.classroom.assignment import Plans, choose, setting_from
+from mushr_ros_intro.classroom.assignment import Plans, choose, names_to_grade, setting_from
 from mushr_ros_intro.classroom.environment import check_environment
 from mushr_ros_intro.classroom.feedback import read_feedback
-from mushr_ros_intro.classroom.grades import Grade
+from mushr_ros_intro.classroom.grades import Grade, names_of
 from mushr_ros_intro.classroom.grading import Grading, Options, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.progress import grade_with_progress
@@ -145,12 +145,11 @@ def grade_class(arguments: argparse.Namespace) -> int:
         setting = setting_from(arguments, sandbox)
         plans.check_map(setting)
         found = collect(arguments.inputs, workspace, arguments.file)
-        feedback = read_feedback(arguments.feedback, [each.name for each in found])
-        points = points._replace(feedback=feedback)
-        tasks = [
-            plans.task(each, not arguments.only or each.name in arguments.only)
-            for each in choose(arguments, found)
-        ]
+        names = names_of({each.name: each.students for each in found})
+        points = points._replace(feedback=read_feedback(arguments.feedback, names))
+        chosen = choose(arguments, found)
+        names_now = names_to_grade(arguments, chosen)
+        tasks = [plans.task(each, each.name in names_now) for each in chosen]
         store.set_aside(task.submission.name for task in tasks)
         drives_again = bool(arguments.only)
         options = Options(
@@ -181,7 +180,8 @@ def merge(arguments: argparse.Namespace) -> int:
     plans = list(dict.fromkeys(plan.plan for plan in drives))
     checks = [check.name for check in drives[0].checks] if drives else CHECK_NAMES
     points = read_points(arguments.points, plans, checks)
-    points = points._replace(feedback=read_feedback(arguments.feedback, records))
+    names = names_of({each.name: each.students for each in results})
+    points = points._replace(feedback=read_feedback(arguments.feedback, names))
     return finish(arguments.out, results, points, plans)
 
 

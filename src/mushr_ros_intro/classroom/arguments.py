@@ -103,7 +103,13 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--timeout", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
     add("--jobs", type=int, default=2 * len(os.sched_getaffinity(0)), help="simultaneous replays")
     add("--shard", type=shard, default=(1, 1), metavar="I/N", help="grade part I of N only")
-    add("--only", nargs="+", default=[], metavar="NAME", help="grade these submissions again")
+    add(
+        "--only",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="grade these submissions again; also names of students",
+    )
     add("--rejudge", action="store_true", help="judge stored drives again; drive nothing")
     add("--user", default="", help="run the nodes as this user; default a new one for each replay")
     add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")

@@ -2,9 +2,10 @@
 
 import argparse
 import os
-from typing import Dict, List, Optional, Sequence
+from typing import Dict, List, Optional, Sequence, Set
 
 from mushr_ros_intro.classroom.arguments import read_exercises
+from mushr_ros_intro.classroom.grades import find_name, names_of
 from mushr_ros_intro.classroom.grading import Task
 from mushr_ros_intro.classroom.own_plans import TABLE, OwnPlans
 from mushr_ros_intro.classroom.submissions import Submission, check_authors
@@ -70,7 +71,7 @@ def choose(arguments: argparse.Namespace, found: Sequence[Submission]) -> Sequen
     """Return the submissions of the part that is graded.
 
     Raises:
-        UserError: there is no such submission, or there must be one and there are several.
+        UserError: there must be one and there are several.
     """
     number, count = arguments.shard
     chosen = found[number - 1 :: count]
@@ -79,11 +80,18 @@ def choose(arguments: argparse.Namespace, found: Sequence[Submission]) -> Sequen
             f"{counted(len(chosen), 'submission')} found; a result for Gradescope, "
             "Classroom 50 or GitHub needs one submission"
         )
-    names = [each.name for each in chosen]
-    for name in arguments.only:
-        if name not in names:
-            raise UserError(f"--only {name}: expected one of {', '.join(names)}")
     return chosen
+
+
+def names_to_grade(arguments: argparse.Namespace, chosen: Sequence[Submission]) -> Set[str]:
+    """Return the names of the submissions that may be graded now; the others keep their results.
+
+    Raises:
+        UserError: --only names a submission that is not among them.
+    """
+    names = names_of({each.name: each.students for each in chosen})
+    only = {find_name(each, names, "--only: ") for each in arguments.only}
+    return only or set(names.values())
 
 
 def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:

@@ -1,6 +1,7 @@
 """Read points and comments that a course gives by hand.
 
-A file feedback.yaml has the names of submissions, as in the first column of grades.csv:
+A file feedback.yaml has the names of submissions or of students, as in the first two columns of
+grades.csv:
 
     ann: {points: -2, comment: "Two days late."}
     bob: {points: 1, comment: "The comments in your code are good."}
@@ -8,11 +9,11 @@ A file feedback.yaml has the names of submissions, as in the first column of gra
 The points are added to the score of the submission, which is at least 0.
 """
 
-from typing import Any, Dict, Iterable, NamedTuple
+from typing import Any, Dict, Mapping, NamedTuple
 
+from mushr_ros_intro.classroom.grades import find_name
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.wording import similar
 from mushr_ros_intro.yaml_file import read_mapping
 
 _MAX_POINTS = 1e6
@@ -27,23 +28,23 @@ class Feedback(NamedTuple):
     comment: str = ""
 
 
-def read_feedback(path: str, names: Iterable[str]) -> Dict[str, Feedback]:
+def read_feedback(path: str, names: Mapping[str, str]) -> Dict[str, Feedback]:
     """Return the feedback in a file by the names of the submissions; none for the path "".
 
     Args:
         path: the file.
-        names: of all submissions.
+        names: of all submissions; see `names_of`.
 
     Raises:
-        UserError: the file cannot be read, names another submission, or an entry is not valid.
+        UserError: the file cannot be read, names another submission or one twice, or an entry is
+            not valid.
     """
-    known = list(names)
-    found = {}
+    found: Dict[str, Feedback] = {}
     for key, value in (read_mapping(path, _FORM) if path else {}).items():
-        name = str(key)
-        if name not in known:
-            raise UserError(f"{path}: there is no submission {name}{similar(name, known)}")
-        found[name] = _feedback(value, f"{path}: {name}: ")
+        name = find_name(str(key), names, f"{path}: ")
+        if name in found:
+            raise UserError(f"{path}: {key}: expected one entry for the submission {name}")
+        found[name] = _feedback(value, f"{path}: {key}: ")
     return found
 
 

@@ -1,12 +1,16 @@
 """The results of grading, as plain values that become JSON."""
 
 import math
-from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
+import unicodedata
+from collections import Counter
+from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.replay.judge import Check, Judgement
 from mushr_ros_intro.replay.recording import Drive
+from mushr_ros_intro.wording import similar
 
 MAX_POINTS = 500
 """Limit of the number of points of a stored path."""
@@ -90,6 +94,39 @@ class Grade(NamedTuple):
     def passed(self) -> bool:
         """Whether every check of every plan passed."""
         return bool(self.plans) and all(plan.passed for plan in self.plans)
+
+
+def names_of(all_students: Mapping[str, Iterable[Student]]) -> Dict[str, str]:
+    """Return the names of submissions by what a user may type: these names, and students' names.
+
+    A student of several submissions has none of them.
+
+    Args:
+        all_students: the students of each submission, by its name.
+    """
+    pairs = {
+        (unicodedata.normalize("NFC", each.name), name)
+        for name, students in all_students.items()
+        for each in students
+        if each.name
+    }
+    counts = Counter(student for student, _ in pairs)
+    found = {student: name for student, name in pairs if counts[student] == 1}
+    return {**found, **{name: name for name in all_students}}
+
+
+def find_name(text: str, names: Mapping[str, str], place: str) -> str:
+    """Return the name of the submission that a user means; raise UserError if there is none.
+
+    Args:
+        text: what the user typed.
+        names: see `names_of`.
+        place: where it was typed, for the message.
+    """
+    name = names.get(unicodedata.normalize("NFC", text))
+    if name is None:
+        raise UserError(f"{place}there is no submission {text}{similar(text, names)}")
+    return name
 
 
 def thinned(rows: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@ Nothing is written outside of the workspace, and no file of a submission is run 
 """
 
 import errno
+import hashlib
 import os
 import re
 import shutil
@@ -36,7 +37,7 @@ class Submission(NamedTuple):
     name: str
     """Unique; only letters, digits, and . _ -"""
     students: Tuple[Student, ...]
-    """The authors; empty if they are not known."""
+    """The authors; empty if they are not known. A name that is not ASCII counts as an author."""
     fault: str
     """Why it cannot be run, and the remedy; empty if it can be run."""
     notes: Tuple[str, ...]
@@ -122,9 +123,17 @@ def check_authors(plans: Iterable[Exercise], submissions: Iterable[str]) -> None
 
 
 def unique_name(name: str, taken: Set[str]) -> str:
-    """Return a file name that is not taken yet, and take it."""
-    text = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
-    base = re.sub(r"[^A-Za-z0-9._-]+", "_", text).strip("._-")[:100] or "submission"
+    """Return a file name that is not taken yet, and take it.
+
+    If characters are lost, it ends with a hash of the name. A number would depend on the others, so
+    that feedback would move to another student when one of them leaves.
+    """
+    original = unicodedata.normalize("NFKD", name)  # the same for all forms of an accent
+    text = original.encode("ascii", "ignore").decode()[:100]
+    base = re.sub(r"[^A-Za-z0-9._-]+", "_", text).strip("._-") or "submission"
+    if text != original:
+        digest = hashlib.sha256(original.encode("utf-8", "surrogatepass")).hexdigest()
+        base = f"{base}-{digest[:6]}"
     name, number = base, 1
     while name.lower() in taken:
         number += 1
@@ -259,6 +268,8 @@ def _submission(source: _Source, name: str, files: Files, node: str) -> Submissi
         OSError: the workspace cannot be written.
     """
     os.makedirs(files.folder)
+    if not (source.students or source.name.isascii()):
+        source = source._replace(students=(Student(source.name, "", ""),))
     try:
         if source.fault:
             raise SubmissionError(source.fault)

@@ -14,13 +14,14 @@ from mushr_ros_intro.classroom import own_plans
 from mushr_ros_intro.classroom.arguments import parse_arguments
 from mushr_ros_intro.classroom.assignment import Plans
 from mushr_ros_intro.classroom.grades import Student
-from mushr_ros_intro.classroom.submissions import Submission
+from mushr_ros_intro.classroom.submissions import Submission, collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.replay.setting import read_setting
 from support.geometry import closed_form
 from support.paths import CHECKOUT, PACKAGE
+from support.submissions import fill
 
 LIKE = "0,0,0.5\n1.0,0.1,2\n2.0,-0.1\n2.0,-0.1,2\n1.5,0.2,2\n1.0,0,1\n"
 CLASS = "Student,ID,SIS Login ID,Section\n  Points Possible,,,\nAnn,17,ann7,1\nBob,18,,1\nEve,,,\n"
@@ -167,6 +168,18 @@ def test_names_that_look_like_formulas(tmp_path):
     ):
         submission = Submission("x", (Student(*student),), "", (), "", (), (), False)
         assert own.find(submission).name == name
+
+
+def test_names_that_are_not_ascii(tmp_path):
+    """Each student gets their own plan, not that of another one whose letters are lost, too."""
+    assert make(tmp_path, "--seed", 7, students="name\n\u674e\u660e\n") == 0
+    own = own_plans.OwnPlans(str(tmp_path / "plans"))
+    for name in ("\u674e\u660e", "\u738b\u82b3"):
+        fill(tmp_path / "class" / name, {"path_publisher.py": b""})
+    one, other = collect([str(tmp_path / "class")], str(tmp_path / "workspace"))
+    assert own.find(one).name == one.name == "submission-aa2271"
+    assert own.find(one._replace(name="x")).name == one.name  # by the name of its student
+    assert own.find(other) is None
 
 
 def test_a_plan_that_hits_a_wall_is_refused():

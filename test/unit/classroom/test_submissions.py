@@ -2,10 +2,12 @@
 
 import os
 import shutil
+from types import SimpleNamespace
 
 import pytest
 
-from mushr_ros_intro.classroom.grades import Student
+from mushr_ros_intro.classroom.assignment import names_to_grade
+from mushr_ros_intro.classroom.grades import Student, names_of
 from mushr_ros_intro.errors import UserError
 from support.submissions import (
     NODE,
@@ -36,7 +38,7 @@ from support.submissions import (
         ),
         ({"class/alice/a/path_publisher.py": NODE}, "class", "alice", "a/path_publisher.py"),
         (
-            {"class/Zoe M\u00fcller (2)/path_publisher.py": NODE},
+            {"class/Zoe Muller (2)/path_publisher.py": NODE},
             "class",
             "Zoe_Muller_2",
             "path_publisher.py",
@@ -149,10 +151,43 @@ def test_canvas(tmp_path, form):
 
 
 def test_names_are_unique(tmp_path):
-    for name in ("a/x", "b/X", "c/x-2", "d/x.py", "e/\u4e2d"):
+    for name in ("a/x", "b/X", "c/x-2", "d/x.py"):
         fill(tmp_path / name, PACKAGE)
-    names = [each.name for each in collected(tmp_path, *"abcde")]
-    assert names == ["x", "X-2", "x-2-2", "x.py", "submission"]
+    names = [each.name for each in collected(tmp_path, *"abcd")]
+    assert names == ["x", "X-2", "x-2-2", "x.py"]
+
+
+FOREIGN = {
+    "Zoe\u0308": "Zoe-c106d1",  # the first digits of sha256sum
+    "\u674e\u660e": "submission-aa2271",
+    "\u738b\u82b3": "submission-8ac954",
+    "\udcff": "submission-8f1d0f",  # a byte that is not UTF-8
+    120 * "a": f"{100 * 'a'}-2f3d33",
+}
+
+
+def test_a_name_that_is_not_ascii(tmp_path):
+    """It does not depend on the other submissions, and the original name is that of a student."""
+    for original, name in FOREIGN.items():
+        fill(tmp_path / "class" / original, PACKAGE)
+        found = only(tmp_path, f"class/{original}")
+        assert (found.name, found.fault) == (name, "")
+        assert [each.name for each in found.students] == [original] * (not original.isascii())
+        shutil.rmtree(tmp_path / "workspace")
+        fill(tmp_path / "all" / original, PACKAGE)
+    found = collected(tmp_path, "all")
+    assert {each.name for each in found} == set(FOREIGN.values())
+    assert names_to_grade(SimpleNamespace(only=["Zo\u00eb"]), found) == {FOREIGN["Zoe\u0308"]}
+    with pytest.raises(UserError, match="--only: there is no submission Zo; did you mean Zo\u00eb"):
+        names_to_grade(SimpleNamespace(only=["Zo"]), found)
+    assert names_to_grade(SimpleNamespace(only=[]), found) == set(FOREIGN.values())
+
+
+def test_a_name_of_two_students():
+    """It names no submission; the names of submissions precede those of students."""
+    ann, bob = Student("Ann", "1", ""), Student("bob", "2", "")
+    found = names_of({"a": [ann, bob], "b": [ann, ann], "bob": [Student("Cy", "3", "")]})
+    assert found == {"a": "a", "b": "b", "bob": "bob", "Cy": "bob"}
 
 
 @pytest.mark.parametrize(
