@@ -8,6 +8,7 @@ import hashlib
 import os
 import re
 import shutil
+import sys
 import unicodedata
 import zipfile
 from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Set, Tuple
@@ -28,6 +29,7 @@ MAX_CLASS = 100_000, 10_000_000_000
 _METADATA = "submission_metadata.yml"
 _EXPECTED = "expected a package folder, a .zip, a .py, or a folder of these"
 _ARCHIVES = (".7z", ".bz2", ".gz", ".rar", ".tar", ".tgz", ".xz")
+_DOCUMENT = re.compile(r"(?P<who>.+?)\.(cpp|docx?|ipynb|odt|pdf|py\.txt|rtf)", re.IGNORECASE)
 _CANVAS = re.compile(r"(?P<who>.+?)(?:_LATE)?_(?P<id>\d+)_\d+_(?P<file>[^.].*)")
 
 
@@ -66,6 +68,8 @@ def collect(
     paths: Sequence[str], workspace: str, node: str = "path_publisher.py"
 ) -> List[Submission]:
     """Copy or unpack each submission to WORKSPACE/NAME, and check it.
+
+    Print which files of a class are no submissions.
 
     Args:
         paths: packages, zips, nodes, folders of these, exports of Gradescope and of Canvas.
@@ -190,8 +194,13 @@ def _class_folder(path: str) -> Optional[str]:
 
 
 def _class(folder: str, entries: Sequence[str]) -> List[_Source]:
-    """Return the submissions in a folder; all files of a student in Canvas are one."""
+    """Return the submissions in a folder; all files of a student in Canvas are one.
+
+    A document counts as one if students hand in files, and it is not of one of the others: beside
+    a package, it may be a report, and beside the folders of students, a text of the course.
+    """
     found: Dict[str, _Source] = {}
+    others = []
     for entry in entries:
         path, (base, ending) = os.path.join(folder, entry), os.path.splitext(entry)
         canvas = _CANVAS.fullmatch(entry)
@@ -199,7 +208,7 @@ def _class(folder: str, entries: Sequence[str]) -> List[_Source]:
             fault = f"{entry!r} is a symbolic link; expected the folder or the file itself."
             found[entry] = _Source(entry, (), fault=fault)
         elif not os.path.isdir(path) and not os.path.isfile(path):
-            continue  # such as a FIFO
+            others.append(entry)  # such as a FIFO
         elif canvas:
             name = f"{canvas['who']}_{canvas['id']}"
             students = (Student(canvas["who"], canvas["id"], ""),)
@@ -213,6 +222,22 @@ def _class(folder: str, entries: Sequence[str]) -> List[_Source]:
         elif ending.lower() in _ARCHIVES:
             fault = f"{entry!r} is not a zip. Hand in a .zip file of the package."
             found[entry] = _Source(base, (), fault=fault)
+        else:
+            others.append(entry)
+    of_files = [each for each in found if each.lower().endswith((".py", ".zip", *_ARCHIVES))]
+    names = {each.name for each in found.values()}
+    left_out = []
+    for entry in others:
+        document = _DOCUMENT.fullmatch(entry)
+        if document and len(of_files) > 1 and document["who"] not in names:
+            fault = f"{entry!r} is not a node. Hand in a .py file, or a .zip file of the package."
+            found[entry] = _Source(document["who"], (), fault=fault)
+            names.add(document["who"])
+        else:
+            left_out.append(repr(entry))
+    if left_out:
+        text = f"{folder}: left out, not taken for submissions: {', '.join(left_out)}"
+        print(f"{text}; {_EXPECTED}", file=sys.stderr)
     return list(found.values())
 
 

@@ -157,6 +157,32 @@ def test_names_are_unique(tmp_path):
     assert names == ["x", "X-2", "x-2-2", "x.py"]
 
 
+def test_files_that_are_no_submissions(tmp_path, capsys):
+    """A document is one only if students hand in files, and this one has handed in no other."""
+    documents = ("bob.DOCX", "fred.py.txt", "gina.ipynb", "hugo.pdf", "hugo.rtf", "ann.pdf")
+    others = ("README.md", "points.yaml", ".hidden")
+    files = {"ann.py": NODE, "eve.rar": b"", **dict.fromkeys([*documents, *others], b"")}
+    fill(tmp_path / "class", files)
+    found = collected(tmp_path, "class")
+    assert [each.name for each in found] == ["ann", "eve", "bob", "fred", "gina", "hugo"]
+    assert [each.fault for each in found[2:]] == [
+        f"{name!r} is not a node. Hand in a .py file, or a .zip file of the package."
+        for name in documents[:4]
+    ]
+    left_out = "'README.md', 'ann.pdf', 'hugo.rtf', 'points.yaml'"
+    text = f"{tmp_path}/class: left out, not taken for submissions: {left_out}; expected a package"
+    assert capsys.readouterr().err.startswith(text)
+
+
+@pytest.mark.parametrize("name", ["ann.zip", "ann/path_publisher.py"])
+def test_documents_beside_a_package(tmp_path, capsys, name):
+    """A student may upload a report, and a class of folders may contain a text of the course."""
+    content = zip_bytes(tmp_path) if name.endswith(".zip") else NODE
+    fill(tmp_path / "class", {name: content, "report.pdf": b""})
+    assert only(tmp_path, "class").name == "ann"
+    assert "left out, not taken for submissions: 'report.pdf'; expected" in capsys.readouterr().err
+
+
 FOREIGN = {
     "Zoe\u0308": "Zoe-c106d1",  # the first digits of sha256sum
     "\u674e\u660e": "submission-aa2271",
