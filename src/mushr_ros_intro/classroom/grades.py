@@ -21,7 +21,10 @@ class Student(NamedTuple):
 
     name: str
     id: str
+    """Of the school, which Canvas calls SIS ID."""
     email: str
+    canvas_id: str = ""
+    """Canvas's own number."""
 
 
 class PlanGrade(NamedTuple):

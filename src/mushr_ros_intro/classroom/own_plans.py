@@ -260,7 +260,8 @@ class OwnPlans:
 
         A name that two students share is not used.
         """
-        names = [each for student in submission.students for each in (student.id, student.email)]
-        names += [student.name for student in submission.students]
+        students = submission.students
+        names = [each for student in students for each in (student.canvas_id, *student[1:3])]
+        names += [student.name for student in students]
         found = (self._plans.get(plain(each).lower()) for each in (*names, submission.name))
         return next((each for each in found if each), None)

@@ -211,7 +211,7 @@ def _class(folder: str, entries: Sequence[str]) -> List[_Source]:
             others.append(entry)  # such as a FIFO
         elif canvas:
             name = f"{canvas['who']}_{canvas['id']}"
-            students = (Student(canvas["who"], canvas["id"], ""),)
+            students = (Student(canvas["who"], "", "", canvas["id"]),)
             files = found[name].files if name in found else ()
             original = re.sub(r"-\d+(\.\w+)$", r"\1", canvas["file"])  # Canvas counts attempts
             found[name] = _Source(name, (*files, (path, original)), students)

@@ -65,7 +65,7 @@ def _grades(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
         yield [
             result.name,
             "; ".join(plain(each.name) for each in result.students),
-            "; ".join(plain(each.id) for each in result.students),
+            "; ".join(plain(each.id or each.canvas_id) for each in result.students),
             *(scores.get(name, missing) for name in names),
             "" if result.error else shown(points.score(result)),
             shown(points.max_score()),
@@ -77,17 +77,13 @@ def _grades(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
 
 
 def _canvas(results: Iterable[Grade], points: Points, assignment: str) -> Iterator[List[str]]:
-    """Yield the rows of canvas.csv: one for each student; without a verdict, no score.
-
-    Canvas's own ids are numbers, so any other id is taken for a login.
-    """
+    """Yield the rows of canvas.csv: one for each student; without a verdict, no score."""
     yield [*_CANVAS_COLUMNS, assignment]
     for result in results:
         score = "" if result.error else shown(points.score(result))
         for student in result.students:
-            is_own = student.id.isascii() and student.id.isdecimal()
-            own, login = (student.id, "") if is_own else ("", student.id)
-            yield [student.name or student.email, own, "", login, "", score]
+            name = student.name or student.email
+            yield [name, student.canvas_id, student.id, "", "", score]
 
 
 def _junit(results: Iterable[Grade]) -> str:

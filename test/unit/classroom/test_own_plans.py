@@ -143,6 +143,7 @@ def test_each_submission_has_its_own_plan(tmp_path):
         ("x", [("", "", "ann7"), ("Eve", "", "")], "Ann"),
         ("eve", [], "Eve"),
         ("x", [("bob", "18", "")], "Bob"),
+        ("x", [("bob", "", "", "18")], "Bob"),
         ("x", [("bob", "", "")], None),  # there are two
     ):
         students = tuple(Student(*each) for each in students)

@@ -145,7 +145,8 @@ def test_canvas(tmp_path, form):
     zipped(tmp_path / "class.zip", files)
     found = collected(tmp_path, "class" if form == "folder" else "class.zip")
     assert [each.name for each in found] == ["doejane_1234", "leeann_22", "leebo_23", "poe_24"]
-    assert [each.students[0][:2] for each in found[:2]] == [("doejane", "1234"), ("leeann", "22")]
+    assert found[0].students == (Student("doejane", "", "", "1234"),)
+    assert found[1].students == (Student("leeann", "", "", "22"),)
     assert [bool(each.fault) for each in found] == [False, False, False, True]
     assert len(found[2].packages) == 1 and "found 'report.pdf'" in found[3].fault
 

@@ -204,19 +204,21 @@ def test_text_of_a_submission_is_escaped(tmp_path):
 def test_tables(tmp_path):
     pair = [Student("Bo\nB", "17", ""), Student("=1+1", "-ann7", "")]
     points = POINTS._replace(feedback={"bob": Feedback(-0.5, "=x")})
-    results = (BAD._replace(students=pair, name="@a"), FAULTY, BROKEN)
+    canvas = FAULTY._replace(students=[Student("poebob", "", "", "1234")])
+    results = (BAD._replace(students=pair, name="@a"), canvas, BROKEN)
     write_results(str(tmp_path), results, points, PLANS)
     assert rows(tmp_path / "grades.csv") == [
         [*("Name", "Students", "IDs", *PLANS, "Score", "Max", "Passed"), *HEADS],
         ["'@a", "Bo B; '=1+1", "17; '-ann7", "2", "0", "2", "15", "no", "", "", ""],
-        ["bob", "", "", "0", "0", "0", "15", "no", "-0.5", "'=x", "no file of this name"],
+        ["bob", "poebob", "1234", "0", "0", "0", "15", "no", "-0.5", "'=x", "no file of this name"],
         ["eve", "Ann", "17", "", "", "", "15", "", "", "", "error: the simulator did not start"],
     ]
     assert rows(tmp_path / "canvas.csv") == [
         ["Student", "ID", "SIS User ID", "SIS Login ID", "Section", "path_publisher"],
-        ["Bo B", "17", "", "", "", "2"],
-        ["'=1+1", "", "", "'-ann7", "", "2"],
-        ["Ann", "17", "", "", "", ""],
+        ["Bo B", "", "17", "", "", "2"],
+        ["'=1+1", "", "'-ann7", "", "", "2"],
+        ["poebob", "1234", "", "", "", "0"],
+        ["Ann", "", "17", "", "", ""],
     ]
 
 
