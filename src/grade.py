@@ -35,7 +35,9 @@ from mushr_ros_intro.classroom.store import (
     describe_error,
     give_to_user,
     load_newest,
+    load_parts,
     make_folder,
+    missing_parts,
 )
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
@@ -151,6 +153,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
         names_now = names_to_grade(arguments, chosen)
         tasks = [plans.task(each, each.name in names_now) for each in chosen]
         store.set_aside(task.submission.name for task in tasks)
+        store.save_parts([arguments.shard])
         drives_again = bool(arguments.only)
         options = Options(
             arguments.jobs, bags, drives_again, arguments.rejudge, missing, arguments.params
@@ -170,8 +173,9 @@ def grade_class(arguments: argparse.Namespace) -> int:
 
 def merge(arguments: argparse.Namespace) -> int:
     """Put results of several runs together; of several results of a submission, use the newest."""
-    records = load_newest(arguments.merge)
+    records, parts = load_newest(arguments.merge), load_parts(arguments.merge)
     store = Store(arguments.out)
+    store.save_parts(parts)
     store.set_aside(records)
     for name in sorted(records):
         store.save(records[name])
@@ -182,7 +186,10 @@ def merge(arguments: argparse.Namespace) -> int:
     points = read_points(arguments.points, plans, checks)
     names = names_of({each.name: each.students for each in results})
     points = points._replace(feedback=read_feedback(arguments.feedback, names))
-    return finish(arguments.out, results, points, plans)
+    status = finish(arguments.out, results, points, plans)
+    if missing := missing_parts(parts):
+        print(f"grade.py: the results of part {', '.join(missing)} are missing", file=sys.stderr)
+    return NOT_GRADED if missing else status
 
 
 def finish(folder: str, results: List[Grade], points: Points, plans: List[str]) -> int:

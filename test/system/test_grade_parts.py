@@ -74,6 +74,8 @@ def test_merge(parts):
         "zipped": "4",
     }
     assert "the package does not build" in rows["cannot_build"]["Error/Fault"]
+    output = assert_status(3, "--merge", parts / "1", "--out", parts / "one")
+    assert "the results of part 2/2 are missing" in output
 
 
 @ISOLATED

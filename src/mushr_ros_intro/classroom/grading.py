@@ -131,6 +131,8 @@ class Grading:
         due = []
         for task in tasks:
             progress = _Progress(task, self._store.load(task.submission.name))
+            if progress.record is None:  # so that --merge notices an interruption
+                self._store.save(Record(not_graded(task.submission), {}, 0.0))
             if task.is_chosen:
                 self._compare(progress)
                 if progress.needed:

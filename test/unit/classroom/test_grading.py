@@ -24,6 +24,7 @@ from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.replay.own_process import ReplayError
 from mushr_ros_intro.replay.setting import read_setting
+from support.grades import graded, store, submission
 from support.paths import PACKAGE
 from support.recorded import replay, reported
 from support.submissions import XML, fill
@@ -157,6 +158,9 @@ def test_what_failed_is_graded_again(course):
 def test_an_interrupted_run_is_continued(course):
     results, _ = course.run(stop_after=1)
     (first,) = results
+    stored = {each.grade.name: each.grade.error for each in load_all(str(course.out))}
+    assert {stored.pop(first), *stored.values()} == {"", "it has not been graded yet"}
+    assert len(stored) == 2
     course.run()
     assert first not in course.driven and course.driven
 
@@ -214,6 +218,30 @@ def test_paths_are_short(course):
     )
     assert shorten(text) == "src/a.py b c.txt ~/d /tmpx /car/odom"
     assert shorten("/home/ta/plans/secret.txt:2:3") == "secret.txt:2:3"
+
+
+def test_a_part_is_missing(tmp_path, monkeypatch, capsys):
+    """The results of parts are put together in several steps, and the missing ones are named."""
+    main = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))["main"]
+    monkeypatch.setenv("ROS_HOSTNAME", "localhost")
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    for number in (1, 2, 3):
+        part = str(tmp_path / f"part{number}")
+        store(part, submission(graded(), name=f"student{number}"))
+        Store(part).save_parts([(number, 3)])
+    store(str(tmp_path / "older"), submission(graded()))
+
+    def merge(*names):
+        folders = [str(tmp_path / name) for name in names]
+        words = ["grade.py", "--merge", *folders[:-1], "--out", folders[-1]]
+        monkeypatch.setattr("sys.argv", words)
+        return main(), capsys.readouterr().err
+
+    said = "grade.py: the results of part {} are missing\n"
+    assert merge("part2", "one") == (3, said.format("1/3, 3/3"))
+    assert merge("part1", "one", "two") == (3, said.format("3/3"))
+    assert merge("two", "part3", "all") == (0, "")
+    assert merge("part1", "older", "unknown") == (0, "")
 
 
 def test_two_processes(tmp_path):
