@@ -19,6 +19,7 @@ from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Plan, Row
 from mushr_ros_intro.plan.write import plan_text
 from mushr_ros_intro.preview.report import Report
+from mushr_ros_intro.replay.judge import compare, default_tolerances
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import Footprint, is_free, on_map
 from mushr_ros_intro.world.grid import Grid
@@ -118,7 +119,7 @@ def make_plan(
     """Return a plan with the commands of another one in another order, on other sides.
 
     The number of rows, their speeds, radii and durations are the same. The plan is not symmetric,
-    so each mistake of a node changes the final pose.
+    so rows in a wrong order or angles with the wrong sign change the final pose.
 
     Args:
         like: the other plan.
@@ -141,14 +142,17 @@ def make_plan(
             reason = reason or "the start pose is not free"
             continue  # this is faster than to check the plan
         report = check(Plan(like.path, start, tuple(rows)))
-        if not report.faults:
+        if report.faults:
+            reason = report.faults[0].text
+        elif _ends_elsewhere(report, check):
             return OwnPlan(person, report)
-        reason = report.faults[0].text
+        else:
+            reason = "steering angles with the wrong sign lead to the same final pose"
     if reason:
         text = (
             f"{like.path}: found no plan for {person.key} in {ATTEMPTS} attempts; in the last one"
         )
-        raise UserError(f"{text}, {reason}. Expected a shorter plan, or a map with more space")
+        raise UserError(f"{text}, {reason}. Expected another plan, or a map with more space")
     raise UserError(
         f"{like.path}: every other order of its rows is symmetric, or joins equal rows; expected "
         "a plan of at least three parts that differ in speed, radius or duration, such as slalom"
@@ -186,6 +190,21 @@ def _is_other(rows: Sequence[Row], like: Sequence[Row]) -> bool:
     back = commands[::-1]
     mirrored = [(speed, -angle + 0.0, time) for speed, angle, time in back]
     return len(commands) == len(others) and commands not in (others, back, mirrored)
+
+
+def _ends_elsewhere(report: Report, check: Callable[[Plan], Report]) -> bool:
+    """Return whether the wrong sign of all steering angles changes the final pose noticeably.
+
+    A plan that only drives straight has no such mistake.
+    """
+    plan = report.plan
+    rows = tuple(row._replace(steering_angle=-row.steering_angle + 0.0) for row in plan.rows)
+    end, tolerances = (
+        check(plan._replace(rows=rows)).final_pose,
+        default_tolerances(plan, report.car),
+    )
+    is_same, _ = compare(end, report.final_pose, tolerances.position, tolerances.angle)
+    return rows == plan.rows or not is_same
 
 
 def _moved(pose: Pose, reach: float, numbers: random.Random) -> Pose:

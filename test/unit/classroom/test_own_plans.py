@@ -101,6 +101,26 @@ def test_the_seed_and_the_student_determine_the_plan(tmp_path):
     )
 
 
+def test_angles_with_the_wrong_sign_do_not_pass(tmp_path):
+    """Without this rule, each of these students gets a plan for which they do."""
+    with open(os.path.join(PACKAGE, "plans", "test_drive.txt"), encoding="ascii") as file:
+        like = file.read()
+    assert make(tmp_path, "--seed", 7, like=like, students="name\ns64\ns243\ns525\n") == 0
+    for path in (tmp_path / "plans").glob("*.txt"):
+        plan = read_plan(str(path))
+        rows = [(*each[:2], each.duration / 1e9) for each in plan.rows]
+        wrong = [(speed, -angle, seconds) for speed, angle, seconds in rows]
+        end, other = closed_form(plan.start, rows), closed_form(plan.start, wrong)
+        rate = max(abs(speed * math.tan(angle)) for speed, angle, _ in rows) / 0.33
+        turn = abs(math.remainder(end[2] - other[2], math.tau))
+        far = math.dist(end[:2], other[:2])
+        assert far > 0.001 + 0.2 * 2.5 or turn > 0.001 + 0.2 * rate
+
+
+def test_a_straight_plan(tmp_path):
+    assert make(tmp_path, "--seed", 7, like="0,0,0\n1,0,1\n2,0,1\n1.5,0,1\n") == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "files", "said"),
     [
