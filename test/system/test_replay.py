@@ -52,7 +52,7 @@ REPLAYS = {
     "hang": (
         wrong("hang"),
         STOPPED,
-        "FAIL node: the node hangs: 20 of 50 commands arrived, and then none for 8 s",
+        "FAIL node: the node hangs: 20 of 50 commands arrived, and then none for 8 s, or for ",
     ),
     "hold_up": (publisher("wrong_listing.py hold_up"), set(), NO_STOP),
     "kill_car": (
@@ -68,8 +68,9 @@ REPLAYS = {
     "silent": (
         wrong("silent"),
         NEVER_DROVE,
-        f"FAIL node: the node runs, but sent no command on {CONTROL} for 8 s; it "
-        "has a publisher for this topic, but no message arrived: does it call publish?",
+        f"FAIL node: the node runs, but sent no command on {CONTROL} for 8 s, or for "
+        "60 s of simulated time; it has a publisher for this topic, but no message arrived: does "
+        "it call publish?",
     ),
 }
 

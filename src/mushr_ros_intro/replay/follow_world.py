@@ -19,7 +19,13 @@ from mushr_ros_intro.replay.following import EXTRA_TIME
 from mushr_ros_intro.replay.pace import STEP, Pace
 from mushr_ros_intro.replay.received import CONTROL, Received
 from mushr_ros_intro.replay.reference import Reference
-from mushr_ros_intro.replay.world import CHECK_PERIOD, START, ReplayWorld
+from mushr_ros_intro.replay.world import (
+    CHECK_PERIOD,
+    MAX_SILENCE,
+    START,
+    ReplayWorld,
+    describe_limits,
+)
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.simulator.mux import Input
 from mushr_ros_intro.stamps import NANOSECONDS
@@ -147,10 +153,10 @@ class FollowWorld(ReplayWorld):
                 count, heard = self.count, pace.seconds
             if self.stands:
                 return ""
-            if limit := self.exceeded_silence(pace.seconds - heard, timeout):
+            if pace.seconds - heard > timeout or self.silence > MAX_SILENCE:
                 return (
-                    f"the node runs, but sent no command on {CONTROL} for {limit}; "
-                    f"{self.topic_mistake}"
+                    f"the node runs, but sent no command on {CONTROL} for "
+                    f"{describe_limits(timeout)}; {self.topic_mistake}"
                 )
             if fault := self._fault(pace):
                 return fault

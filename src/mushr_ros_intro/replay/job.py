@@ -24,7 +24,7 @@ from mushr_ros_intro.replay.pace import Pace
 from mushr_ros_intro.replay.received import CONTROL
 from mushr_ros_intro.replay.recording import Sent, count_leading_stops
 from mushr_ros_intro.replay.reference import Exercise, Reference
-from mushr_ros_intro.replay.world import CHECK_PERIOD, ReplayWorld
+from mushr_ros_intro.replay.world import CHECK_PERIOD, MAX_SILENCE, ReplayWorld, describe_limits
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid
 
@@ -208,8 +208,8 @@ def _watch(process: NodeProcess, world: ReplayWorld, job: Job) -> str:
         if stops or (driven >= expected and world.silence > DONE_AFTER):
             if not world.is_ending or silence > EXIT_TIMEOUT:
                 return ""  # a node that has driven the plan need not end
-        elif limit := world.exceeded_silence(silence, timeout):
-            return _describe_silence(driven, expected, limit, world)
+        elif silence > timeout or world.silence > MAX_SILENCE:
+            return _describe_silence(driven, expected, timeout, world)
         if fault := _fault(world, job, pace):
             return fault
         if time.monotonic() > checked + CHECK_PERIOD:
@@ -241,11 +241,14 @@ def _fault(world: ReplayWorld, job: Job, pace: Pace) -> str:
     return ""
 
 
-def _describe_silence(count: int, expected: int, limit: str, world: ReplayWorld) -> str:
+def _describe_silence(count: int, expected: int, timeout: float, world: ReplayWorld) -> str:
     """Return a description of the failure of a node that runs, but sends nothing."""
     if count:
         return (
-            f"the node hangs: {count} of {expected} commands arrived, and then none for {limit}, "
-            "although the node is still running"
+            f"the node hangs: {count} of {expected} commands arrived, and then none for "
+            f"{describe_limits(timeout)}, although the node is still running"
         )
-    return f"the node runs, but sent no command on {CONTROL} for {limit}; {world.topic_mistake}"
+    return (
+        f"the node runs, but sent no command on {CONTROL} for {describe_limits(timeout)}; "
+        f"{world.topic_mistake}"
+    )

@@ -59,6 +59,14 @@ CLOSE_LOOKS = 100
 """If nothing arrives from an ended node for so many looks, a child process holds its connection."""
 
 
+def describe_limits(timeout: float) -> str:
+    """Return how long a node may send no command: `timeout` [s of wall-clock time], or MAX_SILENCE.
+
+    Which limit it exceeds first depends on the load of the machine, so a verdict names both.
+    """
+    return f"{timeout:g} s, or for {MAX_SILENCE:g} s of simulated time"
+
+
 class ReplayWorld:
     """The world of one replay. A process can create it only once.
 
@@ -156,19 +164,6 @@ class ReplayWorld:
         """The time since the node's last command, or since the start [s of simulated time]."""
         commands = self.received.commands
         return (self.now - (commands[-1].arrived if commands else START)) / NANOSECONDS
-
-    def exceeded_silence(self, seconds: float, timeout: float) -> str:
-        """Return which limit on the time without a command the node exceeds; empty if none.
-
-        Args:
-            seconds: for how long it has sent nothing [s of wall-clock time].
-            timeout: the limit on it.
-        """
-        if seconds > timeout:
-            return f"{timeout:g} s"
-        if self.silence > MAX_SILENCE:
-            return f"{MAX_SILENCE:g} s of simulated time"
-        return ""
 
     def observe(self, pace: Pace, left: Optional[int]) -> None:
         """Observe the node once; if it waits, process its messages or send the next one.
