@@ -164,7 +164,7 @@ class WebView:
             values = simulated_car_parameters(self._car_name) if is_simulated else Parameters({})
             seen.update(car_limits(values), holds_clock=f"{car}/pause" in services)
             seen["has_car"] = is_simulated
-            self._drive.look(services, seen["plans"])
+            self._drive.look(services, self._folders)
             self._map.is_published = is_published("/map")
         except (CallError, OSError) as error:
             seen["problem"] = rosapi.no_answer(error)

@@ -5,7 +5,7 @@ import signal
 import subprocess
 import threading
 import time
-from typing import Any, Callable, Collection, Dict, Mapping, Optional, Tuple
+from typing import Any, Callable, Collection, Dict, Mapping, Optional, Sequence, Tuple
 
 import rosgraph
 import rospy
@@ -94,12 +94,12 @@ class PlanDrive:
         threading.Thread(target=self._wait, args=[process], daemon=True).start()
         self._changed()
 
-    def look(self, services: Collection[str], versions: Mapping[str, float]) -> None:
+    def look(self, services: Collection[str], folders: Sequence[str]) -> None:
         """Find out whether a drive that started elsewhere is running; takes time.
 
         Args:
             services: those that the master knows.
-            versions: the plans; see `plans.versions`.
+            folders: contain the plans.
 
         Raises:
             OSError: the master does not answer.
@@ -113,8 +113,8 @@ class PlanDrive:
             if node is None or node == self._node:
                 return
             self._node = node
-            plan = plans.name_of(str(rospy.get_param(f"{self._name}/plan_file", "")), versions)
-            self._begin(plan, versions.get(plan or ""), None)
+            plan = plans.name_of(str(rospy.get_param(f"{self._name}/plan_file", "")), folders)
+            self._begin(plan, plans.versions(folders).get(plan or ""), None)
 
     def stop(self) -> None:
         """Interrupt the drive, as Ctrl-C does.

@@ -3,9 +3,10 @@
 import glob
 import os
 from contextlib import suppress
-from typing import Any, Container, Dict, Optional, Sequence
+from typing import Any, Dict, Optional, Sequence
 
 from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.paths import user_path
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Fault, PlanError, shortest_decimal
 from mushr_ros_intro.preview.report import check
@@ -45,11 +46,16 @@ def versions(folders: Sequence[str]) -> Dict[str, float]:
     return times
 
 
-def name_of(path: str, names: Container[str]) -> Optional[str]:
-    """Return the name of the plan with this path or name, or None if it is not one of `names`."""
+def name_of(path: str, folders: Sequence[str]) -> Optional[str]:
+    """Return the name of the plan with this path or name, or None if `folders` do not have it."""
     name = os.path.basename(path)
     name = name[: -len(SUFFIX)] if name.endswith(SUFFIX) else name
-    return name if name in names else None
+    found = find_plans(folders).get(name)
+    if found is None:
+        return None
+    # A file of another folder can have the same name.
+    is_other = os.sep in path and os.path.realpath(user_path(path)) != os.path.realpath(found)
+    return None if is_other else name
 
 
 def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:

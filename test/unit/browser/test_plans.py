@@ -48,10 +48,21 @@ def test_versions_of_plans(tmp_path):
 
 @pytest.mark.parametrize(
     "path, name",
-    [("/x/a.txt", "a"), ("a", "a"), ("a.txt", "a"), ("/x/b.txt", None), ("", None)],
+    [
+        *(("a", "a"), ("a.txt", "a"), ("b", None), ("", None)),
+        *(("{}/own/a.txt", "a"), ("./own/a.txt", "a"), ("~/link/a.txt", "a")),
+        *(("{}/other/a.txt", None), ("other/a.txt", None), ("{}/own/b.txt", None)),
+    ],
 )
-def test_the_name_of_a_plan(path, name):
-    assert plans.name_of(path, {"a": 1.0}) == name
+def test_the_name_of_a_plan(tmp_path, monkeypatch, path, name):
+    """A file of the same name in another folder is another plan."""
+    for folder in ("own", "other"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "a.txt").write_text("0, 0, 0\n")
+    (tmp_path / "link").symlink_to("own")
+    monkeypatch.setenv("PWD", str(tmp_path))
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert plans.name_of(path.format(tmp_path), [str(tmp_path / "own")]) == name
 
 
 @pytest.mark.parametrize(
