@@ -16,7 +16,12 @@ BROKEN_PLANS = os.path.join(FIXTURES, "broken_plans")
 SECOND = 1_000_000_000
 
 FAULTS = {
-    "decimal_commas": ["2:3: steering angle is '0; 0', which is not a number"],
+    "decimal_commas": [
+        "1:4: the line has a semicolon; expected a start pose 'x, y, theta' in m, m, rad, "
+        "separated by commas; decimals have a point",
+        "2:4: the line has a semicolon; expected 'speed, steering angle' or 'speed, steering "
+        "angle, duration' in m/s, rad, s, separated by commas; decimals have a point",
+    ],
     "duration_negative": ["2:12: duration '-1' is out of range; expected seconds, from 1e-09"],
     "duration_too_large": ["2:12: duration '1e300' is out of range; expected seconds, from"],
     "duration_too_small": ["2:12: duration '0.5e-9' is out of range; expected seconds, from"],
@@ -41,10 +46,7 @@ FAULTS = {
     "one_column": ["2:4: 1 column; expected 'speed, steering angle' or"],
     "only_comments": ["1:1: the file has no line with numbers; expected a start pose"],
     "overflow": ["2:6: steering angle '1e400' is out of range; expected radians, from -1.57 to"],
-    "semicolons": [
-        "2:10: 1 column; expected 'speed, steering angle' or 'speed, steering angle, duration' in "
-        "m/s, rad, s, separated by commas"
-    ],
+    "semicolons": ["2:4: the line has a semicolon; expected 'speed, steering angle' or"],
     "speed_too_large": ["2:1: speed '2000' is out of range; expected m/s, from -1000 to 1000"],
     "start_pose_missing": ["1:10: 2 columns; expected a start pose 'x, y, theta' in m, m, rad"],
     "start_pose_too_far_away": ["1:4: y '-2e6' is out of range; expected metres, from -1e+06 to"],
