@@ -87,9 +87,8 @@ def package_findings(package: str) -> List["Finding"]:
             continue
         parts = ("src",) if name == PACKAGE else ("", "bin", "nodes", "scripts", "src")
         for part in (*parts, f"../../lib/{name}"):  # the last one if it is installed
-            part = os.path.normpath(os.path.join(folder, part))
-            found += program_findings(part, partial(roslib.packages.find_node, name))
-    return found
+            found += program_findings(folder, part, partial(roslib.packages.find_node, name))
+    return list(dict.fromkeys(found))
 
 
 def package_of_user(name: str) -> str:

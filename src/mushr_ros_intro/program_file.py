@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 from functools import lru_cache
-from typing import Iterator, Tuple
+from typing import Iterator, Sequence, Tuple
 
 Fault = Tuple[str, str]
 """What is wrong, and what to do."""
@@ -45,6 +45,20 @@ def start_faults(path: str) -> Iterator[Fault]:
         return
     if not os.access(path, os.X_OK):
         yield f"{path} is not executable", f"Type: chmod +x {shlex.quote(path)}"
+
+
+def name_faults(paths: Sequence[str], package: str) -> Iterator[Fault]:
+    """Yield that several files have the name of a program, of which rosrun cannot choose one.
+
+    Args:
+        paths: the files with this name that ROS finds. One file may have several links.
+        package: the folder of the package. catkin's programs outside start the one in it.
+    """
+    inside = os.path.join(package, "")
+    files = sorted({os.path.realpath(each) for each in paths if each.startswith(inside)})
+    if len(files) > 1:
+        problem = f"the package has several programs of the same name: {', '.join(files)}"
+        yield problem, "Rename or delete all but one, because ROS could start any of them"
 
 
 def encoding_faults(path: str, text: bytes) -> Iterator[Fault]:

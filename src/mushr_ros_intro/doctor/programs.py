@@ -12,31 +12,32 @@ from contextlib import suppress
 from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
 
 from mushr_ros_intro.doctor.facts import Finding
-from mushr_ros_intro.program_file import encoding_faults, start_faults
+from mushr_ros_intro.program_file import encoding_faults, name_faults, start_faults
 
 _USES_ROSPY = re.compile(rb"\brospy\.(Publisher|Subscriber|Rate|spin)\(")
 
 
 def program_findings(
-    folder: str, find_node: Callable[[str], Sequence[str]] = lambda _: ()
+    package: str, part: str = "", find_node: Callable[[str], Sequence[str]] = lambda _: ()
 ) -> List[Finding]:
-    """Return what keeps the programs in a folder from being started.
+    """Return what keeps the programs in a folder of a package from being started.
 
     setup.py and files that cannot be read are left out.
 
     Args:
-        folder: the path of the folder.
+        package: the path of the package.
+        part: the folder, relative to the package.
         find_node: returns the files that rosrun finds for the name of a program. catkin may have
             installed a program that starts the one in the folder.
     """
+    folder = os.path.normpath(os.path.join(package, part))
     paths = sorted(filter(os.path.isfile, glob.glob(os.path.join(glob.escape(folder), "*"))))
     found: List[Finding] = []
     for path in paths:
-        nodes = [
-            each for each in find_node(os.path.basename(path)) if not os.path.samefile(each, path)
-        ]
-        started = start_faults(nodes[0] if nodes else path)
-        found += [*(Finding(*each) for each in started), *_source_findings(path)]
+        nodes = find_node(os.path.basename(path))
+        others = [each for each in nodes if not os.path.samefile(each, path)]
+        faults = (*name_faults(nodes, package), *start_faults(others[0] if others else path))
+        found += [*(Finding(*each) for each in faults), *_source_findings(path)]
     return list(dict.fromkeys(found))
 
 

@@ -28,6 +28,22 @@ def test_a_package_with_a_program_that_cannot_be_started(tmp_path, monkeypatch):
     assert doctor.package_findings("student") == []
 
 
+def test_two_programs_of_the_same_name(tmp_path, monkeypatch):
+    """rosrun asks which one to start; a link is the same program."""
+    (tmp_path / "package.xml").write_text("<package><name>student</name></package>")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{tmp_path}:{os.environ['ROS_PACKAGE_PATH']}")
+    one, two = tmp_path / "scripts" / "drive.py", tmp_path / "src" / "drive.py"
+    for path in (one, two):
+        path.parent.mkdir()
+        path.write_text("#!/usr/bin/python3\n")
+        path.chmod(0o755)
+    (finding,) = map(str, doctor.package_findings("student"))
+    assert finding.startswith(f"the package has several programs of the same name: {one}, {two}. R")
+    two.unlink()
+    two.symlink_to(one)
+    assert doctor.package_findings("student") == []
+
+
 def test_packages_that_ros_does_not_find(monkeypatch):
     monkeypatch.setenv("ROS_PACKAGE_PATH", "")
     own, students = map(str, doctor.package_findings("student"))

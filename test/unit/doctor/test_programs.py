@@ -100,16 +100,17 @@ def test_an_interpreter_without_rospy(tmp_path, monkeypatch):
 
 def test_a_program_that_catkin_has_installed(tmp_path):
     """rosrun starts the installed program, so the one in the folder need not be executable."""
-    path = tmp_path / "drive.py"
+    folder, installed = tmp_path / "student", tmp_path / "lib" / "drive.py"
+    folder.mkdir()
+    path = folder / "drive.py"
     path.write_text("#!/usr/bin/python3\r\n")
-    installed = tmp_path / "lib" / "drive.py"
     installed.parent.mkdir()
     installed.write_text("#!/usr/bin/python3\n")
     installed.chmod(0o755)
     nodes = {"drive.py": [str(path), str(installed)]}
-    assert program_findings(str(tmp_path), nodes.get) == []
+    assert program_findings(str(folder), find_node=nodes.get) == []
     installed.chmod(0o644)
-    (finding,) = map(str, program_findings(str(tmp_path), nodes.get))
+    (finding,) = map(str, program_findings(str(folder), find_node=nodes.get))
     assert finding == f"{installed} is not executable. Type: chmod +x {installed}"
 
 

@@ -64,6 +64,20 @@ def test_a_node_that_is_not_executable(node):
         find_executable("student", "drive.py")
 
 
+def test_two_nodes_of_the_same_name(node):
+    """rosrun asks which one to start; a link is the same program."""
+    other = node.parent / "scripts" / "drive.py"
+    other.parent.mkdir()
+    other.symlink_to(node)
+    assert os.path.samefile(find_executable("student", "drive.py"), node)
+    other.unlink()
+    other.write_bytes(node.read_bytes())
+    assert find_executable("student", "drive.py") == str(node)  # the other one is not executable
+    other.chmod(0o755)
+    with pytest.raises(UserError, match=f"of the same name: {node}, {other}. Rename or delete"):
+        find_executable("student", "drive.py")
+
+
 def test_parameters_of_a_file(tmp_path):
     path = tmp_path / "parameters.yaml"
     path.write_text("pid: {kp: 1, gains: [1, 2.5]}\nname: a b\n")
