@@ -123,7 +123,7 @@ function subscribe(car, mux, prefix) {
     `${mux}/output`,
     (msg) => {
       hand.onOutput();
-      onOutput(msg);
+      onOutput(msg, find("owner").textContent);
     },
     100,
   );

@@ -21,6 +21,7 @@ let ends = []; // of the rows in the table, from the start of the drive [s]
 let drive; // that of the server's state; undefined if it is not known
 let begun; // when the latest drive began, which tells drives apart; null if there was none
 let start = NaN; // when the first row of the running drive or lap began [s]; before that, NaN
+let isDriven = false; // whether the mux has passed on a speed of the running drive
 let errors = []; // of path_publisher
 let missing = ""; // the plan to show as soon as the server lists it
 
@@ -115,6 +116,7 @@ export function updateDrive(next) {
   // A plan that another page or a terminal drives.
   const isOther = begun !== undefined && next?.plan && next.plan !== plan.name;
   if (isNew) {
+    isDriven = false;
     errors = [];
     begun = next?.begun ?? null;
   }
@@ -136,7 +138,9 @@ function result() {
   const { running, stopped, exit_status: status } = drive;
   const name = drive.plan ?? "a plan that is not in the list";
   const states = running
-    ? [`${stopped ? "stopping" : start >= 0 ? "driving" : "starting"} ${name}`]
+    ? [
+        `${stopped ? "stopping" : start >= 0 || isDriven ? "driving" : "starting"} ${name}`,
+      ]
     : stopped
       ? [`${name} was stopped`]
       : status === 0
@@ -158,7 +162,12 @@ export function onStart({ data }) {
   updateDrive(drive);
 }
 /** A command for the car, of any input of the mux: its stamp shows which row is driven. */
-export function onOutput({ header }) {
+export function onOutput({ header, drive: command }, owner) {
+  // A student's own node does not publish when its first row begins.
+  if (drive?.running && !isDriven && owner === "navigation" && command.speed) {
+    isDriven = true;
+    updateDrive(drive);
+  }
   if (!drive?.running || !isOfPlan()) return;
   const time = seconds(header.stamp) - start + TOLERANCE;
   // The line below the rows stands for the others.

@@ -533,6 +533,17 @@ def test_a_drive_in_a_terminal(page, sim):
         at_rest(page)
 
 
+def test_a_drive_of_another_node(page, sim):
+    """A student's node does not publish when its first row begins; it drives if the mux says so."""
+    arguments = ("__name:=path_publisher", "_plan_file:=long", "path_publisher/start:=elsewhere")
+    with node("path_publisher.py", *arguments, **sim.environment):
+        page.shows("drive-state", "driving long")
+        assert page.run(CURRENT) == 0, "a row is marked"
+        page.find("stop").click()
+        page.shows("drive-state", "long was stopped")
+    at_rest(page)
+
+
 def test_a_plan_that_has_been_changed(sim, page):
     """The result of a drive is not shown beside another version of the plan."""
     path = os.path.join(sim.environment["PWD"], "changed.txt")
