@@ -27,13 +27,15 @@ MAX_ENTRIES = 1000
 def find_plans(folders: Sequence[str]) -> Dict[str, str]:
     """Return the paths of all plans by their names; files in later folders come first.
 
-    A folder that cannot be listed has no plans: the user may work in one of somebody else.
+    A folder that cannot be listed has no plans: the user may work in one of somebody else. It may
+    also be the folder of a package.
     """
     found = {}
     for folder in folders:
         for path in glob.glob(f"{glob.escape(folder)}/*{SUFFIX}"):
             if os.path.isfile(path) and os.path.getsize(path) <= MAX_LISTED_SIZE:
                 found[os.path.basename(path)[: -len(SUFFIX)]] = path
+    found.pop("CMakeLists", None)
     return dict(sorted(found.items()))
 
 

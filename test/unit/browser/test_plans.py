@@ -31,6 +31,7 @@ def test_plans_are_found_by_name(tmp_path):
         (folder / "both.txt").write_text("0, 0, 0\n")
     (one / "a.txt").write_text("0, 0, 0\n")
     (one / "b.yaml").write_text("0, 0, 0\n")
+    (one / "CMakeLists.txt").write_text("0, 0, 0\n")
     (two / "folder.txt").mkdir()
     (two / "huge.txt").write_text("#" * (plans.MAX_LISTED_SIZE + 1))
     expected = {"a": str(one / "a.txt"), "both": str(two / "both.txt")}
