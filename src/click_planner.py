@@ -101,7 +101,6 @@ class ClickPlanner:
                 rospy.logwarn("new start pose: the clicks before it were not saved")
             self._plan = Plan("", pose, ())
             self._publish_path()
-        rospy.loginfo("a new plan starts at %s; click the points to drive to", pose)
 
     @conversions.ignore_bad_messages
     def _on_point(self, msg: PointStamped) -> None:
@@ -120,6 +119,8 @@ class ClickPlanner:
                 return
             self._publish_path()
             row, count = self._plan.rows[-1], len(self._plan.rows)
+            if count == 1:  # not earlier: each drive of a plan places the car
+                rospy.loginfo("a new plan starts at %s", self._plan.start)
             gear = "in reverse" if row.speed < 0.0 else "forward"
             rospy.loginfo(
                 "click %d: %g rad, %s; %s", count, row.steering_angle, gear, summary(self._plan)

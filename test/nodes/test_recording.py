@@ -211,8 +211,11 @@ class TestRecording(RosTestCase):
         self.click(*clicks[0])
         wait_for_path(clicks[0], 1)
         self.save("clicked_3.txt")
+        place(1.0, 2.75, 0.5)
         place(1.0, 3.0, 0.5)
+        self.click(*clicks[2])
         wait_for(lambda: "a new plan starts at (1.0000 m, 3.0" in planner.output, "a message")
+        self.assertNotIn("a new plan starts at (1.0000 m, 2.75", planner.output)
         self.assertEqual(planner.output.count("not saved"), 1)
 
     def test_drives(self):
@@ -254,8 +257,9 @@ class TestRecording(RosTestCase):
     def test_a_folder_that_cannot_be_written(self):
         """Not even root can write to /proc."""
         planner = self.start_planner("/proc")
+        paths = Recording(f"{self.name}/path", Path).connected()
         self.initial_poses.publish(placement(rospy.Time.now(), *START))
-        wait_for(lambda: "a new plan starts" in planner.output, "the start of the plan")
+        wait_for(lambda: paths.last and paths.last.poses, "the start of the plan")
         self.click(-3.0, 4.0)
         wait_for(lambda: "click 1" in planner.output, "the click")
         self.assertIn("nothing saved: /proc/clicked.txt cannot be written (", self.call("save")[1])
