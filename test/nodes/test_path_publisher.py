@@ -93,9 +93,10 @@ class TestPathPublisher(RosTestCase):
         end = closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)])
         self.assert_rests_at(end)
         stopped = r"stopped in line 2 of 2 at \((.*) m, (.*) m, (.*) rad\)"
-        self.assertRegex(process.output, stopped)
-        printed = re.search(stopped, process.output).groups()
-        self.assert_pose(tuple(map(float, printed)), end, 1e-4)
+        if printed := re.search(stopped, process.output):
+            self.assert_pose(tuple(map(float, printed.groups())), end, 1e-4)
+        else:  # the car has not reported its rest for 1 s, see test_drive_monitor.py
+            self.assertIn("the drive ended in line 2 of 2; the last reported", process.output)
 
     def test_loop(self):
         """Each lap is a drive of its own, placed after the end of the last one."""
