@@ -237,7 +237,6 @@ class TestPathPublisher(RosTestCase):
 
     def test_refuses_and_publishes_nothing(self):
         """Each fault is one message and exit status 1, and no command is published."""
-        self.ending(Ghost(subscribes=["/told_late"]))
         broken = os.path.join(FIXTURES, "broken_plans", "not_a_number.txt")
         cases = {
             f"{broken}:": [f"_plan_file:={broken}"],
@@ -247,9 +246,6 @@ class TestPathPublisher(RosTestCase):
             "parameter ~loop is 'maybe'": ["_loop:=maybe"],
             "'plan_file:=circle' sets no parameter; expected _plan_file:=circle": [
                 "plan_file:=circle"
-            ],
-            "nodes are registered: /ghost. Do they respond": [
-                *("_control_topic:=/told_late", "_subscriber_timeout:=0")
             ],
         }
         self.assert_refused(
@@ -293,7 +289,11 @@ class TestPathPublisher(RosTestCase):
         self.addCleanup(nowhere.unregister)
         with self.assertRaisesRegex(UserError, "no node subscribes to /nowhere after 0 s"):
             wait_for_subscriber(nowhere, 0.0)
-        self.ending(Ghost(publishes=["/ghost/car_pose"]))
+        self.ending(Ghost(subscribes=["/told_late"], publishes=["/ghost/car_pose"]))
+        told_late = rospy.Publisher("/told_late", AckermannDriveStamped, queue_size=1)
+        self.addCleanup(told_late.unregister)
+        with self.assertRaisesRegex(UserError, "nodes are registered: /ghost. Do they respond"):
+            wait_for_subscriber(told_late, 0.0)
         for car in ("car", "ghost"):
             with self.assertRaisesRegex(UserError, r"was not at the start pose \(90.0000 m"):
                 CarPose(car).wait_until_at(Pose(90.0, 0.0, 0.0), 0, 0.0)
