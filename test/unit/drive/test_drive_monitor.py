@@ -1,11 +1,13 @@
 """Test what path_publisher prints when its drive is interrupted."""
 
+import threading
 from types import SimpleNamespace
 
 import pytest
 import rospy
 
 from mushr_ros_intro.drive import drive_monitor
+from mushr_ros_intro.drive.car_pose import CarPose
 from mushr_ros_intro.drive.drive_monitor import DriveMonitor
 from mushr_ros_intro.geometry import Pose
 
@@ -39,3 +41,21 @@ def test_where_the_car_stops(monkeypatch, looks, last, printed):
     monitor._log_stop()
     monitor._log_stop()  # the drive has ended
     assert lines == [printed]
+
+
+@pytest.mark.parametrize(
+    ("poses", "expected"),
+    [
+        ([], False),
+        ([1.0], False),
+        ([1.0, 1.1], False),
+        ([1.0, 1.0], True),
+        ([1.0, 1.0, 1.1], False),
+    ],
+)
+def test_when_the_car_stands(poses, expected):
+    """Its newest two reports have the same pose."""
+    car = CarPose.__new__(CarPose)
+    car._lock = threading.Lock()
+    car._reports = [SimpleNamespace(pose=POSE._replace(x=x)) for x in poses]
+    assert car.stands() is expected
