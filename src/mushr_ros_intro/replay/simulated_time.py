@@ -3,9 +3,9 @@
 The clocks of the modules time and datetime advance with the time of ROS, from other values on, so
 that a stamp of one of them is recognised. The program sleeps in this time with `time.sleep`,
 `rospy.sleep`, `rospy.Rate` and `rospy.Timer`, and waits in it with the timeouts of threading,
-queue, select, selectors, asyncio and `rospy.wait_for_message`. A thread that reads the time again
-and again sleeps for POLL_PERIOD. The random numbers of `random` and `numpy.random` are the same in
-each run.
+queue, select, selectors, asyncio and `rospy.wait_for_message`. A thread that reads the time, or
+counts the connections of a topic, again and again sleeps for POLL_PERIOD. The random numbers of
+`random` and `numpy.random` are the same in each run.
 
 If several threads are due, each message on /clock wakes one of them, in the order of their due
 times. So the order does not depend on the load of the machine. The program writes to FILE, the
@@ -63,7 +63,7 @@ SHUTDOWN_POLL = 0.001
 """Period at which a thread waits for the end of a shutdown of ROS [s of wall-clock time]."""
 
 MAX_READS = 100
-"""A thread that reads the same time more often polls the clock."""
+"""A thread that calls `poll` more often at the same time polls something."""
 
 POLL_PERIOD = 10_000_000
 """A thread that polls looks once in this time [ns]."""
@@ -79,6 +79,7 @@ ROS = tuple(os.path.dirname(each.__file__) + os.sep for each in (rospy, rosgraph
 
 real_sleep, real_wait, get_rostime = time.sleep, threading.Condition.wait, rospy.get_rostime
 real_time, real_monotonic = time.time, time.monotonic
+real_count = rospy.topics.Topic.get_num_connections
 is_child = False
 """Whether this is a child process of a node, in which no thread receives /clock."""
 
@@ -161,7 +162,7 @@ class Sleepers:
 
 
 class Reads(threading.local):
-    """How often a thread has read the same time, and whether its last wait has expired."""
+    """How often a thread has called `poll` at a time, and whether its last wait has expired."""
 
     time, count, has_expired = 0, 0, False
 
@@ -194,7 +195,7 @@ def read() -> int:
 
 
 def poll() -> None:
-    """Note that a thread reads the time."""
+    """Note that a thread reads what a loop may wait for: the time, or a number of connections."""
     now = read()
     if now != reads.time:
         reads.time, reads.count = now, 0
@@ -202,6 +203,12 @@ def poll() -> None:
     if reads.count > MAX_READS and is_initialized():
         reads.count = 0
         sleepers.sleep(POLL_PERIOD)
+
+
+def count_connections(topic: Any) -> int:
+    """Return how many connections a topic has, as `get_num_connections` of rospy."""
+    poll()
+    return int(real_count(topic))
 
 
 def simulate_clock(name: str, start: int) -> None:
@@ -402,6 +409,7 @@ def simulate() -> None:
     rospy.impl.simtime._set_rostime_clock_wrapper = on_message
     rospy.topics._SubscriberImpl.receive_callback = receive
     tcpros_pubsub.QueuedConnection.write_data = write_at_once
+    rospy.topics.Topic.get_num_connections = count_connections
     rospy.timer.sleep = rospy.sleep = sleep_in_ros
     rospy.rostime.get_rostime = rospy.get_rostime = read_in_ros
     rospy.rostime.wallsleep = sleep_for  # of rospy.spin and rospy.wait_for_message

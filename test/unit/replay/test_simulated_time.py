@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 
 import numpy
 import pytest
@@ -149,12 +150,23 @@ def test_a_thread_that_sleeps_during_a_shutdown(ros, monkeypatch):
     assert not thread.is_alive()
 
 
-def test_a_thread_that_polls(ros):
+class Topic:
+    def __init__(self):
+        self.impl = self
+
+    def get_num_connections(self):
+        return 1
+
+
+@pytest.mark.parametrize(
+    "read", [simulated_time.poll, partial(simulated_time.count_connections, Topic())]
+)
+def test_a_thread_that_polls(ros, read):
     """Its read at one time ends when the clock has advanced."""
 
     def read_often():
         for _ in range(MAX_READS + 1):
-            simulated_time.poll()
+            read()
 
     ros.start("polls", read_often)
     assert ros.due == POLL_PERIOD // MS
@@ -385,5 +397,6 @@ def test_what_is_replaced():
     code = "import mushr_ros_intro.replay.simulated_time as s, queue, threading, time; s.simulate()"
     check = "assert queue.time is threading._time is s.time_of_waits"
     hooks = "assert s.rospy.core._preshutdown_hooks == [s.sleepers.on_shutdown]"
-    subprocess.run([sys.executable, "-c", f"{code}; {check}; {hooks}"], check=True)
+    count = "assert s.rospy.Publisher.get_num_connections is s.count_connections"
+    subprocess.run([sys.executable, "-c", f"{code}; {check}; {hooks}; {count}"], check=True)
     assert queue.time is not simulated_time.wait
