@@ -37,6 +37,7 @@ from mushr_ros_intro.preview.spread import sample as sample_runs
 CHECKOUT = os.path.abspath(os.path.join(os.path.dirname(__file__), "../.."))
 sys.path.insert(0, os.path.join(CHECKOUT, "test"))
 from support import classroom  # noqa: E402
+from support.helpers import free_port  # noqa: E402
 
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 FUNCTIONS = ("drive_repeatedly", "cpu_and_memory", "latencies", "browser_view")
@@ -54,13 +55,6 @@ PLAN_SECONDS = 22.0
 
 LONG_SECONDS = 1000
 """Of a long plan, which shows the speed without the start and the end [s]."""
-
-
-def free_port():
-    """Return a free port."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @contextmanager

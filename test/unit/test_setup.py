@@ -1,6 +1,7 @@
 """Parts of scripts/setup that can be tested without an installation."""
 
 import os
+import socket
 import subprocess
 
 from support.paths import CHECKOUT
@@ -47,6 +48,17 @@ def run_function(name, script, given=""):
 
 def test_the_progress_of_apt_get():
     assert run_function("show_progress", 'say() { echo "$*"; }; show_progress', APT) == SHOWN
+
+
+def test_free_port():
+    """The given one, if it is free; otherwise none that the system gives to a node."""
+    with socket.socket() as used:
+        used.bind(("127.0.0.1", 0))
+        used.listen()
+        port = used.getsockname()[1]
+        others = [int(run_function("free_port", f"free_port {each}")) for each in ("", port)]
+    assert all(10_000 <= each < 32_000 for each in others)
+    assert int(run_function("free_port", f"free_port {others[0]}")) == others[0]
 
 
 def test_all_users_can_read_the_build(tmp_path):
