@@ -38,13 +38,14 @@ write = rospy.impl.tcpros_base.TCPROSTransport.write_data
 
 def write_late(self, data):
     if rospy.core._in_shutdown:
-        time.sleep(0.5)  # less than the 1 s for which the node waits
+        time.sleep(0.1)
     return write(self, data)
 
+time.monotonic = lambda: 0.0  # the time for which the node waits has no limit
 rospy.impl.tcpros_base.TCPROSTransport.write_data = write_late
 runpy.run_path({!r}, run_name="__main__")
 """
-"""Run a node; when it ends, its threads that send are as late as on a busy machine."""
+"""Run a node; when it ends, its threads that send are late."""
 
 ELSEWHERE = ("_init_pose_topic:=/elsewhere", f"_control_topic:={NAVIGATION}2")
 
