@@ -218,6 +218,7 @@ def test_plans_are_known_by_name_only(sim):
     for name in [*names, "", None, 3, ["long"], {"plan": "long"}]:
         status, answer = sim.post("/drive", {"plan": name})
         assert status == 404 and "there is no plan" in answer["error"], name
+    assert sim.post("/drive", {"plan": "50%d"})[1]["error"].startswith("there is no plan '50%d';")
     for values in ([], "long", 3, None):
         assert sim.post("/drive", values)[0] in (400, 404), values
     for name in names[2:]:
@@ -248,6 +249,10 @@ def test_one_drive_at_a_time(sim):
     form = {"Content-Type": "application/x-www-form-urlencoded"}
     body = json.dumps({"plan": "long"})
     assert web.fetch(sim.port, "/drive", "POST", body, form)[0] == 415, "any page can send a form"
+    headers = {"Content-Type": "application/json"}
+    status, _, answer = web.fetch(sim.port, "/drive", "POST", "{", headers)
+    expected = "the body is not JSON: Expecting property name"
+    assert status == 400 and json.loads(answer)["error"].startswith(expected)
     assert sim.delete("/drive") == (409, {"error": "no plan is being driven"})
     client = sim.client(web.STATE, "/car/mux/ackermann_cmd_mux/output")
     sim.proxy.setParam("/path_publisher/of_an_earlier_run", 1)

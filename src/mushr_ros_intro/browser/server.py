@@ -132,8 +132,10 @@ class _Handler(RequestHandler):
 
     def write_error(self, status_code: int, **arguments: Any) -> None:
         _, error, _ = arguments.get("exc_info", (None, None, None))
-        text = error.log_message if isinstance(error, HTTPError) else None
-        self.finish({"error": text or self._reason})
+        text = self._reason
+        if isinstance(error, HTTPError) and error.log_message:
+            text = error.log_message % error.args
+        self.finish({"error": text})
 
 
 class _File(_Handler, StaticFileHandler):
@@ -164,15 +166,15 @@ class _ActionHandler(_Handler):
 
     async def _act(self, method: str, *arguments: Any) -> None:
         if not self._actions:
-            raise HTTPError(404, f"there is no {self.request.path}".replace("%", "%%"))
+            raise HTTPError(404, f"there is no {self.request.path}")
         if method not in self._actions:
             raise HTTPError(405)
         try:
             answer = await self._actions[method](*arguments)
         except LookupError as error:
-            raise HTTPError(404, str(error.args[0]).replace("%", "%%")) from None
+            raise HTTPError(404, str(error.args[0])) from None
         except UserError as error:
-            raise HTTPError(409, str(error).replace("%", "%%")) from None
+            raise HTTPError(409, str(error)) from None
         if isinstance(answer, bytes):
             self.set_header("Content-Type", "image/png")
         self.finish(answer)
