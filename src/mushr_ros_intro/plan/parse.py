@@ -34,6 +34,9 @@ MAX_FILE_SIZE = 100_000_000
 MAX_FAULTS = 1000
 """Number of faults after which the rest of a file is not checked: it is no plan."""
 
+_DOCUMENTS = (b"PK\3\4", b"\xd0\xcf\x11\xe0", b"%PDF", b"{\\rtf", b"\x89PNG", b"\xff\xd8\xff")
+"""How files of other programs begin: .docx and .odt, .doc, .pdf, .rtf, .png, .jpg."""
+
 # Unambiguous, so that matching takes time in proportion to the length of any line.
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 
@@ -148,9 +151,12 @@ def parse_plan(data: bytes, path: str) -> Plan:
 
 
 def _lines(data: bytes, path: str) -> List[str]:
-    """Return the lines of a plan file; raise PlanError if it is UTF-16."""
+    """Return the lines of a plan file; raise PlanError if it is not plain text in UTF-8."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise PlanError([Fault(path, 1, 1, "the file is UTF-16; expected UTF-8 or plain ASCII")])
+    if data.startswith(_DOCUMENTS):
+        problem = "the file is a document or a picture; expected plain text"
+        raise PlanError([Fault(path, 1, 1, problem)])
     text = data.decode("utf-8-sig", errors="replace")
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
@@ -173,7 +179,9 @@ def _line_faults(
     if not fewest <= len(cells) <= len(names):
         end = columns[-1] + len(cells[-1].strip())
         column = columns[len(names)] if len(cells) > len(names) else end
-        if len(cells) == 1 and len(cells[0].split()) > 1:
+        if len(cells) > len(names):
+            expected += "; decimals have a point"
+        elif len(cells) == 1 and len(cells[0].split()) > 1:
             expected += ", separated by commas"
         return [(column, f"{counted(len(cells), 'column')}; expected {expected}")]
     texts = [_number_fault(name, cell.strip()) for name, cell in zip(names, cells)]

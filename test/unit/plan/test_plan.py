@@ -163,6 +163,24 @@ def test_utf_16(code):
     assert fault.text.startswith("the file is UTF-16; expected UTF-8")
 
 
+@pytest.mark.parametrize("begin", [b"PK\3\4\x14", b"\x89PNG\r", b"%PDF-1.7", b"{\\rtf1"])
+def test_a_file_that_is_not_plain_text(begin):
+    with pytest.raises(PlanError) as caught:
+        parse_plan(begin + b"\n0,0,0\n1,0\n", "plan")
+    assert str(caught.value) == (
+        "plan:1:1: the file is a document or a picture; expected plain text"
+    )
+
+
+@pytest.mark.parametrize("text", ["1,5, 0, 0\n1,0\n", "0,0,0\n0,5, 0,1\n"])
+def test_decimal_commas(text):
+    with pytest.raises(PlanError) as caught:
+        parse_plan(text.encode(), "plan")
+    (fault,) = caught.value.faults
+    assert fault.text.startswith("4 columns; expected ")
+    assert fault.text.endswith("; decimals have a point")
+
+
 def test_rows_and_the_start_pose_know_their_line_and_columns():
     data = b"\xef\xbb\xbf# c\n\n  1,\t2 ,3\r\n1,0\r\n# \r\r  1 , -.5  ,1e3 # 7, 7\n"
     plan = parse_plan(data, "plan")
