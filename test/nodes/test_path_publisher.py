@@ -139,6 +139,7 @@ class TestPathPublisher(RosTestCase):
             self.control("resume")
             self.assertEqual(process.wait(), 1)
         self.assertIn(f"{name} also published on {RELAYED}", process.output)
+        self.assertIn("after the plan, the car was at (", process.output)
         self.assertNotIn("has been driven", process.output)
 
     def test_parameters_of_an_earlier_run(self):
@@ -289,6 +290,12 @@ class TestPathPublisher(RosTestCase):
         self.addCleanup(nowhere.unregister)
         with self.assertRaisesRegex(UserError, "no node subscribes to /nowhere after 0 s"):
             wait_for_subscriber(nowhere, 0.0)
+        other = rospy.Publisher(
+            NAVIGATION.replace("/car/", "/car9/"), AckermannDriveStamped, queue_size=1
+        )
+        self.addCleanup(other.unregister)
+        with self.assertRaisesRegex(UserError, "mushr_ros_intro sim.launch car_name:=car9\\)"):
+            wait_for_subscriber(other, 0.0)
         self.ending(Ghost(subscribes=["/told_late"], publishes=["/ghost/car_pose"]))
         told_late = rospy.Publisher("/told_late", AckermannDriveStamped, queue_size=1)
         self.addCleanup(told_late.unregister)

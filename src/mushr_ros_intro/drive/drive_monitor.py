@@ -195,8 +195,8 @@ class DriveMonitor:
         is_close = report.pose.is_close_to(expected, TOLERANCE)
         if prediction.is_exact and not is_close:
             raise UserError(
-                f"the car stopped at {report.pose}, but it should have ended at {expected}, "
-                f"{distance:.2f} m and {angle:.2f} rad from there. {self._cause()}"
+                f"after the plan, the car was at {report.pose}, but it should have ended at "
+                f"{expected}, {distance:.2f} m and {angle:.2f} rad from there. {self._cause()}"
             )
         done = "the plan has been driven" if is_close else "all commands of the plan have been sent"
         rospy.loginfo(f"{done}; the car should end at {expected}")

@@ -5,8 +5,6 @@ from contextlib import suppress
 
 import rospkg
 
-from mushr_ros_intro.paths import package_folder
-
 _PUBLISHER = "roslaunch mushr_ros_intro path_publisher.launch"
 
 STAND_INS = (
@@ -25,8 +23,8 @@ STAND_INS = (
 def as_typed(text: str) -> str:
     """Return a text with the commands that work in this workspace."""
     with suppress(rospkg.ResourceNotFound):
-        found = os.path.join(rospkg.RosPack().get_path("mushr_ros_intro"), "package.xml")
-        if os.path.realpath(found) != package_folder("package.xml"):
+        found = rospkg.RosPack().get_path("mushr_ros_intro")
+        if not os.path.exists(os.path.join(found, "launch", "sim.launch")):
             for command, stand_in in STAND_INS:
                 text = text.replace(command, stand_in)
     return text

@@ -96,10 +96,12 @@ def _no_subscriber(topic: str, seconds: float) -> str:
             "example with Ctrl-Z) can block the master. To find the cause, type: "
             "rosrun mushr_ros_intro doctor.py"
         )
+    car, separator, _ = topic.strip("/").partition("/mux/")
+    argument = f" car_name:={car}" if separator and car != "car" else ""
     return as_typed(
         f"no node subscribes to {topic} after {seconds:g} s. Is the car running "
-        "(roslaunch mushr_ros_intro sim.launch), and is this its topic (rostopic list)? For the "
-        "actual car, use real_car.launch"
+        f"(roslaunch mushr_ros_intro sim.launch{argument}), and is this its topic (rostopic list)? "
+        "For the actual car, use real_car.launch"
     )
 
 

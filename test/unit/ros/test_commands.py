@@ -28,3 +28,6 @@ def test_commands_in_the_workspace_of_a_student(text, expected, tmp_path, monkey
     (tmp_path / "package.xml").write_text("<package><name>mushr_ros_intro</name></package>")
     monkeypatch.setenv("ROS_PACKAGE_PATH", f"{tmp_path}:{os.environ['ROS_PACKAGE_PATH']}")
     assert as_typed(text) == expected
+    (tmp_path / "launch").mkdir()
+    (tmp_path / "launch" / "sim.launch").touch()
+    assert as_typed(text) == text, "another copy of this package"
