@@ -6,7 +6,6 @@ system as a node for some seconds, however many nodes are stopped or unreachable
 """
 
 import argparse
-import difflib
 import logging
 import os
 import re
@@ -29,6 +28,7 @@ try:
     from mushr_ros_intro.doctor.programs import program_findings
     from mushr_ros_intro.doctor.rules import diagnose, health, hints, left_parameters
     from mushr_ros_intro.ros.commands import as_typed
+    from mushr_ros_intro.wording import similar
 
     missing = ""
 except ImportError as error:  # the workspace is not sourced, or the Python is not Debian's
@@ -78,9 +78,8 @@ def package_findings(package: str) -> List["Finding"]:
             folder = rospack.get_path(name)
         except rospkg.ResourceNotFound:
             problem = f"ROS does not find the package {name}: it is not in ROS_PACKAGE_PATH"
-            close = difflib.get_close_matches(name, rospack.list(), 1)
-            remedy = f"Did you mean {close[0]}? Otherwise, in" if close else "In"
-            remedy += " its workspace, type: catkin_make && source devel/setup.bash"
+            problem += similar(name, rospack.list())
+            remedy = "In its workspace, type: catkin_make && source devel/setup.bash"
             if name == PACKAGE:
                 remedy = f"Type: source {_setup_file()}"
             found.append(Finding(problem, remedy))

@@ -16,5 +16,5 @@ def similar(name: str, known: Iterable[str], prefix: str = "") -> str:
     """
     known = sorted(known, key=len)
     containing = [each for each in known if len(name) > 2 and name in each]
-    close = get_close_matches(name, known, 1) or containing
+    close = get_close_matches(name, known, 1, 0.7) or containing
     return f"; did you mean {prefix}{close[0]}?" if close else ""

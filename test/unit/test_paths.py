@@ -52,6 +52,7 @@ def test_files_are_found_by_name_and_by_path(folders, monkeypatch):
     ("name", "expected"),
     [
         ("eigth", "eigth: no such file; did you mean eight? (searched: HERE, PLANS, "),
+        ("eighty_one", "eighty_one: no such file (searched: HERE, PLANS, "),
         ("x", "x: no such file (searched: HERE, PLANS, "),
         ("x", "); expected a path, or one of circle, eight"),
         ("cirlce.txt", "; did you mean circle? (searched: HERE, PLANS"),

@@ -55,7 +55,7 @@ def _source_findings(path: str) -> Iterator[Finding]:
         tree = compile(text, path, "exec", ast.PyCF_ONLY_AST, dont_inherit=True)
     except SyntaxError as error:
         problem = f"{path} has a syntax error in line {error.lineno}: {error.msg}"
-        yield Finding(problem, "Correct this line, or the one before it")
+        yield Finding(problem.rstrip("?"), "Correct this line, or the one before it")
         return
     except (OSError, ValueError):
         return

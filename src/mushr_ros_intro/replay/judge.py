@@ -4,6 +4,7 @@ Stamps are integer nanoseconds of simulated time; poses are in the map frame.
 """
 
 import math
+import re
 from itertools import groupby
 from typing import Any, Callable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
@@ -31,6 +32,10 @@ from mushr_ros_intro.replay.recording import (
 )
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.wording import counted
+
+_WAS_NOT_LOADED = re.compile(
+    r"^(SyntaxError|IndentationError|TabError|ImportError|ModuleNotFoundError): .*\Z", re.MULTILINE
+)
 
 
 class Tolerances(NamedTuple):
@@ -102,7 +107,7 @@ def _notes(recorded: Recorded) -> Iterator[str]:
     """Yield what a node might do better, although no check fails because of it."""
     if recorded.outcome.endswith("KeyError: '~plan_file'"):
         yield "~plan_file exists only after rospy.init_node; call rospy.get_param after it"
-    elif not recorded.plan_is_read:
+    elif not recorded.plan_is_read and not _WAS_NOT_LOADED.search(recorded.outcome):
         yield (
             "the node did not read its parameter ~plan_file, the path of the plan; plan_file "
             "without ~ is another parameter"

@@ -55,7 +55,8 @@ def test_packages_that_ros_does_not_find(monkeypatch):
 
 def test_a_misspelt_package():
     (finding,) = map(str, doctor.package_findings("mushr_ros_into"))
-    assert "Did you mean mushr_ros_intro? Otherwise, in its workspace, type: catkin" in finding
+    assert "; did you mean mushr_ros_intro?" in finding
+    assert "In its workspace, type: catkin" in finding
     # The next finding, that no node publishes commands, does not name a package that is not there.
     names = ("mushr_ros_into", "mushr_ros_intro", "rospy")
     assert list(map(doctor.package_of_user, names)) == ["", "", "rospy"]

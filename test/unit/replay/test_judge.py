@@ -85,6 +85,13 @@ def test_a_node_that_does_not_read_the_plan_is_noted():
     )
 
 
+def test_a_node_that_was_not_loaded_could_not_read_the_plan():
+    """It may read the plan in a line after the fault."""
+    for error, count in (("TabError: inconsistent", 0), ("KeyError: 'plan_file'", 1)):
+        _, verdict = judged(replay(outcome=f"the node ended:\n{error}", plan_is_read=False))
+        assert verdict.count("note: the node did not read") == count
+
+
 @pytest.mark.parametrize(
     ("changes", "name", "message"),
     [
