@@ -1,14 +1,16 @@
 """Check the mux: priorities, timeouts, the stop, the active input, a wrong configuration."""
 
+import threading
 from unittest import mock
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
+from rospy.impl.tcpros_base import TCPROSTransport
 from std_msgs.msg import String
 
 from mushr_ros_intro.ros import ros_time
 from mushr_ros_intro.simulator.ackermann_cmd_mux import AckermannCmdMux
-from support.helpers import Recording, RosTestCase, node, publisher, wait_for
+from support.helpers import PATIENCE, Recording, RosTestCase, node, publisher, wait_for
 from support.messages import COMMAND_TIMEOUT, MUX, command
 from support.world import load
 
@@ -107,6 +109,21 @@ class TestTimes(MuxTestCase):
         before = self.mux.processed
         super().send(name, stamp, speed)
         wait_for(lambda: self.mux.processed > before, "the mux to process the command")
+
+    def test_each_change_of_the_active_input_is_sent(self):
+        """Although the thread that sends them runs late."""
+        may_write, write = threading.Event(), TCPROSTransport.write_data
+
+        def write_late(transport, data):
+            if transport.name == self.active.topic:
+                may_write.wait(PATIENCE)
+            return write(transport, data)
+
+        with mock.patch.object(TCPROSTransport, "write_data", write_late):
+            for number in range(3):
+                self.send("teleop", 300 * number, 1.0)
+            may_write.set()
+            self.expect_active("teleop", "idle", "teleop", "idle", "teleop")
 
     def test_priorities_and_timeouts(self):
         self.send("navigation", 0, 1.0)

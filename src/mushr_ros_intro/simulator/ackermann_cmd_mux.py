@@ -61,7 +61,10 @@ class AckermannCmdMux:
             queue_size=100,
             tcp_nodelay=True,
         )
-        self._active_pub = rospy.Publisher(f"{self._name}/active", String, queue_size=1, latch=True)
+        # On a busy machine, another node must see each change.
+        self._active_pub = rospy.Publisher(
+            f"{self._name}/active", String, queue_size=100, latch=True
+        )
         self._announce()
 
         # Connect the output before the inputs, so that no command of a connected sender is lost.
