@@ -146,8 +146,8 @@ def _why_not_at(pose: Pose) -> str:
         names = [n for n in registered_nodes(_REPOSITION, "subscribers") if n not in both]
     if not names:
         return (
-            "Is the start pose inside a wall, is the clock held, or does another node place the "
-            "car?"
+            "Is the start pose inside a wall, is the clock held, or does another node place or "
+            "drive the car?"
         )
     z, w = math.sin(pose.theta / 2.0), math.cos(pose.theta / 2.0)
     return (
