@@ -18,6 +18,9 @@ _EPSILON = 1e-9
 """Tolerances: a point at a smaller distance is where the car is [m]. A point at a smaller angle
 behind the line of the axle is beside the car, which then drives forward [rad]."""
 
+_SAME_POINT = 0.001
+"""A click nearer to the end of the plan is the last one again, as in a double click [m]."""
+
 
 def arc_to(pose: Pose, point: Tuple[float, float]) -> Tuple[float, float]:
     """Return the arc from `pose` to `point` (x [m], y [m]), both in the same frame.
@@ -50,10 +53,10 @@ def extend(plan: Plan, point: Tuple[float, float], speed: float, car: Car) -> Pl
     """
     shown = f"({point[0]:.3f}, {point[1]:.3f})"
     distance, curvature = arc_to(rest(plan, car)[1], point)
+    if abs(distance) < _SAME_POINT:
+        raise UserError(f"the plan already ends at the point {shown}; expected another point")
     speed = as_float32(speed)
     duration = from_seconds(abs(distance) / car.response(speed, 0.0)[0])
-    if duration == 0:
-        raise UserError(f"the plan already ends at the point {shown}; expected another point")
     angle = car.command_for(math.atan(curvature * car.wheelbase))
     nearest = car.within_limits(0.0, angle)[1]
     if nearest != angle:

@@ -127,6 +127,14 @@ def test_refused(point, expected):
     assert expected in str(caught.value)
 
 
+def test_a_double_click():
+    """The plan ends near the point, but not exactly there."""
+    for point in ((2.37, -0.61), (4.0, 0.2)):
+        plan = extend(Plan("", ORIGIN, ()), point, 1.0, CAR)
+        with pytest.raises(UserError, match="the plan already ends at the point"):
+            extend(plan, point, 1.0, CAR)
+
+
 def test_the_limit_itself_is_driven():
     radius = 0.33 / math.tan(0.34)
     row_to((0.0, 2.0 * radius * (1.0 + 1e-9)), 1.0, CAR)
