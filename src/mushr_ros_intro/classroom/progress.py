@@ -89,4 +89,5 @@ def _line(result: Grade, points: Points) -> str:
     )
     text = (text or "; ".join(result.notes)).partition("\n")[0]
     score = f"{points.score(result):g}/{points.max_score():g}"
-    return f"{result.name:30s} {state} {score:>7s} {text}"[:_WIDTH].rstrip()
+    line = f"{result.name:30s} {state} {score:>7s} {text}".rstrip()
+    return line if len(line) <= _WIDTH else f"{line[: _WIDTH - 3]}..."

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from mushr_ros_intro.classroom import progress
 from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grader import draw
 from mushr_ros_intro.classroom.grades import Student
@@ -72,6 +73,12 @@ def rows(path):
     """Return the rows of a CSV file."""
     with open(path, encoding="utf-8", newline="") as file:
         return list(csv.reader(file))
+
+
+def test_a_long_line_of_a_result():
+    for count, end in ((300, "xx..."), (30, 30 * "x")):
+        line = progress._line(submission(name="ann", fault=count * "x"), POINTS)
+        assert line.endswith(end) and len(line) <= 200
 
 
 def test_the_index(tmp_path):
