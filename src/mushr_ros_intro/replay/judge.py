@@ -11,6 +11,7 @@ from typing import Any, Callable, Iterator, List, Mapping, NamedTuple, Optional,
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose, curvature
 from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.preview.prediction import rest
 from mushr_ros_intro.replay.mistakes import (
     INITIAL_POSES,
     command_mistake,
@@ -25,6 +26,7 @@ from mushr_ros_intro.replay.recording import (
     Recorded,
     Run,
     drive,
+    driven_plan,
     groups_of,
     matched,
     placed_pose,
@@ -32,6 +34,9 @@ from mushr_ros_intro.replay.recording import (
 )
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.wording import counted
+
+_SAME_END = 1e-3
+"""Final poses whose difference is not larger are equal [m, rad]."""
 
 _WAS_NOT_LOADED = re.compile(
     r"^(SyntaxError|IndentationError|TabError|ImportError|ModuleNotFoundError): .*\Z", re.MULTILINE
@@ -117,6 +122,12 @@ def _notes(recorded: Recorded) -> Iterator[str]:
     for run, group in matched(recorded):
         if abs(len(group) - run.expected) == 1 and run.speed:
             yield f"{run}: {counted(len(group), 'command')} received; expected {run.expected}"
+    ends = [rest(plan, recorded.car)[1] for plan in (recorded.plan, driven_plan(recorded))]
+    if not ends[0].is_close_to(ends[1], _SAME_END):
+        yield (
+            "path and final_pose are judged with the rows as long as the node drove them; the plan "
+            f"itself ends at {ends[0]}"
+        )
     is_more = recorded.sent and len(groups_of(recorded)) > len(runs_of(recorded.plan))
     if recorded.sent and not is_more and recorded.sent[-1].speed != 0.0:
         seconds = recorded.car.command_timeout / NANOSECONDS
@@ -223,7 +234,8 @@ def _commands(judgement: Judgement) -> Tuple[bool, str]:
     if index == len(wanted):
         return False, _surplus(got[index:], runs[-1], len(groups[index - 1]))
     difference = f"received {_shown(got[index])}; expected {_shown(wanted[index])}"
-    return False, f"{runs[index]}: {difference}{command_mistake(got, wanted)}"
+    mistake = command_mistake(got, wanted, judgement.recorded.plan.start)
+    return False, f"{runs[index]}: {difference}{mistake}"
 
 
 def _surplus(more: Sequence[Tuple[float, ...]], run: Run, count: int) -> str:

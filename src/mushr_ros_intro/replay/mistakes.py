@@ -72,15 +72,28 @@ def start_mistake(sent: Pose, wanted: Pose, tolerance: float) -> str:
         "theta is converted from degrees; that of the plan is in radians": wanted._replace(
             theta=math.radians(wanted.theta)
         ),
+        "theta itself is z of the quaternion; expected sin(theta / 2)": wanted._replace(
+            theta=2.0 * math.atan(wanted.theta)
+        ),
         "theta has the wrong sign": wanted._replace(theta=-wanted.theta),
-        "theta is not used": wanted._replace(theta=0.0),
+        "theta is not used, or does not turn the car about the z axis": wanted._replace(theta=0.0),
     }
     close = [text for text, pose in guesses.items() if sent.is_close_to(pose, tolerance)]
     return "".join(f". Perhaps {text}" for text in close[:1])
 
 
-def command_mistake(got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...]]) -> str:
-    """Return a sentence about a common mistake that explains all commands, if there is one."""
+def command_mistake(
+    got: Sequence[Tuple[float, ...]], wanted: Sequence[Tuple[float, ...]], start: Pose
+) -> str:
+    """Return a sentence about a common mistake that explains all commands, if there is one.
+
+    Args:
+        got: the commands of the node.
+        wanted: those of the plan.
+        start: its start pose.
+    """
+    if got[1 : len(wanted) + 1] == wanted and np.allclose(got[0], start[:2], rtol=_SAME):
+        return ". The first command is the start pose, which is the first line of the plan"
     if [command[::-1] for command in got] == list(wanted):
         return ". Speed and steering angle are swapped in all commands"
     if any(speed for speed, _ in wanted) and not any(speed for speed, _ in got):
