@@ -25,7 +25,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.ros import node, ros_time
-from mushr_ros_intro.ros.connections import is_alive, is_published
+from mushr_ros_intro.ros.connections import is_alive, is_published, registered_nodes
 from mushr_ros_intro.ros.xmlrpc_client import CallError
 from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
 
@@ -148,6 +148,7 @@ class WebView:
         seen = {
             "holds_clock": False,
             "has_car": False,
+            "has_mux": False,
             **car_limits(Parameters({})),
             **self._seen,
             "problem": "",
@@ -166,6 +167,8 @@ class WebView:
             seen["has_car"] = is_simulated
             self._drive.look(services, self._folders)
             self._map.is_published = is_published("/map")
+            active = f"/{self._car_name}/mux/ackermann_cmd_mux/active"
+            seen["has_mux"] = any(map(is_alive, registered_nodes(active, "publishers")))
         except (CallError, OSError) as error:
             seen["problem"] = rosapi.no_answer(error)
         except UserError as error:

@@ -29,6 +29,7 @@ import { NOTHING, view } from "./view.js";
 const LATE = 1000; // a pose or an answer of the bridge is late after this time [ms]
 let heard = 0; // when a pose came [ms]
 let held = Infinity; // when this page held the clock [s]; Infinity if the clock runs
+let owner = ""; // the mux input that drives, which the latest mux has published
 let checked = ""; // names and times of the plans, the map, the car: on which a check depends
 let poses = []; // the last ones: a scan is drawn from the pose of its stamp
 let scan = null; // that waits for this pose
@@ -73,6 +74,7 @@ function onState(state) {
   server.state = state;
   checked = JSON.stringify([state.plans, state.map, state.car, state.has_car]);
   updateDrive(state.drive);
+  showOwner();
   find("time-section").hidden = !state.holds_clock;
   find("result-section").hidden = !state.results;
   find("spread").disabled = !state.has_noise;
@@ -117,13 +119,16 @@ function subscribe(car, mux, prefix) {
     `${car}/car_sim/collision`,
     (msg) => (view.touches = msg.poses.length > 0),
   );
-  ros.subscribe(`${mux}/active`, (msg) => say("owner", msg.data));
+  ros.subscribe(`${mux}/active`, (msg) => {
+    owner = msg.data;
+    showOwner();
+  });
   // Not an input: path_publisher would take the server for a mux, also if the mux is dead.
   ros.subscribe(
     `${mux}/output`,
     (msg) => {
       hand.onOutput();
-      onOutput(msg, find("owner").textContent);
+      onOutput(msg, owner);
     },
     100,
   );
@@ -141,6 +146,9 @@ function subscribe(car, mux, prefix) {
   ros.subscribe("/rosout_agg", onLog);
 }
 
+function showOwner() {
+  say("owner", server.state.has_mux ? owner : "no mux is running");
+}
 function onPose(msg) {
   const stamp = seconds(msg.header.stamp);
   const pose = flat(msg.pose);

@@ -21,7 +21,7 @@ from PIL import Image
 from support import web
 from support.geometry import closed_form
 from support.helpers import PATIENCE, ForkedProcess, Process, free_port, kill, node, wait_for
-from support.messages import TELEOP
+from support.messages import MUX, TELEOP
 from support.paths import CHECKOUT
 
 FOLDER = os.path.join(os.path.dirname(os.path.abspath(__file__)), "clients")
@@ -161,18 +161,21 @@ def test_a_port_that_is_taken(sim):
 
 
 def test_a_car_that_is_killed(sim):
-    """The state says that there is none, and its parameters do not change the prediction."""
+    """The state says so, also of its mux, and its parameters do not change the prediction."""
     port = free_port()
     car = node("car_sim.py", "__ns:=/car9", "_speed_limit:=0.25", **sim.environment)
+    sim.proxy.setParam("/car9/mux/ackermann_cmd_mux", sim.proxy.getParam(MUX))
+    mux = node("ackermann_cmd_mux.py", "__ns:=/car9/mux", **sim.environment)
     settings = ("__name:=fourth_view", f"_port:={port}", "_car_name:=car9")
-    with car, node("web_view.py", *settings, **sim.environment) as process:
+    with car, mux, node("web_view.py", *settings, **sim.environment) as process:
         wait_for(lambda: "in a browser" in process.output, "the other server")
         client = web.Client(port)
         client.subscribe(web.STATE)
-        client.state(lambda state: state["has_car"], "with a car")
+        client.state(lambda state: state["has_car"] and state["has_mux"], "with a car and its mux")
         assert web.fetch(port, "/plans/figure_8")[2] != sim.get("/plans/figure_8")[2]
-        kill("/car9/car_sim", sim.pid("/car9/car_sim"), sim.environment["ROS_MASTER_URI"])
-        client.state(lambda state: not state["has_car"], "without a car")
+        for name in ("/car9/car_sim", "/car9/mux/ackermann_cmd_mux"):
+            kill(name, sim.pid(name), sim.environment["ROS_MASTER_URI"])
+        client.state(lambda state: not (state["has_car"] or state["has_mux"]), "without both")
         assert web.fetch(port, "/plans/figure_8")[2] == sim.get("/plans/figure_8")[2]
         client.close()
 

@@ -13,7 +13,7 @@ from support import browser, web
 from support.cars import plan_named
 from support.geometry import closed_form
 from support.grades import graded, store, submission
-from support.helpers import node
+from support.helpers import free_port, node
 from support.messages import MUX
 
 pytestmark = pytest.mark.full
@@ -211,6 +211,20 @@ def test_a_mux_that_does_not_answer(sim, page):
     page.wait(lambda: note not in page.text("hand-state"), "the mux to answer")
     page.actions().key_up("w").perform()
     at_rest(page)
+
+
+def test_another_car(sim, page):
+    """The page of a car that is not running, and of its mux, which then starts and ends."""
+    port = free_port()
+    sim.proxy.setParam("/red/mux/ackermann_cmd_mux", sim.proxy.getParam(MUX))
+    settings = ("__ns:=/red", "__name:=web_view", "_car_name:=red", f"_port:={port}")
+    with node("web_view.py", *settings, **sim.environment) as process:
+        page.wait(lambda: "in a browser" in process.output, "the other server")
+        page.driver.get(f"http://localhost:{port}")
+        page.shows("owner", "no mux is running")
+        with node("ackermann_cmd_mux.py", "__ns:=/red/mux", **sim.environment):
+            page.shows("owner", "idle")
+        page.shows("owner", "no mux is running")
 
 
 def at_rest(page):
