@@ -34,7 +34,7 @@ let checked = ""; // names and times of the plans, the map, the car: on which a 
 let poses = []; // the last ones: a scan is drawn from the pose of its stamp
 let scan = null; // that waits for this pose
 
-/** Called twice a second: says what is wrong. */
+/** Called twice a second: says what is wrong, without a count, which screen readers would read. */
 function onStatus(isConnected, delay) {
   if (!isConnected) server.state = null;
   const { state } = server;
@@ -42,16 +42,17 @@ function onStatus(isConnected, delay) {
   if (!state || delay > LATE) hand.stopHand();
   const silence = performance.now() - heard;
   const isStale = !state || (silence > LATE && held === Infinity);
-  const cause = state?.problem
-    ? ""
-    : `: ${state?.simulated_time ? "the clock is held, or " : ""}the car is not running`;
+  const cause = !state?.has_car
+    ? "the car is not running"
+    : state.simulated_time
+      ? "the clock is held, or the machine is busy"
+      : "its poses are late; the machine may be busy";
   say(
     "problem",
     [
       state?.problem,
-      delay > LATE &&
-        `the bridge has not answered for ${Math.round(delay / 1000)} s`,
-      state && isStale && `no pose for ${Math.round(silence / 1000)} s${cause}`,
+      delay > LATE && "the bridge does not answer",
+      state && isStale && `no pose${state.problem ? "" : `: ${cause}`}`,
     ]
       .filter(Boolean)
       .join("; "),
