@@ -29,7 +29,11 @@ export async function listResults() {
   const { value: name } = find("result"); // empty if the drive is not listed any more
   const found = await read(name);
   const isNew = JSON.stringify(found) !== JSON.stringify(result);
-  if (isNew && find("result").value === name) show(found);
+  if (isNew && find("result").value === name) {
+    const gone = name ? "" : `${result.name} is no longer in the folder`;
+    show(found);
+    if (gone) say("verdict", gone);
+  }
   if (!results.length) say("verdict", problem);
 }
 const read = async (name) =>
@@ -38,6 +42,7 @@ const read = async (name) =>
 function show(found) {
   result = found;
   const { name = "" } = result;
+  find("result").value = name; // the list may have been filled since this drive was chosen
   say("verdict", result.verdict ?? "");
   view.set({ replay: null });
   button.checked = false;
