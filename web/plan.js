@@ -21,7 +21,7 @@ let ends = []; // of the rows in the table, from the start of the drive [s]
 let drive; // that of the server's state; undefined if it is not known
 let begun; // when the latest drive began, which tells drives apart; null if there was none
 let start = NaN; // when the first row of the running drive or lap began [s]; before that, NaN
-let isDriven = false; // whether the mux has passed on a speed of the running drive
+let isDriven = false; // whether the mux has passed on a speed of a drive that started elsewhere
 let errors = []; // of path_publisher
 let missing = ""; // the plan to show as soon as the server lists it
 
@@ -163,8 +163,10 @@ export function onStart({ data }) {
 }
 /** A command for the car, of any input of the mux: its stamp shows which row is driven. */
 export function onOutput({ header, drive: command }, owner) {
-  // A student's own node does not publish when its first row begins.
-  if (drive?.running && !isDriven && owner === "navigation" && command.speed) {
+  // A student's own node does not publish when its first row begins. In a drive of the server, the
+  // speed may be that of another node.
+  const isOwn = drive?.running && drive.elsewhere && owner === "navigation";
+  if (isOwn && !isDriven && command.speed) {
     isDriven = true;
     updateDrive(drive);
   }

@@ -332,6 +332,11 @@ def test_a_drive_that_waits(page):
     page.shows("time-state", " s")
     page.find("drive").click()
     page.shows("drive-state", "starting figure_8")
+    page.run(
+        "return import('./plan.js').then(({ onOutput }) => onOutput(...arguments))",
+        *({"header": {"stamp": {"secs": 0, "nsecs": 0}}, "drive": {"speed": 1.0}}, "navigation"),
+    )
+    assert page.text("drive-state") == "starting figure_8", "another node drives, not path_publisher"
     page.find("resume").click()
     page.shows("drive-state", "driving figure_8")
 
