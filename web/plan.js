@@ -48,13 +48,15 @@ export async function listPlans(
   if (found.name === names.value) show((plan = found));
 }
 /** What a plan does: until a wall, if it hits one. The fault contains the time of the wall. */
-function size({ row_count: count, length, duration, wall, final_pose: end }) {
+function size({ row_count: count, length, duration, wall, ...found }) {
   if (!count) return "cannot be driven";
+  const pose = poseText(found.final_pose);
+  const note = found.ignores_noise ? ", without random errors" : "";
   const all = `${counted(count, "row")}, ${duration.toFixed(2)} s`;
   const driven = `${length.toFixed(2)} m`;
   return wall === null
-    ? `${all}, ${driven}; ends at ${poseText(end)}`
-    : `${all}; hits a wall after ${driven}, at ${poseText(end)}`;
+    ? `${all}, ${driven}; ends at ${pose}${note}`
+    : `${all}; hits a wall after ${driven}, at ${pose}${note}`;
 }
 /** The server sends the first rows and faults only: the others would take minutes and gigabytes. */
 const others = (all, shown, noun) =>

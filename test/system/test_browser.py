@@ -336,7 +336,9 @@ def test_a_drive_that_waits(page):
         "return import('./plan.js').then(({ onOutput }) => onOutput(...arguments))",
         *({"header": {"stamp": {"secs": 0, "nsecs": 0}}, "drive": {"speed": 1.0}}, "navigation"),
     )
-    assert page.text("drive-state") == "starting figure_8", "another node drives, not path_publisher"
+    assert (
+        page.text("drive-state") == "starting figure_8"
+    ), "another node drives, not path_publisher"
     page.find("resume").click()
     page.shows("drive-state", "driving figure_8")
 

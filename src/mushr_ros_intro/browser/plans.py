@@ -63,7 +63,7 @@ def name_of(path: str, folders: Sequence[str]) -> Optional[str]:
 def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:
     """Check a plan with a car, and on a map (a `Grid`) if there is one; see docs/web.md."""
     result: Dict[str, Any] = {"name": name, "start": None, "rows": [], "row_count": 0, "path": []}
-    result.update(length=None, duration=None, wall=None, final_pose=None)
+    result.update(length=None, duration=None, wall=None, final_pose=None, ignores_noise=False)
     try:
         plan = read_plan(path)
     except PlanError as error:
@@ -90,6 +90,7 @@ def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[s
         "wall": report.rest / NANOSECONDS if report.collision else None,
         "final_pose": report.final_pose,
         "path": [(state.pose.x, state.pose.y) for state in states],
+        "ignores_noise": car.has_command_noise,
     }
 
 

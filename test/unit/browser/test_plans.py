@@ -84,10 +84,10 @@ def test_what_a_car_can_do(profile, hand, has_noise):
     assert limits == {"hand": expected, "has_noise": has_noise}
 
 
-def summary(tmp_path, text, grid=None):
+def summary(tmp_path, text, grid=None, **car):
     path = tmp_path / "plan.txt"
     path.write_text(text)
-    answer = plans.describe("plan", str(path), "car", Car(), grid)
+    answer = plans.describe("plan", str(path), "car", Car(**car), grid)
     return json.loads(json.dumps(answer, allow_nan=False))
 
 
@@ -108,6 +108,9 @@ def test_a_plan(tmp_path):
     assert len(answer["path"]) <= plans.MAX_PATH_POINTS + 1
     assert answer["path"][0] == [1.0, 2.0]
     assert answer["path"][-1] == answer["final_pose"][:2]
+    assert answer["ignores_noise"] is False
+    noisy = summary(tmp_path, "1, 2, 0\n\n2.0, 0\n0.5, 0.1, 20\n", speed_noise=0.1)
+    assert noisy == {**answer, "ignores_noise": True}, "the prediction is the same"
 
 
 def test_a_plan_with_faults(tmp_path):
