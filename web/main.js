@@ -147,16 +147,19 @@ function subscribe(car, mux, prefix) {
   ros.subscribe("/rosout_agg", onLog);
 }
 
+/** Note when the clock is held [s]; Infinity if it runs. */
+function hold(time) {
+  held = time;
+  const text = `held at ${time.toFixed(2)} s; placing the car takes effect at the next step`;
+  say("time-state", time < Infinity ? text : "");
+}
 function showOwner() {
   say("owner", server.state.has_mux ? owner : "no mux is running");
 }
 function onPose(msg) {
   const stamp = seconds(msg.header.stamp);
   const pose = flat(msg.pose);
-  if (stamp > held + SAME) {
-    held = Infinity; // any client may have released the clock
-    say("time-state", "");
-  }
+  if (stamp > held + SAME) hold(Infinity); // any client may have released the clock
   const last = poses.at(-1)?.stamp ?? stamp;
   if (stamp < last || stamp > last + 2) view.driven = []; // it is another car
   poses = [...poses.slice(-60), { stamp, pose }];
@@ -219,10 +222,9 @@ async function loadMap(number) {
 /** Call a service of the clock or of click_planner, and show its answer. */
 async function call(service, output) {
   const { success, message } = await ros.call(service);
-  const isResumed = success && service.endsWith("resume");
-  say(output, isResumed ? "" : message || (success ? "done" : "refused"));
   if (success && output === "time-state")
-    held = isResumed ? Infinity : Number.parseFloat(message);
+    hold(service.endsWith("resume") ? Infinity : Number.parseFloat(message));
+  else say(output, message || (success ? "done" : "refused"));
   const [, name] = message.match(/^saved .*?([^/]+)\.txt;/) ?? [];
   if (name) listPlans(name);
 }

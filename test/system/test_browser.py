@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import shutil
 import signal
 
@@ -307,8 +308,8 @@ def test_simulated_time(sim, page):
     stamp = "return window.mushr.pose.stamp"
     try:
         page.find("pause").click()
-        page.shows("time-state", " s")  # the time at which the clock is held
-        held = float(page.text("time-state").split()[0])
+        text = page.shows("time-state", "; placing the car takes effect at the next step")
+        held = float(re.match(r"held at (\d+\.\d\d) s;", text)[1])
         page.wait(lambda: page.run(stamp) > held - 0.02, "the last pose")
         before = page.run(stamp)
         page.find("step").click()
@@ -352,6 +353,19 @@ def test_plans_with_faults(page):
     text = page.shows("check", "1 row, 30.00 s; hits a wall after 49.02 m, at 49.020 m")
     assert "line 2" in text and "at t = 24.5 s" in text
     assert page.find("drive").is_enabled(), "faults of a plan that can be parsed do not prevent it"
+
+
+def test_a_plan_for_a_car_with_noise(sim, page):
+    """The page checks the plan again if the car changes."""
+    assert "random" not in page.text("check")
+    noise = {"noise": True, "speed_noise": 0.1}
+    before = sim.proxy.getParam("/car/car_sim")
+    sim.proxy.setParam("/car/car_sim", {**before, **noise})
+    try:
+        page.shows("check", "0.785 rad, without random errors")
+    finally:
+        sim.proxy.setParam("/car/car_sim", before)
+    page.wait(lambda: "random" not in page.text("check"), "the plan of the car without noise")
 
 
 def test_a_plan_with_many_rows(page):
