@@ -109,7 +109,8 @@ class ClickPlanner:
             if self._plan is None:
                 rospy.logwarn(
                     "ignored a point: the plan has no start pose yet; set it first on "
-                    f"{self._start_sub.resolved_name} (in rviz: 2D Pose Estimate)"
+                    f"{self._start_sub.resolved_name} (in rviz: 2D Pose Estimate; in the browser: "
+                    "Place car)"
                 )
                 return
             try:

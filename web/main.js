@@ -93,6 +93,8 @@ function onState(state) {
   if (state.results) listResults();
   heard = performance.now();
   held = Infinity;
+  document.title = `MuSHR ${state.car_name}`;
+  say("title", document.title);
   view.set(NOTHING);
   scan = null;
   subscribe(

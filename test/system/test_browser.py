@@ -106,7 +106,7 @@ def place(page, x, y, theta):
 
 
 def test_load(page):
-    assert page.driver.title and page.text("problem") == ""
+    assert page.driver.title == "MuSHR car" and page.text("problem") == ""
     page.shows("pose", "0.000 m, 0.000 m, 0.000 rad")
     page.shows("speed", "0.00 m/s")
     page.shows("steering", "0.000 rad")
@@ -227,6 +227,7 @@ def test_another_car(sim, page):
         page.driver.get(f"http://localhost:{port}")
         page.shows("owner", "no mux is running")
         page.shows("problem", "no pose: the car is not running")
+        assert page.driver.title == page.text("title") == "MuSHR red"
         with node("ackermann_cmd_mux.py", "__ns:=/red/mux", **sim.environment):
             page.shows("owner", "idle")
         page.shows("owner", "no mux is running")
