@@ -23,6 +23,7 @@ let begun; // when the latest drive began, which tells drives apart; null if the
 let start = NaN; // when the first row of the running drive or lap began [s]; before that, NaN
 let isDriven = false; // whether the mux has passed on a speed of a drive that started elsewhere
 let errors = []; // of path_publisher
+let beside = ""; // the version of the chosen plan when the latest drive ended in this page
 let missing = ""; // the plan to show as soon as the server lists it
 
 /** Show the names of the server's state; read the plan with this name, and show it. */
@@ -120,9 +121,13 @@ export function updateDrive(next) {
   if (isNew) {
     isDriven = false;
     errors = [];
+    beside = "";
     begun = next?.begun ?? null;
   }
-  if (drive?.running && !next?.running) start = NaN;
+  if (drive?.running && !next?.running) {
+    start = NaN;
+    beside = version();
+  }
   drive = next;
   stop.disabled = !mayRun();
   find("drive").disabled = mayRun() || !plan.rows.length;
@@ -133,12 +138,17 @@ export function updateDrive(next) {
 /** Whether the latest drive is one of the chosen plan, which has not been changed since. */
 const isOfPlan = () =>
   drive?.plan === plan.name && drive.written === server.state.plans[plan.name];
-/** The state of the drive, and the result of the last drive of the chosen plan. */
+const version = () => `${plan.name} ${server.state?.plans[plan.name]}`;
+/** The state of the drive, and the result of one of the chosen plan, or that has just ended. */
 function result() {
   if (drive === undefined) return "not connected: the drive is not known";
-  if (!drive || !(drive.running || isOfPlan())) return "";
+  if (!drive || !(drive.running || isOfPlan() || beside === version()))
+    return "";
   const { running, stopped, exit_status: status } = drive;
-  const name = drive.plan ?? "a plan that is not in the list";
+  const isChanged = drive.plan === plan.name && !isOfPlan();
+  const name = isChanged
+    ? `another version of ${drive.plan}`
+    : (drive.plan ?? "a plan that is not in the list");
   const states = running
     ? [
         `${stopped ? "stopping" : start >= 0 || isDriven ? "driving" : "starting"} ${name}`,

@@ -168,7 +168,7 @@ class TestRecording(RosTestCase):
 
         wait_for(lambda: paths.last is not None and not paths.last.poses, "an empty path")
         self.click(1.0, 1.0)
-        wait_for(lambda: "in the browser: Place car)" in planner.output, "a click without a start pose")
+        wait_for(lambda: "browser: Place car" in planner.output, "a click without a start pose")
         place(1.0, 2.0, 0.5)
         self.assertEqual(self.call("undo"), (False, "there is no click to undo"))
         self.assertEqual(self.call("save"), (False, "nothing saved: there is no click yet"))

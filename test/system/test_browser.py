@@ -607,7 +607,7 @@ def test_a_drive_of_another_node(page, sim):
 
 
 def test_a_plan_that_has_been_changed(sim, page):
-    """The result of a drive is not shown beside another version of the plan."""
+    """The result of a drive is shown with its plan, or with the one that was chosen at its end."""
     path = os.path.join(sim.environment["PWD"], "changed.txt")
     try:
         for rows in ("2.0, 0.0", "2.0, 0.1"):
@@ -618,6 +618,22 @@ def test_a_plan_that_has_been_changed(sim, page):
             page.wait(lambda: page.find("drive").is_enabled(), "the plan")
             page.find("drive").click()
             page.shows("drive-state", "changed ended successfully")
+        with open(path, "w") as file:
+            file.write("0, 0, 0\n0.5, 0.3, 1000.0\n")
+        page.shows("check", "1 row, 1000.00 s")
+        drive(page, "changed", "0.50 m/s")
+        page.shows("drive-state", "driving changed")
+        with open(path, "a") as file:
+            file.write("0.5, 0.0\n")
+        page.shows("drive-state", "driving another version of changed")
+        page.choose("plan", "circle")
+        page.shows("drive-state", "driving changed")
+        page.find("stop").click()
+        page.shows("drive-state", "changed was stopped")  # beside the plan circle
+        page.choose("plan", "figure_8")
+        page.wait(lambda: page.text("drive-state") == "", "no result beside another choice")
+        page.choose("plan", "changed")
+        page.shows("check", "2 rows")
     finally:
         os.remove(path)
     page.shows("check", "there is no plan changed")
