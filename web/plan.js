@@ -23,6 +23,7 @@ let begun; // when the latest drive began, which tells drives apart; null if the
 let start = NaN; // when the first row of the running drive or lap began [s]; before that, NaN
 let isDriven = false; // whether the mux has passed on a speed of a drive that started elsewhere
 let errors = []; // of path_publisher
+let refusal = ""; // the server's answer to the last press of a button in this drive
 let beside = ""; // the version of the chosen plan when the latest drive ended in this page
 let missing = ""; // the plan to show as soon as the server lists it
 
@@ -121,6 +122,7 @@ export function updateDrive(next) {
   if (isNew) {
     isDriven = false;
     errors = [];
+    refusal = "";
     beside = "";
     begun = next?.begun ?? null;
   }
@@ -132,7 +134,7 @@ export function updateDrive(next) {
   stop.disabled = !mayRun();
   find("drive").disabled = mayRun() || !plan.rows.length;
   if (!drive?.running) mark(-1);
-  say("drive-state", result());
+  say("drive-state", [result(), refusal].filter(Boolean).join("\n"));
   if (isNew && isOther) listPlans(drive.plan).then(fit);
 }
 /** Whether the latest drive is one of the chosen plan, which has not been changed since. */
@@ -197,10 +199,13 @@ function mark(number) {
   // Scroll the table, but not the page.
   find("table").scrollTop = row.offsetTop - find("table").clientHeight / 2;
 }
-const ask = (data, method) =>
-  request("drive", data, method).catch((error) =>
-    say("drive-state", error.message),
+async function ask(data, method) {
+  refusal = await request("drive", data, method).then(
+    () => "",
+    (error) => error.message,
   );
+  updateDrive(drive);
+}
 export function stopPlan() {
   // A request may arrive even without the connection, so a drive that is not known is stopped, too.
   if (mayRun()) ask(undefined, "DELETE");

@@ -438,6 +438,10 @@ def test_connection_is_lost_and_regained(sim, page):
     os.kill(pid, signal.SIGKILL)
     page.shows("connection", "not connected")
     assert not page.find("drive").is_enabled()
+    page.find("stop").click()
+    page.shows("drive-state", "the server does not answer")
+    page.run("return import('./plan.js').then(({ updateDrive }) => updateDrive(undefined))")
+    assert "the server does not answer" in page.text("drive-state"), "the answer is overwritten"
     (outline,) = seen(page, "car")
     page.run("window.mushr.pose = null")
     sim.start("web_view.py", "__name:=web_view")
