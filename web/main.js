@@ -156,7 +156,7 @@ function hold(time) {
   say("time-state", time < Infinity ? text : "");
 }
 function showOwner() {
-  say("owner", server.state.has_mux ? owner : "no mux is running");
+  say("owner", server.state?.has_mux === false ? "no mux is running" : owner);
 }
 function onPose(msg) {
   const stamp = seconds(msg.header.stamp);
