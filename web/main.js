@@ -43,7 +43,7 @@ function onStatus(isConnected, delay) {
   const silence = performance.now() - heard;
   const isStale = !state || (silence > LATE && held === Infinity);
   const cause = !state?.has_car
-    ? "the car is not running"
+    ? "no simulated car is running"
     : state.simulated_time
       ? "the clock is held, or the machine is busy"
       : "its poses are late; the machine may be busy";

@@ -226,7 +226,7 @@ def test_another_car(sim, page):
         page.wait(lambda: "in a browser" in process.output, "the other server")
         page.driver.get(f"http://localhost:{port}")
         page.shows("owner", "no mux is running")
-        page.shows("problem", "no pose: the car is not running")
+        page.shows("problem", "no pose: no simulated car is running")
         assert page.driver.title == page.text("title") == "MuSHR red"
         with node("ackermann_cmd_mux.py", "__ns:=/red/mux", **sim.environment):
             page.shows("owner", "idle")
