@@ -35,7 +35,7 @@ MAX_FAULTS = 1000
 """Number of faults after which the rest of a file is not checked: it is no plan."""
 
 _DOCUMENTS = (b"PK\3\4", b"\xd0\xcf\x11\xe0", b"%PDF", b"{\\rtf", b"\x89PNG", b"\xff\xd8\xff")
-"""How files of other programs begin: .docx and .odt, .doc, .pdf, .rtf, .png, .jpg."""
+"""How files of other programs begin: .docx, .odt and .zip, .doc, .pdf, .rtf, .png, .jpg."""
 
 # Unambiguous, so that matching takes time in proportion to the length of any line.
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
@@ -155,7 +155,7 @@ def _lines(data: bytes, path: str) -> List[str]:
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise PlanError([Fault(path, 1, 1, "the file is UTF-16; expected UTF-8 or plain ASCII")])
     if data.startswith(_DOCUMENTS):
-        problem = "the file is a document or a picture; expected plain text"
+        problem = "the file is a document, a picture or an archive; expected plain text"
         raise PlanError([Fault(path, 1, 1, problem)])
     text = data.decode("utf-8-sig", errors="replace")
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")

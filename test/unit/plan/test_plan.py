@@ -168,7 +168,7 @@ def test_a_file_that_is_not_plain_text(begin):
     with pytest.raises(PlanError) as caught:
         parse_plan(begin + b"\n0,0,0\n1,0\n", "plan")
     assert str(caught.value) == (
-        "plan:1:1: the file is a document or a picture; expected plain text"
+        "plan:1:1: the file is a document, a picture or an archive; expected plain text"
     )
 
 
