@@ -25,6 +25,7 @@ from mushr_ros_intro.doctor.programs import program_findings
         ("\ufeff#!/usr/bin/python3\n", 0o755, r"a byte order mark, so its first line does not"),
         ("#!/usr/bin/python3\n# \udcfc\n", 0o755, "is not UTF-8 in line 2. Save it as UTF-8"),
         ("#!/usr/bin/python3\nprint(\n", 0o755, "has a syntax error in line 2: "),
+        ("#!/usr/bin/python3\nprint 'a'\n", 0o755, "). Correct this line, or the one before it"),
         ("#!/usr/bin/python3\n", 0o644, "is not executable. Type: chmod +x '"),
         (
             "#!/usr/bin/python3\nimport no_such\n",

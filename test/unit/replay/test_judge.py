@@ -381,7 +381,11 @@ def without_reverse(rows):
         (backwards, ". The rows are in the wrong order"),
         (
             lambda rows: [(1, -2, 1), *rows],
-            ". The first command is the start pose, which is the fi",
+            ". The first command is the start pose, which is the first line of the plan",
+        ),
+        (
+            lambda rows: [(2, 0, 1), *rows],
+            "row 1 (1 s): received 2 m/s, 0 rad; expected 1 m/s, 0 rad",
         ),
         (lambda rows: rows[2:], ". The first rows are missing"),
         (lambda rows: rows[:-1], ". The last rows are missing"),
@@ -395,7 +399,7 @@ def test_the_plan_of_the_documentation_tells_mistakes_apart(mistake, end):
     plan = cars.plan_named("test_drive")
     rows = [(row.speed, row.steering_angle, 1.0) for row in plan.rows]
     failed, _ = judged(replay(plan, commands([*mistake(rows), STOP])))
-    assert end in failed["commands"]
+    assert failed["commands"].endswith(end)
 
 
 def test_swapped_columns_of_a_plan_without_turns():
@@ -428,7 +432,9 @@ def test_one_command_more_or_less_is_a_note():
     failed, verdict = judged(replay(sent=commands(BORDER)))
     assert failed == {}
     assert "note: row 1 (1 s): 11 commands received; expected 10\n" in verdict
-    assert "note: rows 2 to 3 (0.75 s): 7 commands received; expected 8\n" in verdict
+    *_, row, end = verdict.splitlines()
+    assert row == "note: rows 2 to 3 (0.75 s): 7 commands received; expected 8"
+    assert end.startswith("note: path and final_pose are judged with the rows as long as the node")
 
 
 @pytest.mark.parametrize(("shift", "names"), [(0.1, set()), (0.2, {"rate", "path", "final_pose"})])
