@@ -5,13 +5,13 @@ import os
 import pathlib
 import re
 import shutil
-import subprocess
 import zipfile
 
 import pytest
 
 from mushr_ros_intro.classroom import autograders
 from mushr_ros_intro.classroom.arguments import parse_arguments
+from support.helpers import ForkedProcess, Process
 from support.paths import CHECKOUT
 
 
@@ -20,15 +20,19 @@ def parse(words):
     return vars(parse_arguments(["submission", *words, "--out", "out"], ""))
 
 
-def make(folder, *arguments):
-    """Run make_autograder in a folder, without the environment of the workspace."""
-    command = ["env", "-i", "-C", folder, f"{CHECKOUT}/scripts/make_autograder", *arguments]
-    return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+PROGRAM = f"{CHECKOUT}/scripts/make_autograder"
+
+
+def make(*arguments):
+    """Run make_autograder; return its exit status and its output."""
+    with ForkedProcess(PROGRAM, *arguments) as process:
+        return process.wait(), process.output
 
 
 @pytest.fixture
-def folder(tmp_path):
-    """Return a folder with plans and points."""
+def folder(tmp_path, monkeypatch):
+    """Return a folder with plans and points, in which programs are started."""
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "open.txt").write_text("0,0,0.5\n1.0,0.1\n")
     (tmp_path / "wrong.txt").write_text("0,0,0.5\n1.0,nan\n")
     (tmp_path / "points.yaml").write_text("plans: {secret: {path: 4}}\n")
@@ -58,9 +62,9 @@ def folder(tmp_path):
     ],
 )
 def test_fault(folder, arguments, reason):
-    done = make(folder, *arguments)
-    assert (done.returncode, done.stdout.count("\n")) == (2, 1), done.stdout
-    assert reason in done.stdout
+    status, output = make(*arguments)
+    assert (status, output.count("\n")) == (2, 1), output
+    assert reason in output
     assert (folder / "autograder.zip").read_text() == "an older one"
     assert not [each for each in os.listdir(folder) if each.startswith(".")]
 
@@ -99,9 +103,9 @@ def test_options_of_grade(folder, options, sources, summary, map_name):
     check = "cross_track" if "--follow" in options else "path"
     (folder / "points.yaml").write_text(json.dumps({"default": {check: 3}, **points}))
     words = [*options.split(), "--points", "points.yaml"]
-    done = make(folder, *words)
-    assert done.returncode == 0, done.stdout
-    assert summary in done.stdout
+    status, output = make(*words)
+    assert status == 0, output
+    assert summary in output
     with zipfile.ZipFile(folder / "autograder.zip") as archive:
         given = archive.read("arguments").decode().splitlines()
         archive.extractall(folder / "source")
@@ -121,9 +125,12 @@ def test_options_of_grade(folder, options, sources, summary, map_name):
 
 
 def test_no_solution(folder):
-    """The zip contains no node that drives, and the programs that CMakeLists.txt names."""
-    done = make(folder, "--plans", "open.txt")
-    assert done.returncode == 0, done.stdout
+    """The zip contains no node that drives, and the programs that CMakeLists.txt names.
+
+    It can be made without the environment of the workspace.
+    """
+    with Process("env", "-i", PROGRAM, "--plans", "open.txt") as process:
+        assert process.wait() == 0, process.output
     with zipfile.ZipFile(folder / "autograder.zip") as archive:
         files = {each for each in archive.namelist() if not each.endswith("/")}
         build = archive.read("mushr_ros_intro/CMakeLists.txt").decode()
