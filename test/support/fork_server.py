@@ -29,7 +29,8 @@ SERVER = "MUSHR_FORK_SERVER"
 _MODULES = """
     asyncio concurrent.futures email.parser http.client http.server multiprocessing.connection
     unittest xml.etree.ElementTree xmlrpc.server
-    PIL.Image numpy pytest yaml tornado.httpserver tornado.web tornado.websocket
+    PIL.Image matplotlib.backends.backend_svg matplotlib.figure matplotlib.patches numpy pytest yaml
+    tornado.httpserver tornado.web tornado.websocket
     ackermann_msgs.msg genpy.message geometry_msgs.msg nav_msgs.msg nav_msgs.srv rosgraph_msgs.msg
     rosgraph.xmlrpc roslib.message roslib.packages rosmaster.master_api rosgraph.roslogging
     roslaunch.node_args roslaunch.parent rosmaster.main rospkg rostest sensor_msgs.msg std_msgs.msg

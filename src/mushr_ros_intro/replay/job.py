@@ -123,9 +123,8 @@ def _run_here(job: Job) -> Judgement:
     sandbox.enter()
     world = _world_of(job)
     with tempfile.TemporaryDirectory(dir=sandbox.folder or None) as folder:
-        process = NodeProcess(
-            sandboxed(job, folder, world.due_file), sandbox.has_namespaces, world.due_file
-        )
+        file = world.due_times.file
+        process = NodeProcess(sandboxed(job, folder, file), sandbox.has_namespaces, file)
         try:
             outcome = (
                 world.watch(process, setting.timeout)

@@ -5,9 +5,7 @@ from ROS except initial poses and the commands on the inputs of the mux, and eve
 here. So the node cannot change the recording, nor move the car by other means.
 """
 
-import contextlib
 import os
-import select
 import threading
 import time
 from collections import deque
@@ -21,8 +19,9 @@ from nav_msgs.msg import OccupancyGrid
 from rosgraph_msgs.msg import Clock
 
 from mushr_ros_intro.car.model import Car, State
-from mushr_ros_intro.isolation.node_process import PIPE, NodeProcess
+from mushr_ros_intro.isolation.node_process import NodeProcess
 from mushr_ros_intro.isolation.threads import Threads
+from mushr_ros_intro.replay.due_times import DueTimes
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
 from mushr_ros_intro.replay.mistakes import INITIAL_POSES, command_topic_mistake
 from mushr_ros_intro.replay.pace import WALL_CLOCK, Pace
@@ -96,10 +95,7 @@ class ReplayWorld:
         self.now = START
         """The simulated time [ns]."""
         self._grid = grid
-        self._due_reader, self.due_file = os.pipe()
-        """The number of a pipe, to which the node writes when its next thread is due."""
-        os.set_blocking(self._due_reader, False)
-        self._due = 0  # what the node has written last
+        self.due_times = DueTimes()
         self._pending: Iterator[int] = iter(())  # the messages of this instant that are not sent
         self._poses: Deque[PoseWithCovarianceStamped] = deque()
         self._commands: Deque[Tuple[AckermannDriveStamped, Input]] = deque()
@@ -188,14 +184,8 @@ class ReplayWorld:
         if duration is not None and (self.received.commands or self._clock.get_num_connections()):
             self._send(pace, duration)
             self._nap = NAP
-        is_written, _, _ = select.select([self._due_reader], [], [], self._nap)
+        is_written = self.due_times.wait(self._nap)
         self._nap = SHORT_NAP if is_written else min(LONG_NAP, 2.0 * self._nap)
-        if is_written:
-            self._read_due()
-
-    def _read_due(self) -> None:
-        with contextlib.suppress(BlockingIOError):  # nothing is new
-            self._due = int.from_bytes(os.read(self._due_reader, PIPE)[-8:], "little")
 
     @property
     def _time_until_due(self) -> Optional[int]:
@@ -203,8 +193,8 @@ class ReplayWorld:
 
         A thread that receives reports of the car is due when the next one is.
         """
-        self._read_due()
-        times = [self._due - self.now] if self._due else []
+        due = self.due_times.read()
+        times = [due - self.now] if due else []
         if self._car.count_connections():
             times.append(self._car.pose_period - self.now % self._car.pose_period)
         return min(times, default=None)

@@ -10,6 +10,7 @@ import pytest
 
 from mushr_ros_intro.car import model
 from mushr_ros_intro.replay import follow_world
+from mushr_ros_intro.replay.due_times import DueTimes
 from mushr_ros_intro.replay.follow_world import REST, FollowWorld
 from mushr_ros_intro.replay.mistakes import COMMAND_TYPE, POSE_TYPE, command_topic_mistake
 from mushr_ros_intro.replay.pace import STEP
@@ -37,15 +38,14 @@ NOW = 1010 * MS
 def test_when_the_next_thread_is_due(said, connections, expected):
     """A node that receives the poses gets each of them when the car reports it, every 20 ms."""
     world = ReplayWorld.__new__(ReplayWorld)
-    world._due_reader, world.due_file = os.pipe()
-    os.set_blocking(world._due_reader, False)
-    os.write(world.due_file, said)
-    world._due, world.now = 0, NOW
+    world.due_times, world.now = DueTimes(), NOW
+    os.write(world.due_times.file, said)
     world._car = SimpleNamespace(count_connections=lambda: connections, pose_period=20 * MS)
     assert world._time_until_due == expected
     assert world._time_until_due == expected  # what the node has written last counts
-    os.close(world._due_reader)
-    os.close(world.due_file)
+    assert not world.due_times.wait(0.0)
+    os.write(world.due_times.file, NOW.to_bytes(8, "little"))
+    assert world.due_times.wait(0.0) and not world.due_times.wait(0.0)
 
 
 @pytest.mark.parametrize(("since", "expected"), [(0, True), (1, True), (100, False), (199, False)])
