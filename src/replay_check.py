@@ -26,7 +26,7 @@ from mushr_ros_intro.isolation.workspace import inherited
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.replay.following import TOLERANCE_UNITS
+from mushr_ros_intro.replay.following import TOLERANCE_UNITS, tolerance_fault
 from mushr_ros_intro.replay.job import run_job
 from mushr_ros_intro.replay.judge import Check, Judgement
 from mushr_ros_intro.replay.reference import Exercise, Reference, read_references, refuse_walls
@@ -61,6 +61,13 @@ def judge() -> Judgement:
     words = shlex.split(parameters.text("publisher"))
     if len(words) < 2:
         raise parameters.error("publisher", "'PACKAGE NODE [ARGUMENT...]'")
+    tolerances = {
+        name: parameters.number(f"{name}_tolerance", 0.0, unit, 0.0, 1e6)
+        for name, unit in TOLERANCE_UNITS.items()
+        if f"{name}_tolerance" in given
+    }
+    if fault := tolerance_fault(tolerances, isinstance(exercise, Reference)):
+        raise UserError(fault)
     seed = parameters.integer("seed", 0, 0, 1e9) if "seed" in given else None
     setting = read_setting(
         package_folder("."),
@@ -70,11 +77,7 @@ def judge() -> Judgement:
         seed,
         remap=tuple(_remappings(parameters.optional_text("remap") or "")),
         timeout=parameters.number("timeout", 30.0, "s", 0.1, 1e4),
-        tolerances={
-            name: parameters.number(f"{name}_tolerance", 0.0, unit, 0.0, 1e6)
-            for name, unit in TOLERANCE_UNITS.items()
-            if f"{name}_tolerance" in given
-        },
+        tolerances=tolerances,
         sandbox=Sandbox(),
         ros=inherited(),
     )

@@ -79,7 +79,11 @@ def good_messages():
     grid.info.origin.position.x = 100.0
     grid.info.origin.orientation.w = 1.0
     grid.data = [0, 100, -1, 0, 0, 0]
+    pose = PoseStamped()
+    pose.header.stamp, pose.header.frame_id = now, "map"
+    pose.pose.position.x, pose.pose.orientation.w = 1.0, 1.0
     return {
+        "/car/car_pose": pose,
         NAVIGATION: command(now, 1.0, 0.2),
         OUTPUT: command(now, 1.0, 0.2),
         "/initialpose": placement(now, 1.0, 2.0, 0.5),

@@ -83,6 +83,7 @@ class RosTestCase(unittest.TestCase):
     failureException = LoggedAssertionError
 
     def setUp(self):
+        assert rospy.core.is_initialized(), "expected a function start_world in the test module"
         self.folder = tempfile.mkdtemp()
         self.addCleanup(shutil.rmtree, self.folder)
         self.addCleanup(self.delete_parameters, rospy.get_param_names())

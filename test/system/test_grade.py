@@ -144,6 +144,16 @@ NODE = ("--node", "mushr_ros_intro", "path_publisher.py")
             2,
             "--path-tolerance: 'nan'; expected a number of at least 0",
         ),
+        (
+            ("figure_8", *NODE, "--cross-track-tolerance", "0"),
+            2,
+            "a plan has no cross_track tolerance; expected position, angle, path",
+        ),
+        (
+            ("--follow", "wave", *NODE, "--angle-tolerance", "0"),
+            2,
+            "a path has no angle tolerance; expected position, path, cross_track, rms, time, ",
+        ),
         (("figure_8",), 2, "expected PLAN... --node PACKAGE FILE, or"),
         (("figure_8", *NODE, "--car", "fiat"), 2, "car is 'fiat'; expected one of ideal"),
         (("figure_8", *NODE, "--car", "nano"), 2, f"{max(CARS)}; did you mean mushr_nano?"),

@@ -14,8 +14,8 @@ from roslaunch.config import ROSLaunchConfig
 from roslaunch.rlutil import check_roslaunch
 from roslaunch.xmlloader import XmlLoader
 
-from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
-from mushr_ros_intro.replay.judge import CHECK_NAMES
+from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES, TOLERANCE_UNITS, FollowTolerances
+from mushr_ros_intro.replay.judge import CHECK_NAMES, Tolerances
 from support import paths
 from support.helpers import Process
 
@@ -296,6 +296,16 @@ def faults_in(cell):
         elif tests[name] != bool(note):
             faults.append(f"{path}::{name}: the note `--all` does not agree with the mark full")
     return faults
+
+
+def test_every_tolerance_can_be_set():
+    assert {*TOLERANCE_UNITS} == {*Tolerances._fields, *FollowTolerances._fields}
+    replay, page = read("test/replay.test"), read("docs/grading.md")
+    for name in TOLERANCE_UNITS:
+        option = f"{name}_tolerance"
+        assert f'<arg name="{option}" default="auto"' in replay
+        assert f'<param name="{option}" value="$(arg {option})"' in replay
+        assert f"`--{option.replace('_', '-')}`" in page, option
 
 
 @pytest.mark.parametrize(

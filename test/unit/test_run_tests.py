@@ -35,6 +35,9 @@ TESTS = {
         ([], ["passes", "is full", "has a full test"], 0, ["1 passed, 0 failed, 0 skipped"]),
         ([], ["has a right one::test_1"], 0, ["1 passed, 0 failed, 0 skipped"]),
         ([], ["has a right one::test_2"], 1, ["assert 1 == 2", "0 passed, 1 failed, 0 skipped"]),
+        ([], ["has a right one::Tests::test_1"], 0, ["1 passed, 0 failed, 0 skipped"]),
+        ([], ["has a right one::test_2[a-b c]"], 1, ["0 passed, 1 failed, 0 skipped"]),
+        ([], ["is full"], 1, ["no test was chosen; ", "0 passed, 0 failed, 0 skipped"]),
         (["--all"], ["passes", "is full"], 1, ["1 passed, 1 failed, 0 skipped"]),
         (["--all"], ["passes", "has a full test"], 1, ["1 passed, 1 failed, 0 skipped"]),
     ],
@@ -42,7 +45,7 @@ TESTS = {
 def test_results(tmp_path, arguments, names, status, lines):
     paths = []
     for number, name in enumerate(names):
-        name, *test = name.split("::")
+        name, *test = name.split("::", 1)
         path = tmp_path / f"test_{number}.py"
         path.write_text(TESTS[name])
         paths.append("::".join([str(path), *test]))

@@ -8,7 +8,7 @@ from typing import Dict, Sequence
 
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
-from mushr_ros_intro.replay.following import TOLERANCE_UNITS
+from mushr_ros_intro.replay.following import TOLERANCE_UNITS, tolerance_fault
 from mushr_ros_intro.replay.reference import OFFSETS, Exercise, read_references
 
 _OF_A_CLASS = (
@@ -66,7 +66,9 @@ def complete(arguments: argparse.Namespace) -> str:
             return f"found --remap '{each}'; expected --remap FROM:=TO, such as control:=/cmd"
     if not re.fullmatch(r"[^-/\s][^/\n]*", arguments.file):
         return f"found --file '{arguments.file}'; expected a file name without a folder"
-    return ""
+    values = ((name, getattr(arguments, f"{name}_tolerance")) for name in TOLERANCE_UNITS)
+    given = [name for name, value in values if value is not None]
+    return tolerance_fault(given, bool(arguments.follow))
 
 
 def read_exercises(arguments: argparse.Namespace, plans: Sequence[str]) -> Dict[str, Exercise]:

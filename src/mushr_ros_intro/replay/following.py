@@ -5,7 +5,7 @@ the nearest point that is not far from the one before along the path. So a path 
 """
 
 from itertools import groupby
-from typing import Any, Callable, Dict, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Dict, Iterable, Mapping, NamedTuple, Tuple
 
 import numpy as np
 
@@ -59,14 +59,21 @@ TOLERANCE_UNITS = {
 """The units of `Tolerances` and `FollowTolerances`, by name."""
 
 
+def tolerance_fault(names: Iterable[str], follows: bool) -> str:
+    """Return which of some tolerances a plan does not have, or a path; "" if there is none."""
+    known = FollowTolerances._fields if follows else Tolerances._fields
+    kind = "a path" if follows else "a plan"
+    unknown = (each for each in names if each not in known)
+    faults = (f"{kind} has no {each} tolerance; expected {', '.join(known)}" for each in unknown)
+    return next(faults, "")
+
+
 def judge_drive(recorded: Recorded, changes: Dict[str, float]) -> Judgement:
     """Return the verdict on a replay, given the tolerances that differ from the default."""
     if not isinstance(recorded.plan, Reference):
-        known = {name: each for name, each in changes.items() if name in Tolerances._fields}
-        return judge(recorded, default_tolerances(recorded.plan, recorded.car)._replace(**known))
-    known = {name: each for name, each in changes.items() if name in FollowTolerances._fields}
+        return judge(recorded, default_tolerances(recorded.plan, recorded.car)._replace(**changes))
     notes = (f"the car ignored {recorded.ignored}",) if recorded.ignored else ()
-    judgement = Judgement(recorded, _drive(recorded), FollowTolerances(**known), notes=notes)
+    judgement = Judgement(recorded, _drive(recorded), FollowTolerances(**changes), notes=notes)
     return judgement._replace(checks=tuple(checked(judgement, _CHECKS)))
 
 

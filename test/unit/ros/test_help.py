@@ -16,6 +16,9 @@ from mushr_ros_intro.simulator.car_sim import CarSim
 from support import helpers
 from support.paths import PACKAGE
 
+FILES = {*glob.glob(f"{PACKAGE}/config/*.yaml")} - {f"{PACKAGE}/config/vesc.yaml"}
+"""The files with parameters of nodes of this package."""
+
 NO_MASTER = {"ROS_MASTER_URI": "http://localhost:1"}
 
 
@@ -38,12 +41,18 @@ def class_of(program, monkeypatch):
     return getattr(importlib.import_module(program[:-3]), NODES[program])
 
 
-def documented(program):
-    """Return the names of the parameters of a program in docs/."""
-    page, heading = {
+def section_of(program):
+    """Return the page of docs/ that describes a program, and the heading there."""
+    special = {
         "web_view.py": ("web", "## web_view.py"),
         "posetest.py": ("grading", "## Test nodes"),
-    }.get(program, ("nodes", f"## {program}"))
+    }
+    return special.get(program, ("nodes", f"## {program}"))
+
+
+def documented(program):
+    """Return the names of the parameters of a program in docs/."""
+    page, heading = section_of(program)
     with open(f"{PACKAGE}/docs/{page}.md") as file:
         text = file.read()
     section = text.partition(f"\n{heading}\n")[2].partition("\n## ")[0]
@@ -55,6 +64,10 @@ def documented(program):
 def test_help(program, monkeypatch):
     """It names the purpose, the topics, an example, and every documented parameter."""
     text = node.help_text(class_of(program, monkeypatch))
+    without = (
+        r"^  (\w+)\n    (?:a number|true or|one of|text that|a file name|default|required|\n|$)"
+    )
+    assert re.findall(without, text, re.M) == [], "expected a meaning of each parameter"
     expected = "expected a docstring of the class with a sentence, the topics, and an example"
     assert text.count("\n\n") >= 2, expected
     purpose, *_, example, parameters = text.split("\n\n")
@@ -62,14 +75,15 @@ def test_help(program, monkeypatch):
     assert re.search("Subscribes|Publishes|topics", text), expected
     assert re.match(r"Example: (rosrun|roslaunch|<test)", example), expected
     names = set(re.findall(r"^  (\w+)$", parameters, re.M))
-    assert names == documented(program), f"expected the parameters in the section of {program}"
-    lacking = re.findall(r"^  (\w+)\n    (?:a number|true or|one of|text that)", parameters, re.M)
-    assert lacking == [], "expected a meaning of each parameter"
+    page, heading = section_of(program)
+    expected = f"expected the parameters of --help in docs/{page}.md, below '{heading}'"
+    assert names == documented(program), expected
 
 
-@pytest.mark.parametrize("program", ["ackermann_cmd_mux", "car_sim", "keyboard_teleop"])
-def test_files_of_parameters(program):
-    with open(f"{PACKAGE}/config/{program}.yaml") as file:
+@pytest.mark.parametrize("name", sorted(os.path.basename(each) for each in FILES))
+def test_files_of_parameters(name):
+    program = {"laser.yaml": "laser_sim"}.get(name, name[: -len(".yaml")])
+    with open(f"{PACKAGE}/config/{name}") as file:
         assert set(yaml.safe_load(file)) <= documented(f"{program}.py")
 
 
