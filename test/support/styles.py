@@ -523,6 +523,7 @@ WRONG = {
         "node",
     ),
     "child_sleeps": (paced('subprocess.run(["sleep", "0.1"])'), "node"),
+    "child_timeout": (paced('subprocess.run(["sleep", "0.1"], timeout=1.0)'), "node"),
     "hangs_at_once": ({"connect": "rospy.spin()"}, "node"),
     "hangs_midway": (
         paced("rate.sleep()", "rate = rospy.Rate(10)", "if v == 2.0:\n    rospy.spin()"),

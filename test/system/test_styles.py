@@ -47,6 +47,7 @@ WAITS = "the node sends commands while the simulated clock stands, so it waits"
     ("name", "message"),
     [
         pytest.param("child_sleeps", WAITS, marks=pytest.mark.full),
+        pytest.param("child_timeout", WAITS, marks=pytest.mark.full),
         pytest.param("alarm", WAITS, marks=pytest.mark.full),
         pytest.param(
             "endless_burst",

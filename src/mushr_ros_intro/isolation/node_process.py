@@ -32,9 +32,12 @@ MAX_THREADS = 250
 
 
 def _memory_of(process: int) -> int:
-    """Return the memory that a process uses, without that of files [bytes]; raise OSError."""
+    """Return the memory that a process uses, without that of files [bytes]; raise OSError.
+
+    That of its page tables counts: they can be large although the process has used few pages.
+    """
     with open(f"/proc/{process}/status", encoding="ascii", errors="replace") as file:
-        sizes = re.findall(r"^Rss(?:Anon|Shmem):\s*(\d+) kB$", file.read(), re.M)
+        sizes = re.findall(r"^(?:RssAnon|RssShmem|VmPTE):\s*(\d+) kB$", file.read(), re.M)
     return 1024 * sum(map(int, sizes))
 
 

@@ -1,5 +1,6 @@
 """Call a function in a process of its own, in which ROS can be initialised."""
 
+import contextlib
 import ctypes
 import multiprocessing
 import multiprocessing.popen_forkserver  # threads that first import it together may fail
@@ -103,5 +104,6 @@ def _call_and_send(
         os._exit(1)
     except Exception:
         fault = traceback.format_exc()
-    sender.send((result, fault))
+    with contextlib.suppress(OSError):  # the parent process has died
+        sender.send((result, fault))
     os._exit(0)  # without waiting for the threads of rospy

@@ -13,7 +13,7 @@ number of an open pipe, when the next thread is due [ns], as 8 bytes, little-end
 sleeps. It does this when a thread falls asleep, and when a thread has processed a message that
 has woken no other one.
 
-Libraries of ROS, and child processes, keep the real time.
+Libraries of ROS, and child processes, keep the real time, and so does the module subprocess.
 
 This file is a program of its own, which a node in a sandbox can run without this package.
 """
@@ -33,6 +33,7 @@ import random
 import runpy
 import select
 import selectors
+import subprocess
 import threading
 import time
 import traceback
@@ -74,8 +75,11 @@ ROUNDING = 1e-10
 LIBRARIES = (os.path.dirname(os.__file__) + os.sep, "<frozen", sys._getframe().f_code.co_filename)
 """Files of the standard library, and this one: they act for the file that calls them."""
 
-ROS = tuple(os.path.dirname(each.__file__) + os.sep for each in (rospy, rosgraph, genpy))
-"""Files that keep the real time."""
+REAL_TIME = (
+    *(os.path.dirname(each.__file__) + os.sep for each in (rospy, rosgraph, genpy)),
+    subprocess.__file__,
+)
+"""Files that keep the real time; subprocess waits for processes that have it."""
 
 real_sleep, real_wait, get_rostime = time.sleep, threading.Condition.wait, rospy.get_rostime
 real_time, real_monotonic = time.time, time.monotonic
@@ -179,9 +183,11 @@ def is_initialized() -> bool:
 def is_for_node() -> bool:
     """Return whether a file of the node has called a function, itself or through a library."""
     frame: Any = sys._getframe(1)
-    while frame and frame.f_code.co_filename.startswith(LIBRARIES):
+    while frame and not frame.f_code.co_filename.startswith(REAL_TIME):
+        if not frame.f_code.co_filename.startswith(LIBRARIES):
+            return True
         frame = frame.f_back
-    return not (frame and frame.f_code.co_filename.startswith(ROS))
+    return not frame
 
 
 def is_simulated() -> bool:

@@ -76,6 +76,17 @@ time.sleep(300)
 """
 """Shared memory is no data of a process, so that the limit of the operating system ignores it."""
 
+MAPS = """
+import mmap, time
+size = 40_000_000_000
+memory = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, mmap.PROT_READ)
+memory.madvise(mmap.MADV_NOHUGEPAGE)
+for place in range(0, size, 2 << 20):
+    memory[place]
+time.sleep(300)
+"""
+"""The pages that it reads are all the same one, but each needs a page table."""
+
 STARTS = """
 import threading, time
 for _ in range(30):
@@ -88,6 +99,7 @@ time.sleep(300)
     ("code", "name", "limit", "message"),
     [
         (SHARES, "MAX_MEMORY", 60_000_000, "used more than 60 MB of memory"),
+        (MAPS, "MAX_MEMORY", 60_000_000, "used more than 60 MB of memory"),
         (STARTS, "MAX_THREADS", 20, "started more than 20 processes and threads"),
     ],
 )

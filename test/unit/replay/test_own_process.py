@@ -2,12 +2,16 @@
 
 import os
 import signal
+import subprocess
+import sys
+import threading
 import time
 
 import pytest
 
 from mushr_ros_intro.replay import own_process
 from mushr_ros_intro.replay.own_process import KilledError
+from support.helpers import wait_for
 
 
 def _blocked_signals():
@@ -18,6 +22,38 @@ def test_memory_of_the_replay():
     """A node cannot make the process of its replay use all memory."""
     with pytest.raises(KilledError):
         own_process.in_own_process(bytearray, 3_000_000_000, seconds=60.0)
+
+
+def _start_thread(pid_file, gate):
+    """Write the number of this process; end when the gate exists, beside a thread that stays."""
+    threading.Thread(target=time.sleep, args=[300.0]).start()
+    with open(f"{pid_file}.new", "w") as file:
+        file.write(str(os.getpid()))
+    os.rename(f"{pid_file}.new", pid_file)
+    while not os.path.exists(gate):
+        time.sleep(0.01)
+
+
+def test_the_parent_process_is_killed(tmp_path):
+    """The process of the replay ends after the replay, although nobody receives its result."""
+    pid_file, gate = str(tmp_path / "pid"), str(tmp_path / "gate")
+    code = (
+        "import sys; import test_own_process as this; "
+        "this.own_process.in_own_process(this._start_thread, *sys.argv[1:], seconds=300.0)"
+    )
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([os.path.dirname(__file__), *sys.path]),
+    }
+    command = [sys.executable, "-c", code, pid_file, gate]
+    with subprocess.Popen(command, env=environment) as parent:
+        wait_for(lambda: os.path.exists(pid_file), "the process of the replay")
+        parent.kill()
+    with open(pid_file) as file:
+        process = f"/proc/{file.read()}"
+    assert os.path.exists(process)
+    open(gate, "w").close()
+    wait_for(lambda: not os.path.exists(process), "the end of the process of the replay")
 
 
 def test_no_signal_is_blocked():

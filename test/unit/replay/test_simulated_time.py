@@ -295,10 +295,15 @@ def test_a_program(tmp_path):
 
 @pytest.mark.parametrize(
     ("file", "expected"),
-    [("my_node.py", True), (rospy.__file__, False), (queue.__file__, True)],
+    [
+        ("my_node.py", True),
+        (rospy.__file__, False),
+        (queue.__file__, True),
+        (subprocess.__file__, False),
+    ],
 )
 def test_who_gets_the_simulated_time(file, expected):
-    """Files of the node, also through the standard library, but not those of rospy."""
+    """Files of the node, also through the standard library, but not rospy and subprocess."""
     functions = {}
     exec(compile("def call(function):\n    return function()", file, "exec"), functions)
     assert functions["call"](simulated_time.is_for_node) == expected
