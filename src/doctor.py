@@ -20,12 +20,13 @@ try:
     import rosgraph
     import roslib.packages
     import rospkg
+    from catkin.find_in_workspaces import find_in_workspaces
 
     from mushr_ros_intro.doctor.facts import Facts, Finding
     from mushr_ros_intro.doctor.listener import sign_off
     from mushr_ros_intro.doctor.network import network_findings
     from mushr_ros_intro.doctor.observation import Observer
-    from mushr_ros_intro.doctor.programs import program_findings
+    from mushr_ros_intro.doctor.programs import no_program, program_findings
     from mushr_ros_intro.doctor.rules import diagnose, health, hints, left_parameters
     from mushr_ros_intro.ros.commands import as_typed
     from mushr_ros_intro.wording import similar
@@ -78,15 +79,21 @@ def package_findings(package: str) -> List["Finding"]:
             folder = rospack.get_path(name)
         except rospkg.ResourceNotFound:
             problem = f"ROS does not find the package {name}: it is not in ROS_PACKAGE_PATH"
-            problem += similar(name, rospack.list())
             remedy = "In its workspace, type: catkin_make && source devel/setup.bash"
+            if hint := similar(name, rospack.list()).rstrip("?"):
+                problem += hint
+                remedy = "Correct the name, or make and source its workspace"
             if name == PACKAGE:
                 remedy = f"Type: source {_setup_file()}"
             found.append(Finding(problem, remedy))
             continue
         parts = ("src",) if name == PACKAGE else ("", "bin", "nodes", "scripts", "src")
+        before = len(found)
         for part in (*parts, f"../../lib/{name}"):  # the last one if it is installed
             found += program_findings(folder, part, partial(roslib.packages.find_node, name))
+        built = find_in_workspaces(["libexec"], project=name)
+        if len(found) == before and not any(map(os.listdir, built)):
+            found += no_program(folder)
     return list(dict.fromkeys(found))
 
 

@@ -54,7 +54,7 @@ def judge() -> Judgement:
             than the node.
         OSError: the report cannot be written.
     """
-    arguments = rospy.get_param("~")
+    arguments = rospy.get_param("~", {})
     given = {name: each for name, each in arguments.items() if each not in ("", "auto")}
     parameters = Parameters(given)
     exercise = _exercise(parameters)

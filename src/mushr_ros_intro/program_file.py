@@ -36,6 +36,10 @@ def start_faults(path: str) -> Iterator[Fault]:
         yield from encoding_faults(path, text)
     elif text.startswith(b"#!"):
         line = text.split(b"\n")[0]
+        if path.endswith(".py.txt"):
+            words = shlex.join(["mv", path, path[: -len(".txt")]])
+            yield f"{path} has the ending .txt, perhaps from an editor", f"Type: {words}"
+            return
         yield from _first_line_faults(path, line)
         if b"python" in line:
             yield from encoding_faults(path, text)

@@ -7,6 +7,7 @@ import importlib.util
 import os
 import pkgutil
 import re
+import shlex
 import sys
 from contextlib import suppress
 from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
@@ -39,6 +40,23 @@ def program_findings(
         faults = (*name_faults(nodes, package), *start_faults(others[0] if others else path))
         found += [*(Finding(*each) for each in faults), *_source_findings(path)]
     return list(dict.fromkeys(found))
+
+
+def no_program(package: str) -> List[Finding]:
+    """Return why rosrun finds no program in a package; nothing if a file in it is executable.
+
+    Args:
+        package: the path of the package, in which rosrun searches all folders.
+    """
+    paths = sorted(
+        filter(os.path.isfile, glob.glob(f"{glob.escape(package)}/**/*", recursive=True))
+    )
+    if any(os.access(each, os.X_OK) for each in paths):
+        return []
+    found = [Finding(*each) for path in paths for each in start_faults(path)]
+    path = os.path.join(package, "src", "path_publisher.py")
+    remedy = f"Save your node as {path}, and type: chmod +x {shlex.quote(path)}"
+    return found or [Finding(f"there is no program in the package {package}", remedy)]
 
 
 def _source_findings(path: str) -> Iterator[Finding]:

@@ -18,7 +18,7 @@ from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.replay.bag import write_bag
 from mushr_ros_intro.replay.follow_world import FollowWorld
 from mushr_ros_intro.replay.following import judge_drive
-from mushr_ros_intro.replay.judge import Judgement
+from mushr_ros_intro.replay.judge import STILL_SENDS, Judgement
 from mushr_ros_intro.replay.own_process import KilledError, in_own_process
 from mushr_ros_intro.replay.pace import Pace
 from mushr_ros_intro.replay.received import CONTROL
@@ -231,7 +231,7 @@ def _fault(world: ReplayWorld, job: Job, pace: Pace) -> str:
     sent, limit = world.received.commands, job.plan.duration * 3 // 2 + 5 * NANOSECONDS
     if sent and sent[-1].time - sent[0].time > limit:
         return (
-            f"the node still sends commands {(limit - job.plan.duration) / NANOSECONDS:g} s "
+            f"{STILL_SENDS} {(limit - job.plan.duration) / NANOSECONDS:g} s "
             f"after the end of the plan, which takes {job.plan.duration / NANOSECONDS:g} s"
         )
     if pace.seconds > _deadline(job):

@@ -128,8 +128,9 @@ def _notes(recorded: Recorded) -> Iterator[str]:
             "path and final_pose are judged with the rows as long as the node drove them; the plan "
             f"itself ends at {ends[0]}"
         )
-    is_more = recorded.sent and len(groups_of(recorded)) > len(runs_of(recorded.plan))
-    if recorded.sent and not is_more and recorded.sent[-1].speed != 0.0:
+    # A node that has failed, or repeats the plan, may have been ended before its stop.
+    is_cut = recorded.outcome or len(groups_of(recorded)) > len(runs_of(recorded.plan))
+    if recorded.sent and not is_cut and recorded.sent[-1].speed != 0.0:
         seconds = recorded.car.command_timeout / NANOSECONDS
         yield (
             "the node sends no stop at the end, so the car rolls on until its last command "
@@ -229,6 +230,8 @@ def _commands(judgement: Judgement) -> Tuple[bool, str]:
         return True, f"{len(judgement.recorded.sent)} commands, in the plan's order"
     same = min(len(got), len(wanted))
     index = next((i for i in range(same) if got[i] != wanted[i]), same)
+    if index == len(got) and judgement.recorded.outcome.startswith(STILL_SENDS):
+        return False, f"the drive was ended before {runs[index]}"
     if index == len(got):
         return False, f"no command after row {runs[index - 1].last}; expected {runs[index]}"
     if index == len(wanted):
@@ -305,6 +308,9 @@ def _map(judgement: Judgement) -> Tuple[bool, str]:
             return False, f"the car left the map at {pose}; the map is {size}"
     return True, f"the car hit no wall and stayed on the map of {size}"
 
+
+STILL_SENDS = "the node still sends commands"
+"""The failure of a node that is ended while it sends commands begins with this."""
 
 CHECKS: Mapping[str, Callable[[Judgement], Tuple[Optional[bool], str]]] = {
     "topics": _topics,

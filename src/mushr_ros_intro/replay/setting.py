@@ -84,8 +84,7 @@ def find_executable(package: str, name: str) -> str:
         ) from None
     if not found:
         folder = glob.escape(rospack.get_path(package))
-        folders = ("", "bin", "nodes", "scripts", "src")
-        files = [path for each in folders for path in glob.glob(f"{folder}/{each}/*")]
+        files = filter(os.path.isfile, glob.glob(f"{folder}/**/*", recursive=True))
         programs = {os.path.basename(path): os.path.normpath(path) for path in files}
         hint = similar(name, programs)
         if name in programs:

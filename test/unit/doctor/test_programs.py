@@ -99,6 +99,14 @@ def test_an_interpreter_without_rospy(tmp_path, monkeypatch):
     )
 
 
+def test_an_editor_that_appends_txt(tmp_path):
+    path = tmp_path / "drive.py.txt"
+    path.write_text("#!/usr/bin/python3\n")
+    (finding,) = map(str, program_findings(str(tmp_path)))
+    assert finding.startswith(f"{path} has the ending .txt, ")
+    assert finding.endswith(f"Type: mv {path} {tmp_path}/drive.py")
+
+
 def test_a_program_that_catkin_has_installed(tmp_path):
     """rosrun starts the installed program, so the one in the folder need not be executable."""
     folder, installed = tmp_path / "student", tmp_path / "lib" / "drive.py"

@@ -12,7 +12,12 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.replay import recording
-from mushr_ros_intro.replay.judge import CHECK_NAMES, compare, default_tolerances
+from mushr_ros_intro.replay.judge import (
+    CHECK_NAMES,
+    STILL_SENDS,
+    compare,
+    default_tolerances,
+)
 from mushr_ros_intro.replay.mistakes import POSE_TYPE
 from mushr_ros_intro.replay.received import Received
 from mushr_ros_intro.replay.recording import START_TOLERANCE
@@ -335,6 +340,13 @@ def test_commands(sent, said):
 def test_a_node_that_repeats_the_plan_is_ended_before_its_stop():
     _, verdict = judged(replay(sent=commands([*ROWS, *ROWS])))
     assert "(does the node repeat the plan?)" in verdict and "note:" not in verdict
+
+
+def test_a_slow_node_is_ended_before_its_stop():
+    outcome = f"{STILL_SENDS} 8 s after the end of the plan"
+    failed, verdict = judged(replay(outcome=outcome, sent=COMMANDS[:10]))
+    assert failed["commands"] == "the drive was ended before rows 2 to 3 (0.75 s)"
+    assert "note:" not in verdict
 
 
 def test_a_wrong_sign_in_one_of_the_last_rows_is_no_repetition():

@@ -62,6 +62,15 @@ def test_a_node_that_is_not_executable(node):
     node.chmod(0o644)
     with pytest.raises(UserError, match="It is not executable; type: chmod"):
         find_executable("student", "drive.py")
+    deep = node.parent / "src" / "nodes" / "drive.py"
+    deep.parent.mkdir(parents=True)
+    node.rename(deep)
+    with pytest.raises(UserError, match=f"It is not executable; type: chmod .x {deep}"):
+        find_executable("student", "drive.py")
+    deep.unlink()
+    deep.mkdir()  # a folder is executable
+    with pytest.raises(UserError, match="there is no node 'drive.py' in the package 'student'$"):
+        find_executable("student", "drive.py")
 
 
 def test_two_nodes_of_the_same_name(node):
