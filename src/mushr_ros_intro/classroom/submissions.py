@@ -30,7 +30,7 @@ _METADATA = "submission_metadata.yml"
 _EXPECTED = "expected a package folder, a .zip, a .py, or a folder of these"
 _ARCHIVES = (".7z", ".bz2", ".gz", ".rar", ".tar", ".tgz", ".xz")
 _DOCUMENT = re.compile(r"(?P<who>.+?)\.(cpp|docx?|ipynb|odt|pdf|py\.txt|rtf)", re.IGNORECASE)
-_CANVAS = re.compile(r"(?P<who>.+?)(?:_LATE)?_(?P<id>\d+)_\d+_(?P<file>[^.].*)")
+_CANVAS = re.compile(r"(?P<who>.+?)(?:_LATE)?_(?P<id>\d+)_(?P<upload>\d+)_(?P<file>[^.].*)")
 
 
 class Submission(NamedTuple):
@@ -62,6 +62,7 @@ class _Source(NamedTuple):
     """The path of each folder or file, and the name that it was handed in with."""
     students: Tuple[Student, ...] = ()
     fault: str = ""
+    notes: Tuple[str, ...] = ()
 
 
 def collect(
@@ -212,9 +213,9 @@ def _class(folder: str, entries: Sequence[str]) -> List[_Source]:
         elif canvas:
             name = f"{canvas['who']}_{canvas['id']}"
             students = (Student(canvas["who"], "", "", canvas["id"]),)
-            files = found[name].files if name in found else ()
+            source = found.get(name, _Source(name, ()))._replace(students=students)
             original = re.sub(r"-\d+(\.\w+)$", r"\1", canvas["file"])  # Canvas counts attempts
-            found[name] = _Source(name, (*files, (path, original)), students)
+            found[name] = _with_upload(source, path, original)
         elif os.path.isdir(path):
             found[entry] = _Source(entry, ((path, entry),))
         elif ending.lower() in (".zip", ".py"):
@@ -239,6 +240,25 @@ def _class(folder: str, entries: Sequence[str]) -> List[_Source]:
         text = f"{folder}: left out, not taken for submissions: {', '.join(left_out)}"
         print(f"{text}; {_EXPECTED}", file=sys.stderr)
     return list(found.values())
+
+
+def _with_upload(source: _Source, path: str, name: str) -> _Source:
+    """Return the submission of a student in Canvas with another file.
+
+    Of several files with the same original name, the one that was uploaded last is used.
+    """
+    paths = {known: each for each, known in source.files}
+    notes = source.notes
+    if name in paths:
+        # Canvas numbers the files in the order of their upload.
+        older, path = sorted(
+            (paths[name], path),
+            key=lambda each: int(_CANVAS.sub(r"\g<upload>", os.path.basename(each))),
+        )
+        text = f"{os.path.basename(older)!r} is left out: {os.path.basename(path)!r} is newer"
+        notes = (*notes, text)
+    paths[name] = path
+    return source._replace(files=tuple((paths[each], each) for each in paths), notes=notes)
 
 
 class _Loader(yaml.SafeLoader):
@@ -293,6 +313,7 @@ def _submission(source: _Source, name: str, files: Files, node: str) -> Submissi
         OSError: the workspace cannot be written.
     """
     os.makedirs(files.folder)
+    files.notes.extend(source.notes)
     if not (source.students or source.name.isascii()):
         source = source._replace(students=(Student(source.name, "", ""),))
     try:

@@ -151,6 +151,31 @@ def test_canvas(tmp_path, form):
     assert len(found[2].packages) == 1 and "found 'report.pdf'" in found[3].fault
 
 
+@pytest.mark.parametrize(
+    ("student", "older", "newest"),
+    [
+        ("ann_7", ["ann_7_9999_path_publisher.py"], "ann_7_10001_path_publisher-1.py"),
+        ("x_108", ["x_LATE_108_5001_path_publisher.py"], "x_108_5002_path_publisher-1.py"),
+        (
+            "bo_8",
+            ["bo_8_90_path_publisher-1.py", "bo_8_9_path_publisher.py"],
+            "bo_8_100_path_publisher-2.py",
+        ),
+    ],
+)
+def test_canvas_with_several_versions_of_a_file(tmp_path, student, older, newest):
+    """The newest one is used, which is not the last one in the order of the names."""
+    files = {**dict.fromkeys(older, NODE), newest: NODE + b"# newest"}
+    fill(tmp_path / "class", {**files, f"{student}_1_helper.py": b""})
+    found = only(tmp_path, "class")
+    assert found.name == student and "helper.py" in os.listdir(found.folder)
+    with open(found.command[0], encoding="ascii") as file:
+        assert file.read().endswith("# newest")
+    left_out = [each for each in found.notes if "is left out" in each]
+    assert [each.split("'")[1] for each in left_out] == older
+    assert f"'{newest}' is newer" in left_out[0]
+
+
 def test_names_are_unique(tmp_path):
     for name in ("a/x", "b/X", "c/x-2", "d/x.py"):
         fill(tmp_path / name, PACKAGE)
