@@ -12,7 +12,7 @@ from typing import Callable, Dict, Iterable, List, NamedTuple, Optional, Sequenc
 
 from mushr_ros_intro.classroom.csv_text import as_csv, plain
 from mushr_ros_intro.classroom.store import make_folder, write_text
-from mushr_ros_intro.classroom.submissions import Submission, unique_name
+from mushr_ros_intro.classroom.submissions import Submission, file_name
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.parse import read_plan
@@ -226,7 +226,13 @@ def write_folder(folder: str, plans: Sequence[OwnPlan]) -> None:
     table: List[Sequence[str]] = [_HEADS]
     taken = {os.path.splitext(TABLE)[0]}
     for person, report in plans:
-        name = unique_name(person.name or person.key, taken) + ".txt"
+        base = name = file_name(person.name or person.key)
+        number = 1
+        while name.lower() in taken:
+            number += 1
+            name = f"{base}-{number}"
+        taken.add(name.lower())
+        name += ".txt"
         content = plan_text(report.plan.start, report.plan.rows)
         write_text(os.path.join(folder, name), content)
         x, y, theta = report.final_pose
@@ -270,7 +276,9 @@ class OwnPlans:
                 raise UserError(f"{self._table}:{line}: expected the file of a plan")
             plan = read_plan(os.path.join(folder, row["plan"]))
             self.plans.append(plan)
-            names = {row.get("name", ""), plan.name, *row.get("ids", "").split("; ")}
+            name, ids = row.get("name", ""), row.get("ids", "").split("; ")
+            # The name of the plan's file has a number if several students have this name.
+            names = {name, file_name(name or ids[0] or plan.name), *ids}
             for each in {plain(name).lower() for name in names if name}:
                 self._plans[each] = None if each in self._plans else plan
 

@@ -11,7 +11,7 @@ import shutil
 import sys
 import unicodedata
 import zipfile
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 import yaml
 
@@ -39,7 +39,8 @@ class Submission(NamedTuple):
     name: str
     """Unique; only letters, digits, and . _ -"""
     students: Tuple[Student, ...]
-    """The authors; empty if they are not known. A name that is not ASCII counts as an author."""
+    """The authors; empty if they are not known. An original name counts as one if its letters or
+    other characters but blanks have been replaced."""
     fault: str
     """Why it cannot be run, and the remedy; empty if it can be run."""
     notes: Tuple[str, ...]
@@ -79,13 +80,13 @@ def collect(
         node: the name of the executable file of a submission.
 
     Raises:
-        UserError: a path does not exist, cannot be read or contains no submission, or the
-            workspace cannot be written.
+        UserError: a path does not exist, cannot be read or contains no submission, two submissions
+            have the same name, or the workspace cannot be written.
     """
     workspace = os.path.realpath(workspace)
     unpacked = os.path.join(workspace, ".unpacked")
     found: List[Submission] = []
-    taken: Set[str] = set()
+    taken: Dict[str, str] = {}
     for path in paths:
         if os.path.commonpath([workspace, os.path.realpath(path)]) == os.path.realpath(path):
             raise UserError(f"the workspace {workspace} is in {path}; expected it outside")
@@ -94,7 +95,11 @@ def collect(
             if not sources:
                 raise UserError(f"{path} contains no submission; {_EXPECTED}")
             for source in sources:
-                name = unique_name(source.name, taken)
+                name, shown = file_name(source.name), f"{source.name!r} of {path}"
+                other = taken.setdefault(name.lower(), shown)  # some file systems ignore case
+                if other is not shown:
+                    text = f"two submissions have the name {name} in the results: {other}, {shown}"
+                    raise UserError(f"{text}; rename or remove one of these folders or files")
                 files = Files(os.path.join(workspace, name))
                 found.append(_submission(source, name, files, node))
         except OSError as error:
@@ -127,11 +132,11 @@ def check_authors(plans: Iterable[Exercise], submissions: Iterable[str]) -> None
             )
 
 
-def unique_name(name: str, taken: Set[str]) -> str:
-    """Return a file name that is not taken yet, and take it.
+def file_name(name: str) -> str:
+    """Return a name as part of a file name, with only letters, digits, dots, "_" and "-".
 
-    If characters are lost, it ends with a hash of the name. A number would depend on the others, so
-    that feedback would move to another student when one of them leaves.
+    If it is not ASCII or too long, it ends with a hash. It does not depend on the other names, as a
+    number would, so that no feedback moves to another student when one of them leaves.
     """
     original = unicodedata.normalize("NFKD", name)  # the same for all forms of an accent
     text = original.encode("ascii", "ignore").decode()[:100]
@@ -139,12 +144,7 @@ def unique_name(name: str, taken: Set[str]) -> str:
     if text != original:
         digest = hashlib.sha256(original.encode("utf-8", "surrogatepass")).hexdigest()
         base = f"{base}-{digest[:6]}"
-    name, number = base, 1
-    while name.lower() in taken:
-        number += 1
-        name = f"{base}-{number}"
-    taken.add(name.lower())
-    return name
+    return base
 
 
 def _sources(path: str, node: str, unpacked: Files) -> List[_Source]:
@@ -314,7 +314,7 @@ def _submission(source: _Source, name: str, files: Files, node: str) -> Submissi
     """
     os.makedirs(files.folder)
     files.notes.extend(source.notes)
-    if not (source.students or source.name.isascii()):
+    if not source.students and name != "_".join(source.name.split()).strip("._-"):
         source = source._replace(students=(Student(source.name, "", ""),))
     try:
         if source.fault:

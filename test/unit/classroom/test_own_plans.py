@@ -174,6 +174,19 @@ def test_each_submission_has_its_own_plan(tmp_path):
             assert task.error == "plans/plans.csv has no plan for bob; add a line"
 
 
+def test_names_of_files_that_are_equal(tmp_path):
+    """The name of a submission does not tell which of these students has handed it in."""
+    students = "name,id\nann lee,1\nAnn_Lee,2\nBo,3\nBo,4\nCy Poe,5\n"
+    assert make(tmp_path, "--seed", 7, students=students) == 0
+    own = own_plans.OwnPlans(str(tmp_path / "plans"))
+    names = {"1": "ann_lee", "2": "Ann_Lee-2", "3": "Bo", "4": "Bo-2", "5": "Cy_Poe"}
+    for number, name in names.items():
+        submission = Submission("x", (Student("", number, ""),), "", (), "", (), (), False)
+        assert own.find(submission).name == name
+        found = own.find(Submission(name, (), "", (), "", (), (), False))
+        assert (found and found.name) == (name if name == "Cy_Poe" else None)
+
+
 def test_names_that_look_like_formulas(tmp_path):
     """They get an apostrophe in the table, and their students still get their plans."""
     students = "name,id,login\n=1+1,-ann,@ann\nBob,18,@bob\n"
