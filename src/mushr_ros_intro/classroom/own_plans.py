@@ -8,7 +8,7 @@ import math
 import os
 import random
 from itertools import groupby
-from typing import Callable, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Callable, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from mushr_ros_intro.classroom.csv_text import as_csv, plain
 from mushr_ros_intro.classroom.store import make_folder, write_text
@@ -16,15 +16,17 @@ from mushr_ros_intro.classroom.submissions import Submission, file_name
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.plan.plan import Plan, Row
+from mushr_ros_intro.plan.plan import Plan, PlanError, Row
 from mushr_ros_intro.plan.write import plan_text
+from mushr_ros_intro.preview.prediction import legs_of
 from mushr_ros_intro.preview.report import Report
+from mushr_ros_intro.preview.walls import map_fault
 from mushr_ros_intro.replay.judge import compare, default_tolerances
-from mushr_ros_intro.stamps import NANOSECONDS
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 from mushr_ros_intro.world.footprint import Footprint, is_free, on_map
 from mushr_ros_intro.world.grid import Grid
 
-ATTEMPTS = 1000
+ATTEMPTS = 3000
 """Number of random plans of which a student's plan is the first that fits."""
 
 TABLE = "plans.csv"
@@ -119,18 +121,26 @@ def make_plan(
     """Return a plan with the commands of another one in another order, on other sides.
 
     The number of rows, their speeds, radii and durations are the same. The plan is not symmetric,
-    so rows in a wrong order or angles with the wrong sign change the final pose.
+    so rows in a wrong order or angles with the wrong sign change the final pose. A right node can
+    drive it without hitting a wall; see `_variants`.
 
     Args:
-        like: the other plan.
+        like: the other plan; its rows last whole tenths of a second.
         person: the student.
         seed: the same seed and student give the same plan.
         check: returns the report on a plan.
         grid: the map for which it checks plans, or None.
 
     Raises:
-        UserError: no such plan has been found.
+        UserError: no such plan has been found, or a row of the other plan lasts another time.
     """
+    expected = "expected whole tenths of a second, because a node sends ten commands per second"
+    if faults := [
+        like.fault(index, 2, f"duration is {row.duration / NANOSECONDS:g} s; {expected}")
+        for index, row in enumerate(like.rows)
+        if row.duration % COMMAND_PERIOD
+    ]:
+        raise PlanError(faults)
     numbers = random.Random(f"{seed}:{person.key}")
     reason = ""
     for attempt in range(ATTEMPTS):
@@ -144,18 +154,20 @@ def make_plan(
         report = check(Plan(like.path, start, tuple(rows)))
         if report.faults:
             reason = report.faults[0].text
-        elif _ends_elsewhere(report, check):
-            return OwnPlan(person, report)
-        else:
+        elif not _ends_elsewhere(report, check):
             reason = "steering angles with the wrong sign lead to the same final pose"
+        elif grid and (fault := _variant_fault(report, grid)):
+            reason = f"with one command more or less, {fault}"
+        else:
+            return OwnPlan(person, report)
     if reason:
         text = (
             f"{like.path}: found no plan for {person.key} in {ATTEMPTS} attempts; in the last one"
         )
         raise UserError(f"{text}, {reason}. Expected another plan, or a map with more space")
     raise UserError(
-        f"{like.path}: every other order of its rows is symmetric, or joins equal rows; expected "
-        "a plan of at least three parts that differ in speed, radius or duration, such as slalom"
+        f"{like.path}: every other order of its rows is symmetric, or joins equal rows; expected a "
+        "plan of at least three parts that differ in speed, radius or duration, such as test_drive"
     )
 
 
@@ -205,6 +217,31 @@ def _ends_elsewhere(report: Report, check: Callable[[Plan], Report]) -> bool:
     )
     is_same, _ = compare(end, report.final_pose, tolerances.position, tolerances.angle)
     return rows == plan.rows or not is_same
+
+
+def _variant_fault(report: Report, grid: Grid) -> str:
+    """Return how a variant of a plan hits a wall or leaves the map; "" if none does."""
+    for plan in _variants(report.plan):
+        if fault := map_fault(plan, legs_of(plan, report.car), report.car, grid)[0]:
+            return fault.text
+    return ""
+
+
+def _variants(plan: Plan) -> Iterator[Plan]:
+    """Yield the plan with one command more or less, as right nodes may drive it.
+
+    One border of two parts is early or late, or one part is longer or shorter: the last one if the
+    node sends no stop, the first one if the node's first sleep is too short.
+    """
+    commands = _commands(plan.rows)
+    for index in range(len(commands)):
+        for change in (-COMMAND_PERIOD, COMMAND_PERIOD):
+            rows = [Row(*each) for each in commands]
+            for changed, sign in zip(range(index, len(rows))[:2], (1, -1)):
+                duration = rows[changed].duration + sign * change
+                rows[changed] = rows[changed]._replace(duration=duration)
+                if min(row.duration for row in rows) > 0:
+                    yield plan._replace(rows=tuple(rows))
 
 
 def _moved(pose: Pose, reach: float, numbers: random.Random) -> Pose:

@@ -10,6 +10,7 @@ from unittest import mock
 
 import pytest
 
+from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.classroom import own_plans
 from mushr_ros_intro.classroom.arguments import parse_arguments
 from mushr_ros_intro.classroom.assignment import Plans
@@ -18,7 +19,10 @@ from mushr_ros_intro.classroom.submissions import Submission, collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.replay.setting import read_setting
+from mushr_ros_intro.stamps import COMMAND_PERIOD
+from mushr_ros_intro.world.map_file import read_map
 from support.geometry import closed_form
 from support.paths import CHECKOUT, PACKAGE
 from support.submissions import fill
@@ -117,6 +121,33 @@ def test_angles_with_the_wrong_sign_do_not_pass(tmp_path):
         assert far > 0.001 + 0.2 * 2.5 or turn > 0.001 + 0.2 * rate
 
 
+def test_a_command_more_or_less_hits_no_wall(tmp_path):
+    """Without this rule, each of these students gets a plan on which it does.
+
+    So it is for s8 without shorter parts or without shifted borders, for s28 without longer parts,
+    and for s268 without parts of another length.
+    """
+    like = "0,0,0\n2,0.2,0.8\n2,-0.2,1.5\n2,0.2,1.5\n2,-0.2,1.5\n2,0.2,0.8\n2,0\n"
+    assert make(tmp_path, "--seed", 3, like=like, students="name\ns8\ns28\ns268\n") == 0
+    grid = read_map(os.path.join(PACKAGE, "maps", "sandbox.yaml"))
+    for path in (tmp_path / "plans").glob("*.txt"):
+        plan = read_plan(str(path))
+        sent = [
+            row._replace(duration=COMMAND_PERIOD, line=0, columns=(1, 1))
+            for row in plan.rows
+            for _ in range(row.duration // COMMAND_PERIOD)
+        ]
+        drives = [sent, sent[1:], sent + sent[-1:]]
+        for i in range(1, len(sent)):
+            if sent[i] != sent[i - 1]:
+                a, b = sent[i - 1 : i + 1]
+                for around in ([a], [b], [a, a], [b, b], [a, a, b], [a, b, b]):
+                    drives.append([*sent[: i - 1], *around, *sent[i + 1 :]])
+        for rows in drives:
+            driven = plan._replace(rows=tuple(rows))
+            assert not check(driven, "ideal", Car(), "sandbox", grid).faults
+
+
 def test_a_straight_plan(tmp_path):
     assert make(tmp_path, "--seed", 7, like="0,0,0\n1,0,1\n2,0,1\n1.5,0,1\n") == 0
 
@@ -129,6 +160,11 @@ def test_a_straight_plan(tmp_path):
             (),
             {"like": "0,0,0\n1,x\n"},
             "like.txt:2:3: steering angle is 'x', which is not a number",
+        ),
+        (
+            (),
+            {"like": LIKE + "1,0.3,0.75\n"},
+            "like.txt:7:7: duration is 0.75 s; expected whole tenths of a second",
         ),
         (
             ("--map", "rooms"),
