@@ -162,6 +162,16 @@ NODE = ("--node", "mushr_ros_intro", "path_publisher.py")
         (("figure_8", *NODE, "--out", "/dev/null"), 2, "--out: /dev/null is not a folder"),
         (("/nowhere", "--out", "out"), 2, "or SUBMISSION... --plans PLAN... --out FOLDER"),
         ((PACKAGE, "--plans", "figure_8", "--out", "/tmp/x", "--shard", "3/2"), 2, "expected I/N"),
+        (
+            (PACKAGE, "--follow", "wave", "--out", "/tmp/x", "--params", "/a.yaml"),
+            2,
+            "found --params '/a.yaml'; expected the path of a file in a submission",
+        ),
+        (
+            (PACKAGE, "--follow", "wave", "--out", "/tmp/x", "--params", "a/../../a.yaml"),
+            2,
+            "expected the path of a file in a submission",
+        ),
     ],
 )
 def test_usage(monkeypatch, capsys, arguments, status, message):

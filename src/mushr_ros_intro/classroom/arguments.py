@@ -66,6 +66,9 @@ def complete(arguments: argparse.Namespace) -> str:
             return f"found --remap '{each}'; expected --remap FROM:=TO, such as control:=/cmd"
     if not re.fullmatch(r"[^-/\s][^/\n]*", arguments.file):
         return f"found --file '{arguments.file}'; expected a file name without a folder"
+    is_node = getattr(arguments, "node", None)  # make_autograder has no such option
+    if not is_node and (os.path.isabs(arguments.params) or ".." in arguments.params.split("/")):
+        return f"found --params '{arguments.params}'; expected the path of a file in a submission"
     values = ((name, getattr(arguments, f"{name}_tolerance")) for name in TOLERANCE_UNITS)
     given = [name for name, value in values if value is not None]
     return tolerance_fault(given, bool(arguments.follow))

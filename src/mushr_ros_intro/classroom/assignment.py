@@ -63,7 +63,7 @@ class Plans:
         elif self._own:
             names = [each for student in submission.students for each in student if each]
             shown = ", ".join(names or [submission.name])
-            error = f"{self._own.name}/{TABLE} has no plan for {shown}; add a line"
+            error = f"{self._own.name}/{TABLE} has no plan for {shown}, or two; expected one line"
         return Task(submission, plans, error, is_chosen)
 
 

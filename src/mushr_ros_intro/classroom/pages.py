@@ -100,10 +100,12 @@ def _section(number: int, plan: PlanGrade, points: Points) -> str:
     if drive := plan.drive:
         parts.append(_figure(picture("locations", plan), "paths"))
         distances, largest = drive.distances, int(drive.distances.argmax())
-        caption = (
-            "distance between the driven and the predicted position at the same time; the largest "
-            f"is {distances[largest]:.3g} m at {drive.times[largest]:.3g} s, the last is "
-            f"{distances[-1]:.3g} m"
+        caption = "distance between the driven and the predicted position at the same time"
+        if any(check.name == "cross_track" for check in plan.checks):  # of a controller
+            caption = "distance between the driven position and the nearest point of the path"
+        caption += (
+            f"; the largest is {distances[largest]:.3g} m at {drive.times[largest]:.3g} s, the "
+            f"last is {distances[-1]:.3g} m"
         )
         parts.append(_figure(picture("distances", plan), caption))
     else:

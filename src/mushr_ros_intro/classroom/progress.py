@@ -40,12 +40,13 @@ class Progress:
         """Begin with no result of `count` submissions."""
         self._points, self._count = points, count
         self._began = time.monotonic()
-        self._done = self._new = 0
+        self._done = self._new = self._old = 0
 
     def add(self, result: Grade, is_new: bool) -> None:
         """Count a result; print it if it is new."""
         self._done += 1
         self._new += is_new
+        self._old += not (is_new or result.error)
         if is_new:
             self._replace_line("")
             print(_line(result, self._points), flush=True)
@@ -55,9 +56,9 @@ class Progress:
     def end(self) -> None:
         """Remove the line of progress; print how many results are not new."""
         self._replace_line("")
-        if old := self._done - self._new:
-            is_or_are = "is" if old == 1 else "are"
-            print(f"{counted(old, 'result')} {is_or_are} unchanged since an earlier run")
+        if self._old:
+            is_or_are = "is" if self._old == 1 else "are"
+            print(f"{counted(self._old, 'result')} {is_or_are} unchanged since an earlier run")
 
     def _time_left(self) -> str:
         """Return an estimate of the time that grading will still take, as text."""

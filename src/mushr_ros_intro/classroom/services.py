@@ -161,15 +161,20 @@ def classroom50(
 
 
 def release_body(result: Grade, points: Points) -> str:
-    """Return the text of the release in which Classroom 50 shows a result to its student."""
+    """Return the text of the release in which Classroom 50 shows a result to its student.
+
+    It has the points of `classroom50`, which are whole numbers.
+    """
     lines = [_FOR_STUDENTS] if result.error else []
-    for test in _merged(_tests(result, points)):
+    tests = _merged(_tests(result, points))
+    for test in tests:
         state = "passed" if test.status == "pass" else "FAILED"
         state = "--" if test.name.endswith(_NOT_JUDGED) else state
-        lines.append(f"{state} {test.name}, {shown(test.score)} of {shown(test.max_score)}")
+        lines.append(f"{state} {test.name}, {int(test.score)} of {shown(test.max_score)}")
         lines += [f"    {line}" for line in test.message.splitlines()]
     text = "\n".join(f"    {line}" for line in lines)  # Markdown shows such lines as they are
-    return f"**{shown(points.score(result))} of {shown(points.max_score())} points**\n\n{text}\n"
+    score = sum(int(test.score) for test in tests)
+    return f"**{score} of {shown(points.max_score())} points**\n\n{text}\n"
 
 
 def github(result: Grade, points: Points) -> Dict[str, Any]:

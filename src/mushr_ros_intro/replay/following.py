@@ -127,11 +127,11 @@ def _miss(judgement: Judgement) -> float:
 
 
 def _if_it_arrives(check: "_Check") -> "_Check":
-    """Return a check that fails if the car does not reach the end: it proves nothing then."""
+    """Return a check that fails if the car does not stop at the end: it proves nothing then."""
 
     def judged(judgement: Judgement) -> Tuple[bool, str, float]:
         if _miss(judgement) > judgement.tolerances.position:
-            return False, "the car did not reach the end of the path", 0.0
+            return False, "the car did not stop at the end of the path", 0.0
         return check(judgement)
 
     return judged

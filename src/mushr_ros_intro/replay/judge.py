@@ -15,6 +15,7 @@ from mushr_ros_intro.preview.prediction import rest
 from mushr_ros_intro.replay.mistakes import (
     INITIAL_POSES,
     command_mistake,
+    printed_error,
     start_mistake,
     start_topic_mistake,
 )
@@ -341,7 +342,9 @@ def checked(judgement: Judgement, checks: Mapping[str, Callable[..., Any]]) -> I
     judged, a message, and perhaps the share of the points of a failed check.
     """
     recorded = judgement.recorded
-    yield Check("node", not recorded.outcome, recorded.outcome or "the node ran without an error")
+    error = printed_error(recorded.output)
+    message = f"the node ran, but printed {error}" if error else "the node ran without an error"
+    yield Check("node", not recorded.outcome, recorded.outcome or message)
     missing = "" if recorded.sent else "no command"
     named = {"topics"} if recorded.actions else set()  # these checks are judged all the same
     if recorded.sent and not any(each.speed for each in recorded.sent):

@@ -1,6 +1,8 @@
 """Recognise common mistakes in what a node sends."""
 
 import math
+import os
+import re
 from typing import Iterable, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -19,6 +21,23 @@ POSE_TYPE = "geometry_msgs/PoseWithCovarianceStamped"
 
 COMMAND_TYPE = "ackermann_msgs/AckermannDriveStamped"
 """The type of the commands."""
+
+
+_TRACEBACK = re.compile(
+    r"^Traceback \(most recent call last\):\n(?:[ \t].*\n)*"
+    r'  File "(.*)", line (\d+).*\n(?:[ \t].*\n)*(\S.*)',
+    re.MULTILINE,
+)
+
+
+def printed_error(output: str) -> str:
+    """Return the last exception in the output of a node, and its place; "" if there is none.
+
+    rospy prints an exception in a callback, and Python one in a thread. The node keeps running.
+    """
+    for path, line, error in _TRACEBACK.findall(output)[-1:]:
+        return f"{error} ({os.path.basename(path)}, line {line})"
+    return ""
 
 
 def start_topic_mistake(topics: Mapping[str, str]) -> str:

@@ -81,6 +81,24 @@ def test_a_long_line_of_a_result():
         assert line.endswith(end) and len(line) <= 200
 
 
+def test_results_that_are_not_graded_yet_are_not_unchanged(capsys):
+    shown = progress.Progress(POINTS, 3)
+    for result in (BROKEN, GOOD, BROKEN):
+        shown.add(result, False)
+    shown.end()
+    assert capsys.readouterr().out == "1 result is unchanged since an earlier run\n"
+
+
+def test_the_caption_of_a_controller(tmp_path):
+    plan = graded("wave", count=2)
+    more = (*plan.checks, plan.checks[0]._replace(name="cross_track"))
+    for checks, found in ((plan.checks, False), (more, True)):
+        _, pages = written(tmp_path, submission(plan._replace(checks=checks)))
+        text = pages["ann.html"].text
+        assert ("the nearest point of the path; the largest is" in text) == found
+        assert ("the predicted position at the same time" in text) != found
+
+
 def test_the_index(tmp_path):
     index, pages = written(tmp_path, GOOD, BAD._replace(name="a b/c%"), FAULTY, BROKEN)
     assert "4 submissions: 1 passed, 1 failed, 1 could not be run, 1 not graded." in index.text
@@ -303,6 +321,12 @@ def test_services_where_students_see_everything():
     )
     assert "    FAILED circle: path, 0 of 3\n        path: as expected\n" in body
     assert "must grade it again" in release_body(BROKEN, POINTS)
+    parts = Points(("circle",), PlanPoints({"path": 10.0}, in_proportion=True))
+    part = graded("circle", ["path"])
+    part = part._replace(checks=tuple(each._replace(share=0.58) for each in part.checks))
+    assert classroom50(submission(part), parts, {}, 1.0)["score"] == 5
+    body = release_body(submission(part), parts)
+    assert body.startswith("**5 of 10 points**") and "FAILED circle: path, 5 of 10\n" in body
     said = json.dumps([report, fifty, body])
     assert "secret" not in said and "leaked" not in said
     assert github(GOOD, POINTS)["status"] == "pass"

@@ -91,7 +91,7 @@ def test_a_drive_beside_the_path():
 def test_half_a_drive_proves_nothing():
     messages = failed(drive("wave", part=0.5))
     assert set(messages) == {"path", "cross_track", "final_pose", "time", "smoothness"}
-    assert messages["time"] == "the car did not reach the end of the path"
+    assert messages["time"] == "the car did not stop at the end of the path"
     assert "6.2" in messages["final_pose"] or "6.3" in messages["final_pose"]
 
 

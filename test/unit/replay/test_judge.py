@@ -342,6 +342,20 @@ def test_a_node_that_repeats_the_plan_is_ended_before_its_stop():
     assert "(does the node repeat the plan?)" in verdict and "note:" not in verdict
 
 
+def test_an_exception_in_a_callback():
+    """The node keeps running; its own line is the last one of the traceback."""
+    output = (
+        "[ERROR] bad callback: <function callback>\nTraceback (most recent call last):\n"
+        '  File "/opt/ros/topics.py", line 750, in _invoke_callback\n    cb(msg)\n'
+        '  File "/tmp/my_node.py", line 31, in callback\n    x = 1 / 0\n        ~~^~~\n'
+        "ZeroDivisionError: division by zero\ngoes on\n"
+    )
+    found = "ok   node: the node ran, but printed ZeroDivisionError: division by zero (my_node.py, "
+    assert f"{found}line 31)" in judged(replay(output=output))[1]
+    cut = output.partition("ZeroDivisionError")[0]
+    assert "ok   node: the node ran without an error" in judged(replay(output=cut))[1]
+
+
 def test_a_slow_node_is_ended_before_its_stop():
     outcome = f"{STILL_SENDS} 8 s after the end of the plan"
     failed, verdict = judged(replay(outcome=outcome, sent=COMMANDS[:10]))
