@@ -17,8 +17,8 @@ from std_msgs.msg import Header
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.replay.judge import compare
 from mushr_ros_intro.replay.series import Series
+from mushr_ros_intro.replay.tolerances import compare
 from mushr_ros_intro.ros import node, ros_time
 from mushr_ros_intro.ros.conversions import MessageError, pose_from_msg
 from mushr_ros_intro.stamps import from_seconds

@@ -5,8 +5,9 @@ import numpy as np
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.preview.prediction import states_at
-from mushr_ros_intro.replay.judge import default_tolerances, judge
+from mushr_ros_intro.replay.judge import judge
 from mushr_ros_intro.replay.recording import Recorded, Sent
+from mushr_ros_intro.replay.tolerances import default_tolerances
 from mushr_ros_intro.world.grid import Grid
 from support import cars
 from support.geometry import float32

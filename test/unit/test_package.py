@@ -15,7 +15,8 @@ from roslaunch.rlutil import check_roslaunch
 from roslaunch.xmlloader import XmlLoader
 
 from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES, TOLERANCE_UNITS, FollowTolerances
-from mushr_ros_intro.replay.judge import CHECK_NAMES, Tolerances
+from mushr_ros_intro.replay.judge import CHECK_NAMES
+from mushr_ros_intro.replay.tolerances import Tolerances
 from support import paths
 from support.helpers import Process
 

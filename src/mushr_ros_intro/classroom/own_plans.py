@@ -21,7 +21,7 @@ from mushr_ros_intro.plan.write import plan_text
 from mushr_ros_intro.preview.prediction import legs_of
 from mushr_ros_intro.preview.report import Report
 from mushr_ros_intro.preview.walls import map_fault
-from mushr_ros_intro.replay.judge import compare, default_tolerances
+from mushr_ros_intro.replay.tolerances import compare, default_tolerances
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 from mushr_ros_intro.world.footprint import Footprint, is_free, on_map
 from mushr_ros_intro.world.grid import Grid

@@ -11,16 +11,10 @@ import numpy as np
 
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.plan import as_float32
-from mushr_ros_intro.replay.judge import (
-    CHECKS,
-    Judgement,
-    Tolerances,
-    checked,
-    default_tolerances,
-    judge,
-)
+from mushr_ros_intro.replay.judge import CHECKS, Judgement, checked, judge
 from mushr_ros_intro.replay.recording import Drive, Recorded, frechet_distance
 from mushr_ros_intro.replay.reference import STEP, Reference, lengths, resampled
+from mushr_ros_intro.replay.tolerances import Tolerances, default_tolerances
 from mushr_ros_intro.stamps import NANOSECONDS
 
 AHEAD, BEHIND = 2.0, 0.5

@@ -8,9 +8,7 @@ import re
 from itertools import groupby
 from typing import Any, Callable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.geometry import Pose, curvature
-from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.preview.prediction import rest
 from mushr_ros_intro.replay.mistakes import (
     INITIAL_POSES,
@@ -33,6 +31,7 @@ from mushr_ros_intro.replay.recording import (
     placed_pose,
     runs_of,
 )
+from mushr_ros_intro.replay.tolerances import Tolerances, compare, unequal
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.wording import counted
 
@@ -42,17 +41,6 @@ _SAME_END = 1e-3
 _WAS_NOT_LOADED = re.compile(
     r"^(SyntaxError|IndentationError|TabError|ImportError|ModuleNotFoundError): .*\Z", re.MULTILINE
 )
-
-
-class Tolerances(NamedTuple):
-    """How far a replay may deviate from the plan."""
-
-    position: float
-    """Of the start pose and the final pose [m]."""
-    angle: float
-    """Of the start pose and the final pose [rad]."""
-    path: float
-    """Largest distance between the driven and the predicted path [m]."""
 
 
 class Check(NamedTuple):
@@ -149,42 +137,6 @@ def _ends(message: str) -> List[str]:
     return lines[:1] + lines[1:][-1:]
 
 
-def compare(pose: Pose, wanted: Pose, position: float, angle: Optional[float]) -> Tuple[bool, str]:
-    """Return whether a pose is the wanted one, and a description of their difference.
-
-    The tolerances are `position` [m] and `angle` [rad], or None if any heading is right.
-    """
-    distance, turn = pose.distance_to(wanted), pose.angle_to(wanted)
-    far, far_limit = _unequal(distance, position)
-    if angle is None:
-        place = f"({wanted.x:.4f} m, {wanted.y:.4f} m)"
-        difference = f"{pose}, {far} m from the expected {place}; tolerance {far_limit} m"
-        return distance <= position, difference
-    turned, turn_limit = _unequal(turn, angle)
-    difference = (
-        f"{pose}, {far} m and {turned} rad from the expected {wanted}; "
-        f"tolerances {far_limit} m and {turn_limit} rad"
-    )
-    return distance <= position and turn <= angle, difference
-
-
-def _unequal(value: float, limit: float) -> Tuple[str, str]:
-    """Return two numbers as texts, which differ if the value exceeds the limit."""
-    texts = (f"{value:.3g}", f"{limit:.3g}")
-    return texts if value <= limit or texts[0] != texts[1] else (f"{value:.9g}", f"{limit:.9g}")
-
-
-def default_tolerances(plan: Plan, car: Car) -> Tolerances:
-    """Return how far the plan drives and turns the car within its command timeout.
-
-    This is the motion of the car if the node sends no stop at the end. START_TOLERANCE is added.
-    """
-    seconds = car.command_timeout / NANOSECONDS
-    distance = START_TOLERANCE + seconds * max(abs(row.speed) for row in plan.rows)
-    rates = [abs(row.speed * curvature(row.steering_angle, car.wheelbase)) for row in plan.rows]
-    return Tolerances(distance, START_TOLERANCE + seconds * max(rates), distance)
-
-
 def _topics(judgement: Judgement) -> Tuple[bool, str]:
     """Judge whether the node only drove the car."""
     if actions := judgement.recorded.actions:
@@ -266,7 +218,7 @@ def _shown(command: Tuple[float, ...]) -> str:
 
 def _path(judgement: Judgement) -> Tuple[bool, str]:
     distance, tolerance = judgement.drive.frechet_distance, judgement.tolerances.path
-    far, limit = _unequal(distance, tolerance)
+    far, limit = unequal(distance, tolerance)
     message = f"the driven path deviates by up to {far} m from the predicted path"
     return distance <= tolerance, f"{message}; tolerance {limit} m"
 

@@ -12,15 +12,11 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.replay import recording
-from mushr_ros_intro.replay.judge import (
-    CHECK_NAMES,
-    STILL_SENDS,
-    compare,
-    default_tolerances,
-)
+from mushr_ros_intro.replay.judge import CHECK_NAMES, STILL_SENDS
 from mushr_ros_intro.replay.mistakes import POSE_TYPE
 from mushr_ros_intro.replay.received import Received
 from mushr_ros_intro.replay.recording import START_TOLERANCE
+from mushr_ros_intro.replay.tolerances import compare, default_tolerances
 from support import cars, recorded
 from support.geometry import closed_form, float32
 from support.recorded import (
