@@ -1,6 +1,8 @@
 """The results of grading, as plain values that become JSON."""
 
+import hashlib
 import math
+import re
 import unicodedata
 from collections import Counter
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Tuple
@@ -97,6 +99,21 @@ class Grade(NamedTuple):
     def passed(self) -> bool:
         """Whether every check of every plan passed."""
         return bool(self.plans) and all(plan.passed for plan in self.plans)
+
+
+def short_name(name: str) -> str:
+    """Return a name as part of a file name, with only letters, digits, dots, "_" and "-".
+
+    If it is not ASCII or too long, it ends with a hash. It does not depend on the other names, as a
+    number would, so that no feedback moves to another student when one of them leaves.
+    """
+    original = unicodedata.normalize("NFKD", name)  # the same for all forms of an accent
+    text = original.encode("ascii", "ignore").decode()[:100]
+    base = re.sub(r"[^A-Za-z0-9._-]+", "_", text).strip("._-") or "submission"
+    if text != original:
+        digest = hashlib.sha256(original.encode("utf-8", "surrogatepass")).hexdigest()
+        base = f"{base}-{digest[:6]}"
+    return base
 
 
 def names_of(all_students: Mapping[str, Iterable[Student]]) -> Dict[str, str]:

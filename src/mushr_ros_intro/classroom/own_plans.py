@@ -11,8 +11,9 @@ from itertools import groupby
 from typing import Callable, Dict, Iterable, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from mushr_ros_intro.classroom.csv_text import as_csv, plain
+from mushr_ros_intro.classroom.grades import short_name
 from mushr_ros_intro.classroom.store import make_folder, write_text
-from mushr_ros_intro.classroom.submissions import Submission, file_name
+from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.parse import read_plan
@@ -134,13 +135,7 @@ def make_plan(
     Raises:
         UserError: no such plan has been found, or a row of the other plan lasts another time.
     """
-    expected = "expected whole tenths of a second, because a node sends ten commands per second"
-    if faults := [
-        like.fault(index, 2, f"duration is {row.duration / NANOSECONDS:g} s; {expected}")
-        for index, row in enumerate(like.rows)
-        if row.duration % COMMAND_PERIOD
-    ]:
-        raise PlanError(faults)
+    _refuse_other_durations(like)
     numbers = random.Random(f"{seed}:{person.key}")
     reason = ""
     for attempt in range(ATTEMPTS):
@@ -169,6 +164,17 @@ def make_plan(
         f"{like.path}: every other order of its rows is symmetric, or joins equal rows; expected a "
         "plan of at least three parts that differ in speed, radius or duration, such as test_drive"
     )
+
+
+def _refuse_other_durations(plan: Plan) -> None:
+    """Raise PlanError if a row does not last whole tenths of a second."""
+    expected = "expected whole tenths of a second, because a node sends ten commands per second"
+    if faults := [
+        plan.fault(index, 2, f"duration is {row.duration / NANOSECONDS:g} s; {expected}")
+        for index, row in enumerate(plan.rows)
+        if row.duration % COMMAND_PERIOD
+    ]:
+        raise PlanError(faults)
 
 
 def _runs(rows: Iterable[Row]) -> List[List[Row]]:
@@ -263,7 +269,7 @@ def write_folder(folder: str, plans: Sequence[OwnPlan]) -> None:
     table: List[Sequence[str]] = [_HEADS]
     taken = {os.path.splitext(TABLE)[0]}
     for person, report in plans:
-        base = name = file_name(person.name or person.key)
+        base = name = short_name(person.name or person.key)
         number = 1
         while name.lower() in taken:
             number += 1
@@ -315,7 +321,7 @@ class OwnPlans:
             self.plans.append(plan)
             name, ids = row.get("name", ""), row.get("ids", "").split("; ")
             # The name of the plan's file has a number if several students have this name.
-            names = {name, file_name(name or ids[0] or plan.name), *ids}
+            names = {name, short_name(name or ids[0] or plan.name), *ids}
             for each in {plain(name).lower() for name in names if name}:
                 self._plans[each] = None if each in self._plans else plan
 

@@ -4,18 +4,16 @@ Nothing is written outside of the workspace, and no file of a submission is run 
 """
 
 import errno
-import hashlib
 import os
 import re
 import shutil
 import sys
-import unicodedata
 import zipfile
 from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 import yaml
 
-from mushr_ros_intro.classroom.grades import Student
+from mushr_ros_intro.classroom.grades import Student, short_name
 from mushr_ros_intro.classroom.submission_check import check_submission
 from mushr_ros_intro.classroom.submission_files import Files, SubmissionError
 from mushr_ros_intro.errors import UserError
@@ -95,7 +93,7 @@ def collect(
             if not sources:
                 raise UserError(f"{path} contains no submission; {_EXPECTED}")
             for source in sources:
-                name, shown = file_name(source.name), f"{source.name!r} of {path}"
+                name, shown = short_name(source.name), f"{source.name!r} of {path}"
                 other = taken.setdefault(name.lower(), shown)  # some file systems ignore case
                 if other is not shown:
                     text = f"two submissions have the name {name} in the results: {other}, {shown}"
@@ -130,21 +128,6 @@ def check_authors(plans: Iterable[Exercise], submissions: Iterable[str]) -> None
                 f"{path}: this plan is in a submission, whose author may have written it; expected "
                 f"the path of another plan, such as {known}/figure_8.txt"
             )
-
-
-def file_name(name: str) -> str:
-    """Return a name as part of a file name, with only letters, digits, dots, "_" and "-".
-
-    If it is not ASCII or too long, it ends with a hash. It does not depend on the other names, as a
-    number would, so that no feedback moves to another student when one of them leaves.
-    """
-    original = unicodedata.normalize("NFKD", name)  # the same for all forms of an accent
-    text = original.encode("ascii", "ignore").decode()[:100]
-    base = re.sub(r"[^A-Za-z0-9._-]+", "_", text).strip("._-") or "submission"
-    if text != original:
-        digest = hashlib.sha256(original.encode("utf-8", "surrogatepass")).hexdigest()
-        base = f"{base}-{digest[:6]}"
-    return base
 
 
 def _sources(path: str, node: str, unpacked: Files) -> List[_Source]:
