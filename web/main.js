@@ -14,6 +14,7 @@ import {
 import {
   addError,
   fit,
+  isRead,
   listPlans,
   onOutput,
   onStart,
@@ -82,7 +83,7 @@ function onState(state) {
   find("spread-note").hidden = state.has_noise;
   if (!isFirst) {
     if (state.map !== (view.map?.number ?? null)) loadMap(state.map);
-    if (checked !== last) listPlans();
+    if (checked !== last || !isRead) listPlans();
     if (state.drive && state.drive.begun !== lastDrive?.begun)
       find("log").prepend(
         element("div", `drive of ${state.drive.plan ?? "a plan"}`, "begin"),
@@ -216,10 +217,14 @@ function addLine(name, kind, msg) {
 }
 
 async function loadMap(number) {
-  const info = number && (await request("map.json"));
-  const answer = number && (await fetch(`map.png?${number}`));
-  const picture = number && (await createImageBitmap(await answer.blob()));
-  view.set({ map: number && { ...info, picture } });
+  try {
+    const info = number && (await request("map.json"));
+    const answer = number && (await fetch(`map.png?${number}`));
+    const picture = number && (await createImageBitmap(await answer.blob()));
+    view.set({ map: number && { ...info, picture } });
+  } catch {
+    // The next state of the server has the number of this map, too.
+  }
 }
 /** Call a service of the clock or of click_planner, and show its answer. */
 async function call(service, output) {

@@ -25,6 +25,7 @@ let isDriven = false; // whether the mux has passed on a speed of a drive that s
 let errors = []; // of path_publisher
 let refusal = ""; // the server's answer to the last press of a button in this drive
 let beside = ""; // the version of the chosen plan when the latest drive ended in this page
+export let isRead = true; // whether the last reading of the plan has succeeded
 let missing = ""; // the plan to show as soon as the server lists it
 
 /** Show the names of the server's state; read the plan with this name, and show it. */
@@ -46,8 +47,11 @@ export async function listPlans(
     say("check", text);
   }
   if (!names.value) return;
-  const found = await request(`plans/${encodeURIComponent(names.value)}`);
-  if (found.name === names.value) show((plan = found));
+  const path = `plans/${encodeURIComponent(names.value)}`;
+  const found = await request(path).catch((error) => error);
+  isRead = !(found instanceof Error);
+  if (!isRead) say("check", found.message);
+  else if (found.name === names.value) show((plan = found));
 }
 /** What a plan does: until a wall, if it hits one. The fault contains the time of the wall. */
 function size({ row_count: count, length, duration, wall, ...found }) {

@@ -556,9 +556,12 @@ def test_master_that_does_not_answer(sim, page):
         before = page.run(stamp)
         page.wait(lambda: page.run(stamp) > before + 1.0, "later poses")
         assert page.text("connection") == "connected"
+        page.run("document.getElementById('plan').onfocus()")  # reads the plan again
+        page.shows("check", "the ROS master does not answer")
     finally:
         os.kill(sim.master.pid, signal.SIGCONT)
     page.wait(lambda: page.text("problem") == "", "an answer")
+    page.shows("check", "ends at")
     assert not [each for each in page.errors() if "Uncaught" in each], "errors in the page"
 
 
