@@ -30,13 +30,17 @@ _TRACEBACK = re.compile(
 )
 
 
+MAX_ERROR = 200
+"""Limit of the length of an exception in a message."""
+
+
 def printed_error(output: str) -> str:
     """Return the last exception in the output of a node, and its place; "" if there is none.
 
     rospy prints an exception in a callback, and Python one in a thread. The node keeps running.
     """
     for path, line, error in _TRACEBACK.findall(output)[-1:]:
-        return f"{error} ({os.path.basename(path)}, line {line})"
+        return f"{error[:MAX_ERROR]} ({os.path.basename(path)}, line {line})"
     return ""
 
 

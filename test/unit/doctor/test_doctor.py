@@ -35,6 +35,14 @@ def test_a_package_without_a_program(tmp_path, monkeypatch):
     path = f"{tmp_path}/src/path_publisher.py"
     assert finding.startswith(f"there is no program in the package {tmp_path}. Save your node as ")
     assert finding.endswith(f"Save your node as {path}, and type: chmod +x {path}")
+    built = tmp_path / "lib" / "student"  # of a workspace in which catkin has built a program
+    built.mkdir(parents=True)
+    monkeypatch.setattr(doctor, "find_in_workspaces", lambda *_, **__: [str(built)])
+    assert len(doctor.package_findings("student")) == 1
+    (built / "drive").touch()
+    assert doctor.package_findings("student") == []
+    monkeypatch.undo()
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{tmp_path}:{os.environ['ROS_PACKAGE_PATH']}")
     deep = tmp_path / "src" / "nodes" / "drive.py"  # rosrun searches all folders
     deep.parent.mkdir(parents=True)
     deep.write_text("#!/usr/bin/python3\n")

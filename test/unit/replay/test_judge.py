@@ -348,6 +348,8 @@ def test_an_exception_in_a_callback():
     )
     found = "ok   node: the node ran, but printed ZeroDivisionError: division by zero (my_node.py, "
     assert f"{found}line 31)" in judged(replay(output=output))[1]
+    long = output.replace("division by zero", 1000 * "x")
+    assert f" {181 * 'x'} (my_node.py, line 31)\n" in judged(replay(output=long))[1]
     cut = output.partition("ZeroDivisionError")[0]
     assert "ok   node: the node ran without an error" in judged(replay(output=cut))[1]
 
