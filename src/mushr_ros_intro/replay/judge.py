@@ -294,11 +294,9 @@ def checked(judgement: Judgement, checks: Mapping[str, Callable[..., Any]]) -> I
     judged, a message, and perhaps the share of the points of a failed check.
     """
     recorded = judgement.recorded
-    message = recorded.outcome or "the node ran without an error"
-    # An outcome of several lines quotes the output.
-    if (error := printed_error(recorded.output)) and "\n" not in recorded.outcome:
-        message = "; ".join(filter(None, [f"the node printed {error}", recorded.outcome]))
-    yield Check("node", not recorded.outcome, message)
+    error = printed_error(recorded.output)
+    message = f"the node ran, but printed {error}" if error else "the node ran without an error"
+    yield Check("node", not recorded.outcome, recorded.outcome or message)
     missing = "" if recorded.sent else "no command"
     named = {"topics"} if recorded.actions else set()  # these checks are judged all the same
     if recorded.sent and not any(each.speed for each in recorded.sent):
