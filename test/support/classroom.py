@@ -103,7 +103,10 @@ WRONG = {
     "short": (changed((_PLAN, _PLAN + _SHORT)), "commands"),
     "crashes": (midway("raise IndexError('list index out of range')"), "node"),
     "exits": (midway("import os; os._exit(3)"), "node"),
-    "hangs": (midway("rospy.spin()"), "node"),
+    "hangs": (
+        midway("import threading; threading.Thread(target=lambda: 1 / 0).start(); rospy.spin()"),
+        "node",
+    ),
     "silent": (before("rospy.spin()"), "node"),
     "wrong_topic": (changed(("input/navigation", "input/navigaton")), "node"),
     "endless": (

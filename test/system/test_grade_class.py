@@ -77,6 +77,9 @@ def test_wrong(graded, name):
     if name == "frame":
         note = "note: the car ignored a message on /initialpose: pose is in the frame 'odom'"
         assert note in result["plans"][0]["verdict"]
+    if name == "hangs":
+        found = "FAIL node: the node printed ZeroDivisionError: division by zero (path_publisher."
+        assert found in result["plans"][0]["verdict"]
 
 
 @ISOLATED

@@ -19,6 +19,7 @@ from mushr_ros_intro.replay.bag import write_bag
 from mushr_ros_intro.replay.follow_world import FollowWorld
 from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.judge import STILL_SENDS, Judgement
+from mushr_ros_intro.replay.mistakes import printed_error
 from mushr_ros_intro.replay.own_process import KilledError, in_own_process
 from mushr_ros_intro.replay.pace import Pace
 from mushr_ros_intro.replay.received import CONTROL
@@ -131,12 +132,15 @@ def _run_here(job: Job) -> Judgement:
                 if isinstance(world, FollowWorld)
                 else _watch(process, world, job)
             )
+            error = printed_error(process.output)  # the end of the node can print others
         finally:
             process.end()
             sandbox.end_processes()
     world.wait_until_rest(car.command_timeout)
     states, recorded = world.recording(job.plan, car, outcome)
-    recorded = recorded._replace(output=process.output, seconds=time.monotonic() - began)
+    recorded = recorded._replace(
+        output=process.output, error=error, seconds=time.monotonic() - began
+    )
     verb = "follows" if isinstance(job.plan, Reference) else "drives"
     title = f"{job.name} {verb} {job.plan.path} with the car {setting.car}:"
     report = judge_drive(recorded, setting.tolerances)._replace(title=title)

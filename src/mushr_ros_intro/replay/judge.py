@@ -13,7 +13,6 @@ from mushr_ros_intro.preview.prediction import rest
 from mushr_ros_intro.replay.mistakes import (
     INITIAL_POSES,
     command_mistake,
-    printed_error,
     start_mistake,
     start_topic_mistake,
 )
@@ -294,9 +293,10 @@ def checked(judgement: Judgement, checks: Mapping[str, Callable[..., Any]]) -> I
     judged, a message, and perhaps the share of the points of a failed check.
     """
     recorded = judgement.recorded
-    error = printed_error(recorded.output)
-    message = f"the node ran, but printed {error}" if error else "the node ran without an error"
-    yield Check("node", not recorded.outcome, recorded.outcome or message)
+    message = recorded.outcome or "the node ran without an error"
+    if recorded.error and "\n" not in recorded.outcome:  # several lines quote the output
+        message = "; ".join(filter(None, [f"the node printed {recorded.error}", recorded.outcome]))
+    yield Check("node", not recorded.outcome, message)
     missing = "" if recorded.sent else "no command"
     named = {"topics"} if recorded.actions else set()  # these checks are judged all the same
     if recorded.sent and not any(each.speed for each in recorded.sent):

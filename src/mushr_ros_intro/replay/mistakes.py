@@ -30,12 +30,6 @@ _TRACEBACK = re.compile(
 )
 
 
-_OF_SHUTDOWN = (
-    *("KeyboardInterrupt", "rospy.exceptions.ROSInterruptException"),
-    "rospy.exceptions.ROSException: publish() to a closed topic",
-)
-"""How exceptions begin that a node prints because the replay ends it."""
-
 MAX_ERROR = 200
 """Limit of the length of an exception in a message."""
 
@@ -45,8 +39,7 @@ def printed_error(output: str) -> str:
 
     rospy prints an exception in a callback, and Python one in a thread. The node keeps running.
     """
-    found = [each for each in _TRACEBACK.findall(output) if not each[-1].startswith(_OF_SHUTDOWN)]
-    for path, line, error in found[-1:]:
+    for path, line, error in _TRACEBACK.findall(output)[-1:]:
         return f"{error[:MAX_ERROR]} ({os.path.basename(path)}, line {line})"
     return ""
 

@@ -79,6 +79,8 @@ class Recorded(NamedTuple):
     """The first limit on a rate of change in a command; empty if there was none."""
     output: str = ""
     """The end of the node's output."""
+    error: str = ""
+    """The last exception that the node printed before the replay ended it; empty if none."""
     seconds: float = 0.0
     """The duration of the replay [s of wall-clock time]."""
     start_delay: int = 0

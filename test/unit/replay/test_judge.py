@@ -13,7 +13,7 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.replay import recording
 from mushr_ros_intro.replay.judge import CHECK_NAMES, STILL_SENDS
-from mushr_ros_intro.replay.mistakes import POSE_TYPE
+from mushr_ros_intro.replay.mistakes import POSE_TYPE, printed_error
 from mushr_ros_intro.replay.received import Received
 from mushr_ros_intro.replay.recording import START_TOLERANCE
 from mushr_ros_intro.replay.tolerances import compare, default_tolerances
@@ -346,15 +346,17 @@ def test_an_exception_in_a_callback():
         '  File "/tmp/my_node.py", line 31, in callback\n    x = 1 / 0\n        ~~^~~\n'
         "ZeroDivisionError: division by zero\ngoes on\n"
     )
-    found = "ok   node: the node ran, but printed ZeroDivisionError: division by zero (my_node.py, "
-    assert f"{found}line 31)" in judged(replay(output=output))[1]
-    ended = output.replace("ZeroDivisionError", "rospy.exceptions.ROSInterruptException")
-    assert f"{found}line 31)" in judged(replay(output=output + ended))[1]
-    assert "ok   node: the node ran without an error" in judged(replay(output=ended))[1]
-    long = output.replace("division by zero", 1000 * "x")
-    assert f" {181 * 'x'} (my_node.py, line 31)\n" in judged(replay(output=long))[1]
-    cut = output.partition("ZeroDivisionError")[0]
-    assert "ok   node: the node ran without an error" in judged(replay(output=cut))[1]
+    error = printed_error(output)
+    assert error == "ZeroDivisionError: division by zero (my_node.py, line 31)"
+    cut = printed_error(output.replace("division by zero", 1000 * "x"))
+    assert cut == f"ZeroDivisionError: {181 * 'x'} (my_node.py, line 31)"
+    assert not printed_error(output.partition("ZeroDivisionError")[0])
+    assert f"ok   node: the node printed {error}\n" in judged(replay(error=error))[1]
+    hangs = "the node runs, but sent no command"
+    _, verdict = judged(replay(error=error, outcome=hangs, sent=()))
+    assert f"FAIL node: the node printed {error}; {hangs}\n" in verdict
+    quoted = f"the node ended with exit status 1; its last output:\n{output}"
+    assert "node printed" not in judged(replay(error=error, outcome=quoted))[1]
 
 
 def test_a_slow_node_is_ended_before_its_stop():
