@@ -7,6 +7,7 @@ import multiprocessing.popen_forkserver  # threads that first import it together
 import os
 import resource
 import signal
+import sys
 import traceback
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
@@ -34,11 +35,10 @@ class KilledError(ReplayError):
     """The process of a replay was killed, or has run out of memory."""
 
 
+_LATE_MODULES = ("configparser", "encodings.idna", "netifaces")
+"""Modules that rospy imports when a node starts."""
+
 _processes = multiprocessing.get_context("forkserver")
-# A new process for each replay has the modules already, and no state of another replay.
-_processes.set_forkserver_preload(
-    ["mushr_ros_intro.replay.job", "configparser", "encodings.idna", "netifaces"]
-)
 
 
 def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) -> T:
@@ -56,6 +56,9 @@ def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) 
     # The namespace of the simulated car. The first call here starts the prepared process, where
     # rospy reads it.
     os.environ["ROS_NAMESPACE"] = "/car"
+    # A new process has the modules already, and no state of another replay.
+    modules = [name for name in sys.modules if name.startswith("mushr_ros_intro.")]
+    _processes.set_forkserver_preload([*modules, *_LATE_MODULES])
     receiver, sender = _processes.Pipe(duplex=False)
     call = (function, arguments, sender)
     process = _processes.Process(target=_call_and_send, args=call, daemon=True)
