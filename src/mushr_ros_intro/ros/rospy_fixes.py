@@ -14,6 +14,7 @@ from typing import Any, Callable, Dict, List, Optional, Sequence
 
 import rosgraph
 import rosgraph.roslogging
+import rosgraph.xmlrpc
 import rospkg
 import rospy
 import rospy.impl.paramserver
@@ -29,6 +30,7 @@ def apply_before_init_node() -> None:
     keep_latest_link()
     forget_log_parameter()
     write_at_once()
+    end_server()
 
 
 def limit_calls(seconds: float = CALL_TIMEOUT) -> None:
@@ -92,6 +94,20 @@ def forget_log_parameter() -> None:
     """
     cache = rospy.impl.paramserver.get_param_server_cache()
     cache.set("/rosout_disable_topics_generation", False)
+
+
+def end_server() -> None:
+    """End the thread that serves calls to this node when the node is shut down.
+
+    Symptom: the process of a node that has been shut down uses a processor until it ends.
+    Cause: the thread polls a closed socket (XmlRpcNode.shutdown in rosgraph/xmlrpc.py).
+    """
+
+    def end(server: Any) -> None:
+        if server.socket.fileno() < 0:
+            raise OSError(errno.EBADF, "the socket is closed")
+
+    rosgraph.xmlrpc.ThreadingXMLRPCServer.service_actions = end
 
 
 def write_at_once() -> None:

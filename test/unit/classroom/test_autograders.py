@@ -4,14 +4,16 @@ import json
 import os
 import pathlib
 import re
+import runpy
 import shutil
+import sys
 import zipfile
 
 import pytest
 
 from mushr_ros_intro.classroom import autograders
 from mushr_ros_intro.classroom.arguments import parse_arguments
-from support.helpers import ForkedProcess, Process
+from support.helpers import Process
 from support.paths import CHECKOUT
 
 
@@ -23,10 +25,18 @@ def parse(words):
 PROGRAM = f"{CHECKOUT}/scripts/make_autograder"
 
 
-def make(*arguments):
-    """Run make_autograder; return its exit status and its output."""
-    with ForkedProcess(PROGRAM, *arguments) as process:
-        return process.wait(), process.output
+@pytest.fixture
+def make(monkeypatch, capsys):
+    """Return a function that runs make_autograder, and returns its exit status and its output."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", [PROGRAM, *arguments])
+        monkeypatch.setattr(sys, "path", [*sys.path])
+        with pytest.raises(SystemExit) as ended:
+            runpy.run_path(PROGRAM, run_name="__main__")
+        return ended.value.code, "".join(capsys.readouterr())
+
+    return run
 
 
 @pytest.fixture
@@ -61,7 +71,7 @@ def folder(tmp_path, monkeypatch):
         (["--follow", "wave", "--points", "points.yaml"], "unknown key secret"),
     ],
 )
-def test_fault(folder, arguments, reason):
+def test_fault(make, folder, arguments, reason):
     status, output = make(*arguments)
     assert (status, output.count("\n")) == (2, 1), output
     assert reason in output
@@ -93,7 +103,7 @@ def test_fault(folder, arguments, reason):
         ),
     ],
 )
-def test_options_of_grade(folder, options, sources, summary, map_name):
+def test_options_of_grade(make, folder, options, sources, summary, map_name):
     """The autograder gives grade.py the options, and copies of the files; hidden ones are last."""
     shutil.copy(folder / "open.txt", folder / "secret.txt")
     shutil.copy(f"{CHECKOUT}/maps/rooms.yaml", folder / "hall.yaml")

@@ -7,12 +7,18 @@ import time
 from types import SimpleNamespace
 
 import pytest
+import rosgraph.xmlrpc
 import rospy
 from rospy.exceptions import TransportException
 from rospy.impl.tcpros_base import TCPROSTransport, TCPROSTransportProtocol
 
-from mushr_ros_intro.ros.rospy_fixes import DirectConnection, end_at_once, publish_together
-from support.helpers import wait_for
+from mushr_ros_intro.ros.rospy_fixes import (
+    DirectConnection,
+    end_at_once,
+    end_server,
+    publish_together,
+)
+from support.helpers import PATIENCE, wait_for
 
 
 @pytest.fixture
@@ -141,3 +147,17 @@ def test_a_node_ends_at_once(monkeypatch):
         thread.start()
         assert manager.cond.wait(10.0)
     thread.join()
+
+
+def test_a_node_that_is_shut_down_stops_serving(monkeypatch):
+    """Its thread ends; otherwise, it polls a closed socket."""
+    server = rosgraph.xmlrpc.ThreadingXMLRPCServer
+    monkeypatch.setattr(server, "service_actions", server.service_actions)
+    end_server()
+    node = rosgraph.xmlrpc.XmlRpcNode(0, rosgraph.xmlrpc.XmlRpcHandler())
+    thread = threading.Thread(target=node.run, daemon=True)
+    thread.start()
+    wait_for(lambda: node.uri, "the node to serve")
+    node.shutdown("end")
+    thread.join(PATIENCE)
+    assert not thread.is_alive()
