@@ -10,6 +10,7 @@ import time
 import tkinter
 from unittest import mock
 
+import pytest
 import roslib.packages
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -156,6 +157,7 @@ class WindowTest(Commands, RosTestCase):
         self.check_silence()
         self.check_headers()
 
+    @pytest.mark.full
     def test_focus(self):
         """The car stops when the window loses the focus, although the key is still down."""
         self.display.xdotool("keydown", "w")
@@ -165,6 +167,7 @@ class WindowTest(Commands, RosTestCase):
         self.display.focus_on("^other$")
         self.check_silence()
 
+    @pytest.mark.full
     def test_end(self):
         """Ctrl-C while a key is down: the node sends the stop before it ends."""
         self.display.xdotool("keydown", "w")

@@ -2,6 +2,7 @@
 
 import os
 
+import pytest
 import rospy
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap
@@ -95,30 +96,31 @@ class TestMapServer(RosTestCase):
             self.assertIn("did you mean rooms?", second.output)
             self.assertTrue(running.running)
 
+    def check_refused(self, kind, file, argument, message):
+        """Check that roslaunch stops before it starts a node."""
+        with kind("roslaunch", "mushr_ros_intro", file, argument) as launch:
+            self.assertEqual(launch.wait(), 1, launch.output)
+            self.assertIn(f"\n{file}: {message}", launch.output)
+            self.assertNotIn("process[", launch.output)
+
     def test_wrong_names_in_launch_files(self):
-        """roslaunch stops before it starts a node."""
+        message = (
+            f"car:=nano: no such car; expected one of {', '.join(sorted(CARS))}; "
+            "did you mean mushr_nano?\n"
+        )
+        self.check_refused(ForkedProcess, "sim.launch", "car:=nano", message)
+        # This check reads the command line of roslaunch, so that it is no fork.
+        message = "there is no argument plan;"
+        self.check_refused(Process, "path_publisher.launch", "plan:=figure_8", message)
+
+    @pytest.mark.full
+    def test_more_wrong_names_in_launch_files(self):
         car = self.ending(node("car_sim.py", "__ns:=fifth"))
         wait_for(lambda: "command timeout" in car.output, "the car")
-        cases = (
-            (
-                "car:=nano",
-                f"car:=nano: no such car; expected one of {', '.join(sorted(CARS))}; "
-                "did you mean mushr_nano?\n",
-            ),
-            ("map:=sandbx", "map:=sandbx: no such file; did you mean sandbox? ("),
-            ("car_name:=fifth", "/fifth/car_sim is running already; end it first (Ctrl-C in its"),
-        )
-        # The last check reads the command line of roslaunch, so that one is no fork.
-        for (argument, message), kind in zip(cases, (ForkedProcess, ForkedProcess, Process)):
-            with kind("roslaunch", "mushr_ros_intro", "sim.launch", argument) as launch:
-                self.assertEqual(launch.wait(), 1, launch.output)
-                self.assertIn(f"\nsim.launch: {message}", launch.output)
-                self.assertNotIn("process[", launch.output)
-        words = ("mushr_ros_intro", "path_publisher.launch", "plan:=figure_8")
-        with Process("roslaunch", *words) as launch:
-            self.assertEqual(launch.wait(), 1, launch.output)
-            self.assertIn("path_publisher.launch: there is no argument plan;", launch.output)
-            self.assertNotIn("process[", launch.output)
+        message = "map:=sandbx: no such file; did you mean sandbox? ("
+        self.check_refused(ForkedProcess, "sim.launch", "map:=sandbx", message)
+        message = "/fifth/car_sim is running already; end it first (Ctrl-C in its"
+        self.check_refused(Process, "sim.launch", "car_name:=fifth", message)
         # roslaunch --nodes starts nothing, and other programs, such as rostest, have own masters.
         launch = ("mushr_ros_intro", "sim.launch", "car_name:=fifth")
         program = os.path.join(CHECKOUT, "launch", "check_names.py")

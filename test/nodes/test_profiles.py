@@ -4,6 +4,7 @@ import contextlib
 import re
 import time
 
+import pytest
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Path
@@ -34,6 +35,9 @@ def car(**arguments):
         for each in nodes:
             each.end()
         rospy.delete_param("/car/car_sim")
+
+
+pytestmark = pytest.mark.full
 
 
 def start_world():

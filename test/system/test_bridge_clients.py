@@ -429,6 +429,7 @@ def latched(sim, topic):
     return sorted(texts)
 
 
+@pytest.mark.full
 def test_latched_messages_of_publishers_that_have_ended(sim):
     """A later client gets the messages of live publishers only."""
 

@@ -5,6 +5,7 @@ import math
 import shutil
 
 import numpy as np
+import pytest
 from roslib.packages import find_node
 
 from mushr_ros_intro.replay.pace import STEP
@@ -73,6 +74,7 @@ def test_what_a_controller_finds(tmp_path):
     assert topics.message.startswith("the node places the car again, at "), topics.message
 
 
+@pytest.mark.full
 def test_a_controller_that_steers_the_wrong_way(tmp_path):
     copy_controllers(tmp_path)
     judgement = follow("loop", tmp_path, "_gain:=-1.0")

@@ -73,6 +73,7 @@ def test_noise():
     assert "all checks passed" in output
 
 
+@pytest.mark.full
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can change the owner of files")
 def test_a_report_belongs_to_the_user_of_sudo(tmp_path):
     node = ("--node", "mushr_ros_intro", "path_publisher.py")
@@ -103,6 +104,7 @@ def test_a_plan_of_a_submission_is_not_used(tmp_path):
 
 
 @PRIVILEGED
+@pytest.mark.full
 def test_the_name_of_the_machine_does_not_resolve(tmp_path):
     """Debian's packages set no ROS_HOSTNAME."""
     (tmp_path / "plan.txt").write_text(PLAN)

@@ -23,20 +23,24 @@ TESTS = {
 }
 
 
+def full(*values):
+    return pytest.param(*values, marks=pytest.mark.full)
+
+
 @pytest.mark.parametrize(
     "arguments, names, status, lines",
     [
         ([], ["passes"], 0, ["1 passed, 0 failed, 0 skipped"]),
         ([], ["fails", "passes"], 1, ["FAILED", "assert 1 == 2", "1 passed, 1 failed, 0 skipped"]),
         ([], ["cannot be imported"], 1, ["nothing_of_this_name", "0 passed, 1 failed, 0 skipped"]),
-        ([], ["dies"], 1, ["pytest ended with exit status 0", "0 passed, 1 failed, 0 skipped"]),
-        ([], ["dies at the end"], 1, ["exit status 7", "0 passed, 1 failed, 0 skipped"]),
+        full([], ["dies"], 1, ["pytest ended with exit status 0", "0 passed, 1 failed, 0 skipped"]),
+        full([], ["dies at the end"], 1, ["exit status 7", "0 passed, 1 failed, 0 skipped"]),
         ([], ["is skipped"], 1, ["no display", "0 passed, 0 failed, 1 skipped"]),
         ([], ["passes", "is full", "has a full test"], 0, ["1 passed, 0 failed, 0 skipped"]),
-        ([], ["has a right one::test_1"], 0, ["1 passed, 0 failed, 0 skipped"]),
+        full([], ["has a right one::test_1"], 0, ["1 passed, 0 failed, 0 skipped"]),
         ([], ["has a right one::test_2"], 1, ["assert 1 == 2", "0 passed, 1 failed, 0 skipped"]),
-        ([], ["has a right one::Tests::test_1"], 0, ["1 passed, 0 failed, 0 skipped"]),
-        ([], ["has a right one::test_2[a-b c]"], 1, ["0 passed, 1 failed, 0 skipped"]),
+        full([], ["has a right one::Tests::test_1"], 0, ["1 passed, 0 failed, 0 skipped"]),
+        full([], ["has a right one::test_2[a-b c]"], 1, ["0 passed, 1 failed, 0 skipped"]),
         ([], ["is full"], 1, ["no test was chosen; ", "0 passed, 0 failed, 0 skipped"]),
         (["--all"], ["passes", "is full"], 1, ["1 passed, 1 failed, 0 skipped"]),
         (["--all"], ["passes", "has a full test"], 1, ["1 passed, 1 failed, 0 skipped"]),
