@@ -102,6 +102,7 @@ def test_a_drive_that_no_car_of_the_model_drives_is_a_misfit():
     assert "random errors" not in text
 
 
+@pytest.mark.full
 def test_several_drives_show_how_the_car_differs_between_them():
     """The gains and offsets of the drives are chosen, so their standard deviations are known."""
     gains, offsets = (0.88, 0.92, 0.96, 1.0), (0.02, -0.01, 0.04, 0.01)
@@ -158,6 +159,7 @@ def assert_ignores(log, begin, end):
     assert "differs from the fitted car" not in text
 
 
+@pytest.mark.full
 def test_a_stall_of_the_computer_is_ignored():
     """A row changes within the 0.3 s, so the car follows the wrong row."""
     car = NANO._replace(seed=5, **HIDDEN, **NOISE)
@@ -165,6 +167,7 @@ def test_a_stall_of_the_computer_is_ignored():
     assert_ignores(log, 4.0, 4.6)
 
 
+@pytest.mark.full
 def test_a_jump_of_the_localisation_is_ignored():
     """Three poses are 0.2 m away from the car."""
     car = NANO._replace(seed=5, **HIDDEN, **NOISE)
@@ -174,6 +177,7 @@ def test_a_jump_of_the_localisation_is_ignored():
     assert_ignores(log, 5.2, 5.9)
 
 
+@pytest.mark.full
 def test_a_car_that_slips_to_the_side():
     """As in MuSHR's simulator, whose heading is exact."""
     dice = np.random.default_rng(1)
