@@ -56,8 +56,9 @@ def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) 
     # The namespace of the simulated car. The first call here starts the prepared process, where
     # rospy reads it.
     os.environ["ROS_NAMESPACE"] = "/car"
-    # A new process has the modules already, and no state of another replay.
-    modules = [name for name in sys.modules if name.startswith("mushr_ros_intro.")]
+    # A new process has the modules already, and no state of another replay. The list is a copy,
+    # because another thread may import a module.
+    modules = [name for name in list(sys.modules) if name.startswith("mushr_ros_intro.")]
     _processes.set_forkserver_preload([*modules, *_LATE_MODULES])
     receiver, sender = _processes.Pipe(duplex=False)
     call = (function, arguments, sender)
