@@ -15,7 +15,7 @@ import linecache, os, signal, sys, threading, time, xmlrpc.client
 import rospy
 from std_msgs.msg import String
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.ros import node
+from mushr_ros_intro.ros import node, rospy_fixes
 
 class Made:
     def __init__(self):
@@ -26,6 +26,8 @@ class Made:
 PROGRAMS = {
     # A node that calls the master again and again.
     "calls": """
+    rospy_fixes.limit_calls.__defaults__ = (0.5,)  # [s] instead of 5 s
+
     def run(self):
         print("calls", flush=True)
         while not rospy.is_shutdown():
