@@ -1,8 +1,10 @@
 """Check the program that runs the tests."""
 
 import os
+import runpy
 import signal
 import subprocess
+from unittest import mock
 from xml.etree import ElementTree
 
 import pytest
@@ -79,3 +81,51 @@ def test_in_the_background_of_a_script(tmp_path):
     finally:
         signal.signal(signal.SIGINT, before)
     assert done.stdout.splitlines()[-1] == "1 passed, 0 failed, 0 skipped", done.stdout
+
+
+class Machine:
+    """Imitates time and runs of 10 s, for a program that continues `late` [s] after each sleep."""
+
+    def __init__(self, late):
+        self.late, self.now, self.running, self.most = late, 0.0, 0, 0
+
+    def monotonic(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds + self.late
+
+    def start(self):
+        """Start a run; return a function that returns whether it runs."""
+        end = self.now + 10.0
+        self.running += 1
+        self.most = max(self.most, self.running)
+        return lambda: self.now < end
+
+    def add(self, _):
+        self.running -= 1
+
+
+class ImitatedRun:
+    seconds = left = 10.0
+
+    def __init__(self, machine):
+        self._machine = machine
+
+    def start(self):
+        self._runs = self._machine.start()
+
+    @property
+    def is_running(self):
+        return self._runs()
+
+
+@pytest.mark.parametrize("late, most", [(0.001, "AT_MOST"), (0.02, "AT_LEAST")])
+def test_another_run_starts_while_a_processor_is_free(late, most):
+    program = runpy.run_path(os.path.join(CHECKOUT, "scripts/dev/run_tests"))
+    machine = Machine(late)
+    names = program["run_all"].__globals__
+    with mock.patch.dict(names, time=machine, Progress=mock.MagicMock()):
+        names["run_all"]([ImitatedRun(machine) for _ in range(2 * names["AT_MOST"])], machine)
+    assert machine.running == 0
+    assert machine.most == names[most]

@@ -255,9 +255,9 @@ class Grading:
     def _judged(self, key: Key, name: str, judgement: Judgement) -> StoredDrive:
         """Return a judged drive, without the paths of this machine."""
         recorded = judgement.recorded
-        texts = {"outcome": recorded.outcome, "output": recorded.output, "title": judgement.title}
-        short = {name: self._shorten(text) for name, text in texts.items()}
-        values = {**recorded_to_json(recorded), **short}
+        values = {**recorded_to_json(recorded), "title": judgement.title}
+        for text in ("outcome", "output", "error", "title"):
+            values[text] = self._shorten(values[text])
         grade = plan_grade(name, judgement, self._shorten)
         pictures = self._artists.submit(draw, grade.drive).result()
         return StoredDrive(key, "", grade._replace(pictures=pictures), values)

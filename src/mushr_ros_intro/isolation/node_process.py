@@ -116,6 +116,7 @@ class NodeProcess:
     @property
     def output(self) -> str:
         """The end of the node's output, without control characters, which XML must not contain."""
+        self._read()  # not to the end of the pipe, which a child process may hold
         lines = self._output.decode(errors="replace").splitlines()
         return "\n".join("".join(c for c in line if c.isprintable()) for line in lines)
 
@@ -135,7 +136,6 @@ class NodeProcess:
             self._process.wait(3.0)
         self._kill()
         self._process.wait()
-        self._read()
 
     def _kill(self) -> None:
         """Kill all processes, also those that have left the group of the first one."""
@@ -151,7 +151,6 @@ class NodeProcess:
         status = self._process.wait()
         if status == 0:
             return ""
-        self._read()  # not to the end of the pipe, which a child process may hold
         if self._has_namespaces and status - 128 in set(signal.Signals):  # of bwrap
             status = 128 - status
         how = f"ended with exit status {status}"

@@ -57,7 +57,8 @@ class Course:
         if job.name in self.fail:
             raise self.fail[job.name]
         output = f"{job.folder}/src/path_publisher.py: hello"
-        return reported(replay(job.plan, grid=None, output=output))
+        error = f"FileNotFoundError: {job.folder}/a.txt (path_publisher.py, line 3)"
+        return reported(replay(job.plan, grid=None, output=output, error=error))
 
     def draw(self, drive):
         self.drawn += 1

@@ -58,6 +58,9 @@ def test_the_last_output(monkeypatch):
     wait_for(lambda: process.has_ended, "the end of the program")
     assert process.describe_failure().endswith("its last output:\nbefore\nthe end")
     process.end()
+    process = NodeProcess(["sh", "-c", "echo runs; sleep 300"])
+    wait_for(lambda: process.output == "runs", "the output", 5.0)
+    process.end()
 
 
 def test_too_much_output():
