@@ -386,6 +386,8 @@ def test_click_a_plan(page):
     page.find("clear").click()
     page.shows("click-state", "the plan has 0 rows")
     page.find("follow").click()
+    centre = "return [window.mushr.view.x, window.mushr.view.y]"
+    page.wait(lambda: math.dist(page.run(centre), (1.0, 0.0)) < 1e-6, "the view at the car")
     for _ in range(3):
         page.find("zoom-in").click()
     for number, point in enumerate([(2.0, 0.2), (3.5, 0.9)], 1):
