@@ -38,6 +38,7 @@ def run(monkeypatch, capsys):
         return drive_log(path, *messages, timeout)
 
     def call(*arguments):
+        monkeypatch.setattr("signal.signal", lambda *_: None)  # SIGPIPE would end pytest
         monkeypatch.setattr(sys, "argv", ["compare_drive.py", *arguments])
         status = compare_drive.main()
         return (status, *capsys.readouterr())
