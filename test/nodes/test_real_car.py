@@ -41,9 +41,13 @@ FOUND = 1e-6
 WARNINGS = re.compile(r"\[WARN\] \[[^]]*\]: (.*)")
 
 
+nodes = []
+
+
 def start_world():
     """Run a simulated car that stands in for the actual car."""
-    return launch("sim.launch", car="mushr_nano", **LOCK_STEP, laser=False, model=False)
+    nodes.extend(launch("sim.launch", car="mushr_nano", **LOCK_STEP, laser=False, model=False))
+    return nodes
 
 
 class TestRealCar(RosTestCase):
@@ -147,6 +151,8 @@ class TestRealCar(RosTestCase):
 
     def test_a_start_pose_in_a_wall_and_a_broken_map(self):
         """The node waits for the car, which refuses the start pose, and sends no command."""
+        ready = "ready: the car is at"  # with the map, which this path_publisher does not wait for
+        wait_for(lambda: any(ready in each.output for each in nodes), "the car")
         broken = rospy.Publisher("/broken_map", OccupancyGrid, queue_size=1, latch=True)
         self.addCleanup(broken.unregister)
         broken.publish(OccupancyGrid())
