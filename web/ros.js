@@ -47,6 +47,7 @@ function connect() {
   socket.onopen = () => {
     asked = Infinity;
     on.onOpen();
+    check();
   };
 }
 function lose() {
