@@ -12,7 +12,7 @@ from support.helpers import Process, free_port, wait_for
 SIZE = (1000, 700)
 """Of the window [pixel]."""
 
-PERIOD = 0.05
+PERIOD = 0.1
 """[s] Between two questions to the browser, which cost time of the processor."""
 
 FLAGS = (

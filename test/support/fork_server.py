@@ -29,6 +29,7 @@ SERVER = "MUSHR_FORK_SERVER"
 _MODULES = """
     asyncio concurrent.futures email.parser http.client http.server multiprocessing.connection
     unittest xml.etree.ElementTree xmlrpc.server
+    hypothesis.strategies
     PIL.Image matplotlib.backends.backend_svg matplotlib.figure matplotlib.patches numpy pytest yaml
     tornado.httpserver tornado.web tornado.websocket
     ackermann_msgs.msg genpy.message geometry_msgs.msg nav_msgs.msg nav_msgs.srv rosgraph_msgs.msg

@@ -23,7 +23,7 @@ if browser.missing():
     reason = f"the packages {', '.join(browser.missing())} are missing; {web.INSTALL}"
     pytest.skip(reason, allow_module_level=True)
 
-FACTOR = 4
+FACTOR = 2
 """Speed of simulated time; a drive of figure_8 takes 22 s of it."""
 
 PIXEL = 3.5
@@ -46,7 +46,7 @@ def sim(tmp_path_factory):
     (folder / "faulty.txt").write_text(FAULTY)
     (folder / "colliding.txt").write_text(COLLIDING)
     (folder / "tight.txt").write_text("0, 0, 0\n2.0, 0.34, 1000.0\n")
-    (folder / "many.txt").write_text("0, 0, 0\n" + 3000 * "1, 0.3, 0.02\n" + "1, 0.3, 1000\n")
+    (folder / "many.txt").write_text("0, 0, 0\n" + 3000 * "1, 0.3, 0.01\n" + "1, 0.3, 1000\n")
     (folder / "long.txt").write_text("1, 0, 0\n0.5, 0.3, 0.1\n0.5, 0.3, 1000.0\n")
     arguments = ("use_sim_time:=true", f"real_time_factor:={FACTOR}")
     found = web.Simulation(folder, *arguments, results=str(folder))
@@ -374,7 +374,7 @@ def test_a_plan_for_a_car_with_noise(sim, page):
 def test_a_plan_with_many_rows(page):
     """The table has the first ones only: a browser needs gigabytes for 50,000."""
     drive(page, "many", "1.00 m/s")
-    page.shows("check", "3001 rows, 1060.00 s")
+    page.shows("check", "3001 rows, 1030.00 s")
     assert page.run("return document.querySelectorAll('#rows tr').length") == 1001
     page.shows("rows", "... and 2001 more rows")
     page.wait(lambda: page.run(CURRENT) == 1001, "the mark of the other rows")
