@@ -6,11 +6,11 @@ from hypothesis import HealthCheck, settings
 from rospy.rostime import _set_rostime, switch_to_wallclock
 
 
-def pytest_configure(config):
+def pytest_configure():
     """Use the same examples in every run, write no file, and accept a slow machine."""
     settings.register_profile(
         "repeatable",
-        max_examples=25 if config.option.markexpr == "not full" else 100,
+        max_examples=25,
         derandomize=True,
         database=None,
         deadline=None,
