@@ -114,6 +114,12 @@ def test_the_index(tmp_path):
     assert not index.all("link") and not index.all("script", "src")
 
 
+def test_the_notes_of_the_index(tmp_path):
+    index, _ = written(tmp_path, FAULTY, submission(name="zoe", fault=150 * "x" + 100 * "y"))
+    assert "no file\nof this name ..." not in index.text and "no file\nof this name" in index.text
+    assert 150 * "x" + 50 * "y" + " ..." in index.text
+
+
 def test_a_page(tmp_path):
     circle, secret = graded("circle", ["path", "map"], count=9), BAD.plans[1]
     circle = circle._replace(verdict="ok   node: fine\nnote: the car ignored it")

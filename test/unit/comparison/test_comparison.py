@@ -49,6 +49,15 @@ def test_the_first_row_begins_at_the_start_pose(delay):
     assert compare(log, Car(), delay).rows[0].distance == pytest.approx((2.0, 2.0), abs=1e-3)
 
 
+def test_the_last_pose_is_measured_when_the_car_has_come_to_rest():
+    """Not before: the localisation may lag behind the car."""
+    log = driven(plan_of("0, 0, 0\n0.5, 0, 4"), Car(), random.Random(1), **EXACT)
+    lag = (log.stamps > 4.0 * NANOSECONDS) & (log.stamps < 4.25 * NANOSECONDS)
+    poses = log.poses - np.outer(lag, (0.1, 0.0, 0.0))
+    found = compare(log._replace(poses=poses), Car(), 0.0)
+    assert found.driven[-1] == pytest.approx((2.0, 0.0, 0.0), abs=NEAR)
+
+
 def compared_until(seconds):
     """Return a drive whose rows end after 4 and 5 s; its poses end after `seconds`."""
     log = driven(plan_of("0, 0, 0\n0.5, 0, 4\n0.25, 0, 1"), Car(), random.Random(1), **EXACT)

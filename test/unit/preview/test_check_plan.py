@@ -176,6 +176,13 @@ def test_the_table():
     ]
 
 
+def test_the_turn_of_a_row():
+    values = as_json(checked("1, 2, 0.5\n1, 0.2, 2\n1, -0.1\n"))
+    turns = [2.0 * math.tan(0.2), math.tan(-0.1), 0.0]
+    expected = [each / Car().wheelbase for each in turns]
+    assert values["rows"]["turn"] == pytest.approx(expected, abs=1e-6)  # float32 values
+
+
 def test_special_lines_of_the_table():
     # Numbers that round to zero have no minus sign.
     text = "\n".join(as_text(checked("0,0,0\n-0.0004,0\n0.0044,0\n")))
@@ -485,7 +492,8 @@ def test_json(run, tmp_path):
     assert status == 1
     parking, bad = json.loads(output)
     assert bad["faults"][0]["line"] == 1
-    assert parking["faults"] == []
+    assert parking["faults"] == [] and parking["map"].endswith("rooms.yaml")
+    assert as_json(checked("0,0,0\n1,0\n"))["map"] is None
     assert parking["length"] == pytest.approx(3.35, abs=1e-6)
     assert parking["rows"]["line"] == [4, 5, 6, 7, 8, 9, 10, None]
     assert len(set(map(len, parking["rows"].values()))) == 1
