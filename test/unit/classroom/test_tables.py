@@ -89,6 +89,16 @@ def test_results_that_are_not_graded_yet_are_not_unchanged(capsys):
     assert capsys.readouterr().out == "1 result is unchanged since an earlier run\n"
 
 
+def test_the_time_left(monkeypatch):
+    """Results of an earlier run take no time."""
+    monkeypatch.setattr("time.monotonic", lambda: 100.0)
+    shown = progress.Progress(POINTS, 9)
+    monkeypatch.setattr("time.monotonic", lambda: 120.0)
+    for is_new in (False, True, True):
+        shown.add(GOOD, is_new)
+    assert shown._time_left() == ", about 60 s left"
+
+
 def test_the_caption_of_a_controller(tmp_path):
     plan = graded("wave", count=2)
     more = (*plan.checks, plan.checks[0]._replace(name="cross_track"))
