@@ -58,6 +58,12 @@ def test_the_last_pose_is_measured_when_the_car_has_come_to_rest():
     assert found.driven[-1] == pytest.approx((2.0, 0.0, 0.0), abs=NEAR)
 
 
+def test_the_distance_in_a_curve_with_few_poses():
+    """It is the sum of the chords, which are 1 percent shorter than the arc here."""
+    (row,) = compared("0, 0, 0\n1, 0.3, 10", Car(), rate=2.0).rows
+    assert row.distance == pytest.approx((9.9, 9.9), abs=0.1)
+
+
 def compared_until(seconds):
     """Return a drive whose rows end after 4 and 5 s; its poses end after `seconds`."""
     log = driven(plan_of("0, 0, 0\n0.5, 0, 4\n0.25, 0, 1"), Car(), random.Random(1), **EXACT)
