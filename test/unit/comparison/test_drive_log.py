@@ -40,6 +40,13 @@ def test_commands_become_rows_and_times_count_from_the_first_one():
     assert not log.notes
 
 
+def test_poses_until_the_first_command_takes_effect_give_the_start_pose():
+    _, count = start_pose(log_of(*messages()), 0)
+    start, later = start_pose(log_of(*messages(delay=1.5)), from_seconds(1.5))
+    assert start == pytest.approx(PLAN.start, abs=NEAR)
+    assert later == count
+
+
 @pytest.mark.parametrize("shift", [-3600.5, 12.0])
 def test_stamps_of_another_clock_are_corrected(shift):
     commands, poses = messages()

@@ -172,6 +172,14 @@ def test_a_file_that_is_not_plain_text(begin):
     )
 
 
+def test_a_line_that_begins_with_a_semicolon():
+    with pytest.raises(PlanError) as caught:
+        parse_plan(b"0,0,0\n;1,0\n", "plan")
+    assert [str(each)[:40] for each in caught.value.faults] == [
+        "plan:2:1: the line has a semicolon; expe"
+    ]
+
+
 @pytest.mark.parametrize("text", ["1,5, 0, 0\n1,0\n", "0,0,0\n0,5, 0,1\n"])
 def test_decimal_commas(text):
     with pytest.raises(PlanError) as caught:
