@@ -35,7 +35,10 @@ let checked = ""; // names and times of the plans, the map, the car: on which a 
 let poses = []; // the last ones: a scan is drawn from the pose of its stamp
 let scan = null; // that waits for this pose
 
-/** Called twice a second: says what is wrong, without a count, which screen readers would read. */
+/**
+ * Called when the connection opens, and twice a second: says what is wrong, without a count, which
+ * screen readers would read.
+ */
 function onStatus(isConnected, delay) {
   if (!isConnected) server.state = null;
   const { state } = server;
