@@ -34,6 +34,7 @@ def test_equal_drives(tmp_path, name):
     with ThreadPoolExecutor(2) as pool:
         others = list(pool.map(follow, 2 * [name], 2 * [tmp_path]))
     for each in others:
+        assert each.recorded.sent == alone.recorded.sent
         assert each.drive.driven.tobytes() == alone.drive.driven.tobytes()
         assert each.verdict == alone.verdict
 

@@ -247,6 +247,7 @@ def test_a_part_is_missing(tmp_path, monkeypatch, capsys):
 
 def test_two_processes(tmp_path):
     store = Store(str(tmp_path / "out"))
+    assert (tmp_path / "out").stat().st_mode & 0o777 == 0o700  # results are private
     with pytest.raises(UserError, match="another grade.py writes to this folder"):
         Store(str(tmp_path / "out"))
     del store

@@ -104,6 +104,15 @@ def test_equal_copies_and_tests_are_no_second_node(tmp_path, other):
     assert not found.command[0].endswith("test/path_publisher.py")
 
 
+def test_a_link_is_no_second_node(tmp_path):
+    folder = tmp_path / "ann"
+    fill(folder, {**PACKAGE, "other.py": NODE + b"#"})
+    (folder / "scripts").mkdir()
+    (folder / "scripts" / "path_publisher.py").symlink_to("../other.py")
+    found = only(tmp_path, str(folder))
+    assert found.fault == "" and found.command[0].endswith("/" + PUBLISHER)
+
+
 @pytest.mark.parametrize("how", [{"mode": 0o644}, {"mode": 0}, {"system": 0}])
 def test_nodes_that_are_not_executable(tmp_path, how):
     """They are made executable, and the author learns how to do it."""

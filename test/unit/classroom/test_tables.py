@@ -292,6 +292,8 @@ def test_gradescope():
     assert sum(test["score"] for test in tests.values()) == 2
     assert sum(test["max_score"] for test in tests.values()) == 15
     path = tests["circle: path"]
+    place = CHECK_NAMES.index("path") + 1
+    assert path["number"] == f"1.{place}" and tests["secret: path"]["number"] == f"2.{place}"
     assert (path["status"], path["score"], path["max_score"]) == ("failed", 0, 3)
     assert path["visibility"] == "visible" and tests["circle: rate"]["status"] == "passed"
     secret = [test for name, test in tests.items() if name.startswith("secret")]

@@ -64,9 +64,10 @@ def test_messages_without_stamps_count_when_they_arrive():
     assert np.array_equal(log.stamps, log_of(commands, poses).stamps)
 
 
-def test_a_car_that_is_placed_before_the_drive():
+@pytest.mark.parametrize("before", [Pose(9.0, 9.0, 0.0), Pose(1.3, 2.0, 0.5)])
+def test_a_car_that_is_placed_before_the_drive(before):
     commands, poses = messages()
-    values = [Pose(9.0, 9.0, 0.0), *poses.values[1:]]
+    values = [before, *poses.values[1:]]
     log = log_of(commands, poses._replace(values=values))
     assert len(log.stamps) == len(poses.stamps) - 1
 

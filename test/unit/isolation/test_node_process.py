@@ -48,6 +48,8 @@ def test_ends():
 def test_signal_in_bwrap():
     """bwrap adds 128 to the number of the signal that has killed the node."""
     assert "killed by signal SIGKILL" in run("sh", "-c", "exit 137", has_namespaces=True)
+    assert "killed by signal SIGHUP" in run("sh", "-c", "exit 129", has_namespaces=True)
+    assert "exit status 128" in run("sh", "-c", "exit 128", has_namespaces=True)
     assert "exit status 137" in run("sh", "-c", "exit 137")
 
 

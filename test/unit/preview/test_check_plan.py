@@ -18,7 +18,7 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import PlanError, as_float32
-from mushr_ros_intro.preview import prediction
+from mushr_ros_intro.preview import drawing, prediction
 from mushr_ros_intro.preview.limits import slowed
 from mushr_ros_intro.preview.plot import draw_report
 from mushr_ros_intro.preview.report import check
@@ -520,6 +520,17 @@ def test_plot(run, tmp_path):
     assert (status, errors) == (1, "")
     assert "no faults" in run("circle", "--plot=out.mp3")[1]
     assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+
+
+def test_the_sizes_of_axes():
+    figure, axes = drawing.new_figure(8.0, 3.0, 1.0, 2.0)
+    width, height = figure.get_size_inches()
+    boxes = [each.get_position() for each in axes]
+    assert [box.height * height for box in boxes] == pytest.approx([3.0, 1.0, 2.0])
+    gaps = [(above.y0 - below.y1) * height for above, below in zip(boxes, boxes[1:])]
+    assert gaps == pytest.approx([0.5, 0.5])
+    assert boxes[2].y0 * height == pytest.approx(0.55)
+    assert boxes[0].x0 * width == pytest.approx(0.9)
 
 
 def test_the_drawing():

@@ -148,6 +148,11 @@ def test_ranges_that_cannot_be_measured():
     assert (laser.scan(Pose(6.5, 1.5, 1.0)) == -math.inf).all()  # inside the wall
 
 
+def test_the_limits_can_be_measured():
+    limits = np.array([FEW.range_min, FEW.range_max])
+    assert np.array_equal(FEW.measured(limits), limits)
+
+
 def test_off_the_map():
     cells = np.zeros((3, 9), np.int8)
     cells[1, 0] = 100
