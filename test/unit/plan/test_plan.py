@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mushr_ros_intro.plan import parse
 from mushr_ros_intro.plan.parse import parse_plan, read_plan
-from mushr_ros_intro.plan.plan import PlanError, as_float32, shortest_decimal
+from mushr_ros_intro.plan.plan import PlanError, as_float32, fault_lines, shortest_decimal
 from support.paths import FIXTURES, PLANS
 
 BROKEN_PLANS = os.path.join(FIXTURES, "broken_plans")
@@ -112,6 +112,8 @@ def test_only_the_first_faults_are_shown_and_too_many_end_the_search():
     with pytest.raises(PlanError) as caught:
         rows_of("nan, 0\n" * 25)
     assert str(caught.value).splitlines()[20:] == ["... and 5 more faults"]
+    faults = caught.value.faults
+    assert [len(fault_lines(faults[:count])) for count in (20, 21, 22)] == [20, 21, 21]
     with pytest.raises(PlanError) as caught:
         rows_of("nan, 0\n" * 100_000)
     assert len(caught.value.faults) == parse.MAX_FAULTS + 1

@@ -553,6 +553,7 @@ def test_the_drawing():
     low, high = axes.dataLim.get_points()
     space = [*(low - (left, bottom)), *((right, top) - high)]
     assert min(space) >= 0.5  # [m] of margin
+    assert space[:2] == pytest.approx(space[2:])  # in the middle
     ellipses = [each.get_window_extent() for each in axes.patches]
     assert len(ellipses) == 9
     assert Bbox.union([axes.bbox, *ellipses]).bounds == axes.bbox.bounds
