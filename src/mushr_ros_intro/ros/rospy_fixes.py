@@ -7,6 +7,7 @@ import errno
 import os
 import socket
 import tempfile
+import threading
 import time
 import xmlrpc.client
 from contextlib import suppress
@@ -19,7 +20,7 @@ import rospkg
 import rospy
 import rospy.impl.paramserver
 import rospy.impl.registration
-from rospy.impl.tcpros_pubsub import QueuedConnection
+from rospy.impl.tcpros_pubsub import QueuedConnection, TCPROSHandler
 
 from mushr_ros_intro.stamps import CALL_TIMEOUT, NANOSECONDS
 
@@ -31,6 +32,7 @@ def apply_before_init_node() -> None:
     forget_log_parameter()
     write_at_once()
     end_server()
+    connect_once()
 
 
 def limit_calls(seconds: float = CALL_TIMEOUT) -> None:
@@ -108,6 +110,26 @@ def end_server() -> None:
             raise OSError(errno.EBADF, "the socket is closed")
 
     rosgraph.xmlrpc.ThreadingXMLRPCServer.service_actions = end
+
+
+def connect_once() -> None:
+    """Let a subscriber open one connection only to each publisher.
+
+    Symptom: on a busy machine, a drive ends because the mux is no longer connected, but it runs.
+    Cause: each time the master reports a publisher, a thread of the subscriber looks whether there
+    is a connection, calls the publisher, and then connects (rospy/impl/masterslave.py). If two
+    threads do this at the same time, the second connection replaces the first one.
+    """
+    create, lock = TCPROSHandler.create_transport, threading.Lock()
+
+    def create_once(self: Any, topic: str, uri: str, parameters: Any) -> Any:
+        subscriber = rospy.impl.registration.get_topic_manager().get_subscriber_impl(topic)
+        with lock:
+            if subscriber and subscriber.has_connection(uri):
+                return 1, f"{topic} is connected to {uri}", 0
+            return create(self, topic, uri, parameters)
+
+    TCPROSHandler.create_transport = create_once
 
 
 def write_at_once() -> None:
