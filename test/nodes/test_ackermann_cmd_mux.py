@@ -1,18 +1,14 @@
 """Check the mux: priorities, timeouts, the stop, the active input, a wrong configuration."""
 
-import functools
 import threading
-import time
 from unittest import mock
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
-from rospy.impl.masterslave import ROSHandler
 from rospy.impl.tcpros_base import TCPROSTransport
 from std_msgs.msg import String
 
 from mushr_ros_intro.ros import ros_time
-from mushr_ros_intro.ros.connections import reannounce, registered_nodes
 from mushr_ros_intro.simulator.ackermann_cmd_mux import AckermannCmdMux
 from support.helpers import PATIENCE, Recording, RosTestCase, node, publisher, wait_for
 from support.messages import COMMAND_TIMEOUT, MUX, command
@@ -221,34 +217,6 @@ class TestMux(MuxTestCase):
         late = Recording(f"{MUX}/active", String).connected()
         wait_for(lambda: late.last, "the latched name")
         self.assertEqual(late.last.data, "idle")
-
-    def test_a_publisher_that_is_announced_twice_is_connected_once(self):
-        """A second connection would replace the first one, as if the mux had restarted."""
-        answer, calls, connected = ROSHandler.requestTopic, [], []
-
-        @functools.wraps(answer)
-        def answer_late(*arguments):
-            calls.append(arguments)
-            if len(calls) == 1:
-                wait_for(lambda: len(calls) == 2, "the second call")
-            else:
-                wait_for(lambda: connected, "a connection")
-            return answer(*arguments)
-
-        listener = rospy.SubscribeListener()
-        listener.peer_subscribe = lambda *arguments: connected.append(arguments)
-        topic = "/other/mux/ackermann_cmd_mux/input/teleop"
-        load("ackermann_cmd_mux.yaml", "/other/mux/ackermann_cmd_mux")
-        self.ending(node("ackermann_cmd_mux.py", "__ns:=/other/mux"))
-        wait_for(lambda: registered_nodes(topic, "subscribers"), "the other mux")
-        with mock.patch.object(ROSHandler, "requestTopic", answer_late):
-            sender = rospy.Publisher(topic, AckermannDriveStamped, listener, queue_size=1)
-            self.addCleanup(sender.unregister)
-            wait_for(lambda: calls, "the first call")
-            reannounce(sender, "subscribers")
-            wait_for(lambda: connected, "a connection")
-        time.sleep(0.2)
-        self.assertEqual(len(connected), 1)
 
     def test_a_bad_configuration(self):
         entry = {"name": "a", "topic": "input/a", "timeout": 0.2, "priority": 1}

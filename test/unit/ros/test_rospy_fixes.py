@@ -4,16 +4,22 @@ import socket
 import struct
 import threading
 import time
+from contextlib import suppress
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
 import rosgraph.xmlrpc
 import rospy
 from rospy.exceptions import TransportException
+from rospy.impl.masterslave import ROSHandler
 from rospy.impl.tcpros_base import TCPROSTransport, TCPROSTransportProtocol
+from rospy.impl.tcpros_pubsub import TCPROSHandler
+from std_msgs.msg import String
 
 from mushr_ros_intro.ros.rospy_fixes import (
     DirectConnection,
+    connect_once,
     end_at_once,
     end_server,
     publish_together,
@@ -147,6 +153,43 @@ def test_a_node_ends_at_once(monkeypatch):
         thread.start()
         assert manager.cond.wait(10.0)
     thread.join()
+
+
+def test_a_publisher_that_is_reported_twice_is_connected_once(monkeypatch):
+    """Two threads see that there is no connection yet; without the lock, they do so twice."""
+    both, added = threading.Barrier(2), []
+
+    def has_connection(_):
+        found = bool(added)
+        with suppress(threading.BrokenBarrierError):
+            both.wait(1.0)
+        return found
+
+    subscriber = SimpleNamespace(
+        has_connection=has_connection,
+        add_connection=added.append,
+        data_class=String,
+        queue_size=None,
+        buff_size=65536,
+        tcp_nodelay=False,
+        receive_callback=None,
+    )
+    manager = SimpleNamespace(get_subscriber_impl=lambda topic: subscriber)
+    answer = 1, "", ["TCPROS", "localhost", 1]
+    publisher = SimpleNamespace(requestTopic=lambda *_: answer)
+    for module in (rospy.impl.masterslave, rospy.impl.registration):
+        monkeypatch.setattr(module, "get_topic_manager", lambda: manager)
+    monkeypatch.setattr(rospy.impl.masterslave, "xmlrpcapi", lambda *_, **__: publisher)
+    monkeypatch.setattr(TCPROSHandler, "create_transport", TCPROSHandler.create_transport)
+    connect_once()
+    handler = SimpleNamespace(protocol_handlers=[TCPROSHandler()])
+    connect = partial(ROSHandler._connect_topic, handler, "/topic", "http://publisher:1")
+    threads = [threading.Thread(target=connect) for _ in range(2)]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    assert len(added) == 1
 
 
 def test_a_node_that_is_shut_down_stops_serving(monkeypatch):
