@@ -125,7 +125,7 @@ def connect_once() -> None:
     def create_once(self: Any, topic: str, uri: str, parameters: Any) -> Any:
         subscriber = rospy.impl.registration.get_topic_manager().get_subscriber_impl(topic)
         with lock:
-            if subscriber and subscriber.has_connection(uri):
+            if subscriber.has_connection(uri):
                 return 1, f"{topic} is connected to {uri}", 0
             return create(self, topic, uri, parameters)
 
