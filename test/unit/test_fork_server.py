@@ -40,7 +40,8 @@ def test_same_as_a_process(tmp_path, name):
 
 def test_signals(tmp_path):
     path = tmp_path / "program.py"
-    path.write_text("import time\nprint('ready')\ntime.sleep(1000)")
+    # A long sleep would be wrong: Python does not notice a SIGINT that comes just before the sleep.
+    path.write_text("import time\nprint('ready')\nwhile True:\n    time.sleep(0.01)")
     for number, status in ((signal.SIGTERM, -signal.SIGTERM), (signal.SIGINT, -signal.SIGINT)):
         process = ForkedProcess(str(path))
         assert process.running
