@@ -105,9 +105,11 @@ class Run:
     def __enter__(self):
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, kind, error, _):
         self.process.terminate()
         self.process.wait(PATIENCE)
+        if kind:  # show the log, too
+            raise AssertionError(self.log.read_text()) from error
 
 
 def test_a_drive(tmp_path):
