@@ -282,6 +282,7 @@ class TestPathPublisher(RosTestCase):
             process.send_signal(signal.SIGINT)
         for process in started:
             self.assertEqual(process.wait(), 1, process.output)
+        self.assertEqual(self.placements.messages, [])
         self.assertEqual(self.commands.messages, [])
 
     def test_timeouts(self):
