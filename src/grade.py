@@ -114,15 +114,13 @@ def grade_node(arguments: argparse.Namespace) -> int:
         report = os.path.join(arguments.out or "", plan_name)
         if arguments.out:
             make_folder(report)
-        if arguments.bag:
-            job = job._replace(bag=os.path.abspath(f"{arguments.out}/{plan_name}.bag"))
         judgement = run_job(job)
         print(judgement.verdict, flush=True)
         status = max(status, PASSED if judgement.passed else FAILED)
         if arguments.out:
             write_report(report, judgement, vars(arguments))
-            for each in [*os.scandir(report), *filter(None, [job.bag])]:
-                give_to_user(os.fspath(each))
+            for each in os.scandir(report):
+                give_to_user(each.path)
     return status
 
 
@@ -134,9 +132,6 @@ def grade_class(arguments: argparse.Namespace) -> int:
     store = Store(arguments.out)
     folder = os.path.realpath(arguments.out)
     inputs = [each if os.path.isdir(each) else os.path.dirname(each) for each in arguments.inputs]
-    bags = os.path.join(folder, "bags") if arguments.bag else ""
-    if bags:
-        make_folder(bags)
     with tempfile.TemporaryDirectory(dir=temporary_folder()) as workspace:
         os.chmod(workspace, 0o711)
         sandbox, missing = make_sandbox(
@@ -156,7 +151,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
         store.save_parts([arguments.shard])
         drives_again = bool(arguments.only)
         options = Options(
-            arguments.jobs, bags, drives_again, arguments.rejudge, missing, arguments.params
+            arguments.jobs, drives_again, arguments.rejudge, missing, arguments.params
         )
         places = {
             **dict.fromkeys(plans.folders, ""),

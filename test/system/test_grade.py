@@ -78,9 +78,9 @@ def test_noise():
 def test_a_report_belongs_to_the_user_of_sudo(tmp_path):
     node = ("--node", "mushr_ros_intro", "path_publisher.py")
     user = {"SUDO_UID": "1234", "SUDO_GID": "1235"}
-    assert_status(0, "test_drive", *node, "--out", tmp_path / "out", "--bag", **user)
+    assert_status(0, "test_drive", *node, "--out", tmp_path / "out", **user)
     files = [tmp_path / "out", *(tmp_path / "out").rglob("*")]
-    assert len(files) == 7
+    assert len(files) == 6
     assert {(each.stat().st_uid, each.stat().st_gid) for each in files} == {(1234, 1235)}
 
 

@@ -37,7 +37,6 @@ WITHOUT_ROS = {"preview", "car", "world", "plan", ""}
 WITH_ROS = {
     "browser": {"bridge", "map", "messages", "plan_drive", "rosapi"},
     "replay": {
-        "bag",
         "follow_world",
         "guarded_master",
         "received",

@@ -103,7 +103,6 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add_exercise_options(parser)
     add("--plans-for", metavar="FOLDER", help="a plan for each student, made by make_plans")
     add("--out", metavar="FOLDER", help="write the results to this folder")
-    add("--bag", action="store_true", help="also write each drive as a bag")
     add("--feedback", default="", metavar="FILE", help="points and comments by hand")
     add("--timeout", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
     add("--jobs", type=int, default=2 * len(os.sched_getaffinity(0)), help="simultaneous replays")
@@ -145,7 +144,7 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
     plans = arguments.plans or arguments.plans_for or arguments.follow
     if is_class and not (arguments.inputs and plans and arguments.out):
         return "expected PLAN... --node PACKAGE FILE, or SUBMISSION... --plans PLAN... --out FOLDER"
-    if (arguments.merge or arguments.bag) and not arguments.out:
+    if arguments.merge and not arguments.out:
         return "expected --out FOLDER"
     if arguments.out and os.path.exists(arguments.out) and not os.path.isdir(arguments.out):
         return f"--out: {arguments.out} is not a folder"

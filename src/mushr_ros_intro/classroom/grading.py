@@ -16,7 +16,6 @@ from mushr_ros_intro.classroom.store import (
     Record,
     Store,
     StoredDrive,
-    give_to_user,
     hash_of,
     hash_of_folder,
     recorded_from_json,
@@ -60,8 +59,6 @@ class Options(NamedTuple):
 
     jobs: int
     """The number of replays at the same time."""
-    bags: str
-    """The folder for bags of the drives; "" for none."""
     drives_again: bool
     """Whether stored drives are not used."""
     judges_again: bool
@@ -177,20 +174,19 @@ class Grading:
                 kind = type(plan).__name__, plan.start
                 key = Key(files, hash_of(file.read(), kind), **self._common)
             old = progress.record and progress.record.drives.get(name)
-            if old and not self._is_usable(old, key, submission, name):
+            if old and not self._is_usable(old, key):
                 old = None
             if old and old.key == key and not self._options.judges_again:
                 progress.drives[name] = old
             else:
                 progress.needed[name] = key, old
 
-    def _is_usable(self, old: StoredDrive, key: Key, submission: Submission, plan: str) -> bool:
+    def _is_usable(self, old: StoredDrive, key: Key) -> bool:
         """Return whether a drive need not be driven again; it may have to be judged again."""
         if self._options.judges_again:
             return old.key[:2] == key[:2]
         is_same = old.key._replace(tolerances=key.tolerances) == key
-        has_bag = not self._options.bags or os.path.exists(self._bag(submission, plan))
-        return is_same and has_bag and not self._options.drives_again
+        return is_same and not self._options.drives_again
 
     def _start(
         self, pool: ThreadPoolExecutor, progress: _Progress
@@ -208,9 +204,6 @@ class Grading:
                 future = pool.submit(self._drive, submission, built, key, name, plan)
             yield future, progress, name
 
-    def _bag(self, submission: Submission, plan: str) -> str:
-        return os.path.join(self._options.bags, f"{submission.name}.{plan}.bag")
-
     def _drive(
         self, submission: Submission, built: "Future[str]", key: Key, name: str, plan: Exercise
     ) -> StoredDrive:
@@ -221,17 +214,13 @@ class Grading:
         """
         if fault := built.result():
             return StoredDrive(key, self._shorten(fault), None, {})
-        bag = self._bag(submission, name) if self._options.bags else ""
         folder, packages = submission.folder, submission.packages
         try:
             command = (*submission.command, *self._parameters(submission))
         except UserError as error:
             return StoredDrive(key, self._shorten(str(error)), None, {})
-        job = Job(submission.name, command, plan, self._setting, folder, packages, bag)
-        judgement = run_job(job)
-        if bag:
-            give_to_user(bag)
-        return self._judged(key, name, judgement)
+        job = Job(submission.name, command, plan, self._setting, folder, packages)
+        return self._judged(key, name, run_job(job))
 
     def _parameters(self, submission: Submission) -> Tuple[str, ...]:
         """Return the parameters in the file of a submission; raise UserError if it is wrong."""

@@ -15,7 +15,6 @@ from mushr_ros_intro.isolation.workspace import environment_of
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import count_commands
-from mushr_ros_intro.replay.bag import write_bag
 from mushr_ros_intro.replay.follow_world import FollowWorld
 from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.judge import STILL_SENDS, Judgement
@@ -87,8 +86,6 @@ class Job(NamedTuple):
     """The folder that the node may read besides the system; "" if there is none."""
     packages: Tuple[str, ...] = ()
     """Paths in which rospack finds the packages of the node."""
-    bag: str = ""
-    """The path of the bag of the drive; "" for none."""
 
 
 def run_job(job: Job) -> Judgement:
@@ -117,7 +114,6 @@ def _run_here(job: Job) -> Judgement:
 
     Raises:
         UserError: the node cannot be started, or a parameter of the car is invalid.
-        OSError: the bag cannot be written.
     """
     began, setting, sandbox = time.monotonic(), job.setting, job.setting.sandbox
     car = car_from(Parameters(setting.parameters))
@@ -137,16 +133,12 @@ def _run_here(job: Job) -> Judgement:
             process.end()
             sandbox.end_processes()
     world.wait_until_rest(car.command_timeout)
-    states, recorded = world.recording(job.plan, car, outcome)
-    recorded = recorded._replace(
+    recorded = world.recording(job.plan, car, outcome)._replace(
         output=process.output, error=error, seconds=time.monotonic() - began
     )
     verb = "follows" if isinstance(job.plan, Reference) else "drives"
     title = f"{job.name} {verb} {job.plan.path} with the car {setting.car}:"
-    report = judge_drive(recorded, setting.tolerances)._replace(title=title)
-    if job.bag:
-        write_bag(job.bag, report, states)
-    return report
+    return judge_drive(recorded, setting.tolerances)._replace(title=title)
 
 
 def _world_of(job: Job) -> ReplayWorld:

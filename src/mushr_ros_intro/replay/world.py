@@ -284,8 +284,8 @@ class ReplayWorld:
         recent = [each.pose for each in self.states[-1000:] if each.stamp >= stamp - timeout]
         return stamp > commands[-1].time + 2 * timeout and all(each == pose for each in recent)
 
-    def recording(self, plan: Any, car: Car, outcome: str) -> Tuple[List[State], Recorded]:
-        """Return the states of the car when it reported them, and what was recorded.
+    def recording(self, plan: Any, car: Car, outcome: str) -> Recorded:
+        """Return what was recorded.
 
         Commands that arrived late correct the states.
 
@@ -296,7 +296,7 @@ class ReplayWorld:
         """
         states, received, master = self._car.corrected_states(), self.received, self._master
         contacts = [state.collision for state in states if state.collision]
-        return states, Recorded(
+        return Recorded(
             plan=plan,
             car=car,
             outcome=outcome,

@@ -42,7 +42,7 @@ class Course:
         for name in ("ann", "bob", "eve"):
             fill(folder / "class" / name, FILES)
         (folder / "plan.txt").write_text(TEXT)
-        self.options = {"jobs": 1, "bags": "", "drives_again": False, "judges_again": False}
+        self.options = {"jobs": 1, "drives_again": False, "judges_again": False}
         self.options["isolation"] = ""
         self.setting = {"seed": None, "tolerances": {}}
         self.fail = {}

@@ -125,7 +125,7 @@ def test_the_recording_has_what_the_master_observed():
     world._car, world._grid = SimpleNamespace(corrected_states=list), None
     world.received = Received()
     world._master = SimpleNamespace(actions=["a"], published={"/b": "c"}, plan_is_read=False)
-    _, seen = world.recording(None, model.Car(), "")
+    seen = world.recording(None, model.Car(), "")
     assert (seen.actions, seen.published, seen.plan_is_read) == (("a",), (("/b", "c"),), False)
 
 
