@@ -8,7 +8,7 @@ RUN printf 'path-exclude=/usr/%s\n' 'share/doc/*' 'share/info/*' 'share/locale/*
     'share/unicode/*' 'include/boost/*' 'lib/gcc/*/lto1' 'bin/*-lto-dump-*' 'bin/cpack' 'lib/*/lib*san.*' \
     'lib/*/libboost*.a' 'lib/*/libicu*.a' 'lib/*/libpython*.a' 'lib/*blas*/*.a' >/etc/dpkg/dpkg.cfg.d/small && \
     echo 'path-include=/usr/share/doc/*/copyright' >>/etc/dpkg/dpkg.cfg.d/small
-COPY scripts/packages /opt/
+COPY scripts/dev/packages /opt/
 RUN . /opt/packages && apt-get -q update && \
     DEBIAN_FRONTEND=noninteractive apt-get -q -y install --no-install-recommends $runtime_packages && \
     find /usr/lib/python3 -depth -path '*/tests/*' -delete && apt-get clean && rm -rf /var/lib/apt/lists/*

@@ -1,4 +1,4 @@
-"""Measure the package on this machine; run by scripts/benchmark.
+"""Measure the package on this machine; run by scripts/dev/benchmark.
 
 All results are medians unless noted. They depend on the machine and its load, so compare only
 results of the same run.

@@ -1,4 +1,4 @@
-// The rules of scripts/lint for the page in web/ and the client of a test.
+// The rules of scripts/dev/lint for the page in web/ and the client of a test.
 const globals =
   "Image Option ResizeObserver URL WebSocket addEventListener console createImageBitmap devicePixelRatio document " +
   "fetch getComputedStyle location matchMedia navigator performance process requestAnimationFrame sessionStorage " +

@@ -1,4 +1,4 @@
-"""Measure the speed of the laser, for scripts/benchmark."""
+"""Measure the speed of the laser, for scripts/dev/benchmark."""
 
 import math
 import time

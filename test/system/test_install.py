@@ -19,7 +19,7 @@ def shell(script, folder, *variables):
         *("env", "-i", "-C", str(folder), "PATH=/usr/bin:/bin", f"HOME={folder}"),
         "PYTHONUNBUFFERED=1",  # otherwise messages are in a buffer
         *(f"ROS_HOME={folder}/ros", "ROS_HOSTNAME=localhost"),
-        f"LD_PRELOAD={os.environ.get('LD_PRELOAD', '')}",  # see scripts/loopback.c
+        f"LD_PRELOAD={os.environ.get('LD_PRELOAD', '')}",  # see scripts/dev/loopback.c
         *(*variables, "bash", "-c", source + script),
     )
 

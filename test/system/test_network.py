@@ -68,7 +68,7 @@ class Machine:
         """Start a command with the environment of the README."""
         return Process(
             *("ip", "netns", "exec", self.name, "env", "-u", "ROS_HOSTNAME"),
-            *("-u", "LD_PRELOAD"),  # scripts/loopback.c, which a user does not have
+            *("-u", "LD_PRELOAD"),  # scripts/dev/loopback.c, which a user does not have
             *(f"ROS_MASTER_URI={MASTER}", f"ROS_IP={self.address}"),
             *command,
         )

@@ -65,7 +65,7 @@ def shell(tmp_path):
         ("which catkin_make >/dev/null && which catkin_create_pkg >/dev/null && echo yes", "yes"),
         ("echo $ROS_HOSTNAME $ROS_MASTER_URI", "localhost http://localhost:11311"),
         ("echo ${ROS_IP-1} ${ROS_NAMESPACE-2} ${ROS_HOME-3} ${TMPDIR-4}", "1 2 3 4"),
-        # scripts/loopback.c is for programs with roscpp only.
+        # scripts/dev/loopback.c is for programs with roscpp only.
         (f"python3 -c '{ANY_INTERFACE}'", "0.0.0.0"),
         ("complete -p rosrun roslaunch roscd rostest >/dev/null && echo yes", "yes"),
         ("hello", "hello"),
@@ -93,7 +93,7 @@ def test_one_command(shell):
 
 @pytest.mark.parametrize(
     "name",
-    ["benchmark", "build_deb", "dev/screenshot", "lint", "run", "setup", "shell", "test"],
+    ["dev/benchmark", "dev/build_deb", "dev/lint", "dev/screenshot", "run", "setup", "shell", "test"],
 )
 def test_help(name):
     """No script starts with an option that it does not know, such as --help."""

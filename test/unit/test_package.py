@@ -210,7 +210,7 @@ def test_versions_agree():
 
 
 def test_the_debian_packages_need_what_setup_installs():
-    (names,) = re.findall(r'^runtime_packages="([^"]*)"', read("scripts/packages"), re.MULTILINE)
+    (names,) = re.findall(r'^runtime_packages="([^"]*)"', read("scripts/dev/packages"), re.MULTILINE)
     assert set(names.split()) <= set(re.findall(r"[\w+-]+", read("debian/control")))
 
 

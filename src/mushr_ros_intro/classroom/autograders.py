@@ -22,7 +22,7 @@ from mushr_ros_intro.yaml_file import read_mapping
 
 FILES = (
     *("LICENSE", "package.xml", "setup.py", "src/grade.py"),
-    *("scripts/grade", "scripts/loopback.c", "scripts/packages", "scripts/setup"),
+    *("scripts/grade", "scripts/dev/loopback.c", "scripts/dev/packages", "scripts/setup"),
 )
 FOLDERS = ("config", "src/mushr_ros_intro", "underlay/ackermann_msgs")
 LEFT_OUT = ("authoring", "browser", "doctor", "drive", "__pycache__", ".*")
