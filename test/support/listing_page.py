@@ -1,4 +1,4 @@
-"""Type the changes of docs/listing.md into its listing, as the page says."""
+"""Type the changes of docs/exact.md into its listing, as the page says."""
 
 import ast
 import re
@@ -63,7 +63,7 @@ class Program:
 
 def states():
     """Return the program after each numbered section of the page, by the heading."""
-    with open(f"{CHECKOUT}/docs/listing.md", encoding="utf-8") as file:
+    with open(f"{CHECKOUT}/docs/exact.md", encoding="utf-8") as file:
         sections = re.split(r"^## (.*)\n", file.read(), flags=re.MULTILINE)
     program, found = Program(), {}
     for heading, text in zip(sections[1::2], sections[2::2]):

@@ -201,7 +201,7 @@ def test_is_a_students():
 @pytest.mark.full
 @pytest.mark.parametrize("heading", states())
 def test_each_change_of_the_page(tmp_path, heading):
-    """The program of docs/listing.md passes all checks after each of its changes."""
+    """The program of docs/exact.md passes all checks after each of its changes."""
     typed = tmp_path / "path_publisher.py"
     typed.write_text(states()[heading])
     typed.chmod(0o755)

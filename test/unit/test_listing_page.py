@@ -1,4 +1,4 @@
-"""The program of docs/listing.md is complete after each change, and ends as examples/my_ros_intro.
+"""The program of docs/exact.md is complete after each change, and ends as examples/my_ros_intro.
 
 test/system/test_listing.py lets each state drive.
 """

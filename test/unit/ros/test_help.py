@@ -41,28 +41,14 @@ def class_of(program, monkeypatch):
     return getattr(importlib.import_module(program[:-3]), NODES[program])
 
 
-def section_of(program):
-    """Return the page of docs/ that describes a program, and the heading there."""
-    special = {
-        "web_view.py": ("web", "## web_view.py"),
-        "posetest.py": ("grading", "## Test nodes"),
-    }
-    return special.get(program, ("nodes", f"## {program}"))
-
-
-def documented(program):
-    """Return the names of the parameters of a program in docs/."""
-    page, heading = section_of(program)
-    with open(f"{PACKAGE}/docs/{page}.md") as file:
-        text = file.read()
-    section = text.partition(f"\n{heading}\n")[2].partition("\n## ")[0]
-    cells = re.findall(r"^\| (`~[^|]*) \|", section, re.M)
-    return {name for cell in cells for name in re.findall(r"`~(\w+)`", cell)}
+def parameters_in(text):
+    """Return the names of the parameters in an answer to --help."""
+    return set(re.findall(r"^  (\w+)$", text.split("\n\n")[-1], re.M))
 
 
 @pytest.mark.parametrize("program", NODES)
 def test_help(program, monkeypatch):
-    """It names the purpose, the topics, an example, and every documented parameter."""
+    """It names the purpose, the topics, an example, and every parameter."""
     text = node.help_text(class_of(program, monkeypatch))
     without = (
         r"^  (\w+)\n    (?:a number|true or|one of|text that|a file name|default|required|\n|$)"
@@ -70,21 +56,19 @@ def test_help(program, monkeypatch):
     assert re.findall(without, text, re.M) == [], "expected a meaning of each parameter"
     expected = "expected a docstring of the class with a sentence, the topics, and an example"
     assert text.count("\n\n") >= 2, expected
-    purpose, *_, example, parameters = text.split("\n\n")
+    purpose, *_, example, _ = text.split("\n\n")
     assert purpose.endswith("."), expected
     assert re.search("Subscribes|Publishes|topics", text), expected
     assert re.match(r"Example: (rosrun|roslaunch|<test)", example), expected
-    names = set(re.findall(r"^  (\w+)$", parameters, re.M))
-    page, heading = section_of(program)
-    expected = f"expected the parameters of --help in docs/{page}.md, below '{heading}'"
-    assert names == documented(program), expected
+    assert parameters_in(text)
 
 
 @pytest.mark.parametrize("name", sorted(os.path.basename(each) for each in FILES))
-def test_files_of_parameters(name):
+def test_files_of_parameters(name, monkeypatch):
     program = {"laser.yaml": "laser_sim"}.get(name, name[: -len(".yaml")])
     with open(f"{PACKAGE}/config/{name}") as file:
-        assert set(yaml.safe_load(file)) <= documented(f"{program}.py")
+        names = set(yaml.safe_load(file))
+    assert names <= parameters_in(node.help_text(class_of(f"{program}.py", monkeypatch)))
 
 
 def test_a_program_that_catkin_has_wrapped():
