@@ -1,4 +1,4 @@
-# The simulated car in a container: see docs/container.md. The default target is full, which also builds and
+# The simulated car in a container: see docs/install.md. The default target is full, which also builds and
 # tests; the target slim only runs.
 FROM debian:12 AS base
 # Leave out large files that nothing here needs: documentation except licences, static libraries, the headers of

@@ -37,7 +37,7 @@ def drive_named(folder: str, name: str) -> Dict[str, Any]:
 def drives(folder: str) -> Dict[str, Dict[str, Any]]:
     """Return the drives in a folder by their names, such as SUBMISSION/PLAN or PLAN.
 
-    Files that are something else are skipped. See docs/web.md for the values.
+    Files that are something else are skipped. See docs/view.md for the values.
 
     Raises:
         UserError: a folder or a file cannot be read.

@@ -61,7 +61,7 @@ def name_of(path: str, folders: Sequence[str]) -> Optional[str]:
 
 
 def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:
-    """Check a plan with a car, and on a map (a `Grid`) if there is one; see docs/web.md."""
+    """Check a plan with a car, and on a map (a `Grid`) if there is one; see docs/view.md."""
     result: Dict[str, Any] = {"name": name, "start": None, "rows": [], "row_count": 0, "path": []}
     result.update(length=None, duration=None, wall=None, final_pose=None, ignores_noise=False)
     try:

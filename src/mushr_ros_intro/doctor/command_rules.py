@@ -109,7 +109,7 @@ def _no_commands(facts: Facts, package: str) -> Finding:
     own = f"roslaunch mushr_ros_intro path_publisher.launch{facts.car_argument} "
     own += "plan_file:=figure_8"
     if f"/{facts.car}/car_sim" not in facts.output.subscribers:  # maybe an actual car
-        own = "roslaunch mushr_ros_intro real_car.launch plan_file:=my_plan.txt (see real_car.md)"
+        own = "roslaunch mushr_ros_intro real_car.launch plan_file:=my_plan.txt (see car.md)"
     remedy = "Start your node, and read its terminal. To find out why it does not start, type: "
     remedy += "rosrun mushr_ros_intro doctor.py --package THE_PACKAGE_OF_YOUR_NODE"
     if package:
