@@ -50,7 +50,6 @@ def add_exercise_options(parser: argparse.ArgumentParser) -> None:
     add("--params", default="", metavar="FILE", help="parameters of the node; in each submission")
     add("--car", default="ideal", help="as in sim.launch; default ideal")
     add("--map", help="as in sim.launch; default sandbox, or none with --follow")
-    add("--seed", type=int, help="drive with the noise of the car, and with this seed")
     for name, unit in TOLERANCE_UNITS.items():
         option = f"--{name.replace('_', '-')}-tolerance"
         add(option, type=tolerance, metavar=unit, help="see docs/grading.md")

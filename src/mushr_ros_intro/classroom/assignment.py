@@ -103,7 +103,7 @@ def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
         package_folder("."),
         arguments.car,
         arguments.map,
-        arguments.seed,
+        None,
         remap=(*arguments.remap, *words),
         timeout=arguments.timeout,
         tolerances={name: value for name, value in values if value is not None},

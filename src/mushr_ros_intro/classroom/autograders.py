@@ -67,7 +67,7 @@ def fill(folder: str, arguments: argparse.Namespace, package: str) -> str:
         raise UserError(f"there are {len(exercises)} {kind}s; expected at most {most}")
     checks = FOLLOW_CHECK_NAMES if arguments.follow else CHECK_NAMES
     points = read_points(arguments.points, list(exercises), checks)
-    parameters = read_parameters(arguments.car, os.path.join(package, "config"), arguments.seed)
+    parameters = read_parameters(arguments.car, os.path.join(package, "config"))
     copy = os.path.join(folder, "mushr_ros_intro")
     for each in (f"{kind}s", "mushr_ros_intro/maps"):
         os.makedirs(os.path.join(folder, each))

@@ -83,7 +83,7 @@ def test_fault(make, folder, arguments, reason):
     "options, sources, summary, map_name",
     [
         (
-            "--plans secret.txt open.txt --seed 3 --path-tolerance 0.5",
+            "--plans secret.txt open.txt --path-tolerance 0.5",
             ["open", "secret"],
             "2 plans, 1 hidden; 6 points",
             "sandbox",
