@@ -4,7 +4,7 @@
 A node:   grade.py PLAN... --node PACKAGE FILE [--remap FROM:=TO...]
           grade.py --follow PATH... --node PACKAGE FILE
 A class:  grade.py SUBMISSION... --plans PLAN... --out FOLDER [--points FILE]
-Parts:    grade.py --merge FOLDER... --out FOLDER [--points FILE]
+Results:  grade.py --merge FOLDER... --out FOLDER [--points FILE]
 Machine:  grade.py --check-environment
 
 A class may be interrupted: the same command grades only what is missing or has changed.
@@ -23,7 +23,7 @@ from typing import Any, List
 
 from mushr_ros_intro.classroom import services, tables
 from mushr_ros_intro.classroom.arguments import parse_arguments, read_exercises
-from mushr_ros_intro.classroom.assignment import Plans, choose, names_to_grade, setting_from
+from mushr_ros_intro.classroom.assignment import Plans, names_to_grade, setting_from
 from mushr_ros_intro.classroom.environment import check_environment
 from mushr_ros_intro.classroom.feedback import read_feedback
 from mushr_ros_intro.classroom.grades import Grade, names_of
@@ -35,9 +35,7 @@ from mushr_ros_intro.classroom.store import (
     describe_error,
     give_to_user,
     load_newest,
-    load_parts,
     make_folder,
-    missing_parts,
 )
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
@@ -144,11 +142,9 @@ def grade_class(arguments: argparse.Namespace) -> int:
         found = collect(arguments.inputs, workspace, arguments.file)
         names = names_of({each.name: each.students for each in found})
         points = points._replace(feedback=read_feedback(arguments.feedback, names))
-        chosen = choose(arguments, found)
-        names_now = names_to_grade(arguments, chosen)
-        tasks = [plans.task(each, each.name in names_now) for each in chosen]
+        names_now = names_to_grade(arguments, found)
+        tasks = [plans.task(each, each.name in names_now) for each in found]
         store.set_aside(task.submission.name for task in tasks)
-        store.save_parts([arguments.shard])
         drives_again = bool(arguments.only)
         options = Options(
             arguments.jobs, drives_again, arguments.rejudge, missing, arguments.params
@@ -168,9 +164,8 @@ def grade_class(arguments: argparse.Namespace) -> int:
 
 def merge(arguments: argparse.Namespace) -> int:
     """Put results of several runs together; of several results of a submission, use the newest."""
-    records, parts = load_newest(arguments.merge), load_parts(arguments.merge)
+    records = load_newest(arguments.merge)
     store = Store(arguments.out)
-    store.save_parts(parts)
     store.set_aside(records)
     for name in sorted(records):
         store.save(records[name])
@@ -181,10 +176,7 @@ def merge(arguments: argparse.Namespace) -> int:
     points = read_points(arguments.points, plans, checks)
     names = names_of({each.name: each.students for each in results})
     points = points._replace(feedback=read_feedback(arguments.feedback, names))
-    status = finish(arguments.out, results, points, plans)
-    if missing := missing_parts(parts):
-        print(f"grade.py: the results of part {', '.join(missing)} are missing", file=sys.stderr)
-    return NOT_GRADED if missing else status
+    return finish(arguments.out, results, points, plans)
 
 
 def finish(folder: str, results: List[Grade], points: Points, plans: List[str]) -> int:

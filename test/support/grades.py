@@ -46,10 +46,10 @@ def submission(*plans, name="ann", students=(ANN,), **values):
     return Grade(name, tuple(students), **{"fault": "", "error": "", **values}, plans=plans)
 
 
-def store(folder, *results):
+def store(folder, *results, time=0.0):
     """Write results as grade.py does, without recordings."""
     key = Key("files", "plan", "options", "package", "tolerances")
     stored = Store(str(folder))
     for result in results:
         drives = {plan.plan: StoredDrive(key, "", plan, {}) for plan in result.plans}
-        stored.save(Record(result, drives, 0.0))
+        stored.save(Record(result, drives, time))

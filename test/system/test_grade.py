@@ -155,7 +155,6 @@ NODE = ("--node", "mushr_ros_intro", "path_publisher.py")
         (("/nowhere", "--plans", "figure_8", "--out", "/proc/x"), 3, "/proc/x"),
         (("figure_8", *NODE, "--out", "/dev/null"), 2, "--out: /dev/null is not a folder"),
         (("/nowhere", "--out", "out"), 2, "or SUBMISSION... --plans PLAN... --out FOLDER"),
-        ((PACKAGE, "--plans", "figure_8", "--out", "/tmp/x", "--shard", "3/2"), 2, "expected I/N"),
         (
             (PACKAGE, "--follow", "wave", "--out", "/tmp/x", "--params", "/a.yaml"),
             2,

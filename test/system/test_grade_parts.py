@@ -53,11 +53,11 @@ def parts(tmp_path_factory):
     (folder / "points.yaml").write_text("default: {path: 3, rest: 1}\n")
     (folder / "private").mkdir(0o700)
     plan = ("--plans", folder / "plan.txt", "--points", folder / "points.yaml")
-    command = (folder / "class", *plan, "--shard")
-    first = (*command, "1/2", "--out", folder / "1")
+    first = (folder / "class" / "zipped.zip", folder / "class" / "builds", *plan)
     environment = {"TMPDIR": str(folder / "private"), "GRADER": "1"}
-    assert_status(0, *first, prefix=WITHOUT_NAMESPACES, **environment)
-    assert_status(1, *command, "2/2", "--out", folder / "2")
+    command = (*first, "--out", folder / "1")
+    assert_status(0, *command, prefix=WITHOUT_NAMESPACES, **environment)
+    assert_status(1, folder / "class" / "cannot_build", *plan, "--out", folder / "2")
     return folder
 
 
@@ -73,8 +73,6 @@ def test_merge(parts):
         "zipped": "4",
     }
     assert "the package does not build" in rows["cannot_build"]["Error/Fault"]
-    output = assert_status(3, "--merge", parts / "1", "--out", parts / "one")
-    assert "the results of part 2/2 are missing" in output
 
 
 @ISOLATED
@@ -88,12 +86,6 @@ def test_hooks_and_modules(parts):
     assert not (parts / "attacked").exists()
     record = load(parts / "1" / "data" / "builds.json")
     assert not record["fault"]
-
-
-def test_empty_part(parts, tmp_path):
-    """A part without a submission is no failure."""
-    plan = ("--plans", parts / "plan.txt", "--out", tmp_path)
-    assert_status(0, parts / "class" / "zipped.zip", *plan, "--shard", "2/2")
 
 
 def test_gradescope(parts, tmp_path):

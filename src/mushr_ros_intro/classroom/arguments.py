@@ -12,19 +12,10 @@ from mushr_ros_intro.replay.following import TOLERANCE_UNITS, tolerance_fault
 from mushr_ros_intro.replay.reference import OFFSETS, Exercise, read_references
 
 _OF_A_CLASS = (
-    *("plans_for", "points", "feedback", "jobs", "shard", "user", "only", "rejudge"),
+    *("plans_for", "points", "feedback", "jobs", "user", "only", "rejudge"),
     *("gradescope", "classroom50", "github"),
 )
 """Options that `--node` does not use."""
-
-
-def shard(text: str) -> Sequence[int]:
-    """Return I and N of "I/N"; raise ArgumentTypeError for any other text."""
-    if re.fullmatch("[0-9]+/[0-9]+", text):
-        number, count = map(int, text.split("/"))
-        if 1 <= number <= count:
-            return number, count
-    raise argparse.ArgumentTypeError(f"{text!r}; expected I/N, such as 1/4 or 4/4")
 
 
 def tolerance(text: str) -> float:
@@ -105,7 +96,6 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--feedback", default="", metavar="FILE", help="points and comments by hand")
     add("--timeout", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
     add("--jobs", type=int, default=2 * len(os.sched_getaffinity(0)), help="simultaneous replays")
-    add("--shard", type=shard, default=(1, 1), metavar="I/N", help="grade part I of N only")
     add(
         "--only",
         nargs="+",

@@ -67,29 +67,19 @@ class Plans:
         return Task(submission, plans, error, is_chosen)
 
 
-def choose(arguments: argparse.Namespace, found: Sequence[Submission]) -> Sequence[Submission]:
-    """Return the submissions of the part that is graded.
-
-    Raises:
-        UserError: there must be one and there are several.
-    """
-    number, count = arguments.shard
-    chosen = found[number - 1 :: count]
-    if len(chosen) != 1 and (arguments.gradescope or arguments.classroom50 or arguments.github):
-        raise UserError(
-            f"{counted(len(chosen), 'submission')} found; a result for Gradescope, "
-            "Classroom 50 or GitHub needs one submission"
-        )
-    return chosen
-
-
-def names_to_grade(arguments: argparse.Namespace, chosen: Sequence[Submission]) -> Set[str]:
+def names_to_grade(arguments: argparse.Namespace, found: Sequence[Submission]) -> Set[str]:
     """Return the names of the submissions that may be graded now; the others keep their results.
 
     Raises:
-        UserError: --only names a submission that is not among them.
+        UserError: --only names a submission that is not among them, or there must be one
+            submission and there are several.
     """
-    names = names_of({each.name: each.students for each in chosen})
+    if len(found) != 1 and (arguments.gradescope or arguments.classroom50 or arguments.github):
+        raise UserError(
+            f"{counted(len(found), 'submission')} found; a result for Gradescope, "
+            "Classroom 50 or GitHub needs one submission"
+        )
+    names = names_of({each.name: each.students for each in found})
     only = {find_name(each, names, "--only: ") for each in arguments.only}
     return only or set(names.values())
 

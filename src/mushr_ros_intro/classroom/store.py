@@ -8,12 +8,11 @@ import fcntl
 import hashlib
 import json
 import os
-import re
 import shutil
 import sys
 import tempfile
 from contextlib import suppress
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Set, Tuple
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Set
 
 import numpy as np
 
@@ -31,10 +30,6 @@ _LEFT = "left"
 """The folder in it for the results of submissions that are not in the class any more."""
 
 _LOCK = ".lock"
-
-_PARTS = "parts.txt"
-"""The file in it with the parts of the class, as with --shard. It is no hidden file, because
-actions/upload-artifact leaves those out."""
 
 _HASH = ', "hash": "'
 """Precedes the last value in a file: the hash of the JSON object without this value."""
@@ -129,15 +124,6 @@ class Store:
         text = f'{text[:-1]}{_HASH}{hash_of(text.encode())}"}}'
         write_text(os.path.join(self._folder, f"{record.grade.name}.json"), text)
 
-    def save_parts(self, parts: Iterable[Tuple[int, int]]) -> None:
-        """Write which parts of the class this folder contains: pairs I, N; none if not known.
-
-        Raises:
-            OSError: they cannot be written.
-        """
-        text = "".join(f"{number}/{count}\n" for number, count in sorted(parts))
-        write_text(os.path.join(self._folder, _PARTS), text)
-
     def set_aside(self, names: Iterable[str]) -> None:
         """Move the results of all other submissions than `names` to the folder left/."""
         keep = {f"{name}.json" for name in names}
@@ -158,30 +144,6 @@ def load_all(folder: str) -> List[Record]:
         return [_read(os.path.join(folder, FOLDER, each)) for each in names]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UserError(f"{folder}: not the output of grade.py ({error})") from None
-
-
-def load_parts(folders: Sequence[str]) -> Set[Tuple[int, int]]:
-    """Return the parts of the class in several output folders of grade.py, as pairs I, N.
-
-    There are none if those of a folder are not known, because an older version has written it.
-    """
-    parts: Set[Tuple[int, int]] = set()
-    for folder in folders:
-        path, text = os.path.join(folder, FOLDER, _PARTS), ""
-        with suppress(FileNotFoundError), open(path, encoding="ascii", errors="replace") as file:
-            text = file.read()
-        found = re.findall(r"(\d+)/(\d+)\n", text)
-        if not found:
-            return set()
-        parts.update((int(number), int(count)) for number, count in found)
-    return parts
-
-
-def missing_parts(parts: Set[Tuple[int, int]]) -> List[str]:
-    """Return which parts of the class are missing, such as 2/4."""
-    counts = sorted({count for _, count in parts})
-    wanted = ((number, count) for count in counts for number in range(1, count + 1))
-    return [f"{number}/{count}" for number, count in wanted if (number, count) not in parts]
 
 
 def load_newest(folders: Sequence[str]) -> Dict[str, Record]:

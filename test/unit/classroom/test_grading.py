@@ -221,28 +221,19 @@ def test_paths_are_short(course):
     assert shorten("/home/ta/plans/secret.txt:2:3") == "secret.txt:2:3"
 
 
-def test_a_part_is_missing(tmp_path, monkeypatch, capsys):
-    """The results of parts are put together in several steps, and the missing ones are named."""
+def test_merge(tmp_path, monkeypatch, capsys):
+    """Of several results of a submission, the newest is used."""
     main = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))["main"]
     monkeypatch.setenv("ROS_HOSTNAME", "localhost")
     monkeypatch.setattr(signal, "signal", lambda *_: None)
-    for number in (1, 2, 3):
-        part = str(tmp_path / f"part{number}")
-        store(part, submission(graded(), name=f"student{number}"))
-        Store(part).save_parts([(number, 3)])
-    store(str(tmp_path / "older"), submission(graded()))
-
-    def merge(*names):
-        folders = [str(tmp_path / name) for name in names]
-        words = ["grade.py", "--merge", *folders[:-1], "--out", folders[-1]]
-        monkeypatch.setattr("sys.argv", words)
-        return main(), capsys.readouterr().err
-
-    said = "grade.py: the results of part {} are missing\n"
-    assert merge("part2", "one") == (3, said.format("1/3, 3/3"))
-    assert merge("part1", "one", "two") == (3, said.format("3/3"))
-    assert merge("two", "part3", "all") == (0, "")
-    assert merge("part1", "older", "unknown") == (0, "")
+    folders = [str(tmp_path / name) for name in ("one", "two", "all")]
+    store(folders[0], submission(graded(), name="ann"), time=2.0)
+    failed = submission(graded(failed=["path"]), name="ann")
+    store(folders[1], failed, submission(graded(), name="bob"), time=1.0)
+    monkeypatch.setattr("sys.argv", ["grade.py", "--merge", *folders[:-1], "--out", folders[-1]])
+    assert main() == 0
+    printed = capsys.readouterr()
+    assert "2 of 2 submissions passed" in printed.out and "ann: several results" in printed.err
 
 
 def test_two_processes(tmp_path):
