@@ -13,6 +13,7 @@ Exit status: 0 if all checks passed, 1 if some failed, 2 if the command line or 
 """
 
 import argparse
+import json
 import os
 import signal
 import sys
@@ -21,12 +22,13 @@ import time
 import traceback
 from typing import Any, List
 
-from mushr_ros_intro.classroom import services, tables
+from mushr_ros_intro.classroom import tables
 from mushr_ros_intro.classroom.arguments import parse_arguments, read_exercises
 from mushr_ros_intro.classroom.assignment import Plans, names_to_grade, setting_from
 from mushr_ros_intro.classroom.environment import check_environment
 from mushr_ros_intro.classroom.feedback import read_feedback
 from mushr_ros_intro.classroom.grades import Grade, names_of
+from mushr_ros_intro.classroom.gradescope import gradescope
 from mushr_ros_intro.classroom.grading import Grading, Options, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.progress import grade_with_progress
@@ -36,6 +38,7 @@ from mushr_ros_intro.classroom.store import (
     give_to_user,
     load_newest,
     make_folder,
+    write_text,
 )
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
@@ -157,8 +160,9 @@ def grade_class(arguments: argparse.Namespace) -> int:
         grading = Grading(setting, store, options, shortener(workspace, places))
         began = time.monotonic()
         results = grade_with_progress(grading, tasks, points)
-    if len(results) == 1:
-        services.write_results(arguments, results[0], points, time.monotonic() - began)
+    if arguments.gradescope:
+        report = gradescope(results[0], points, time.monotonic() - began)
+        write_text(arguments.gradescope, json.dumps(report, indent=2))
     return finish(arguments.out, results, points, plans.names)
 
 

@@ -13,7 +13,7 @@ from mushr_ros_intro.replay.reference import OFFSETS, Exercise, read_references
 
 _OF_A_CLASS = (
     *("plans_for", "points", "feedback", "jobs", "user", "only", "rejudge"),
-    *("gradescope", "classroom50", "github"),
+    "gradescope",
 )
 """Options that `--node` does not use."""
 
@@ -107,8 +107,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("--user", default="", help="run the nodes as this user; default a new one for each replay")
     add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")
     add("--check-environment", action="store_true", help="try attacks of a node on this machine")
-    for name in ("gradescope", "classroom50", "github"):
-        add(f"--{name}", metavar="FILE", help="also write the result of one submission in its form")
+    add("--gradescope", metavar="FILE", help="also write results.json of one submission")
     arguments = parser.parse_args(words)
     values = vars(arguments)
     given = [name for name in _OF_A_CLASS if values[name] != parser.get_default(name)]
@@ -137,8 +136,8 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
         return "expected --out FOLDER"
     if arguments.out and os.path.exists(arguments.out) and not os.path.isdir(arguments.out):
         return f"--out: {arguments.out} is not a folder"
-    if arguments.feedback and (arguments.gradescope or arguments.classroom50 or arguments.github):
-        return "--feedback is for pages and tables, not for Gradescope, Classroom 50 or GitHub"
+    if arguments.feedback and arguments.gradescope:
+        return "--feedback is for pages and tables, not for Gradescope"
     if arguments.jobs < 1 or not arguments.timeout > 0.0:
         return "expected --jobs of at least 1 and --timeout above 0"
     return ""

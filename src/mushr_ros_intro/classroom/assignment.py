@@ -74,11 +74,8 @@ def names_to_grade(arguments: argparse.Namespace, found: Sequence[Submission]) -
         UserError: --only names a submission that is not among them, or there must be one
             submission and there are several.
     """
-    if len(found) != 1 and (arguments.gradescope or arguments.classroom50 or arguments.github):
-        raise UserError(
-            f"{counted(len(found), 'submission')} found; a result for Gradescope, "
-            "Classroom 50 or GitHub needs one submission"
-        )
+    if len(found) != 1 and arguments.gradescope:
+        raise UserError(f"found {counted(len(found), 'submission')}; --gradescope needs one")
     names = names_of({each.name: each.students for each in found})
     only = {find_name(each, names, "--only: ") for each in arguments.only}
     return only or set(names.values())

@@ -1,4 +1,4 @@
-"""Check the files for the course and the objects for grading services."""
+"""Check the files for the course and for Gradescope."""
 
 import base64
 import csv
@@ -16,9 +16,8 @@ from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grader import draw
 from mushr_ros_intro.classroom.grades import Student
 from mushr_ros_intro.classroom.points import PlanPoints, Points
-from mushr_ros_intro.classroom.services import classroom50, github, gradescope, release_body
+from mushr_ros_intro.classroom.gradescope import gradescope
 from mushr_ros_intro.classroom.tables import write_results
-from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support.grades import graded, submission
 
@@ -164,7 +163,6 @@ def test_not_judged(tmp_path):
     (rate,) = (each for each in report["tests"] if "rate" in each["name"])
     assert report["output"] == "circle: 2 checks failed: path, map, 1 not judged (2 of 5)"
     assert rate["name"] == "circle: rate (not judged)" and rate["score"] == 2
-    assert "    -- circle: rate (not judged), 2 of 2\n" in release_body(submission(OPEN), points)
 
 
 def test_the_class(tmp_path):
@@ -313,40 +311,3 @@ def test_submissions_without_a_drive():
     assert test["output"] == FAULTY.fault and test["visibility"] == "visible"
     error = gradescope(BROKEN, POINTS, 1.0)
     assert not {"score", "tests"} & set(error) and "must grade it again" in error["output"]
-    for result, status in ((FAULTY, "fail"), (BROKEN, "error")):
-        report = github(result, POINTS)
-        assert report["status"] == report["tests"][0]["status"] == status
-    assert classroom50(FAULTY, POINTS, {}, 0.0)["max-score"] == 15
-
-
-def test_services_where_students_see_everything():
-    report = github(BAD, POINTS)
-    assert (report["version"], report["status"], report["max_score"]) == (1, "fail", 15)
-    assert (
-        sum(test["score"] for test in report["tests"]) == 2
-        and len(report["tests"]) == len(CHECK_NAMES) + 1
-    )
-    assert [report["tests"][-1][key] for key in ("name", "status")] == ["hidden plan 1", "fail"]
-    fifty = classroom50(BAD, POINTS, {"ASSIGNMENT": "intro"}, 86400.5)
-    assert (fifty["schema"], fifty["datetime"]) == ("classroom50/result/v1", "1970-01-02T00:00:00Z")
-    values = [fifty[key] for key in ("assignment", "commit", "score", "max-score")]
-    assert values == ["intro", "", 2, 15] and len(fifty["tests"]) == len(CHECK_NAMES) + 1
-    assert [*fifty["tests"][-1].values()] == ["hidden plan 1", False, 0, 10, ""]
-    assert fifty["tests"][CHECK_NAMES.index("path")]["message"] == "path: as expected"
-    body = release_body(BAD, POINTS)
-    assert body.startswith(
-        "**2 of 15 points**\n\n    passed circle: node, 0 of 0\n        node: as "
-    )
-    assert "    FAILED circle: path, 0 of 3\n        path: as expected\n" in body
-    assert "must grade it again" in release_body(BROKEN, POINTS)
-    parts = Points(("circle",), PlanPoints({"path": 10.0}, in_proportion=True))
-    part = graded("circle", ["path"])
-    part = part._replace(checks=tuple(each._replace(share=0.58) for each in part.checks))
-    assert classroom50(submission(part), parts, {}, 1.0)["score"] == 5
-    body = release_body(submission(part), parts)
-    assert body.startswith("**5 of 10 points**") and "FAILED circle: path, 5 of 10\n" in body
-    said = json.dumps([report, fifty, body])
-    assert "secret" not in said and "leaked" not in said
-    assert github(GOOD, POINTS)["status"] == "pass"
-    with pytest.raises(UserError, match=r"circle: path gives 0.5 points; expected whole"):
-        classroom50(GOOD, Points(PLANS, PlanPoints({"path": 0.5})), {}, 0.0)
