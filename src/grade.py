@@ -26,8 +26,7 @@ from mushr_ros_intro.classroom import tables
 from mushr_ros_intro.classroom.arguments import parse_arguments, read_exercises
 from mushr_ros_intro.classroom.assignment import Plans, names_to_grade, setting_from
 from mushr_ros_intro.classroom.environment import check_environment
-from mushr_ros_intro.classroom.feedback import read_feedback
-from mushr_ros_intro.classroom.grades import Grade, names_of
+from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.gradescope import gradescope
 from mushr_ros_intro.classroom.grading import Grading, Options, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
@@ -143,8 +142,6 @@ def grade_class(arguments: argparse.Namespace) -> int:
         setting = setting_from(arguments, sandbox)
         plans.check_map(setting)
         found = collect(arguments.inputs, workspace, arguments.file)
-        names = names_of({each.name: each.students for each in found})
-        points = points._replace(feedback=read_feedback(arguments.feedback, names))
         names_now = names_to_grade(arguments, found)
         tasks = [plans.task(each, each.name in names_now) for each in found]
         store.set_aside(task.submission.name for task in tasks)
@@ -178,8 +175,6 @@ def merge(arguments: argparse.Namespace) -> int:
     plans = list(dict.fromkeys(plan.plan for plan in drives))
     checks = [check.name for check in drives[0].checks] if drives else CHECK_NAMES
     points = read_points(arguments.points, plans, checks)
-    names = names_of({each.name: each.students for each in results})
-    points = points._replace(feedback=read_feedback(arguments.feedback, names))
     return finish(arguments.out, results, points, plans)
 
 

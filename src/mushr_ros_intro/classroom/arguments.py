@@ -12,7 +12,7 @@ from mushr_ros_intro.replay.following import TOLERANCE_UNITS, tolerance_fault
 from mushr_ros_intro.replay.reference import OFFSETS, Exercise, read_references
 
 _OF_A_CLASS = (
-    *("plans_for", "points", "feedback", "jobs", "user", "only", "rejudge"),
+    *("plans_for", "points", "jobs", "user", "only", "rejudge"),
     "gradescope",
 )
 """Options that `--node` does not use."""
@@ -93,7 +93,6 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add_exercise_options(parser)
     add("--plans-for", metavar="FOLDER", help="a plan for each student, made by make_plans")
     add("--out", metavar="FOLDER", help="write the results to this folder")
-    add("--feedback", default="", metavar="FILE", help="points and comments by hand")
     add("--timeout", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
     add("--jobs", type=int, default=2 * len(os.sched_getaffinity(0)), help="simultaneous replays")
     add(
@@ -136,8 +135,6 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
         return "expected --out FOLDER"
     if arguments.out and os.path.exists(arguments.out) and not os.path.isdir(arguments.out):
         return f"--out: {arguments.out} is not a folder"
-    if arguments.feedback and arguments.gradescope:
-        return "--feedback is for pages and tables, not for Gradescope"
     if arguments.jobs < 1 or not arguments.timeout > 0.0:
         return "expected --jobs of at least 1 and --timeout above 0"
     return ""

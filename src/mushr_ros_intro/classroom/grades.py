@@ -105,7 +105,7 @@ def short_name(name: str) -> str:
     """Return a name as part of a file name, with only letters, digits, dots, "_" and "-".
 
     If it is not ASCII or too long, it ends with a hash. It does not depend on the other names, as a
-    number would, so that no feedback moves to another student when one of them leaves.
+    number would, so that no result moves to another student when one of them leaves.
     """
     original = unicodedata.normalize("NFKD", name)  # the same for all forms of an accent
     text = original.encode("ascii", "ignore").decode()[:100]

@@ -4,7 +4,6 @@ from statistics import mean, median
 from typing import Sequence
 from urllib.parse import quote
 
-from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.classroom.html_page import (
     NOT_GRADED,
@@ -80,11 +79,7 @@ def _row(result: Grade, points: Points) -> str:
             mark = NOT_GRADED if result.error else NOT_RUN
             cells.append(_cell("-1", mark, f' data-name="{escaped(each)}"'))
     score = "" if result.error else shown(points.score(result))
-    by_hand = points.feedback.get(result.name, Feedback()).points
-    content = (score or "?") + (
-        f'<div class="note">{by_hand:+.12g} by hand</div>' if by_hand else ""
-    )
-    cells.append(_cell(score or "-1", content, ' class="number" data-name="Score"'))
+    cells.append(_cell(score or "-1", score or "?", ' class="number" data-name="Score"'))
     return f"<tr>{''.join(cells)}</tr>"
 
 

@@ -3,7 +3,6 @@
 import re
 from typing import List
 
-from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.classroom.html_page import (
     NOT_GRADED,
@@ -59,17 +58,13 @@ def _head(result: Grade, points: Points) -> List[str]:
     """Return the parts of a page above the plans."""
     parts = [f"<h1>{escaped(result.name)}</h1>"]
     parts += [f"<p>{escaped(', '.join(filter(None, student)))}</p>" for student in result.students]
-    feedback = points.feedback.get(result.name, Feedback())
     if result.error:
         text = "grading failed, which is not a fault of the submission. It must be graded again."
         parts.append(f"<p>{NOT_GRADED}: {text}</p>")
     else:
         score, most = shown(points.score(result)), shown(points.max_score())
         mark = f"{verdict(result.passed)}, " if result.plans else ""
-        by_hand = f", with {feedback.points:+.12g} by hand" if feedback.points else ""
-        parts.append(f"<p>{mark}{score} of {most} points{by_hand}</p>")
-    if feedback.comment:
-        parts.append(f"<p>Comment:</p>\n<pre>{escaped(feedback.comment)}</pre>")
+        parts.append(f"<p>{mark}{score} of {most} points</p>")
     if result.fault:
         parts.append(f"<p>{NOT_RUN}: the submission could not be run.</p>")
         parts.append(f"<pre>{escaped(result.fault)}</pre>")

@@ -29,7 +29,6 @@ run scores 0.
 import math
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
@@ -59,8 +58,6 @@ class Points(NamedTuple):
     plan_names: Tuple[str, ...] = ()
     default: PlanPoints = PlanPoints()
     plans: Mapping[str, PlanPoints] = {}
-    feedback: Mapping[str, Feedback] = {}
-    """What the course has added by hand, by the names of submissions."""
     check_names: Tuple[str, ...] = CHECK_NAMES
     """The checks of the plans, or of the paths that controllers follow."""
 
@@ -107,8 +104,7 @@ class Points(NamedTuple):
 
     def score(self, result: Grade) -> float:
         """Return the points of a submission; 0 also if there is no verdict (see Grade.error)."""
-        by_hand = self.feedback.get(result.name, Feedback()).points
-        return max(0.0, _sum([by_hand, *(self.plan_score(plan) for plan in result.plans)]))
+        return _sum(self.plan_score(plan) for plan in result.plans)
 
     def _of(self, plan: str) -> PlanPoints:
         return self.plans.get(plan, self.default)

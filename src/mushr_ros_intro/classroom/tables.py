@@ -6,7 +6,6 @@ from xml.etree import ElementTree
 
 from mushr_ros_intro.classroom import pages
 from mushr_ros_intro.classroom.csv_text import as_csv, plain
-from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.html_page import clean, shown
 from mushr_ros_intro.classroom.index_page import index_page
@@ -56,12 +55,11 @@ def write_results(
 def _grades(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
     """Yield the rows of grades.csv: one for each submission; without a verdict, no points."""
     names = points.plan_names
-    heads = ["Score", "Max", "Passed", "By hand", "Comment", "Error/Fault"]
+    heads = ["Score", "Max", "Passed", "Error/Fault"]
     yield ["Name", "Students", "IDs", *names, *heads]
     for result in results:
         scores = {plan.plan: shown(points.plan_score(plan)) for plan in result.plans}
         missing = "" if result.error else "0"
-        feedback = points.feedback.get(result.name, Feedback())
         yield [
             result.name,
             "; ".join(plain(each.name) for each in result.students),
@@ -70,8 +68,6 @@ def _grades(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
             "" if result.error else shown(points.score(result)),
             shown(points.max_score()),
             "" if result.error else "yes" if result.passed else "no",
-            shown(feedback.points) if feedback.points else "",
-            feedback.comment,
             f"error: {result.error}" if result.error else result.fault,
         ]
 

@@ -2,14 +2,12 @@
 
 import pytest
 
-from mushr_ros_intro.classroom.feedback import Feedback, read_feedback
 from mushr_ros_intro.classroom.points import PlanPoints, Points, read_points
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support.grades import graded, submission
 
 PLANS = ("circle", "secret")
-NAMES = {"ann": "ann", "Zo\u00eb": "17", "17": "17"}
 ALL = len(CHECK_NAMES)
 """The points of a plan whose checks give one point each."""
 
@@ -60,39 +58,6 @@ def test_checks_that_are_not_judged():
     strict = Points(plans={"circle": PlanPoints(all_or_nothing=True)})
     assert strict.plan_score(crashed) == 0
     assert strict.loss(crashed).endswith("because a check failed: node, path.")
-
-
-def test_feedback(tmp_path):
-    path = tmp_path / "feedback.yaml"
-    path.write_text("ann: {points: -2, comment: 'Late. '}\n17: {points: 0.5}\n")
-    feedback = read_feedback(str(path), NAMES)
-    assert feedback == {"ann": Feedback(-2.0, "Late."), "17": Feedback(0.5, "")}
-    points = Points(feedback=feedback)
-    assert points.score(submission(graded("circle", ["path"]))) == ALL - 1 - 2
-    assert points.score(submission(graded("circle", ["topics"]))) == 0
-    assert points.score(submission(name="17", fault="no file")) == 0.5
-    assert read_feedback("", NAMES) == {}
-    path.write_text("Zoe\u0308: {points: 0.5}\n", encoding="utf-8")
-    assert read_feedback(str(path), NAMES) == {"17": Feedback(0.5, "")}
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("anne: {points: 1}", ": there is no submission anne; did you mean ann?"),
-        ("ann: 3", ": ann: the value is 3; expected names of submissions with points"),
-        ("ann: {points: many}", ": ann: points is 'many'; expected a number from -1e+06 to 1e+06"),
-        ("ann: {point: 1}", ": ann: point is 1; expected only the keys points, comment"),
-        ("17: {}\nZo\u00eb: {}", ": Zo\u00eb: expected one entry for the submission 17"),
-        ("3", ": the file has no keys; expected names of submissions"),
-    ],
-)
-def test_bad_feedback(tmp_path, text, said):
-    path = tmp_path / "feedback.yaml"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(UserError) as error:
-        read_feedback(str(path), NAMES)
-    assert f"{path}{said}" in str(error.value)
 
 
 def test_hidden_plans(tmp_path):

@@ -12,7 +12,6 @@ from xml.etree import ElementTree
 import pytest
 
 from mushr_ros_intro.classroom import progress
-from mushr_ros_intro.classroom.feedback import Feedback
 from mushr_ros_intro.classroom.grader import draw
 from mushr_ros_intro.classroom.grades import Student
 from mushr_ros_intro.classroom.points import PlanPoints, Points
@@ -31,7 +30,6 @@ EVIL = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>&amp;\x00\x1b[3
 FAULTY = submission(name="bob", students=(), fault="no file\nof this name")
 BROKEN = submission(name="eve", error="the simulator did not start")
 OPEN = graded("circle", ["path", "map"], unjudged=["rate"])
-HEADS = ("By hand", "Comment", "Error/Fault")
 GOOD = submission(graded("circle"), graded("secret"))
 BAD = submission(graded("circle", ["path", "map"]), graded("secret", ["path"], "leaked"))
 
@@ -175,11 +173,10 @@ def test_the_class(tmp_path):
 
 def test_the_pages_for_students(tmp_path):
     """No hidden plan, no other submission, no error of the grading."""
-    points = POINTS._replace(feedback={"ann": Feedback(-1.5, "late\n<b>")})
-    write_results(str(tmp_path), [BAD, FAULTY, BROKEN], points, PLANS)
+    write_results(str(tmp_path), [BAD, FAULTY, BROKEN], POINTS, PLANS)
     pages = {path.stem: Page(path) for path in (tmp_path / "students").iterdir()}
     ann, bob, eve = (pages[name].text for name in ("ann", "bob", "eve"))
-    assert "\u2717 fail, 0.5 of 5 points, with -1.5 by hand\nComment:\nlate\n<b>" in ann
+    assert "\u2717 fail, 2 of 5 points\n" in ann
     assert "Other plans, which this page does not show, give up to 10 points." in ann
     assert "circle: \u2717 fail, 2 of 5 points" in ann and "the output: as expected" in ann
     assert "could not be run" in bob and "no file" in bob and "did not start" not in eve
@@ -187,7 +184,7 @@ def test_the_pages_for_students(tmp_path):
     for page in pages.values():
         assert "secret" not in page.text and "leaked" not in page.text and not page.all("a")
     course = Page(tmp_path / "submissions" / "ann.html").text
-    assert "0.5 of 15 points, with -1.5 by hand" in course and "late" in course
+    assert "2 of 15 points" in course
 
 
 def pictures(page):
@@ -242,15 +239,14 @@ def test_text_of_a_submission_is_escaped(tmp_path):
 
 def test_tables(tmp_path):
     pair = [Student("Bo\nB", "17", ""), Student("=1+1", "-ann7", "")]
-    points = POINTS._replace(feedback={"bob": Feedback(-0.5, "=x")})
     canvas = FAULTY._replace(students=[Student("poebob", "", "", "1234")])
     results = (BAD._replace(students=pair, name="@a"), canvas, BROKEN)
-    write_results(str(tmp_path), results, points, PLANS)
+    write_results(str(tmp_path), results, POINTS, PLANS)
     assert rows(tmp_path / "grades.csv") == [
-        [*("Name", "Students", "IDs", *PLANS, "Score", "Max", "Passed"), *HEADS],
-        ["'@a", "Bo B; '=1+1", "17; '-ann7", "2", "0", "2", "15", "no", "", "", ""],
-        ["bob", "poebob", "1234", "0", "0", "0", "15", "no", "-0.5", "'=x", "no file of this name"],
-        ["eve", "Ann", "17", "", "", "", "15", "", "", "", "error: the simulator did not start"],
+        [*("Name", "Students", "IDs", *PLANS, "Score", "Max", "Passed", "Error/Fault")],
+        ["'@a", "Bo B; '=1+1", "17; '-ann7", "2", "0", "2", "15", "no", ""],
+        ["bob", "poebob", "1234", "0", "0", "0", "15", "no", "no file of this name"],
+        ["eve", "Ann", "17", "", "", "", "15", "", "error: the simulator did not start"],
     ]
     assert rows(tmp_path / "canvas.csv") == [
         ["Student", "ID", "SIS User ID", "SIS Login ID", "Section", "path_publisher"],
