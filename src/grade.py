@@ -97,7 +97,7 @@ def check_machine(arguments: argparse.Namespace) -> int:
     (plan,) = read_plans(["circle"], package_folder("plans")).values()
     with tempfile.TemporaryDirectory(dir=temporary_folder()) as workspace:
         os.chmod(workspace, 0o711)
-        sandbox, missing = make_sandbox(arguments.user, [], workspace)
+        sandbox, missing = make_sandbox([], workspace)
         if missing:
             print(missing, file=sys.stderr)
         return check_environment(plan, setting_from(arguments, sandbox))
@@ -134,9 +134,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
     inputs = [each if os.path.isdir(each) else os.path.dirname(each) for each in arguments.inputs]
     with tempfile.TemporaryDirectory(dir=temporary_folder()) as workspace:
         os.chmod(workspace, 0o711)
-        sandbox, missing = make_sandbox(
-            arguments.user, [*inputs, *plans.folders, folder], workspace
-        )
+        sandbox, missing = make_sandbox([*inputs, *plans.folders, folder], workspace)
         if missing and not arguments.rejudge:
             print(missing, file=sys.stderr)
         setting = setting_from(arguments, sandbox)

@@ -12,7 +12,7 @@ from mushr_ros_intro.replay.following import TOLERANCE_UNITS, tolerance_fault
 from mushr_ros_intro.replay.reference import OFFSETS, Exercise, read_references
 
 _OF_A_CLASS = (
-    *("plans_for", "points", "jobs", "user", "only", "rejudge"),
+    *("plans_for", "points", "jobs", "only", "rejudge"),
     "gradescope",
 )
 """Options that `--node` does not use."""
@@ -103,7 +103,6 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
         help="grade these submissions again; also names of students",
     )
     add("--rejudge", action="store_true", help="judge stored drives again; drive nothing")
-    add("--user", default="", help="run the nodes as this user; default a new one for each replay")
     add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")
     add("--check-environment", action="store_true", help="try attacks of a node on this machine")
     add("--gradescope", metavar="FILE", help="also write results.json of one submission")

@@ -45,8 +45,7 @@ def probe(plan: Exercise, setting: Setting) -> None:
     job = Job("probe", (path,), plan, setting, folder)
     fault = in_own_process(_probe_here, job, seconds=TIMEOUT + MAX_OVERHEAD)
     if fault:
-        user = f"user {setting.sandbox.user}" if setting.sandbox.user else "users without a name"
-        user = user if setting.sandbox.is_root else "you"
+        user = "users without a name" if setting.sandbox.is_root else "you"
         raise ReplayError(
             f"nodes cannot run here, so nothing is graded: {fault}\n"
             f"Nodes run as {user} in {setting.sandbox.folder}, and use a copy of the workspaces. "

@@ -6,15 +6,13 @@ The tools are bwrap, and those of util-linux, which every Debian has: setpriv, p
 import glob
 import importlib.util
 import os
-import pwd
 import re
 import shutil
 import subprocess
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
-from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Dict, Iterator, List, NamedTuple, Sequence, Tuple
 
-from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation import system_calls, workspace
 from mushr_ros_intro.isolation.node_process import MAX_MEMORY
 from mushr_ros_intro.paths import package_folder
@@ -65,8 +63,6 @@ class Sandbox(NamedTuple):
 
     is_root: bool = False
     """Whether nodes run as another user."""
-    user: Optional[int] = None
-    """The user of all nodes; None: a different one for each replay."""
     has_namespaces: bool = False
     """Whether a node gets namespaces of its own."""
     hidden: Tuple[str, ...] = ()
@@ -210,11 +206,11 @@ class Sandbox(NamedTuple):
     @property
     def current_user(self) -> int:
         """The number of the user of nodes that this process starts."""
-        return FIRST_USER + os.getpid() % USERS if self.user is None else self.user
+        return FIRST_USER + os.getpid() % USERS
 
     def end_processes(self) -> None:
         """End all processes that a node of this process has left behind."""
-        if self.is_root and not self.has_namespaces and self.user is None:
+        if self.is_root and not self.has_namespaces:
             user = str(self.current_user)
             setpriv = ("setpriv", "--reuid", user, "--regid", user, "--clear-groups")
             subprocess.run([*setpriv, "kill", "-9", "-1"], stderr=subprocess.DEVNULL, check=False)
@@ -226,16 +222,14 @@ def _counts_processes_of_namespaces() -> bool:
     return version is not None and tuple(map(int, version.groups())) >= (5, 14)
 
 
-def make_sandbox(user: str, hidden: Sequence[str], folder: str) -> Tuple[Sandbox, str]:
+def make_sandbox(hidden: Sequence[str], folder: str) -> Tuple[Sandbox, str]:
     """Return the best sandbox that the system allows, and what is missing; "" if nothing.
 
     Args:
-        user: the name of the user of all nodes; "" for a different one for each replay.
         hidden: folders that nodes must not see.
         folder: an empty folder that all users can reach, for all that nodes may see.
 
     Raises:
-        UserError: there is no such user, or it is root.
         OSError: a package is missing, or /dev/shm cannot be written.
     """
     if not (shutil.which("bwrap") and importlib.util.find_spec("seccomp")):
@@ -245,18 +239,11 @@ def make_sandbox(user: str, hidden: Sequence[str], folder: str) -> Tuple[Sandbox
         )
     if not os.access("/dev/shm", os.W_OK):
         raise OSError("/dev/shm cannot be written; type: sudo chmod 1777 /dev/shm")
-    number, is_root = None, os.geteuid() == 0
-    if user:
-        try:
-            number = pwd.getpwnam(user).pw_uid
-        except KeyError:
-            raise UserError(f"--user is '{user}'; expected the name of a user") from None
-        if number == 0:
-            raise UserError("--user is root; expected a user without privileges")
+    is_root = os.geteuid() == 0
     own = [f"{each}/{path}" for each in ("/usr", *glob.glob("/opt/ros/*")) for path in _PACKAGE]
     own.append(package_folder("."))
     folders = {os.path.realpath(each) for each in [*hidden, *own, folder]} - {"/"}
-    sandbox = Sandbox(is_root, number, True, tuple(sorted(folders)), folder)
+    sandbox = Sandbox(is_root, True, tuple(sorted(folders)), folder)
     with ProcessPoolExecutor(1) as pool:  # another process, because it enters a network
         limits_size, refusal = pool.submit(_try, sandbox).result()
     if not refusal:

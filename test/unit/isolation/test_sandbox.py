@@ -16,7 +16,7 @@ def isolated(tmp_path, monkeypatch):
     monkeypatch.setattr(sandbox.system_calls, "make_filter", lambda has_locks: Filter())
     (tmp_path / "home").mkdir()
     (tmp_path / ".ros").mkdir()
-    return Sandbox(True, 61_000, True, ("/usr/share",), str(tmp_path), True), str(tmp_path / "home")
+    return Sandbox(True, True, ("/usr/share",), str(tmp_path), True), str(tmp_path / "home")
 
 
 class Filter:
@@ -50,10 +50,10 @@ def test_arguments_of_bwrap(isolated):
 def test_a_missing_package(monkeypatch):
     monkeypatch.setattr(sandbox.shutil, "which", lambda name: None)
     with pytest.raises(OSError, match="apt-get install bubblewrap python3-seccomp"):
-        make_sandbox("", [], "/tmp")
+        make_sandbox([], "/tmp")
 
 
 def test_a_folder_for_locks_that_cannot_be_written(monkeypatch):
     monkeypatch.setattr("os.access", lambda path, _: path != "/dev/shm")
     with pytest.raises(OSError, match="chmod 1777 /dev/shm"):
-        make_sandbox("", [], "/tmp")
+        make_sandbox([], "/tmp")
