@@ -5,7 +5,6 @@ A node:   grade.py PLAN... --node PACKAGE FILE [--remap FROM:=TO...]
           grade.py --follow PATH... --node PACKAGE FILE
 A class:  grade.py SUBMISSION... --plans PLAN... --out FOLDER [--points FILE]
 Results:  grade.py --merge FOLDER... --out FOLDER [--points FILE]
-Machine:  grade.py --check-environment
 
 A class may be interrupted: the same command grades only what is missing or has changed.
 Exit status: 0 if all checks passed, 1 if some failed, 2 if the command line or an input is wrong,
@@ -25,7 +24,6 @@ from typing import Any, List
 from mushr_ros_intro.classroom import tables
 from mushr_ros_intro.classroom.arguments import parse_arguments, read_exercises
 from mushr_ros_intro.classroom.assignment import Plans, names_to_grade, setting_from
-from mushr_ros_intro.classroom.environment import check_environment
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.gradescope import gradescope
 from mushr_ros_intro.classroom.grading import Grading, Options, shortener
@@ -44,7 +42,6 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.isolation.workspace import temporary_folder
 from mushr_ros_intro.paths import package_folder
-from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
 from mushr_ros_intro.replay.job import run_job
 from mushr_ros_intro.replay.judge import CHECK_NAMES
@@ -67,8 +64,6 @@ def main() -> int:
     signal.signal(signal.SIGINT, interrupt)
     signal.signal(signal.SIGTERM, interrupt)
     try:
-        if arguments.check_environment:
-            return check_machine(arguments)
         if arguments.merge:
             return merge(arguments)
         return grade_node(arguments) if arguments.node else grade_class(arguments)
@@ -90,17 +85,6 @@ def interrupt(*_: Any) -> None:
         # Not SIG_IGN: Python prints an error if a signal has arrived just before.
         signal.signal(each, lambda *_: None)
     raise KeyboardInterrupt
-
-
-def check_machine(arguments: argparse.Namespace) -> int:
-    """Try on this machine which attacks of a node are stopped; return 0 if all are."""
-    (plan,) = read_plans(["circle"], package_folder("plans")).values()
-    with tempfile.TemporaryDirectory(dir=temporary_folder()) as workspace:
-        os.chmod(workspace, 0o711)
-        sandbox, missing = make_sandbox([], workspace)
-        if missing:
-            print(missing, file=sys.stderr)
-        return check_environment(plan, setting_from(arguments, sandbox))
 
 
 def grade_node(arguments: argparse.Namespace) -> int:

@@ -4,45 +4,15 @@ import importlib
 import os
 import signal
 import sys
-import tempfile
 
 import pytest
 from roslib.packages import find_node
 
 from support import classroom as submissions
 from support.cars import CARS
-from support.grading import ISOLATED, PLAN, PRIVILEGED, WITHOUT_NAMESPACES, assert_status
+from support.grading import PLAN, PRIVILEGED, assert_status
 from support.helpers import Process, wait_for
 from support.paths import PACKAGE
-
-AS_USER = ("setpriv", "--reuid", "1000", "--regid", "1000", "--clear-groups") * (os.geteuid() == 0)
-
-
-def check_environment(status, prefix):
-    """Run --check-environment, and check its exit status; return its output."""
-    with tempfile.TemporaryDirectory(dir="/tmp") as home:
-        os.chmod(home, 0o777)
-        arguments = {"prefix": prefix, "HOME": home, "TMPDIR": home}
-        return assert_status(status, "--check-environment", **arguments)
-
-
-@ISOLATED
-def test_environment():
-    """A user without root is isolated. What is said to be stopped has been tried."""
-    assert "21 of 21 attacks stopped" in check_environment(0, AS_USER)
-
-
-@ISOLATED
-@pytest.mark.full
-def test_environment_of_root():
-    assert "21 of 21 attacks stopped" in check_environment(0, ())
-
-
-@pytest.mark.full
-def test_environment_without_namespaces():
-    output = check_environment(1, WITHOUT_NAMESPACES)
-    assert "isolated: the system refuses namespaces" in output
-    assert "NOT STOPPED  reach the network of the machine: " in output
 
 
 @pytest.mark.full

@@ -104,7 +104,6 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     )
     add("--rejudge", action="store_true", help="judge stored drives again; drive nothing")
     add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")
-    add("--check-environment", action="store_true", help="try attacks of a node on this machine")
     add("--gradescope", metavar="FILE", help="also write results.json of one submission")
     arguments = parser.parse_args(words)
     values = vars(arguments)
@@ -119,7 +118,7 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
 
     `of_a_class` contains the options that need submissions.
     """
-    is_class = not (arguments.node or arguments.merge or arguments.check_environment)
+    is_class = not (arguments.node or arguments.merge)
     if arguments.node and of_a_class:
         option = of_a_class[0].replace("_", "-")
         return f"--{option} needs submissions; --node grades one installed node"

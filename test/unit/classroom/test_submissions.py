@@ -246,10 +246,12 @@ def test_a_name_whose_characters_are_replaced(tmp_path):
         fill(tmp_path / "all" / original, PACKAGE)
     found = collected(tmp_path, "all")
     assert {each.name for each in found} == set(FOREIGN.values())
-    assert names_to_grade(SimpleNamespace(only=["Zo\u00eb"]), found) == {FOREIGN["Zoe\u0308"]}
+    assert names_to_grade(SimpleNamespace(only=["Zo\u00eb"], gradescope=None), found) == {
+        FOREIGN["Zoe\u0308"]
+    }
     with pytest.raises(UserError, match="--only: there is no submission Zo; did you mean Zo\u00eb"):
-        names_to_grade(SimpleNamespace(only=["Zo"]), found)
-    assert names_to_grade(SimpleNamespace(only=[]), found) == set(FOREIGN.values())
+        names_to_grade(SimpleNamespace(only=["Zo"], gradescope=None), found)
+    assert names_to_grade(SimpleNamespace(only=[], gradescope=None), found) == set(FOREIGN.values())
 
 
 def test_a_name_of_two_students():

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Attacks of a node on the machine that grades it.
 
-grade.py --check-environment runs this file as the node of a submission. It imports nothing of this
+test/system/test_attacks.py grades this file as the node of a submission. It imports nothing of this
 package, which a node cannot see. It prints the attacks that succeed, and how.
 """
 
@@ -13,7 +13,6 @@ import mmap
 import os
 import signal
 import socket
-import sys
 import time
 from contextlib import suppress
 from typing import Any, Callable, Dict, Iterator, NamedTuple
@@ -28,6 +27,8 @@ _MB = 1_000_000
 class Targets(NamedTuple):
     """What the attacks aim at."""
 
+    attack: str
+    """The one of REPEATED that is tried; "" for all of ATTACKS."""
     secret: str
     """The path of a file in the folder of hidden plans, which all users may read and write."""
     solutions: str
@@ -35,7 +36,7 @@ class Targets(NamedTuple):
     port: int
     """A server listens here on the loopback interface of the machine."""
     process: int
-    """The process of grade.py."""
+    """A process of the machine."""
     token: str
     """Is in the environment of grade.py."""
     add_key: int
@@ -212,12 +213,11 @@ REPEATED = dict(zip(_REPEATED, (2700, 900)))
 
 
 def main() -> None:
-    """Run the attack of the first argument, or all of one process; targets.json is beside this."""
-    name = sys.argv[1]
+    """Run one attack, or all of one process; targets.json is beside this file."""
     with open(os.path.join(os.path.dirname(__file__), "targets.json"), encoding="utf-8") as file:
         targets = Targets(**json.load(file))
-    if name in _REPEATED:
-        _REPEATED[name]()
+    if targets.attack:
+        _REPEATED[targets.attack]()
         return
     found: Dict[str, str] = {}
     for each, attack in ATTACKS.items():

@@ -1,0 +1,102 @@
+"""Grade a node that attacks the machine: what is said to be stopped has been tried."""
+
+import functools
+import json
+import os
+import pathlib
+import secrets
+import shutil
+import signal
+import socket
+import tempfile
+from contextlib import suppress
+
+import pytest
+
+from mushr_ros_intro.isolation import system_calls
+from support import attacks
+from support.attacks import LEAVE, REPEATED, Targets
+from support.grading import ISOLATED, WITHOUT_NAMESPACES, grade, load
+from support.paths import PACKAGE
+
+AS_USER = ("setpriv", "--reuid", "1000", "--regid", "1000", "--clear-groups") * (os.geteuid() == 0)
+SOLUTIONS = (
+    *(f"{PACKAGE}/src/path_publisher.py", f"{PACKAGE}/examples"),
+    *("/usr/lib/mushr_ros_intro", "/usr/share/doc/ros-mushr-ros-intro/examples"),
+)
+
+
+@pytest.fixture
+def reached():
+    """Return `graded` for a folder that all users may enter, so that only the sandbox protects it."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
+        os.chmod(folder, 0o777)
+        yield functools.partial(graded, pathlib.Path(folder))
+
+
+def graded(top, prefix):
+    """Grade the attacks in a folder; return what each has reached, and the output of grade.py."""
+    for name in ("attacks", "plans", "home"):
+        (top / name).mkdir()
+        (top / name).chmod(0o777)
+    secret = top / "plans" / "secret.txt"
+    secret.write_text("0,0,0\n1,0,2\n")
+    secret.chmod(0o666)
+    token = secrets.token_hex(16)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port, number = server.getsockname()[1], system_calls.number_of("add_key")
+        values = (str(secret), ":".join(SOLUTIONS), port, os.getpid(), token, number)
+        for place, name in enumerate(["", *REPEATED]):
+            folder = top / "attacks" / str(place)
+            folder.mkdir()
+            shutil.copyfile(attacks.__file__, folder / "path_publisher.py")
+            (folder / "path_publisher.py").chmod(0o755)
+            text = json.dumps(Targets(name, *values)._asdict())
+            (folder / "targets.json").write_text(text)
+        home = str(top / "home")
+        plans = ("--plans", secret, "--out", top / "home" / "out")
+        environment = {"HOME": home, "TMPDIR": home, "TOKEN": token}
+        status, output = grade(top / "attacks", *plans, prefix=prefix, **environment)
+        assert status == 1, output
+    printed = [
+        load(top / "home" / "out" / "data" / f"{place}.json")["plans"][0]["output"]
+        for place in range(len(REPEATED) + 1)
+    ]
+    found = json.loads(printed[0].splitlines()[-1])
+    found[LEAVE] = " ".join(end_survivors(token))
+    for (name, most), text in zip(REPEATED.items(), printed[1:]):
+        # When it is ended, Python may print an exception of a process that has just begun.
+        *_, last = (line for line in text.splitlines() if line[:1].isdigit())
+        found[name] = last if int(last.split()[0]) > most else ""
+    assert len(found) == 21
+    return {name: text for name, text in found.items() if text}, output
+
+
+def end_survivors(token):
+    """End the processes that an attack has left behind, and return them."""
+    found = []
+    for process in filter(str.isdigit, os.listdir("/proc")):
+        with suppress(OSError), open(f"/proc/{process}/cmdline", "rb") as file:
+            if token.encode() in file.read():
+                os.kill(int(process), signal.SIGKILL)
+                found.append(process)
+    return found
+
+
+@ISOLATED
+def test_a_user_without_root_is_isolated(reached):
+    assert reached(AS_USER)[0] == {}
+
+
+@ISOLATED
+@pytest.mark.full
+def test_root_is_isolated(reached):
+    assert reached(())[0] == {}
+
+
+@pytest.mark.full
+def test_without_namespaces(reached):
+    """grade.py says once what is not protected."""
+    found, output = reached(WITHOUT_NAMESPACES)
+    assert "reach the network of the machine" in found
+    assert output.count("isolated: the system refuses namespaces") == 1
