@@ -28,7 +28,7 @@ SOLUTIONS = (
 
 @pytest.fixture
 def reached():
-    """Return `graded` for a folder that all users may enter, so that only the sandbox protects it."""
+    """Return `graded` for a folder that all users may enter; only the sandbox protects it."""
     with tempfile.TemporaryDirectory(dir="/tmp") as folder:
         os.chmod(folder, 0o777)
         yield functools.partial(graded, pathlib.Path(folder))

@@ -14,8 +14,8 @@ import pytest
 from mushr_ros_intro.classroom import progress
 from mushr_ros_intro.classroom.grader import draw
 from mushr_ros_intro.classroom.grades import Student
-from mushr_ros_intro.classroom.points import PlanPoints, Points
 from mushr_ros_intro.classroom.gradescope import gradescope
+from mushr_ros_intro.classroom.points import PlanPoints, Points
 from mushr_ros_intro.classroom.tables import write_results
 from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support.grades import graded, submission
