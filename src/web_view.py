@@ -14,7 +14,7 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 
-from mushr_ros_intro.browser import drives, plans, rosapi
+from mushr_ros_intro.browser import plans, rosapi
 from mushr_ros_intro.browser.bridge import Bridge
 from mushr_ros_intro.browser.car_limits import car_limits
 from mushr_ros_intro.browser.map import WebMap
@@ -64,10 +64,6 @@ class WebView:
             folder = parameters.folder(
                 "folder", ".", "folder of your plans; . is the directory of your shell"
             )
-            meaning = "a folder of grade.py or compare_drive.py, to play back its drives"
-            self._results = optional("results", meaning)
-            if self._results:
-                self._results = parameters.folder("results", "", meaning)
         self._token = token or secrets.token_urlsafe()
         self._folders = [package_folder("plans"), folder]
         self._prefix = rospy.get_namespace().rstrip("/")
@@ -138,8 +134,6 @@ class WebView:
             r"/map\.json": {"GET": self._map.get_numbers},
             r"/map\.png": {"GET": self._map.get_png},
             **plan_actions.actions(),
-            r"/results": {"GET": self._get_results},
-            r"/results/(.+)": {"GET": self._get_result},
         }
 
     def _look(self) -> Dict[str, Any]:
@@ -185,7 +179,6 @@ class WebView:
             "initial_pose_topic": self._init_pose_topic,
             "simulated_time": ros_time.is_simulated(),
             "map": self._map.number,
-            "results": bool(self._results),
             "drive": self._drive.state,
             **self._seen,
         }
@@ -193,16 +186,6 @@ class WebView:
         if text != self._state:
             self._state = text
             self._bridge.offer(STATE_TOPIC, text)
-
-    async def _get_results(self) -> Dict[str, Any]:
-        if not self._results:
-            return {"results": []}
-        return await self._bridge.in_thread(drives.list_drives, self._results)
-
-    async def _get_result(self, name: str) -> Dict[str, Any]:
-        if not self._results:
-            raise LookupError("there are no results")
-        return await self._bridge.in_thread(drives.drive_named, self._results, name)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,6 @@ import {
   updateDrive,
 } from "./plan.js";
 import { place } from "./pointer.js";
-import { listResults } from "./results.js";
 import * as ros from "./ros.js";
 import { poseAt, points, SAME } from "./scan.js";
 import { NOTHING, view } from "./view.js";
@@ -81,7 +80,6 @@ function onState(state) {
   updateDrive(state.drive);
   showOwner();
   find("time-section").hidden = !state.holds_clock;
-  find("result-section").hidden = !state.results;
   find("spread").disabled = !state.has_noise;
   find("spread-note").hidden = state.has_noise;
   if (!isFirst) {
@@ -94,7 +92,6 @@ function onState(state) {
     return;
   }
   Promise.all([listPlans(), loadMap(state.map)]).then(heard ? null : fit);
-  if (state.results) listResults();
   heard = performance.now();
   held = Infinity;
   document.title = `MuSHR ${state.car_name}`;
@@ -173,8 +170,7 @@ function onPose(msg) {
   window.mushr.pose = { x: pose[0], y: pose[1], theta: pose[2], stamp };
   say("pose", poseText(pose) + (view.touches ? ", touches a wall" : ""));
   view.set({ pose }, false);
-  if (find("follow").checked && !view.replay)
-    view.set({ x: pose[0], y: pose[1] }, false);
+  if (find("follow").checked) view.set({ x: pose[0], y: pose[1] }, false);
   if (scan) onScan(scan);
 }
 const onOdometry = ({ twist }) =>

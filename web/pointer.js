@@ -1,6 +1,6 @@
 // The pointer on the canvas (mouse, wheel, pen, touch), and the keys of the focused canvas.
 
-import { find, say, server } from "./page.js";
+import { find, server } from "./page.js";
 import * as ros from "./ros.js";
 import { view } from "./view.js";
 
@@ -50,14 +50,6 @@ const aim = (x, y) => [
   Math.atan2(start[1] - y, x - start[0]),
 ];
 
-/** Whether the pointer would place the car, or click a plan, that the view does not show. */
-function isRefused() {
-  const isPan = find("pan").checked || (find("clicks").checked && isDrag);
-  if (!view.replay || isPan) return false;
-  say("click-state", "refused: a recording is shown, not the live car");
-  return true;
-}
-
 canvas.onpointerdown = ({ button, pointerId, offsetX, offsetY }) => {
   if (button) return;
   canvas.setPointerCapture(pointerId);
@@ -86,7 +78,7 @@ canvas.onpointerup = canvas.onpointercancel = ({
   offsetX,
   offsetY,
 }) => {
-  const isDone = start && type === "pointerup" && !isRefused();
+  const isDone = start && type === "pointerup";
   const [x, y, theta] = isDone ? aim(offsetX, offsetY) : [];
   if (isDone && find("place").checked) place(x, y, isDrag ? theta : undefined);
   if (isDone && find("clicks").checked && !isDrag) click(x, y);

@@ -107,11 +107,11 @@ function draw() {
   view.frames += 1;
   if (!view.width || !view.height) return;
   const pen = canvas.getContext("2d");
-  const { driven, scan, pose, wheels, isStale } = view.replay ?? view;
+  const { driven, scan, pose, wheels, isStale } = view;
   const moved = () => [view.drawn[0] - view.x, view.y - view.drawn[1]];
   const margin = MARGIN / view.scale;
   if (view.isBackOld || moved().some((each) => Math.abs(each) > margin)) {
-    drawBack(back.getContext("2d"), view.replay ?? view);
+    drawBack(back.getContext("2d"), view);
     view.drawn = [view.x, view.y];
     view.isBackOld = false;
   }

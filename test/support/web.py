@@ -159,28 +159,22 @@ class Simulation:
     Args:
         folder: contains the user's plans.
         arguments: of sim.launch.
-        results: an argument of web.launch, which is then started apart from sim.launch.
     """
 
-    def __init__(self, folder, *arguments, results=""):
+    def __init__(self, folder, *arguments):
         self.port = free_port()
         self.url = f"http://localhost:{self.port}/"
         self._ending = contextlib.ExitStack()
         self.master, proxy = self._ending.enter_context(master("/web_test"))
         self.proxy = proxy
         self.environment = {"ROS_MASTER_URI": proxy.master_uri, "PWD": str(folder)}
-        launches = [("sim.launch", "web:=true", f"web_port:={self.port}", *arguments)]
-        if results:
-            view = ("web.launch", f"port:={self.port}", f"results:={results}")
-            launches = [("sim.launch", *arguments), view]
-        proxy.setParam("/run_id", "test")  # otherwise each roslaunch may set another one
+        launch = ("sim.launch", "web:=true", f"web_port:={self.port}", *arguments)
         # roslaunch starts rosout only with a master of its own.
         rosout = Process(roslib.packages.find_node("rosout", "rosout")[0], **self.environment)
         self._ending.enter_context(rosout)
         try:
-            for launch in launches:
-                self.launched = Process("roslaunch", "mushr_ros_intro", *launch, **self.environment)
-                self._ending.callback(self._end, self.launched)
+            self.launched = Process("roslaunch", "mushr_ros_intro", *launch, **self.environment)
+            self._ending.callback(self._end)
             wait_for(self._answers, "the browser view")
             client = self.client(POSE)
             client.message(POSE)
@@ -221,10 +215,10 @@ class Simulation:
         with ServerProxy(self.proxy.lookupNode(name)) as server:
             return server.getPid("/web_test")[2]
 
-    def _end(self, launched):
-        if launched.running:
-            launched.send_signal(2)
-            launched.wait()  # roslaunch ends its nodes, which have process groups of their own
+    def _end(self):
+        if self.launched.running:
+            self.launched.send_signal(2)
+            self.launched.wait()  # roslaunch ends its nodes, which have process groups of their own
 
     def end(self):
         self._ending.close()

@@ -3,17 +3,14 @@
 import math
 import os
 import re
-import shutil
 import signal
 
 import pytest
 from PIL import ImageChops
 
-from mushr_ros_intro.classroom.store import FOLDER
 from support import browser, web
 from support.cars import plan_named
 from support.geometry import closed_form
-from support.grades import graded, store, submission
 from support.helpers import free_port, node
 from support.messages import MUX
 
@@ -42,7 +39,6 @@ CURRENT = "return document.querySelector('#rows [aria-current]')?.rowIndex ?? 0"
 @pytest.fixture(scope="module")
 def sim(tmp_path_factory):
     folder = tmp_path_factory.mktemp("plans")
-    store(folder, submission(graded(count=9)))
     (folder / "faulty.txt").write_text(FAULTY)
     (folder / "colliding.txt").write_text(COLLIDING)
     (folder / "tight.txt").write_text("0, 0, 0\n2.0, 0.34, 1000.0\n")
@@ -50,7 +46,7 @@ def sim(tmp_path_factory):
     (folder / "long.txt").write_text("1, 0, 0\n0.5, 0.3, 0.1\n0.5, 0.3, 1000.0\n")
     # The page does not need the transforms of the model, which cost most of the master's time.
     arguments = ("model:=false", "use_sim_time:=true", f"real_time_factor:={FACTOR}")
-    found = web.Simulation(folder, *arguments, results=str(folder))
+    found = web.Simulation(folder, *arguments)
     yield found
     found.end()
 
@@ -456,82 +452,6 @@ def test_connection_is_lost_and_regained(sim, page):
     page.wait(lambda: page.find("drive").is_enabled(), "the plan")
     assert outline < seen(page, "car")[0], "without a connection, there is only an outline"
     place(page, 1.5, 0.0, 0.5)
-
-
-def test_results(sim, page):
-    """A graded drive on a quarter of a circle, one position per second."""
-
-    def move(seconds):
-        page.run(
-            "const slider = document.getElementById('time'); slider.value = arguments[0];"
-            "slider.dispatchEvent(new Event('input'))",
-            seconds,
-        )
-
-    chosen = "return document.getElementById('result').value"
-    read_again = "document.getElementById('result').dispatchEvent(new Event('focus'))"
-    page.run(
-        "const { fetch } = window; window.fetch = (...all) => all[0] === 'results/ann/circle'"
-        "  ? new Promise((go) => (window.answer = () => go((window.fetch = fetch)(...all))))"
-        "  : fetch(...all)"
-    )
-    page.choose("result", "ann/circle")
-    page.run(read_again)
-    page.wait(lambda: page.run(chosen) == "", "the list, in which the live car is chosen still")
-    page.run("window.answer()")
-    page.shows("verdict", "the verdict: as expected")
-    assert page.run(chosen) == "ann/circle"
-    page.shows("recording", "0.00 s of 8.00 s, 2.000 m, 0.000 m, 1.571 rad")
-    assert "ann/circle, not the live car" in page.text("recording")
-    assert not page.find("pose").is_displayed(), "the pose of the live car"
-    page.wait(lambda: seen(page, "predicted")[0] > 100, "the predicted path")
-    (before,) = seen(page, "driven")
-    move(8.0)
-    page.shows("recording", "8.00 s of 8.00 s, 0.000 m, 2.000 m, 3.142 rad")
-    page.wait(lambda: seen(page, "driven")[0] > before + 100, "the driven path")
-    store(sim.environment["PWD"], submission(graded(count=9, message="graded again")))
-    page.run(read_again)
-    page.shows("verdict", "the verdict: graded again")
-    store(sim.environment["PWD"], submission(graded(count=9)))  # for the other tests
-    move(6.5)
-    page.find("play").click()
-    page.shows("recording", "8.00 s of 8.00 s")
-    page.wait(lambda: not page.find("play").is_selected(), "the end of the playback")
-    page.find("clicks").click()
-    drag = page.actions().move_to_element(page.find("view")).click_and_hold()
-    drag.move_by_offset(50, 0).release().perform()
-    assert page.text("click-state") == "", "only clicks are refused"
-    page.find("place").click()
-    page.find("view").click()
-    page.shows("click-state", "a recording is shown")
-    page.find("pan").click()
-    page.choose("result", "")
-    page.wait(lambda: seen(page, "driven")[0] < before + 100, "the live car")
-    assert page.text("recording") == "" and page.find("pose").is_displayed()
-    assert web.is_near(page.pose(), (0.0, 0.0, 0.0)), "the click has placed the live car"
-    store(sim.environment["PWD"], submission(graded(count=9), name="bob"))
-    page.run(read_again)
-    page.choose("result", "bob/circle")
-    page.shows("recording", "bob/circle")
-    os.remove(os.path.join(sim.environment["PWD"], FOLDER, "bob.json"))
-    page.run(read_again)
-    page.shows("verdict", "bob/circle is no longer in the folder")
-    scale = page.run("return window.mushr.view.scale")
-    page.find("fit").click()
-    assert scale == page.run("return window.mushr.view.scale"), "the recording is still in view"
-
-
-def test_results_that_cannot_be_read(sim, page):
-    folder = os.path.join(sim.environment["PWD"], "broken")
-    os.mkdir(folder)
-    for name in ("report.json", "trajectory.csv"):
-        with open(os.path.join(folder, name), "w") as file:
-            file.write("{")
-    try:
-        load(page, sim)
-        page.shows("verdict", "cannot be read")
-    finally:
-        shutil.rmtree(folder)
 
 
 def test_another_map(sim, page):

@@ -1,4 +1,4 @@
-"""Check what the page gets: plans, the map and results."""
+"""Check what the page gets: plans and the map."""
 
 import io
 import json
@@ -11,16 +11,11 @@ from PIL import Image
 
 from mushr_ros_intro.browser import plans
 from mushr_ros_intro.browser.car_limits import car_limits
-from mushr_ros_intro.browser.drives import drives
 from mushr_ros_intro.browser.map_image import png
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import read_profile
-from mushr_ros_intro.classroom.grades import Grade, PlanGrade
-from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.replay.judge import Check
 from mushr_ros_intro.world.grid import Grid
-from support import grades
 from support.paths import PACKAGE
 
 
@@ -148,47 +143,3 @@ def test_the_image_of_a_map():
     cells = np.array([[0, -1], [100, 51], [50, 0]], np.int8)
     image = Image.open(io.BytesIO(png(Grid(cells, 0.1))))
     assert np.asarray(image).tolist() == [[254, 254], [0, 0], [254, 205]]
-
-
-def test_results_of_a_class(tmp_path):
-    poses = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.1))
-    checks = (Check("node", True, ""),)
-    drive = PlanGrade("circle", checks, "ok", "", 1.0, (0.0, 0.1), poses, poses)
-    none = drive._replace(plan="slalom", times=(), driven=(), predicted=())
-    grades.store(tmp_path, Grade("alice", (), "", "", (drive, none)))
-    found = drives(str(tmp_path))
-    assert [*found] == ["alice/circle"]
-    assert found["alice/circle"] == {
-        "passed": True,
-        "verdict": "ok",
-        "times": (0.0, 0.1),
-        "driven": poses,
-        "predicted": poses,
-    }
-
-
-def test_results_that_cannot_be_read(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(UserError, match="file cannot be read: .*Not a directory"):
-        drives(str(tmp_path / "file"))
-    (tmp_path / "report.json").write_text("{")
-    (tmp_path / "trajectory.csv").write_text("")
-    with pytest.raises(UserError, match="cannot be read"):
-        drives(str(tmp_path))
-
-
-def test_results_of_a_node(tmp_path):
-    assert drives(str(tmp_path)) == {}
-    folder = tmp_path / "circle"
-    folder.mkdir()
-    (folder / "report.json").write_text('{"passed": false, "verdict": ["one", "two"]}')
-    (folder / "trajectory.csv").write_text("time,x\n0.0,1,2,3,4,5,6,9\n0.1,1,2,3,4,5,6,9\n")
-    assert drives(str(tmp_path)) == {
-        "circle": {
-            "passed": False,
-            "verdict": "one\ntwo",
-            "times": [0.0, 0.1],
-            "driven": [[1.0, 2.0, 3.0]] * 2,
-            "predicted": [[4.0, 5.0, 6.0]] * 2,
-        }
-    }
