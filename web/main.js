@@ -74,14 +74,12 @@ function onState(state) {
   const last = checked;
   // What was published for another car does not belong to this one.
   if (server.state && state.car !== server.state.car)
-    view.set({ predicted: [], spread: [], cloud: [] });
+    view.set({ predicted: [] });
   server.state = state;
   checked = JSON.stringify([state.plans, state.map, state.car, state.has_car]);
   updateDrive(state.drive);
   showOwner();
   find("time-section").hidden = !state.holds_clock;
-  find("spread").disabled = !state.has_noise;
-  find("spread-note").hidden = state.has_noise;
   if (!isFirst) {
     if (state.map !== (view.map?.number ?? null)) loadMap(state.map);
     if (checked !== last || !isRead) listPlans();
@@ -139,13 +137,6 @@ function subscribe(car, mux, prefix) {
   ros.subscribe(`${prefix}/path_publisher/start`, onStart);
   ros.subscribe(`${prefix}/click_planner/path`, (msg) =>
     view.set({ clicked: path(msg) }),
-  );
-  const spread = `${prefix}/path_publisher/spread`;
-  ros.subscribe(`${spread}_poses`, (msg) =>
-    view.set({ cloud: msg.poses.map(flat) }),
-  );
-  ros.subscribe(`${spread}_ellipses`, ({ markers }) =>
-    view.set({ spread: markers.filter((each) => each.action === 0) }),
   );
   ros.subscribe("/rosout_agg", onLog);
 }

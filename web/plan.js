@@ -218,13 +218,12 @@ stop.onclick = stopPlan;
 names.onfocus = () => listPlans(names.value);
 names.onchange = async () => {
   // What an earlier drive has published does not belong to this plan.
-  if (!drive?.running) view.set({ predicted: [], spread: [], cloud: [] });
+  if (!drive?.running) view.set({ predicted: [] });
   await listPlans(names.value);
   fit();
 };
 find("drive").onclick = () =>
   ask({
     plan: names.value,
-    spread: find("spread").checked,
     loop: find("loop").checked,
   });

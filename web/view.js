@@ -1,7 +1,7 @@
 // The canvas, drawn in an animation frame after a change. The picture `back` has what rarely
-// changes: map, grid, plans, spread. It is larger than the canvas, so that it can be moved.
+// changes: map, grid, plans. It is larger than the canvas, so that it can be moved.
 
-import { find, flat, say } from "./page.js";
+import { find, say } from "./page.js";
 
 const BODY = [-0.06, -0.135, 0.44, 0.27]; // of the car, from its rear axle: x, y, length, width [m]
 const WHEELS = [
@@ -20,14 +20,12 @@ const ARROW = [
 const CAR_PIXELS = 16; // the car is drawn at least this long
 const MARGIN = 200; // of `back` around the canvas [pixel]
 const DARK = matchMedia("(prefers-color-scheme: dark)");
-/** Paths are lists of [x, y] or [x, y, theta]; spread has markers. */
+/** Paths are lists of [x, y] or [x, y, theta]. */
 export const NOTHING = {
   predicted: [],
   driven: [],
   scan: [],
   clicked: [],
-  spread: [],
-  cloud: [],
   pose: null,
   wheels: [0, 0],
   isStale: false,
@@ -126,7 +124,7 @@ function draw() {
   if (view.arrow) drawCar(pen, view.arrow, [], true);
   if (view.arrow) drawLine(pen, ARROW, "car", 3, [], view.arrow);
 }
-function drawBack(pen, { predicted, plan = [], clicked, cloud, spread }) {
+function drawBack(pen, { predicted, plan = [], clicked }) {
   pen.resetTransform();
   pen.filter = DARK.matches ? "invert(1)" : "none";
   pen.fillStyle = view.map ? "#cdcdcd" : "#fefefe"; // grey values of map_saver, as in the map
@@ -143,17 +141,6 @@ function drawBack(pen, { predicted, plan = [], clicked, cloud, spread }) {
   drawLine(pen, plan, "predicted", 2, [9, 5]);
   drawLine(pen, predicted, "predicted", 4, [9, 5]);
   drawLine(pen, clicked, "clicked", 6, [3, 5]);
-  drawDots(pen, cloud, "spread", 2);
-  spread.forEach(({ pose, points }) =>
-    drawLine(
-      pen,
-      points.map(({ x, y }) => [x, y]),
-      "spread",
-      2,
-      [],
-      flat(pose),
-    ),
-  );
   say("scale", `${Number(roundLength(60).toPrecision(1))} m`);
   find("scale").style.width = `${roundLength(60) * view.scale}px`;
 }

@@ -237,7 +237,6 @@ def test_a_plan_that_is_written_and_deleted(sim):
     state = client.state(lambda state: True, "at once")
     assert {"long", "figure_8"} <= set(state["plans"]) and "new" not in state["plans"]
     assert state["hand"] == {"speed": 2.0, "steering_angle": 0.34}, "those of the ideal car"
-    assert state["has_noise"] is False
     path = sim.folder / "new.txt"
     path.write_text("0, 0, 0\n1.0, 0.0\n")
     first = client.state(lambda state: "new" in state["plans"], "with the plan")["plans"]["new"]

@@ -10,7 +10,7 @@ from mushr_ros_intro.yaml_file import read_mapping
 
 
 def car_limits(parameters: Parameters) -> Dict[str, Any]:
-    """Return the commands of driving by hand within a car's limits, and whether it can have noise.
+    """Return the commands of driving by hand within a car's limits.
 
     Also return the `car` as text, which shows whether it is still the same car.
 
@@ -20,12 +20,11 @@ def car_limits(parameters: Parameters) -> Dict[str, Any]:
     Raises:
         UserError: a parameter is of the wrong type or out of range.
     """
-    car = car_from(parameters.with_values(noise=True))
+    car = car_from(parameters)
     path = os.path.join(package_folder("config"), "keyboard_teleop.yaml")
     hand = read_mapping(path, "the keys speed and steering_angle")
     angles = hand["steering_angle"], car.steering_limit_left, car.steering_limit_right
     return {
         "hand": {"speed": min(hand["speed"], car.speed_limit), "steering_angle": min(angles)},
-        "has_noise": car.has_command_noise,
-        "car": str(car_from(parameters)),
+        "car": str(car),
     }

@@ -70,7 +70,6 @@ class PlanActions:
         parameters = {
             **self._parameters,
             "plan_file": path,
-            "spread": bool(options.get("spread")),
             "loop": bool(options.get("loop")),
         }
         name = options["plan"]

@@ -62,21 +62,21 @@ def test_the_name_of_a_plan(tmp_path, monkeypatch, path, name):
 
 
 @pytest.mark.parametrize(
-    ("profile", "hand", "has_noise"),
+    ("profile", "hand"),
     [
-        (None, (2.0, 0.34), False),
-        ("ideal", (2.0, 0.34), False),
-        ("mushr_nano", (0.9286, 0.3158), True),
+        (None, (2.0, 0.34)),
+        ("ideal", (2.0, 0.34)),
+        ("mushr_nano", (0.9286, 0.3158)),
     ],
 )
-def test_what_a_car_can_do(profile, hand, has_noise):
+def test_what_a_car_can_do(profile, hand):
     """The commands of driving by hand are those of MuSHR's joystick, within the car's limits."""
     values = read_profile(f"{PACKAGE}/config/cars/{profile}.yaml") if profile else {}
     speed, steering_angle = hand
     expected = {"speed": speed, "steering_angle": steering_angle}
     limits = car_limits(Parameters(values))
     assert limits.pop("car") != car_limits(Parameters({"wheelbase": 0.5}))["car"]
-    assert limits == {"hand": expected, "has_noise": has_noise}
+    assert limits == {"hand": expected}
 
 
 def summary(tmp_path, text, grid=None, **car):
