@@ -6,7 +6,6 @@ from typing import Any, Optional
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.preview import drawing
@@ -66,15 +65,11 @@ def _draw_path(axes: Any, report: Report) -> None:
 
 
 def _draw_spread(axes: Any, spread: Spread) -> None:
-    """Draw the final positions of the runs, and the ellipses along the path."""
+    """Draw the final poses of the runs: the positions, and the headings of some."""
     style = {"color": drawing.SPREAD, "zorder": 2}
-    axes.plot(*spread.cloud[:, :2].T, ".", ms=1.5, alpha=0.3, **style)
-    axes.plot([], [], ".", label="final positions, without walls", **style)
-    for mean, (major, minor, direction) in zip(spread.mean, spread.ellipses):
-        angle = np.degrees(direction)
-        shape = Ellipse(mean[:2], 2.0 * major, 2.0 * minor, angle=angle, fill=False, **style)
-        axes.add_patch(shape)
-    shape.set_label("95 % ellipse; does not fit a bent cloud")
+    axes.plot(*spread.poses[:, :2].T, ".", ms=1.5, alpha=0.3, **style)
+    label = "final pose of a run, without walls"
+    drawing.draw_headings(axes, spread.poses[:_MAX_ARROWS], drawing.SPREAD, label)
 
 
 def _draw_commands(panels: Any, report: Report) -> None:
@@ -95,7 +90,6 @@ def _draw_commands(panels: Any, report: Report) -> None:
         if len(rows) <= _MAX_ARROWS:
             for end in ends:
                 axes.axvline(end, color="grey", lw=0.4)
-    panels[0].sharex(panels[1])
     panels[0].tick_params(labelbottom=False)
     panels[0].legend(fontsize="small")
     panels[1].set_xlabel("time since the first command [s]")

@@ -3,6 +3,8 @@
 import math
 from typing import Any, Dict, Iterator, Optional, Sequence
 
+import numpy as np
+
 from mushr_ros_intro.plan.plan import Fault, Row, fault_lines, shortest_decimal
 from mushr_ros_intro.preview.report import Report
 from mushr_ros_intro.preview.spread import Errors, Spread
@@ -99,7 +101,7 @@ def verdict(faults: Sequence[Fault]) -> Iterator[str]:
 
 def _spread_text(report: Report, spread: Spread) -> Iterator[str]:
     errors = spread.errors
-    yield f"spread of {spread.runs} runs, seed {spread.seed}, as standard deviations:"
+    yield f"final poses of {spread.runs} runs, seed {spread.seed}; errors as standard deviations:"
     yield (
         f"  once a run      speed {100 * errors.speed_scale:g} %, steering "
         f"{errors.steering_offset:g} rad, start {errors.start_position:g} m and "
@@ -112,30 +114,12 @@ def _spread_text(report: Report, spread: Spread) -> Iterator[str]:
         yield f"  the {report.car_name} car has no errors, so all runs end in the same place"
         return
     yield ""
-    yield "  time  distance   mean x   mean y    theta    95 % ellipse       error (rms)"
-    yield "     s         m        m        m      rad    m long  m wide        m   of distance"
-    for time, distance, mean, (major, minor, _), off in zip(
-        spread.seconds, spread.distances, spread.mean, spread.ellipses, spread.rms_errors
-    ):
-        share = f"{100 * off / distance:7.1f} %" if distance > 0.0 else ""
-        yield (
-            f"{time:6.1f}{distance:10.2f}{mean[0]:9.3f}{mean[1]:9.3f}{mean[2]:9.3f}"
-            f"{2 * major:10.3f}{2 * minor:8.3f}{off:9.3f}{share}"
-        )
-    yield ""
-    if spread.growth is not None:
-        yield f"the error grows with the distance to the power of {spread.growth:.1f}"
-    yield "final pose, from the runs:"
-    x, y, theta = spread.mean[-1].tolist()
-    yield f"  mean          x {_near(x)} m, y {_near(y)} m, theta {_near(theta)} rad"
-    units = ("[m m, m m, m rad]", "[m m, m m, m rad]", "[rad m, rad m, rad rad]")
-    for title, row, unit in zip(("covariance", "", ""), spread.covariance[-1].tolist(), units):
-        cells = "".join(f"{_near(each, 5):>12}" for each in row)
-        yield f"  {title:12}{cells}   {unit}"
-    major, minor, direction = spread.ellipses[-1]
-    yield (
-        f"  95 % ellipse  {2 * major:.3f} m long at {_near(direction)} rad, {2 * minor:.3f} m wide"
-    )
+    for title, values in (("mean", spread.poses.mean(0)), ("deviation", spread.poses.std(0))):
+        x, y, theta = map(_near, values.tolist())
+        yield f"  {title:15} x {x} m, y {y} m, theta {theta} rad"
+    most, rms = np.percentile(spread.distances, 95), math.sqrt(np.mean(spread.distances**2))
+    share = f", {100 * rms / spread.distance:.1f} % of the distance" if spread.distance else ""
+    yield f"  from prediction {rms:.3f} m (rms){share}; 95 % of the runs are within {most:.3f} m"
 
 
 def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
@@ -169,13 +153,9 @@ def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
             "runs": spread.runs,
             "seed": spread.seed,
             "errors": spread.errors._asdict(),
-            "time": spread.seconds.tolist(),
-            "distance": spread.distances.tolist(),
-            "error": spread.rms_errors.tolist(),
-            "sampled": {
-                "mean": spread.mean.tolist(),
-                "covariance": spread.covariance.tolist(),
-                "ellipse_95": spread.ellipses,
-            },
+            "mean": spread.poses.mean(0).tolist(),
+            "deviation": spread.poses.std(0).tolist(),
+            "rms": math.sqrt(np.mean(spread.distances**2)),
+            "within_95": np.percentile(spread.distances, 95),
         }
     return values

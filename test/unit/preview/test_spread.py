@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.preview import prediction
-from mushr_ros_intro.preview import spread as module
-from mushr_ros_intro.preview.spread import Errors, ellipse, sample, spread
+from mushr_ros_intro.preview.spread import Errors, sample, spread
 from support.cars import EACH_PLAN, plan_named, plan_of
 
 ROUNDING = 1e-11
@@ -49,10 +48,9 @@ ALL = Errors(0.02, 0.01, 0.05, 0.03, 0.05, 0.02)
 NOISE = Errors(speed=0.05, steering_angle=0.02)
 
 
-def drive(plan, errors, runs=1, seed=1, instants=(), car=IDEAL):
-    """Return the poses (instants and end, runs, 3); the instants are in s."""
-    ends = [*(round(1e9 * each) for each in instants), plan.duration]
-    return sample(plan, car, errors, runs, seed, ends)[..., :3]
+def drive(plan, errors, runs=1, seed=1, car=IDEAL):
+    """Return the final poses (runs, 3)."""
+    return sample(plan, car, errors, runs, seed)[:, :3]
 
 
 def assert_is(values, mean, deviation):
@@ -65,14 +63,14 @@ def assert_is(values, mean, deviation):
 @pytest.mark.parametrize("car", CARS)
 @pytest.mark.parametrize("name", EACH_PLAN)
 def test_without_errors_every_car_is_where_the_single_car_is(name, car):
+    """After each row, so that no errors cancel out until the end."""
     plan = plan_named(name)
-    ends = np.cumsum([row.duration for row in plan.rows])[:-1].tolist()
-    poses = sample(plan, car, Errors(), 3, 1, [*ends, plan.duration])[..., :3]
-    assert poses.shape == (len(plan.rows), 3, 3)
-    states = prediction.states_at(plan, car, ends)
-    expected = [*(state.pose for state in states), prediction.rest(plan, car)[1]]
-    largest = np.abs(poses - np.array(expected)[:, None]).max()
-    assert largest <= (ROUNDING if car == IDEAL else RAMPS)
+    for count in range(1, len(plan.rows) + 1):
+        part = plan._replace(rows=plan.rows[:count])
+        expected = np.array(prediction.rest(part, car)[1])
+        poses = drive(part, Errors(), 3, car=car)
+        assert poses.shape == (3, 3)
+        assert np.abs(poses - expected).max() <= (ROUNDING if car == IDEAL else RAMPS)
 
 
 @given(
@@ -89,7 +87,7 @@ def test_without_errors_every_car_is_where_the_single_car_is(name, car):
 def test_without_errors_an_ideal_car_ends_where_the_single_car_ends(rows):
     plan = plan_of("1, 2, 3\n" + "".join("{:.9f}, {:.9f}, {}\n".format(*row) for row in rows))
     expected = np.array(prediction.rest(plan, IDEAL)[1])
-    assert np.abs(drive(plan, Errors())[0, 0] - expected).max() <= ROUNDING
+    assert np.abs(drive(plan, Errors())[0] - expected).max() <= ROUNDING
 
 
 @pytest.mark.parametrize(
@@ -107,7 +105,7 @@ def test_without_errors_an_ideal_car_ends_where_the_single_car_ends(rows):
 @pytest.mark.parametrize("car", [IDEAL, Car(acceleration=100.0, steering_rate=100.0)])
 def test_straight_ahead_the_spread_is_known(errors, deviations, car):
     """100 commands of 0.1 s at 2 m/s are 20 m; a steep ramp delays both start and end."""
-    poses = drive(plan_of("0, 0, 0\n2, 0, 10"), errors, runs=RUNS, car=car)[0]
+    poses = drive(plan_of("0, 0, 0\n2, 0, 10"), errors, runs=RUNS, car=car)
     for values, mean, deviation in zip(poses.T, (20.0, 0.0, 0.0), deviations):
         if deviation:
             assert_is(values, mean, deviation)
@@ -118,13 +116,13 @@ def test_straight_ahead_the_spread_is_known(errors, deviations, car):
 def test_errors_of_speed_and_steering_angle_are_independent():
     """Their product has the mean zero, between runs and between commands."""
     for errors in (Errors(0.02, 1e-3), Errors(speed=0.1, steering_angle=1e-3)):
-        x, _, theta = drive(plan_of("0, 0, 0\n2, 0, 1"), errors, runs=RUNS)[0].T
+        x, _, theta = drive(plan_of("0, 0, 0\n2, 0, 1"), errors, runs=RUNS).T
         assert abs(np.corrcoef(x, theta)[0, 1]) <= SIGMAS / math.sqrt(RUNS)
 
 
 def test_errors_are_added_after_the_command_has_been_cut_to_the_limits():
     plan, car = plan_of("0, 0, 0\n9, 0, 2"), Car(speed_limit=6.6)
-    x = drive(plan, Errors(speed_scale=0.02), runs=RUNS, car=car)[-1, :, 0]
+    x = drive(plan, Errors(speed_scale=0.02), runs=RUNS, car=car)[:, 0]
     assert_is(x, 13.2, 0.02 * 13.2)
 
 
@@ -136,23 +134,22 @@ def test_a_car_that_stands_has_no_errors():
 def test_a_car_that_brakes_gets_no_new_errors():
     slow = Car(acceleration=0.5)
     plan = plan_of("0, 0, 0\n2, 0, 1\n0, 0, 3")
-    poses = drive(plan, NOISE, 100, instants=(1, 2, 3), car=slow)
-    assert len(np.unique(poses[0, :, 2])) == 100
-    assert (poses[:, :, 2] == poses[0, :, 2]).all()
-    assert (np.diff(poses[:, :, 0], axis=0) >= 0.0).all()
+    poses = drive(plan, NOISE, 100, car=slow)
+    assert len(np.unique(poses[:, 2])) == 100
+    halfway = plan._replace(rows=plan.rows[:1])  # the stop at the end of the plan brakes likewise
+    assert poses == pytest.approx(drive(halfway, NOISE, 100, car=slow), abs=ROUNDING)
 
 
 def test_the_seed_decides():
     plan = plan_named("slalom")
     poses = drive(plan, ALL, runs=50, seed=7)
     assert (poses == drive(plan, ALL, runs=50, seed=7)).all()
-    assert (poses[-1] == drive(plan, ALL, runs=50, seed=7, instants=[0.3])[-1]).all()
     assert (poses != drive(plan, ALL, runs=50, seed=8)).all()
-    assert len(np.unique(poses[0, :, 0])) == 50
+    assert len(np.unique(poses[:, 0])) == 50
 
 
-def test_the_result_is_the_mean_and_covariance_of_the_sample():
-    plan, runs = plan_named("slalom"), 6_000
+def test_the_errors_are_those_of_the_car_and_of_placing_it():
+    plan = plan_named("slalom")
     car = NANO._replace(
         speed_noise=0.05,
         steering_noise=0.02,
@@ -160,66 +157,24 @@ def test_the_result_is_the_mean_and_covariance_of_the_sample():
         speed_gain_spread=0.01,
         steering_offset_spread=0.03,
     )
-    result = spread(plan, car, runs, 3)
-    poses = drive(plan, result.errors, runs, 3, result.seconds[:-1], car)
+    result = spread(plan, car, RUNS, 3)
     assert result.errors == Errors(0.02, 0.03, 0.02, 0.02, 0.05, 0.02)
-    assert (result.runs, len(result.seconds)) == (runs, 9)
-    assert (result.cloud == poses[-1, : module.CLOUD]).all()
-    for number, each in enumerate(poses):
-        assert result.mean[number] == pytest.approx(each.mean(axis=0), abs=ROUNDING)
-        assert result.covariance[number] == pytest.approx(np.cov(each.T), abs=ROUNDING)
-        error = np.hypot(*(each - result.planned[number]).T[:2])
-        rms = math.sqrt((error**2).mean())
-        assert result.rms_errors[number] == pytest.approx(rms, rel=1.0 / runs)
+    assert (result.poses == drive(plan, result.errors, RUNS, 3, car)).all()
 
 
-def test_the_planned_poses_and_distances_are_those_of_the_car_without_errors():
+def test_the_planned_pose_and_distance_are_those_of_the_car_without_errors():
+    """It turns round after 1 m at 2 m/s^2, and rolls out for 1 m."""
     plan = plan_of("0, 0, 0\n2, 0, 3\n-2, 0.1, 2")
     car = Car(acceleration=2.0, speed_noise=0.05)
     result = spread(plan, car, 2, 1)
-    assert result.seconds.tolist() == pytest.approx([0.5 * number for number in range(1, 11)])
-    ramp = [0.25, 1.0]  # a t^2 / 2
-    there = [2.0, 3.0, 4.0, 5.0]
-    back = [5.75, 6.0, 6.25, 7.0 + 1.0]  # it turns round after 1 m, and rolls out after the end
-    assert result.distances.tolist() == pytest.approx(ramp + there + back)
-    assert tuple(result.planned[2]) == pytest.approx((2.0, 0.0, 0.0))
+    assert result.distance == pytest.approx(8.0)
     quiet = car._replace(speed_noise=0.0)
-    assert result.planned[-1] == pytest.approx(prediction.rest(plan, quiet)[1], abs=RAMPS)
-
-
-def test_an_error_of_the_speed_grows_with_the_distance(monkeypatch):
-    monkeypatch.setattr(module, "START_ERRORS", Errors())
-    car = Car(speed_noise=1e-9, speed_gain_spread=0.02)
-    result = spread(plan_of("0, 0, 0\n1, 0, 20"), car, 4000, 1)
-    assert result.growth == pytest.approx(1.0, abs=1e-3)
-    assert result.rms_errors / result.distances == pytest.approx(0.02, rel=SIGMAS / math.sqrt(8000))
+    assert result.planned == pytest.approx(prediction.rest(plan, quiet)[1], abs=RAMPS)
+    expected = [math.dist(each[:2], result.planned[:2]) for each in result.poses]
+    assert result.distances == pytest.approx(expected)
 
 
 def test_without_noise_there_is_no_spread():
     result = spread(plan_named("circle"), IDEAL, 10, 1)
     assert result.errors == Errors()
-    assert result.rms_errors.max() <= ROUNDING
-    assert result.growth is None
-
-
-def test_the_instants_are_ends_of_commands():
-    result = spread(plan_of("0, 0, 0\n" + 2 * "1, 0, 0.25\n1, 0, 0.3\n"), IDEAL, 2, 1)
-    expected = [0.2, 0.35, 0.55, 0.75, 0.9, 1.1]  # each second one of 12 commands
-    assert result.seconds.tolist() == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    "covariance, major, minor, direction",
-    [
-        ([[9.0, 0.0], [0.0, 1.0]], 3.0, 1.0, 0.0),
-        ([[1.0, 0.0], [0.0, 9.0]], 3.0, 1.0, 0.5 * math.pi),
-        ([[2.0, 1.0, 7.0], [1.0, 2.0, 7.0], [7.0, 7.0, 7.0]], 3.0**0.5, 1.0, 0.25 * math.pi),
-        ([[4.0 / 49, 4.0 / 21], [4.0 / 21, 4.0 / 9]], 2.0 * 58**0.5 / 21, 0.0, math.atan2(7, 3)),
-        ([[0.0, 0.0], [0.0, 0.0]], 0.0, 0.0, 0.0),
-    ],
-)
-def test_ellipse(covariance, major, minor, direction):
-    """The axes are the roots of the eigenvalues, times that of chi-square at 95 %."""
-    factor = math.sqrt(-2.0 * math.log(0.05))
-    expected = (factor * major, factor * minor, direction)
-    assert ellipse(np.array(covariance)) == pytest.approx(expected, abs=1e-7)
+    assert result.distances.max() <= ROUNDING
