@@ -5,19 +5,17 @@ import math
 import re
 import signal
 
-import numpy as np
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Path
 from std_msgs.msg import String
-from visualization_msgs.msg import Marker, MarkerArray
 
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros.connections import registered_nodes
 from support.cars import CARS
-from support.geometry import angle_between, closed_form, planar
+from support.geometry import closed_form, planar
 from support.helpers import (
     ForkedProcess,
     Recording,
@@ -105,37 +103,6 @@ class TestRealCar(RosTestCase):
         self.assertIn("... and 10 more", output)
         for recording in (self.commands, self.placements, self.paths):
             self.assertEqual(recording.messages, [], recording.topic)
-
-    def test_spread(self):
-        cloud = Recording(NAME + "/spread_poses", PoseArray)
-        ellipses = Recording(NAME + "/spread_ellipses", MarkerArray)
-        plan = self.plan("1,2,0.5\n0.5,0.1\n0.8,-0.1,3\n")
-        said = "spread of 1000 drives with random errors: the final positions are 0."
-        with driver(plan, "_strict:=true", "_spread:=true", "_countdown:=600") as process:
-            wait_for(lambda: cloud.last and ellipses.last, "the spread")
-            predicted = planar(self.wait_for_prediction().poses[-1].pose)
-            wait_for(lambda: said in process.output, "the message")
-        poses = np.array([planar(pose) for pose in cloud.last.poses])
-        self.assertEqual(poses.shape, (1000, 3))
-        clear, *markers = ellipses.last.markers
-        self.assertEqual(clear.action, Marker.DELETEALL)
-        self.assertEqual(len(markers), 10)
-        last = markers[-1]
-        centre = poses.mean(axis=0)
-        self.assertLess(math.dist(centre[:2], planar(last.pose)[:2]), 1e-9)
-        # The axes are those of the covariance, and 5.99 is the 95 % point of chi^2.
-        values, vectors = np.linalg.eigh(np.cov(poses[:, :2].T))
-        half_axes = (max(point.x for point in last.points), max(point.y for point in last.points))
-        for value, half_axis in zip(values[::-1], half_axes):
-            self.assertAlmostEqual(math.sqrt(5.991464547 * value), half_axis, places=6)
-        direction = math.atan2(vectors[1, 1], vectors[0, 1])
-        off = angle_between(
-            2.0 * direction, 2.0 * planar(last.pose)[2]
-        )  # the two directions of an axis are equal
-        self.assertLess(off, 1e-6)
-        # The errors of the final positions are some centimetres.
-        self.assertLess(math.dist(centre[:2], predicted[:2]), 0.1)
-        self.assertLess(max(abs(marker.pose.position.z) for marker in markers), 1e-9)
 
     def test_refusals(self):
         """Each fault is one message and exit status 1."""

@@ -144,7 +144,7 @@ def test_launch_files_refuse_unknown_arguments(path):
     [
         ([], {}),
         (["loop:=true", "send_init_pose:=false"], {"loop": True, "send_init_pose": False}),
-        (["strict:=true", "spread:=True"], {"strict": True, "spread": True}),
+        (["strict:=True"], {"strict": True}),
         (
             ["control_topic:=/cmd", "init_pose_topic:=/p"],
             {"control_topic": "/cmd", "init_pose_topic": "/p"},
@@ -206,7 +206,9 @@ def test_versions_agree():
 
 
 def test_the_debian_packages_need_what_setup_installs():
-    (names,) = re.findall(r'^runtime_packages="([^"]*)"', read("scripts/dev/packages"), re.MULTILINE)
+    (names,) = re.findall(
+        r'^runtime_packages="([^"]*)"', read("scripts/dev/packages"), re.MULTILINE
+    )
     assert set(names.split()) <= set(re.findall(r"[\w+-]+", read("debian/control")))
 
 

@@ -6,10 +6,8 @@ from typing import NamedTuple, Optional, Sequence, Tuple
 
 import rosgraph
 import rospy
-from geometry_msgs.msg import PoseArray
 from nav_msgs.msg import OccupancyGrid, Path
 from rospy.numpy_msg import numpy_msg
-from visualization_msgs.msg import MarkerArray
 
 from mushr_ros_intro.car.model import Car, State
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
@@ -21,7 +19,6 @@ from mushr_ros_intro.plan.plan import Fault, Plan, fault_lines
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview.limits import slowed
 from mushr_ros_intro.preview.report import Report, check
-from mushr_ros_intro.preview.spread import spread
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import is_published
 from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
@@ -29,11 +26,6 @@ from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, NANOSECONDS
 from mushr_ros_intro.wording import counted
 from mushr_ros_intro.world.footprint import World
 from mushr_ros_intro.world.grid import Grid
-
-SPREAD_RUNS = 1000
-SPREAD_SEED = 1
-MAX_SPREAD_COMMANDS = 20_000
-"""For a plan with more commands, the spread is not published, because it takes too long."""
 
 
 class Prediction(NamedTuple):
@@ -59,7 +51,6 @@ class PreviewOptions(NamedTuple):
     max_speed: float
     """[m/s]"""
     is_strict: bool
-    shows_spread: bool
 
 
 def preview_options(parameters: Parameters) -> PreviewOptions:
@@ -77,16 +68,13 @@ def preview_options(parameters: Parameters) -> PreviewOptions:
         profile,
         parameters.number("max_speed", math.inf, "m/s", 0.001, math.inf, meaning),
         parameters.flag("strict", False, "do not drive a plan that has faults"),
-        parameters.flag("spread", False, "publish the spread of drives with random errors"),
     )
 
 
 class Preview:
     """The check and the prediction of a plan before the drive.
 
-    Publishes ``/CAR_NAME/predicted_path`` (nav_msgs/Path) and, with ``~spread``, ``~spread_poses``
-    (geometry_msgs/PoseArray) and ``~spread_ellipses`` (visualization_msgs/MarkerArray). All
-    topics are latched.
+    Publishes ``/CAR_NAME/predicted_path`` (nav_msgs/Path), latched.
     """
 
     def __init__(self, plan: Plan, options: PreviewOptions, car_name: str, is_placed: bool) -> None:
@@ -111,7 +99,6 @@ class Preview:
         self._car_name = car_name
         self._is_placed = is_placed
         self._is_strict = options.is_strict
-        self._shows_spread = options.shows_spread
         self._profile: Optional[Parameters] = None
         self._profile_name = options.profile or "car"
         if options.profile:
@@ -123,11 +110,6 @@ class Preview:
         self._pub_path = rospy.Publisher(
             f"/{car_name}/predicted_path", Path, queue_size=1, latch=True
         )
-        if self._shows_spread:
-            self._pub_spread = rospy.Publisher("~spread_poses", PoseArray, queue_size=1, latch=True)
-            self._pub_ellipses = rospy.Publisher(
-                "~spread_ellipses", MarkerArray, queue_size=1, latch=True
-            )
 
     def show(self) -> Prediction:
         """Check the plan, log its faults, publish the predicted path, and return the prediction.
@@ -146,46 +128,12 @@ class Preview:
             raise UserError(f"~strict is set and the plan has faults; it is not driven\n{faults}")
         _warn(report.faults)
         self._pub_path.publish(conversions.path_to_msg(states, ros_time.now()))
-        if self._shows_spread:
-            self._publish_spread(profile)
         return Prediction(
             states[-1].pose,
             states[-1].stamp,
             report.length if states is report.states else None,
             is_placed=self._is_placed,
             is_exact=bool(profile) and not car.has_command_noise,
-        )
-
-    def _publish_spread(self, profile: Parameters) -> None:
-        """Publish the spread of drives with random errors: final poses, ellipses on the path."""
-        car = car_from(profile.with_values(noise=True))
-        commands = prediction.count_commands(self.plan)
-        if not car.has_command_noise:
-            rospy.loginfo("the spread is not published: this car has no noise")
-            return
-        if commands > MAX_SPREAD_COMMANDS:
-            rospy.logwarn(
-                "the spread is not published: the plan has %d commands; expected at most %d",
-                commands,
-                MAX_SPREAD_COMMANDS,
-            )
-            return
-        result = spread(self.plan, car, SPREAD_RUNS, SPREAD_SEED)
-        ellipses = [
-            (Pose(x, y, direction), major, minor)
-            for (x, y, _), (major, minor, direction) in zip(result.mean.tolist(), result.ellipses)
-        ]
-        poses = (Pose(*pose) for pose in result.cloud.tolist())
-        self._pub_spread.publish(conversions.poses_to_msg(poses, ros_time.now()))
-        self._pub_ellipses.publish(conversions.ellipses_to_msg(ellipses, ros_time.now()))
-        rospy.loginfo(
-            "spread of %d drives with random errors: the final positions are %.2f m (root mean "
-            "square) from the predicted one; their 95 %% ellipse is %.2f m long and %.2f m wide. "
-            "Walls are ignored",
-            SPREAD_RUNS,
-            result.rms_errors[-1],
-            2.0 * ellipses[-1][1],
-            2.0 * ellipses[-1][2],
         )
 
 

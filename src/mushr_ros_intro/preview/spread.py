@@ -97,7 +97,7 @@ def sample(plan: Plan, car: Car, errors: Errors, runs: int, seed: int) -> np.nda
     """Drive a plan `runs` times with random errors; the noise of `car` is not used.
 
     Returns:
-        The final x [m], y [m], theta [rad] in the map frame, and the distance driven [m], (runs, 4).
+        The final x [m], y [m], theta [rad] in the map frame, the distance driven [m], (runs, 4).
     """
     normal = np.random.default_rng(seed).standard_normal
     scale = 1.0 + errors.speed_scale * normal(runs)

@@ -536,7 +536,7 @@ def test_the_drawing():
     # The order depends on the version of matplotlib.
     assert sorted(text.get_text() for text in key.get_legend().get_texts()) == [
         *("final pose of a run, without walls", "heading between two rows"),
-        *( "predicted end", "predicted path", "predicted start"),
+        *("predicted end", "predicted path", "predicted start"),
         *("the car hits a wall", "wall"),
     ]
     assert key.get_legend().get_window_extent().y1 < axes.bbox.y0
