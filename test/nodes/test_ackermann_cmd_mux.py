@@ -8,8 +8,7 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from rospy.impl.tcpros_base import TCPROSTransport
 from std_msgs.msg import String
 
-from mushr_ros_intro.ros import ros_time
-from mushr_ros_intro.simulator.ackermann_cmd_mux import AckermannCmdMux
+from mushr_ros_intro.simulator.ackermann_cmd_mux import MuxTopics
 from support.helpers import PATIENCE, Recording, RosTestCase, node, publisher, wait_for
 from support.messages import COMMAND_TIMEOUT, MUX, command
 from support.world import load
@@ -28,17 +27,17 @@ def start_world():
     return [node("ackermann_cmd_mux.py", "__ns:=/car/mux")]
 
 
-class MuxTestCase(RosTestCase):
-    """A test case with the topics of a mux. Instants count from the beginning of the test [ms]."""
+class TestMux(RosTestCase):
+    """Instants count from the beginning of the test [ms]."""
 
-    def use(self, mux, begin):
-        """Connect to a mux, and wait until it is idle; the test begins at `begin` [ns]."""
-        self.begin = begin
-        self.output = Recording(f"{mux}/output", AckermannDriveStamped).connected()
+    def setUp(self):
+        super().setUp()
+        self.begin = rospy.Time.now().to_nsec()
+        self.output = Recording(f"{MUX}/output", AckermannDriveStamped).connected()
         # Only a new connection gets the latched message.
-        self.active = self.ending(Recording(f"{mux}/active", String).connected())
+        self.active = self.ending(Recording(f"{MUX}/active", String).connected())
         self.inputs = {
-            name: publisher(f"{mux}/input/{name}", AckermannDriveStamped) for name in INPUTS
+            name: publisher(f"{MUX}/input/{name}", AckermannDriveStamped) for name in INPUTS
         }
         wait_for(lambda: self.active.last and self.active.last.data == "idle", "an idle mux")
         self.output.clear()
@@ -65,119 +64,6 @@ class MuxTestCase(RosTestCase):
         """Wait until these inputs and no others have driven since the beginning."""
         wait_for(lambda: len(self.active.messages) > len(names), f"{names} to drive")
         self.assertEqual([m.data for m in self.active.messages], ["idle", *names])
-
-
-class TimedMux(AckermannCmdMux):
-    """The mux in this process, at an instant that the test sets."""
-
-    now = 1_700_000_000_000 * MS
-    """[ns]"""
-    processed = 0
-    """The number of commands."""
-
-    def _on_command(self, *arguments):
-        super()._on_command(*arguments)
-        self.processed += 1
-
-    def expire(self):
-        """Send a stop if the last live input has expired."""
-        with self._lock:
-            self._expire(self._read_clock())
-
-
-class TestTimes(MuxTestCase):
-    """Wall-clock time is an input of these tests. The timeouts are 200 ms."""
-
-    def setUp(self):
-        super().setUp()
-        name = f"/{self._testMethodName}"
-        load("ackermann_cmd_mux.yaml", name)
-        self.mux = TimedMux(name)
-        patch = mock.patch.object(ros_time, "now", lambda: self.mux.now)
-        patch.start()
-        self.addCleanup(patch.stop)
-        self.use(name, TimedMux.now)
-
-    def advance(self, until):
-        """Advance the clock."""
-        self.mux.now = self.begin + until * MS
-        self.mux.expire()
-
-    def send(self, name, stamp, speed, arrival=None):
-        """Send a command that arrives at its stamp or at another instant."""
-        self.advance(stamp if arrival is None else arrival)
-        before = self.mux.processed
-        super().send(name, stamp, speed)
-        wait_for(lambda: self.mux.processed > before, "the mux to process the command")
-
-    def test_each_change_of_the_active_input_is_sent(self):
-        """Although the thread that sends them runs late."""
-        may_write, write = threading.Event(), TCPROSTransport.write_data
-
-        def write_late(transport, data):
-            if transport.name == self.active.topic:
-                may_write.wait(PATIENCE)
-            return write(transport, data)
-
-        with mock.patch.object(TCPROSTransport, "write_data", write_late):
-            for number in range(3):
-                self.send("teleop", 300 * number, 1.0)
-            may_write.set()
-            self.expect_active("teleop", "idle", "teleop", "idle", "teleop")
-
-    def test_priorities_and_timeouts(self):
-        self.send("navigation", 0, 1.0)
-        self.send("default", 10, 1.5)
-        self.send("teleop", 50, 2.0)
-        self.expect_active("navigation", "teleop")
-        self.send("navigation", 100, 3.0)  # teleop is live
-        self.send("navigation", 249, 4.0)  # and still is
-        self.send("navigation", 275, 4.5, arrival=249)  # and is when this arrives
-        self.send("navigation", 250, 5.0)  # and no longer is
-        expected = [(0, 1.0), (50, 2.0), (250, 5.0)]
-        self.expect(*expected)
-        self.send("default", 300, 6.0)
-        self.send("default", 474, 6.5)
-        self.send("default", 475, 7.0)
-        self.send("safety", 500, 0.0)
-        self.advance(699)
-        expected += [(475, 7.0), (500, 0.0)]
-        self.expect(*expected)
-        self.expect_active("navigation", "teleop", "navigation", "default", "safety")
-        self.advance(700)
-        self.expect(*expected, STOP)
-
-    def test_a_sender_whose_clock_is_late(self):
-        """Its input is live while its commands arrive, also after a sender with a good clock."""
-        self.send("teleop", 0, 1.0)
-        self.advance(1000)
-        self.expect((0, 1.0), STOP)
-        arrivals = range(1000, 2600, 199)
-        for arrival in arrivals:
-            self.send("teleop", arrival - 600, 1.0, arrival)
-            self.send("navigation", arrival, 2.0)
-        self.advance(arrivals[-1] + 200)
-        late = [(arrival - 600, 1.0) for arrival in arrivals]
-        self.expect((0, 1.0), STOP, *late, STOP)
-        self.expect_active("teleop", "idle", "teleop", "idle")
-
-    def test_a_sender_whose_clock_is_early(self):
-        """It takes over at once, without a stop, and holds the car longer."""
-        self.send("navigation", 0, 1.0)
-        self.send("teleop", 600, 2.0, arrival=10)
-        self.expect_active("navigation", "teleop")
-        self.send("navigation", 799, 3.0)
-        self.advance(998)
-        self.expect((0, 1.0), (600, 2.0))
-        self.advance(999)
-        self.expect((0, 1.0), (600, 2.0), STOP)
-        self.expect_active("navigation", "teleop", "idle")
-
-
-class TestMux(MuxTestCase):
-    def setUp(self):
-        super().setUp()
-        self.use(MUX, rospy.Time.now().to_nsec())
 
     def tearDown(self):
         # The message on "active" can arrive before the stop.
@@ -212,6 +98,26 @@ class TestMux(MuxTestCase):
         self.send("safety", 50, float("inf"))
         self.send("navigation", 100, 1.0)
         self.expect((100, 1.0), STOP)
+
+    def test_each_change_of_the_active_input_is_sent(self):
+        """Although the thread that sends them runs late."""
+        may_write, write = threading.Event(), TCPROSTransport.write_data
+        topics = MuxTopics("/late", "output")
+        active = self.ending(Recording("/late/active", String).connected())
+
+        def write_late(transport, data):
+            if transport.name == "/late/active":
+                may_write.wait(PATIENCE)
+            return write(transport, data)
+
+        names = ["teleop", "idle", "teleop", "teleop", "idle", "teleop"]
+        with mock.patch.object(TCPROSTransport, "write_data", write_late):
+            for name in names:
+                topics.announce(name)
+            may_write.set()
+            wait_for(lambda: len(active.messages) >= 6, "each change")
+        expected = ["idle", "teleop", "idle", "teleop", "idle", "teleop"]
+        self.assertEqual([m.data for m in active.messages], expected)
 
     def test_a_late_subscriber_gets_the_active_input(self):
         late = Recording(f"{MUX}/active", String).connected()

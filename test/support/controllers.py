@@ -6,6 +6,7 @@ import shutil
 import threading
 import xmlrpc.client
 
+from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.isolation.workspace import inherited
 from mushr_ros_intro.replay.job import Job, run_job
@@ -45,10 +46,15 @@ def _setting(remap=(), map_name="none"):
     )
 
 
+def _world():
+    """Return the world of a replay in this process."""
+    setting = _setting()
+    return ReplayWorld(Car(), setting.parameters, setting.mux, None, WAVE)
+
+
 def unobserved_threads():
     """Return the names of the threads of this process for which the clock does not wait."""
-    setting = _setting()
-    world = ReplayWorld(setting.parameters, setting.mux, None)
+    world = _world()
     threads = threading.enumerate()
     world._others.observe()
     return [each.name for each in threads if str(each.native_id) not in world._others.usages]
@@ -56,8 +62,7 @@ def unobserved_threads():
 
 def limits_calls():
     """Return whether calls from a replay in this process to the node under test have a timeout."""
-    setting = _setting()
-    ReplayWorld(setting.parameters, setting.mux, None)
+    _world()
     return isinstance(xmlrpc.client.Transport().make_connection("localhost").timeout, float)
 
 

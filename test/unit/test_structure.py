@@ -37,8 +37,8 @@ WITHOUT_ROS = {"preview", "car", "world", "plan", ""}
 WITH_ROS = {
     "browser": {"bridge", "map", "messages", "plan_drive", "rosapi"},
     "replay": {
-        "follow_world",
         "guarded_master",
+        "path_delivery",
         "received",
         "replay_car",
         "setting",

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import select
+from typing import Optional
 
 from mushr_ros_intro.isolation.node_process import PIPE
 
@@ -28,3 +29,17 @@ class DueTimes:
         with contextlib.suppress(BlockingIOError):  # nothing is new
             self._last = int.from_bytes(os.read(self._reader, PIPE)[-8:], "little")
         return self._last
+
+    def time_left(self, now: int, pose_period: Optional[int]) -> Optional[int]:
+        """Return the time until the next thread of the node is due [ns]; None if unknown.
+
+        Args:
+            now: the time [ns].
+            pose_period: between two reports of the car [ns], which are at its multiples, if a
+                thread receives them; None if no thread does.
+        """
+        due = self.read()
+        times = [due - now] if due else []
+        if pose_period:
+            times.append(pose_period - now % pose_period)
+        return min(times, default=None)

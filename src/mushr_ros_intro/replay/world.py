@@ -9,28 +9,32 @@ import os
 import threading
 import time
 from collections import deque
-from typing import Any, Deque, Dict, Iterator, List, Optional, Tuple
+from typing import Any, Callable, Deque, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
+from nav_msgs.srv import GetMap
 from rosgraph_msgs.msg import Clock
 
 from mushr_ros_intro.car.model import Car, State
+from mushr_ros_intro.geometry import ORIGIN
 from mushr_ros_intro.isolation.node_process import NodeProcess
 from mushr_ros_intro.isolation.threads import Threads
 from mushr_ros_intro.replay.due_times import DueTimes
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
 from mushr_ros_intro.replay.mistakes import INITIAL_POSES, command_topic_mistake
-from mushr_ros_intro.replay.pace import WALL_CLOCK, Pace
+from mushr_ros_intro.replay.pace import STEP, WALL_CLOCK, Pace
+from mushr_ros_intro.replay.path_delivery import PathDelivery
 from mushr_ros_intro.replay.received import CONTROL, Received
 from mushr_ros_intro.replay.recording import Recorded
+from mushr_ros_intro.replay.reference import Exercise, Reference
 from mushr_ros_intro.replay.replay_car import MUX, ReplayCar, ReplayMux
 from mushr_ros_intro.ros import conversions, ros_time, rospy_fixes
 from mushr_ros_intro.simulator.mux import Input
-from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, from_seconds
 from mushr_ros_intro.world.grid import Grid
 
 CAR = "/car/car_sim"
@@ -48,22 +52,8 @@ SHORT_NAP = 0.0001
 MAX_RATE = 1000
 """A node that sends more commands per second has failed."""
 
-MAX_SILENCE = 60.0
-"""A node that sends no command for this time hangs [s of simulated time]."""
-
-CHECK_PERIOD = 0.05
-"""Period of the checks of what a running node uses [s of wall-clock time]."""
-
 CLOSE_LOOKS = 100
 """If nothing arrives from an ended node for so many looks, a child process holds its connection."""
-
-
-def describe_limits(timeout: float) -> str:
-    """Return how long a node may send no command: `timeout` [s of wall-clock time], or MAX_SILENCE.
-
-    Which limit it exceeds first depends on the load of the machine, so a verdict names both.
-    """
-    return f"{timeout:g} s, or for {MAX_SILENCE:g} s of simulated time"
 
 
 class ReplayWorld:
@@ -77,16 +67,29 @@ class ReplayWorld:
     """
 
     def __init__(
-        self, parameters: Dict[str, Any], mux: Dict[str, Any], grid: Optional[Grid]
+        self,
+        car: Car,
+        parameters: Dict[str, Any],
+        mux: Dict[str, Any],
+        grid: Optional[Grid],
+        exercise: Exercise,
     ) -> None:
         """Start the nodes.
 
         Args:
-            parameters: of the car.
+            car: the car.
+            parameters: of the node of the car, which the node under test may read.
             mux: the configuration of the mux.
             grid: the map, or None.
+            exercise: the plan or the path of the node. At a path, the car is placed at its start,
+                and a command applies at the instant at which it arrives.
         """
-        self.received = Received()
+        reference = exercise if isinstance(exercise, Reference) else None
+        if reference:
+            start = reference.start._asdict()
+            parameters = {**parameters, **start, "pose_rate": NANOSECONDS / STEP}
+        self._pose_period = from_seconds(1.0 / parameters["pose_rate"])
+        self.received = Received(reference.start, START) if reference else Received()
         """What the node has sent to the car."""
         self.count = 0
         """The number of messages that it has sent."""
@@ -105,12 +108,15 @@ class ReplayWorld:
         rospy_fixes.set_time(START)
         self._clock = rospy.Publisher("/clock", Clock, queue_size=10_000, tcp_nodelay=True)
         rospy.on_shutdown(lambda: self._master.record(f"shuts down the node {CAR}"))
-        self._car = ReplayCar(self._poses)
+        self._car = ReplayCar(car, reference.start if reference else ORIGIN, START, self._poses)
         if grid is not None:
-            _publish_map(grid)
-            self._car.use_map(grid)
-        self._mux = ReplayMux(self._commands, self._car)
-        self._offer()
+            _offer_map(grid)
+            self._car.use_map(grid, START)
+        self._mux = ReplayMux(mux, self._commands, self._car)
+        self._delivery: Optional[PathDelivery] = None  # of the path
+        if reference:
+            self._delivery = PathDelivery(reference, START, self._master.services.map)
+            self._car.add_frames("odom", "base_footprint")  # of courses without a prefix
         self._master.guard(
             CAR,
             ("/use_sim_time", CAR, MUX),
@@ -123,9 +129,6 @@ class ReplayWorld:
         # processor, the threads that wait for the same lock of Python seem to wait for a message.
         self._others = Threads(os.getpid(), False, [threading.get_native_id()])
         self._nap = NAP
-
-    def _offer(self) -> None:
-        """Offer more topics and services, before the node under test is started."""
 
     def fault(self, pace: Pace) -> str:
         """Return why a running node has failed; empty if it has not failed.
@@ -193,11 +196,8 @@ class ReplayWorld:
 
         A thread that receives reports of the car is due when the next one is.
         """
-        due = self.due_times.read()
-        times = [due - self.now] if due else []
-        if self._car.count_connections():
-            times.append(self._car.pose_period - self.now % self._car.pose_period)
-        return min(times, default=None)
+        receives = self._car.publisher.count_connections()
+        return self.due_times.time_left(self.now, self._pose_period if receives else None)
 
     def _send(self, pace: Pace, duration: int) -> None:
         """Send the next message of this instant, or advance the clock [ns]."""
@@ -234,29 +234,23 @@ class ReplayWorld:
             How many threads of the node receive a message. The next one must be sent when the node
             has processed it.
         """
-        end, period = self.now + duration, self._car.pose_period
+        end, period = self.now + duration, self._pose_period
         reports = range(self.now - self.now % period + period, end + 1, period)
         for self.now in [*reports, end]:
             rospy_fixes.set_time(self.now)
-            self._mux.expire()
+            self._mux.expire(self.now)
         if reports:
-            states = self._car.states_at(reports)
+            states = self._car.states_at(reports, self.now)
             self.states += states
-            yield from self._car.publish_each(states)
-            yield from self._give()
+            yield from self._car.publisher.publish_each(states)
+            if self._delivery:
+                yield from self._delivery.give(self.now)
         self._clock.publish(Clock(clock=conversions.time_from(self.now)))
         yield self._clock.get_num_connections()
 
-    def _give(self) -> Iterator[int]:
-        """Give more to the node; yield how many threads receive each message."""
-        yield from ()
-
     def describe_end(self, process: NodeProcess) -> str:
         """Receive the last messages of a node that has ended; return why it failed, "" if not."""
-        looks = 0  # that have found nothing to receive, one after another
-        while self._mux.inputs[CONTROL].get_num_connections() and looks < CLOSE_LOOKS:
-            looks = looks + 1 if self._others.are_waiting() else 0
-            time.sleep(ros_time.POLL_PERIOD)
+        wait_until_closed(self._mux.inputs[CONTROL].get_num_connections, self._others.are_waiting)
         self._process()
         fault = process.describe_failure()
         if fault or self.received.commands:
@@ -270,7 +264,7 @@ class ReplayWorld:
             timeout: how long a command is valid after its stamp [ns].
         """
         while not rospy.is_shutdown() and not self._stands(timeout):
-            for _ in self.step(self._car.pose_period):
+            for _ in self.step(self._pose_period):
                 pass
 
     def _stands(self, timeout: int) -> bool:
@@ -318,16 +312,37 @@ class ReplayWorld:
         """Record an initial pose, and give it to the car."""
         if action := self.received.add_initial_pose(msg, self.now):
             self._master.record(action)
-        self._car.on_message(msg, conversions.initial_pose_from_msg)
+        self._car.place(msg, self.now)
 
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
         """Record a command, and give it to the mux."""
         topic = msg._connection_header["topic"]
+        if self._delivery:
+            msg.header.stamp = stamp_of_controller(msg.header.stamp, self.now)
         if topic == CONTROL:
             self.received.add_command(msg, self.now)
         else:
             self._master.record(f"publishes on {topic}")
-        self._mux.on_command(msg, source)
+        self._mux.process(msg, source, self.now)
+
+
+def stamp_of_controller(stamp: rospy.Time, now: int) -> rospy.Time:
+    """Return the stamp of a command that arrives at `now` [ns]: the past has been reported."""
+    return max(stamp, conversions.time_from(now))
+
+
+def wait_until_closed(is_open: Callable[[], Any], are_waiting: Callable[[], bool]) -> None:
+    """Wait until a connection of an ended node has been read to its end.
+
+    Args:
+        is_open: returns whether the connection is open.
+        are_waiting: returns whether all threads that read wait; if they do for CLOSE_LOOKS looks,
+            a child process holds the connection.
+    """
+    looks = 0  # that have found nothing to receive, one after another
+    while is_open() and looks < CLOSE_LOOKS:
+        looks = looks + 1 if are_waiting() else 0
+        time.sleep(ros_time.POLL_PERIOD)
 
 
 def _join(uri: str, parameters: Dict[str, Any], mux: Dict[str, Any]) -> None:
@@ -342,6 +357,8 @@ def _join(uri: str, parameters: Dict[str, Any], mux: Dict[str, Any]) -> None:
     rospy.init_node("car_sim", argv=argv, disable_rostime=True, disable_signals=True)
 
 
-def _publish_map(grid: Grid) -> None:
-    maps = rospy.Publisher("/map", OccupancyGrid, queue_size=1, latch=True)
-    maps.publish(conversions.grid_to_msg(grid, 0, conversions.MAP_FRAME))
+def _offer_map(grid: Grid) -> None:
+    """Offer a map as map_server.py does."""
+    msg = conversions.grid_to_msg(grid, 0, conversions.MAP_FRAME)
+    rospy.Publisher("/map", OccupancyGrid, queue_size=1, latch=True).publish(msg)
+    rospy.Service("/static_map", GetMap, lambda _: msg)

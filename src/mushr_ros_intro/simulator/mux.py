@@ -2,15 +2,31 @@
 
 Each input has a priority and a timeout. An input is live until its timeout after its last command.
 A command passes unless an input of higher priority is live. All instants are in nanoseconds [ns].
+
+A node and a replay use the same `Mux`, which knows no topics and reads no clocks.
 """
 
 import itertools
 import math
-from typing import Any, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.stamps import from_seconds
+from mushr_ros_intro.stamps import (
+    COMMAND_PERIOD,
+    NANOSECONDS,
+    SIMULATED_STAMP_TOLERANCE,
+    STAMP_TOLERANCE,
+    CurrentTime,
+    effective_stamp,
+    from_seconds,
+)
+
+LATE_AFTER = COMMAND_PERIOD // 2
+"""If a command arrives later than this after its stamp, its timeout counts from its arrival [ns].
+
+In wall-clock time only. So a sender with a late clock can drive the car.
+"""
 
 IDLE = "idle"
 """Published as the active input if no input drives."""
@@ -36,51 +52,95 @@ class Config(NamedTuple):
     """The topic of the forwarded commands."""
 
 
-class Mux(NamedTuple):
-    """The state of a mux. Begin with Mux(); each method returns the next state."""
+class Mux:
+    """Decides by the stamps of the commands which of them pass, and when the car has to stop.
 
-    expires: Tuple[Tuple[Input, int], ...] = ()
-    """Each live input, and the instant at which its last command expires [ns]."""
-    active: str = IDLE
-    """The name of the input that drives, or idle."""
+    Wall-clock times are monotonic [s]; infinity if the time on the clock alone counts.
+    """
 
-    def command(self, source: Input, instant: int, until: int) -> Tuple["Mux", bool]:
-        """Return the state after a command, and whether the command passes.
+    def __init__(self, is_simulated: bool, warn: Callable[[str], Any]) -> None:
+        """Begin without a live input.
 
         Args:
-            source: the input of the command.
-            instant: when the command would begin to drive [ns].
-            until: when the command expires [ns].
+            is_simulated: whether the instants are simulated time.
+            warn: logs a warning.
         """
-        passes = not any(
-            other.priority > source.priority and instant < live for other, live in self.expires
-        )
-        expires = dict(self.expires)
-        expires[source] = max(expires.get(source, 0), until)
-        return Mux(tuple(expires.items()), source.name if passes else self.active), passes
+        self.active = IDLE
+        """The name of the input that drives, or idle."""
+        self._is_simulated, self._warn = is_simulated, warn
+        self._tolerance = SIMULATED_STAMP_TOLERANCE if is_simulated else STAMP_TOLERANCE
+        self._time = CurrentTime()
+        self._expires: Dict[Input, int] = {}  # when the last command of each live input expires
+        # When the newest command without a valid stamp expires: on the clock, and at the earliest.
+        self._without_stamp, self._min_wall = -1, -math.inf
 
     @property
     def deadline(self) -> Optional[int]:
         """When the last live input expires if no command arrives [ns]; None if idle."""
-        return max((until for _, until in self.expires), default=None)
+        return max(self._expires.values(), default=None)
 
-    def expire(self, now: int) -> Tuple["Mux", Optional[int]]:
-        """Return the state at `now` [ns].
+    def held(self, wall: float) -> float:
+        """Return for how long no input may expire [s of wall-clock time].
 
-        Also return the instant at which the car has to stop [ns] if the last live input has
-        expired, otherwise None.
+        A command without a valid stamp counts from its arrival. In lock-step, the clock of the mux
+        may be seconds late at that time and then advance at once, and the command would expire at
+        once. So such a command is valid for at least its timeout in wall-clock time, too.
         """
+        return self._min_wall - wall if self.deadline == self._without_stamp else 0.0
+
+    def add(self, source: Input, stamp: int, now: int, wall: float) -> Tuple[Optional[int], bool]:
+        """Add a command.
+
+        Args:
+            source: its input.
+            stamp: its stamp [ns].
+            now: when it arrives [ns].
+            wall: when it arrives [s of wall-clock time].
+
+        Returns:
+            The stamp of a stop before the command, None if there is none; and whether it passes.
+        """
+        now = self._read(now)
+        begin = effective_stamp(stamp, now, self._tolerance)
+        has_stamp, until = begin == stamp, begin + source.timeout
+        if self._is_simulated:
+            until += 0 if has_stamp else source.timeout
+        else:
+            if now > begin + LATE_AFTER:
+                until = now + source.timeout
+            begin = min(begin, now)  # the stamp is in the future if the sender's clock is early
+        # Expire first. In simulated time, the output then depends on the stamps alone.
+        stop = self._expire(begin, wall)
+        passes = not any(
+            other.priority > source.priority and begin < live
+            for other, live in self._expires.items()
+        )
+        self._expires[source] = max(self._expires.get(source, 0), until)
+        if passes:
+            self.active = source.name
+        if not has_stamp and self.deadline == until:
+            self._without_stamp, self._min_wall = until, wall + source.timeout / NANOSECONDS
+        return stop, passes
+
+    def expire(self, now: int, wall: float) -> Optional[int]:
+        """Return the stamp of the stop that has to be sent at `now` [ns], None if there is none."""
+        return self._expire(self._read(now), wall)
+
+    def _expire(self, now: int, wall: float) -> Optional[int]:
         deadline = self.deadline
-        if deadline is None or now < deadline:
-            return self, None
-        return Mux(), deadline
+        if self.held(wall) > 0.0 or deadline is None or now < deadline:
+            return None
+        self._expires, self.active = {}, IDLE
+        # A stop without a stamp applies on arrival. A command that arrives later, but has an
+        # earlier stamp, replaces it (see car/history.py).
+        return deadline if self._is_simulated and deadline != self._without_stamp else 0
 
-    def restart(self, now: int) -> "Mux":
-        """Return the state in which every live input expires at `now` [ns].
-
-        For a clock that was set back.
-        """
-        return self._replace(expires=tuple((each, now) for each, _ in self.expires))
+    def _read(self, now: int) -> int:
+        """Return the time [ns]. If the clock was set back, all inputs expire."""
+        if self._time.update(now):
+            self._warn("the clock was set back; all inputs expire")
+            self._expires = dict.fromkeys(self._expires, self._time.now)
+        return self._time.now
 
 
 def full_topic(mux: str, topic: str) -> str:

@@ -1,6 +1,7 @@
 """Test which commands pass the mux, and which configurations it accepts."""
 
 import copy
+import math
 
 import pytest
 from hypothesis import given
@@ -12,22 +13,50 @@ from mushr_ros_intro.simulator.mux import IDLE, Config, Input, Mux, full_topic, 
 MS = 1_000_000
 """[ns]"""
 
+BEGIN = 1_700_000_000_000 * MS
+"""The instant 0 [ns]."""
+
 TELEOP = Input("teleop", "input/teleop", 200 * MS, 5)
 PLAN = Input("plan", "input/plan", 300 * MS, 1)
 
 
-def command(mux, source, instant):
-    """Feed a command, which expires after the timeout of its input, to a mux."""
-    return mux.command(source, instant, instant + source.timeout)
+class Drive:
+    """A mux, and what it sends: the speed of a command, or "stop" with its stamp [ms].
+
+    Times count from 1e12 ms.
+    """
+
+    def __init__(self, is_simulated=True, wall=math.inf):
+        self.warnings, self.sent, self.wall = [], [], wall
+        self.mux = Mux(is_simulated, self.warnings.append)
+
+    def send(self, source, stamp, speed=0.0, arrival=None):
+        """Send a command that arrives at its stamp or at another instant [ms]; None: no stamp."""
+        now = stamp if arrival is None else arrival
+        sent = 0 if stamp is None else BEGIN + stamp * MS
+        stop, passes = self.mux.add(source, sent, BEGIN + now * MS, self.wall)
+        self._stop(stop)
+        self.sent += [speed] * passes
+        return passes
+
+    def advance(self, until):
+        """Advance the clock to an instant [ms]."""
+        self._stop(self.mux.expire(BEGIN + until * MS, self.wall))
+
+    def _stop(self, stamp):
+        if stamp is not None:
+            self.sent.append(("stop", (stamp - BEGIN) // MS if stamp else None))
 
 
-def passed(*commands):
-    """Feed commands of (input, stamp [ms]) to a new mux; return it, and which of them passed."""
-    mux, verdicts = Mux(), []
-    for source, stamp in commands:
-        mux, passes = command(mux, source, stamp * MS)
-        verdicts.append(passes)
-    return mux, verdicts
+def after(*commands):
+    """Return a drive after commands of (input, stamp [ms]), and which of them passed."""
+    drive = Drive()
+    return drive, [drive.send(*each) for each in commands]
+
+
+def deadline(drive):
+    """Return when the last live input expires [ms]."""
+    return (drive.mux.deadline - BEGIN) // MS
 
 
 @pytest.mark.parametrize(
@@ -39,73 +68,117 @@ def test_names_of_topics(topic, expected):
 
 
 def test_no_input_drives_at_first():
-    assert Mux().active == IDLE and Mux().deadline is None
-    assert Mux().expire(10**18) == (Mux(), None)
+    drive = Drive()
+    drive.advance(10**9)
+    assert drive.mux.active == IDLE and drive.mux.deadline is None and not drive.sent
 
 
 def test_the_higher_priority_takes_over_and_holds_until_its_timeout():
-    for stamp, expected in ((10, False), (209, False), (210, True), (500, True)):
-        mux, verdicts = passed((PLAN, 0), (TELEOP, 10), (PLAN, stamp))
+    for stamp, expected in ((10, False), (209, False), (210, True), (299, True)):
+        drive, verdicts = after((PLAN, 0), (TELEOP, 10), (PLAN, stamp))
         assert verdicts == [True, True, expected]
-        assert mux.active == ("plan" if expected else "teleop")
+        assert drive.mux.active == ("plan" if expected else "teleop")
 
 
 def test_a_lower_priority_blocks_no_input():
-    mux, verdicts = passed((PLAN, 0), (TELEOP, 0), (PLAN, 1), (TELEOP, 2))
+    drive, verdicts = after((PLAN, 0), (TELEOP, 0), (PLAN, 1), (TELEOP, 2))
     assert verdicts == [True, True, False, True]
-    assert mux.active == "teleop"
+    assert drive.mux.active == "teleop"
 
 
-def test_the_car_stops_when_the_last_live_input_expires():
-    mux, _ = passed((TELEOP, 100), (PLAN, 150))
-    assert mux.deadline == 450 * MS  # the plan's, though it does not drive
-    assert mux.expire(450 * MS - 1) == (mux, None)
-    for late in (0, 7 * MS):
-        after, stop = mux.expire(450 * MS + late)
-        assert stop == 450 * MS and after.active == IDLE and after.deadline is None
+@pytest.mark.parametrize("late", [0, 7])
+def test_the_car_stops_when_the_last_live_input_expires(late):
+    drive, _ = after((TELEOP, 100), (PLAN, 150))
+    assert deadline(drive) == 450  # the plan's, though it does not drive
+    drive.advance(449)
+    assert drive.sent == [0.0]
+    drive.advance(450 + late)
+    assert drive.sent == [0.0, ("stop", 450)]
+    assert drive.mux.active == IDLE and drive.mux.deadline is None
+    drive.advance(900)
+    assert len(drive.sent) == 2  # there is no second stop
+
+
+def test_the_stop_comes_before_a_command_that_is_later():
+    drive, _ = after((TELEOP, 0), (PLAN, 201))
+    assert drive.sent == [0.0, ("stop", 200), 0.0]
+    assert drive.mux.active == "plan" and deadline(drive) == 501
 
 
 def test_a_late_command_does_not_shorten_the_hold_of_a_newer_one():
-    mux, verdicts = passed((TELEOP, 100), (TELEOP, 50))
-    assert verdicts == [True, True] and mux.deadline == 300 * MS
-    assert passed((TELEOP, 100), (TELEOP, 50), (PLAN, 299))[1][-1] is False
-    # A command without a valid stamp holds longer.
-    mux, passes = Mux().command(TELEOP, 100 * MS, 350 * MS)
-    assert passes and mux.deadline == 350 * MS
+    drive, verdicts = after((TELEOP, 100), (TELEOP, 50))
+    assert verdicts == [True, True] and deadline(drive) == 300
+    assert not drive.send(PLAN, 299)
 
 
-def test_after_a_stop_the_mux_is_as_new():
-    mux, _ = passed((TELEOP, 0))
-    mux, _ = mux.expire(200 * MS)
-    mux, passes = command(mux, PLAN, 201 * MS)
-    assert passes and mux.active == "plan" and mux.deadline == 501 * MS
+def test_a_clock_that_is_set_back_lets_all_inputs_expire():
+    drive, _ = after((TELEOP, 5000), (PLAN, 5000))
+    assert drive.send(PLAN, 3900) and len(drive.warnings) == 1
+    drive.advance(4200)
+    assert drive.sent[-1] == ("stop", 4200)
 
 
-def test_restart_lets_all_inputs_expire():
-    mux, _ = passed((TELEOP, 5000), (PLAN, 5000))
-    mux = mux.restart(100 * MS)
-    assert mux.deadline == 100 * MS
-    assert command(mux, PLAN, 100 * MS)[1] is True
-    assert mux.expire(100 * MS) == (Mux(), 100 * MS)
-    assert Mux().restart(0) == Mux()
+@pytest.mark.parametrize("is_simulated", [True, False])
+def test_a_command_without_a_stamp(is_simulated):
+    """Its stop has no stamp either; in simulated time, the mux may learn the time late."""
+    drive = Drive(is_simulated)
+    assert drive.send(TELEOP, None, arrival=0)
+    assert deadline(drive) == (400 if is_simulated else 200)
+    drive.advance(deadline(drive))
+    assert drive.sent[-1] == ("stop", None)
+
+
+def test_a_command_without_a_stamp_does_not_expire_at_once():
+    """Although the clock advances at once: its timeout also holds in wall-clock time."""
+    drive = Drive(wall=50.0)
+    drive.send(TELEOP, None, arrival=0)
+    drive.wall = 50.1
+    drive.advance(900)
+    assert drive.sent == [0.0] and drive.mux.held(50.1) == pytest.approx(0.1)
+    drive.wall = 50.21
+    drive.advance(900)
+    assert drive.sent == [0.0, ("stop", None)]
+
+
+def test_a_sender_whose_clock_is_late():
+    """In wall-clock time, its input is live while its commands arrive."""
+    drive = Drive(is_simulated=False)
+    for arrival in range(1000, 2600, 199):
+        drive.advance(arrival)
+        assert drive.send(TELEOP, arrival - 600, arrival=arrival)
+        assert not drive.send(PLAN, arrival)
+    drive.advance(2892)
+    assert drive.sent == [0.0] * 9 + [("stop", None)]
+
+
+def test_a_sender_whose_clock_is_early():
+    """In wall-clock time, it takes over at once, without a stop, and holds the car longer."""
+    drive = Drive(is_simulated=False)
+    drive.send(PLAN, 0)
+    assert drive.send(TELEOP, 600, arrival=10)
+    assert not drive.send(PLAN, 799)
+    drive.advance(1098)
+    assert drive.sent == [0.0, 0.0] and drive.mux.active == "teleop"
+    drive.advance(1099)  # that of the plan has expired, too
+    assert drive.sent == [0.0, 0.0, ("stop", None)]
 
 
 @given(st.lists(st.tuples(st.sampled_from([TELEOP, PLAN]), st.integers(0, 100)), max_size=20))
 def test_in_order_a_command_passes_unless_a_higher_one_is_live(steps):
-    mux, now, last = Mux(), 10**9, {}
+    drive, now, last = Drive(), 0, {}
     for source, pause in steps:
-        now += pause * 10 * MS
-        mux, stop = mux.expire(now)
-        due = max((last[each] + each.timeout for each in last), default=None)
+        now += pause * 10
+        due = max((last[each] + each.timeout // MS for each in last), default=None)
+        before = len(drive.sent)
+        drive.advance(now)
         if due is not None and now >= due:
-            assert stop == due
+            assert drive.sent[before:] == [("stop", due)]
             last = {}
         else:
-            assert stop is None
-        mux, passes = command(mux, source, now)
-        blocked = source is PLAN and now < last.get(TELEOP, 0) + TELEOP.timeout
-        assert passes is not blocked
-        assert mux.active == ("teleop" if blocked else source.name)
+            assert len(drive.sent) == before
+        blocked = source is PLAN and TELEOP in last and now < last[TELEOP] + TELEOP.timeout // MS
+        assert drive.send(source, now) is not blocked
+        assert drive.mux.active == ("teleop" if blocked else source.name)
         last[source] = now
 
 
