@@ -26,7 +26,6 @@ from mushr_ros_intro.isolation.workspace import inherited
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.replay.following import TOLERANCE_UNITS, tolerance_fault
 from mushr_ros_intro.replay.job import run_job
 from mushr_ros_intro.replay.judge import Check, Judgement
 from mushr_ros_intro.replay.reference import Exercise, Reference, read_references, refuse_walls
@@ -34,6 +33,9 @@ from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.setting import job_for, read_setting
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.ros_time import wait_for
+
+TIMEOUT = 30.0
+"""A node fails if it sends no command for this time [s of wall-clock time]."""
 
 SHOW_TIMEOUT = 5.0
 """Longest wait until the verdict has been printed [s of wall-clock time]."""
@@ -61,23 +63,16 @@ def judge() -> Judgement:
     words = shlex.split(parameters.text("publisher"))
     if len(words) < 2:
         raise parameters.error("publisher", "'PACKAGE NODE [ARGUMENT...]'")
-    tolerances = {
-        name: parameters.number(f"{name}_tolerance", 0.0, unit, 0.0, 1e6)
-        for name, unit in TOLERANCE_UNITS.items()
-        if f"{name}_tolerance" in given
-    }
-    if fault := tolerance_fault(tolerances, isinstance(exercise, Reference)):
-        raise UserError(fault)
-    seed = parameters.integer("seed", 0, 0, 1e9) if "seed" in given else None
+    position = parameters.optional_number("position_tolerance", "m", 0.0, 1e6, "")
     setting = read_setting(
         package_folder("."),
         parameters.text("car"),
         parameters.optional_text("map")
         or ("none" if isinstance(exercise, Reference) else "sandbox"),
-        seed,
+        None,
         remap=tuple(_remappings(parameters.optional_text("remap") or "")),
-        timeout=parameters.number("timeout", 30.0, "s", 0.1, 1e4),
-        tolerances=tolerances,
+        timeout=TIMEOUT,
+        tolerances={} if position is None else {"position": position},
         sandbox=Sandbox(),
         ros=inherited(),
     )

@@ -299,11 +299,6 @@ def faults_in(cell):
 
 def test_every_tolerance_can_be_set():
     assert {*TOLERANCE_UNITS} == {*Tolerances._fields, *FollowTolerances._fields}
-    replay = read("test/replay.test")
-    for name in TOLERANCE_UNITS:
-        option = f"{name}_tolerance"
-        assert f'<arg name="{option}" default="auto"' in replay
-        assert f'<param name="{option}" value="$(arg {option})"' in replay
 
 
 def test_every_promise_names_its_tests():
