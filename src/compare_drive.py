@@ -16,6 +16,7 @@ from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.bag_file import Source, read_bag, record
 from mushr_ros_intro.comparison.comparison import compare
 from mushr_ros_intro.comparison.drive_log import DriveLog, with_rows_of
+from mushr_ros_intro.comparison.fitted_car import Fit, combined
 from mushr_ros_intro.comparison.profile_file import vesc_text, write_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
@@ -51,13 +52,15 @@ def run() -> int:
 
     from mushr_ros_intro.comparison.fit import fit  # scipy is slow to import
 
-    result = fit(logs, car)
     show = (lambda *lines: None) if arguments.json else partial(print, sep="\n")
     drives: List[Dict[str, Any]] = []
-    for index, (log, delay) in enumerate(zip(logs, result.delays)):
-        found = compare(log, car, delay.value)
-        fitted = compare(log, result.car, delay.value)
-        drives.append(diagnosis.as_json(found, result, fitted, index, car_name))
+    fits: List[Fit] = []
+    for index, log in enumerate(logs):
+        result = fit(log, car)
+        fits.append(result)
+        found = compare(log, car, result.delay)
+        fitted = compare(log, result.car, result.delay)
+        drives.append(diagnosis.as_json(found, result, fitted, car_name))
         show(*diagnosis.as_text(found, car_name), "")
         if arguments.out:
             from mushr_ros_intro.comparison import error_plot  # matplotlib is slow to import
@@ -68,18 +71,20 @@ def run() -> int:
             show(f"written: {folder}", "")
         if arguments.fit:
             show("with the fitted car:", *diagnosis.errors_text(fitted), "")
-    show(*diagnosis.fit_text(result, car), "")
+        show(*diagnosis.fit_text(result, car), "")
+    both = combined(fits, car)
+    if len(fits) > 1:
+        show(*diagnosis.combined_text(both, car), "")
     useless = [each["drive"] for each in drives if not each["fits"]]
     if (arguments.fit or arguments.vesc) and not useless:
-        show(*vesc_text(result.car, arguments.vesc and user_path(arguments.vesc)), "")
+        show(*vesc_text(both.car, arguments.vesc and user_path(arguments.vesc)), "")
     if arguments.fit and not useless:
         path = user_path(arguments.fit)
-        write_profile(path, result, profile, arguments.bags)
+        write_profile(path, both, profile, arguments.bags)
         show(f"written: {path}", "")
     show(*(f"{each['drive']}: {each['verdict'][-1]}" for each in drives))
     if arguments.json:
-        values = {"fit": diagnosis.fit_as_json(result), "drives": drives}
-        json.dump(values, sys.stdout, allow_nan=False)
+        json.dump({"drives": drives}, sys.stdout, allow_nan=False)
         print()
     if arguments.fit and useless:
         expected = "expected drives that a car of this model can drive"

@@ -34,7 +34,7 @@ def poses_of(commands, start, car, rate):
         now += round(NANOSECONDS / rate)
 
 
-def received(plan, car, dice, rate=10.0, delay=0.05, position=0.02, heading=0.02, applied=None):
+def received(plan, car, dice, rate=10.0, delay=0.05, position=0.02, heading=0.02):
     """Return the commands and the measured poses of a drive.
 
     Args:
@@ -45,34 +45,15 @@ def received(plan, car, dice, rate=10.0, delay=0.05, position=0.02, heading=0.02
         delay: from a command to its effect on the pose [s].
         position: standard deviation of x and of y [m].
         heading: standard deviation of theta [rad].
-        applied: the commands when the car follows them, if it is not when they are sent.
     """
     commands = commands_of(plan)
     stamps, poses = [], []
-    for stamp, (x, y, theta) in poses_of(applied or commands, plan.start, car, rate):
+    for stamp, (x, y, theta) in poses_of(commands, plan.start, car, rate):
         stamps.append(stamp + from_seconds(delay))
         poses.append((dice.gauss(x, position), dice.gauss(y, position), dice.gauss(theta, heading)))
     sent = [command.stamp for command in commands]
     values = [(command.speed, command.steering_angle) for command in commands]
     return Received("/commands", sent, sent, values), Received("/pose", stamps, stamps, poses)
-
-
-def stalled(plan, car, dice, begin, seconds, **options):
-    """Return a drive whose computer stands still from `begin` on [s]; see `received`.
-
-    For this time, the car follows the last command, and there are no poses.
-    """
-    first = BEGIN + from_seconds(begin)
-    last = first + from_seconds(seconds)
-    sent = commands_of(plan)
-    late = {c.stamp if c.stamp < first else max(c.stamp, last): c for c in sent}
-    applied = [command._replace(stamp=stamp) for stamp, command in late.items()]
-    commands, poses = received(plan, car, dice, applied=applied, **options)
-    delay = from_seconds(options.get("delay", 0.05))
-    kept = [i for i, stamp in enumerate(poses.stamps) if not first <= stamp - delay < last]
-    stamps, values = ([column[i] for i in kept] for column in (poses.stamps, poses.values))
-    poses = poses._replace(arrivals=stamps, stamps=stamps, values=values)
-    return drive_log("a.bag", commands, poses, car.command_timeout)
 
 
 def driven(plan, car, dice, **options):

@@ -1,16 +1,17 @@
 """Describe what makes a drive differ from its prediction, as text and as JSON."""
 
 import math
-from typing import Any, Dict, Iterator, List, Sequence, Tuple
+from typing import Any, Dict, Iterator, List
 
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.comparison import Comparison, compare
 from mushr_ros_intro.comparison.fitted_car import (
-    DELAY,
+    OF_CAR,
     PARAMETERS,
     RATES,
+    Combined,
     Fit,
     Parameter,
     Value,
@@ -26,24 +27,20 @@ _SHARE = 0.05
 _SMALL_ERROR, _SMALL_SHARE = 0.02, 0.2
 """A fit is useful if it leaves less than this of the error, in [m], or as a share."""
 
-_SIGNIFICANT = 3.0
-"""A fitted parameter is named if it has changed by more than this [standard errors]."""
-
 _NO_NOISE = 1e-3
 """Smaller random errors of the positions are not those of a localisation [m]."""
 
 
-def sentence(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> str:
+def sentence(found: Comparison, fit: Fit, fitted: Comparison) -> str:
     """Return what dominates the error of a drive.
 
     Args:
         found: the drive beside the prediction.
-        fit: to all drives.
+        fit: to the drive.
         fitted: the same drive beside the prediction for the fitted car.
-        index: of the drive.
     """
-    misfit = fit.misfits[index]
-    if is_useless(found, fit, index):
+    misfit = fit.misfit
+    if is_useless(found, fit, fitted):
         name = f"{found.log.unit} {found.log.number(misfit.row)} ({misfit.what})"
         return (
             f"no car of this model drives like that: {name} is {misfit.size:.1f} standard errors "
@@ -67,14 +64,13 @@ def sentence(found: Comparison, fit: Fit, fitted: Comparison, index: int) -> str
     )
 
 
-def is_useless(found: Comparison, fit: Fit, index: int) -> bool:
+def is_useless(found: Comparison, fit: Fit, fitted: Comparison) -> bool:
     """Return whether a drive differs from its fitted car, and not by small errors of the model.
 
     Poses with little noise show every small difference between the car and its model.
     """
     small = max(_SMALL_ERROR, _SMALL_SHARE * found.rms)
-    is_found = fit.misfits[index].is_found
-    return is_found and compare(found.log, fit.cars[index], found.delay).rms > small
+    return fit.misfit.is_found and fitted.rms > small
 
 
 def causes(found: Comparison, fit: Fit, fitted: Comparison) -> List[str]:
@@ -84,7 +80,7 @@ def causes(found: Comparison, fit: Fit, fitted: Comparison) -> List[str]:
     """
     effects = []
     for name, value in fit.values.items():
-        if abs(value.change) > _SIGNIFICANT:
+        if name != "delay" and value.is_change_from(getattr(found.car, name)):
             car = fit.car._replace(**{name: getattr(found.car, name)})
             rms = compare(found.log, car, found.delay).rms
             if rms > fitted.rms + _SHARE * found.rms:
@@ -185,31 +181,13 @@ def fit_text(fit: Fit, car: Car) -> Iterator[str]:
     """Yield the lines of a fit."""
     yield "parameter            before     fitted   standard error   95 % range"
     for each in PARAMETERS:
-        yield _value_line(each, getattr(car, each.name), fit.values[each.name])
-    for number, delay in enumerate(fit.delays, 1):
-        name = f"delay of drive {number}" if len(fit.delays) > 1 else DELAY.name
-        yield _value_line(DELAY._replace(name=name), 0.0, delay)
-    noise = fit.noise
-    yield (
-        f"random errors (standard deviations): of each pose, {noise.position:.3f} m and "
-        f"{noise.heading:.3f} rad; of each command, {noise.speed_noise:.3f} m/s and "
-        f"{noise.steering_noise:.3f} rad; to the side after 1 m, {noise.slip:.3f} m"
-    )
-    if len(fit.delays) > 1:
+        yield _value_line(each, getattr(car, each.name, 0.0), fit.values[each.name])
+    if fit.misfit.is_found:
         yield (
-            "differences between the drives (standard deviations): speed_gain "
-            f"{noise.speed_gain_spread:.3f}, steering_offset {noise.steering_offset_spread:.3f} rad"
+            "note: the drive differs from the fitted car by more than random errors, so the true "
+            "values may be outside of the 95 % ranges"
         )
-    for number, (misfit, glitches) in enumerate(zip(fit.misfits, fit.glitches), 1):
-        drive = f"drive {number}" if len(fit.glitches) > 1 else "the drive"
-        if glitches:
-            yield f"note: {_glitch_text(glitches, drive)}"
-        if misfit.is_found:
-            yield (
-                f"note: {drive} differs from the fitted car by more than random errors, so the "
-                "true values may be outside of the 95 % ranges"
-            )
-    if noise.position < _NO_NOISE:
+    if fit.position_noise < _NO_NOISE:
         yield (
             "note: the poses have no random errors. If they come from wheel speeds or commands, "
             "as MuSHR's car_pose does, they cannot show a wrong gain: use a localisation that "
@@ -219,15 +197,13 @@ def fit_text(fit: Fit, car: Car) -> Iterator[str]:
         yield "plans/identification.txt drives so that all parameters can be fitted"
 
 
-def _glitch_text(glitches: Sequence[Tuple[float, float]], drive: str) -> str:
-    """Return the text on the steps of a drive that the fit ignores."""
-    (begin, end), (_, last) = glitches[0], glitches[-1]
-    return (
-        f"the fit ignores {counted(len(glitches), 'step')} from pose to pose of {drive} that no "
-        "random errors explain (perhaps a stall, a push, a late command, or a jump of the "
-        f"localisation); the first is from {begin:.2f} to {end:.2f} s, the last ends at "
-        f"{last:.2f} s"
-    )
+def combined_text(both: Combined, car: Car) -> Iterator[str]:
+    """Yield the lines of the car that several drives were fitted to."""
+    yield "mean of the drives   before     fitted   standard error   95 % range"
+    for each in OF_CAR:
+        yield _value_line(each, getattr(car, each.name), both.values[each.name])
+    for name, spread in both.spreads.items():
+        yield f"standard deviation between the drives: {name[:-7]} {spread:.4f}"
 
 
 def _value_line(parameter: Parameter, before: float, value: Value) -> str:
@@ -238,22 +214,20 @@ def _value_line(parameter: Parameter, before: float, value: Value) -> str:
         return f"{begin}{value.value:10.4f}{value.error:11.4f}         {shown}".rstrip()
     if value.confused_with:
         return (
-            f"{begin}   unknown   these drives cannot tell it from {', '.join(value.confused_with)}"
+            f"{begin}   unknown   this drive cannot tell it from {', '.join(value.confused_with)}"
         )
-    return f"{begin}   unknown   these drives say too little about it"
+    return f"{begin}   unknown   this drive says too little about it"
 
 
-def as_json(
-    found: Comparison, fit: Fit, fitted: Comparison, index: int, car_name: str
-) -> Dict[str, Any]:
+def as_json(found: Comparison, fit: Fit, fitted: Comparison, car_name: str) -> Dict[str, Any]:
     """Return a comparison as values for JSON; lengths in m, angles in rad, times in s.
 
     For the arguments see `sentence`. "passed" and "verdict" are for the browser view.
     """
     return {
         "passed": None,
-        "verdict": [*errors_text(found), sentence(found, fit, fitted, index)],
-        "fits": not is_useless(found, fit, index),
+        "verdict": [*errors_text(found), sentence(found, fit, fitted)],
+        "fits": not is_useless(found, fit, fitted),
         "drive": found.log.name,
         "notes": list(found.log.notes),
         "car": car_name,
@@ -269,17 +243,8 @@ def as_json(
         "largest_error": float(found.sizes.max()),
         "final_error": float(found.sizes[-1]),
         "rms_error": found.rms,
+        "fit": {
+            name: {key: None if each == math.inf else each for key, each in value._asdict().items()}
+            for name, value in fit.values.items()
+        },
     }
-
-
-def fit_as_json(fit: Fit) -> Dict[str, Any]:
-    """Return a fit as values for JSON, which has no infinity."""
-    values: Dict[str, Any] = {
-        name: {key: None if each == math.inf else each for key, each in value._asdict().items()}
-        for name, value in fit.values.items()
-    }
-    values["delay"] = [delay.value for delay in fit.delays]
-    values["noise"] = fit.noise._asdict()
-    values["glitches"] = fit.glitches
-    values["misfits"] = [each._asdict() if each.is_found else None for each in fit.misfits]
-    return values

@@ -6,8 +6,7 @@ from typing import Iterator, Mapping, Sequence
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import NUMBERS
-from mushr_ros_intro.comparison.fitted_car import Fit
-from mushr_ros_intro.comparison.pose_filter import Noise
+from mushr_ros_intro.comparison.fitted_car import Combined
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.yaml_file import read_mapping
@@ -15,12 +14,12 @@ from mushr_ros_intro.yaml_file import read_mapping
 _VESC = ("speed_to_erpm_gain", "steering_angle_to_servo_gain", "steering_angle_to_servo_offset")
 
 
-def write_profile(path: str, fit: Fit, profile: str, drives: Sequence[str]) -> None:
+def write_profile(path: str, combined: Combined, profile: str, drives: Sequence[str]) -> None:
     """Write a profile as in config/cars/, with the source of each number.
 
     Args:
         path: of the new file.
-        fit: the fitted car.
+        combined: the fitted car.
         profile: the path of the profile before the fit.
         drives: the names of the drives.
 
@@ -29,29 +28,26 @@ def write_profile(path: str, fit: Fit, profile: str, drives: Sequence[str]) -> N
     """
     try:
         with open(path, "w", encoding="utf-8") as file:
-            file.write("\n".join(_lines(fit, os.path.basename(profile), drives)))
+            file.write("\n".join(_lines(combined, os.path.basename(profile), drives)))
     except OSError as error:
         text = f"{path} cannot be written ({error.strerror}); expected the path of a new profile"
         raise UserError(f"--fit: {text}") from None
 
 
-def _lines(fit: Fit, profile: str, drives: Sequence[str]) -> Iterator[str]:
+def _lines(combined: Combined, profile: str, drives: Sequence[str]) -> Iterator[str]:
     """Yield the lines of a profile."""
     yield f"# Fitted by compare_drive.py to {', '.join(map(os.path.basename, drives))}."
     yield f"# The other numbers are those of {profile}."
-    car = fit.car._asdict()
+    car = combined.car._asdict()
     for name, unit, low, high, meaning in NUMBERS:
-        value = fit.values.get(name)
-        if name.endswith("_spread") and len(drives) == 1:
-            source = "Assumed: one drive does not determine it."
-        elif name in Noise._fields:
-            source = "Estimated from the drives."
-        elif value is None:
-            source = f"{profile}."
-        elif not value.is_fitted:
-            source = f"{profile}; the drives do not determine it."
-        else:
+        source = f"{profile}."
+        if name in combined.spreads and len(drives) > 1:
+            source = f"Standard deviation between {len(drives)} drives."
+        elif name in combined.values:
+            value = combined.values[name]
             source = f"Fitted; 95 % range {value.low:.5g} to {value.high:.5g}."
+            if not value.is_fitted:
+                source = f"{profile}; the drives do not determine it."
         ends = f"{low:g} to {'.inf (none)' if math.isinf(high) else f'{high:g}'}"
         yield ""
         yield f"# {meaning[0].upper()}{meaning[1:]} [{unit or '1'}], {ends}."

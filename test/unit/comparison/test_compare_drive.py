@@ -124,8 +124,9 @@ def test_json(run):
     assert (status, errors) == (0, "")
     values = json.loads(text)
     assert [each["drive"] for each in values["drives"]] == ["a.bag", "b.bag"]
-    assert values["fit"]["speed_gain"]["value"] == pytest.approx(0.9, abs=0.05)
-    assert values["fit"]["steering_gain"]["is_fitted"] is False
+    for each in values["drives"]:
+        assert each["fit"]["speed_gain"]["value"] == pytest.approx(0.9, abs=0.05)
+        assert each["fit"]["steering_gain"]["is_fitted"] is False
 
 
 @pytest.mark.parametrize(
