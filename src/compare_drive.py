@@ -67,7 +67,7 @@ def run() -> int:
 
             name = f"{index + 1}_{os.path.splitext(os.path.basename(log.name))[0]}"
             folder = os.path.join(user_path(arguments.out), name)
-            error_plot.write_files(folder, found, drives[-1])
+            error_plot.write_files(folder, found)
             show(f"written: {folder}", "")
         if arguments.fit:
             show("with the fitted car:", *diagnosis.errors_text(fitted), "")
@@ -82,7 +82,7 @@ def run() -> int:
         path = user_path(arguments.fit)
         write_profile(path, both, profile, arguments.bags)
         show(f"written: {path}", "")
-    show(*(f"{each['drive']}: {each['verdict'][-1]}" for each in drives))
+    show(*(f"{each['drive']}: {each['result']}" for each in drives))
     if arguments.json:
         json.dump({"drives": drives}, sys.stdout, allow_nan=False)
         print()
@@ -137,7 +137,7 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
     add("--record", metavar="SECONDS", help=record_help)
     add("--fit", metavar="FILE.yaml", help="write the profile of the fitted car")
     add("--vesc", metavar="FILE.yaml", default="", help="MuSHR's vesc.yaml, to compute new values")
-    add("--out", metavar="FOLDER", help="write pictures: the paths, and the error over distance")
+    add("--out", metavar="FOLDER", help="write both paths, and pictures of them and of the error")
     add("--json", action="store_true", help="print JSON")
     arguments = parser.parse_args()
     if arguments.record is not None and len(arguments.bags) > 1:

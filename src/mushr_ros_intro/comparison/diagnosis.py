@@ -222,11 +222,10 @@ def _value_line(parameter: Parameter, before: float, value: Value) -> str:
 def as_json(found: Comparison, fit: Fit, fitted: Comparison, car_name: str) -> Dict[str, Any]:
     """Return a comparison as values for JSON; lengths in m, angles in rad, times in s.
 
-    For the arguments see `sentence`. "passed" and "verdict" are for the browser view.
+    For the arguments see `sentence`.
     """
     return {
-        "passed": None,
-        "verdict": [*errors_text(found), sentence(found, fit, fitted)],
+        "result": sentence(found, fit, fitted),
         "fits": not is_useless(found, fit, fitted),
         "drive": found.log.name,
         "notes": list(found.log.notes),

@@ -1,8 +1,6 @@
-"""Write the files of a comparison: the drive for the browser view, and two pictures."""
+"""Write the files of a comparison: the paths as a table, and two pictures."""
 
-import json
 import os
-from typing import Any, Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,8 +13,8 @@ from mushr_ros_intro.replay.recording import Drive
 from mushr_ros_intro.replay.report_files import write_trajectory
 
 
-def write_files(folder: str, found: Comparison, report: Mapping[str, Any]) -> None:
-    """Write report.json, trajectory.csv, path.png and errors.png of a drive into a folder.
+def write_files(folder: str, found: Comparison) -> None:
+    """Write trajectory.csv, path.png and errors.png of a drive into a folder.
 
     Raises:
         UserError: the folder or a file cannot be written.
@@ -27,8 +25,6 @@ def write_files(folder: str, found: Comparison, report: Mapping[str, Any]) -> No
     path = locations(drive, title, error_indices=[*seconds, len(found.times) - 1])
     try:
         os.makedirs(folder, exist_ok=True)
-        with open(os.path.join(folder, "report.json"), "w", encoding="ascii") as file:
-            json.dump(report, file, allow_nan=False)
         write_trajectory(folder, drive, found.plan.start)
         path.savefig(os.path.join(folder, "path.png"), dpi=120)
         errors(found, title).savefig(os.path.join(folder, "errors.png"), dpi=120)
