@@ -26,7 +26,7 @@ from mushr_ros_intro.classroom.arguments import parse_arguments, read_exercises
 from mushr_ros_intro.classroom.assignment import Plans, names_to_grade, setting_from
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.gradescope import gradescope
-from mushr_ros_intro.classroom.grading import Grading, Options, shortener
+from mushr_ros_intro.classroom.grading import Grading, Options, Task, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.progress import grade_with_progress
 from mushr_ros_intro.classroom.store import (
@@ -125,7 +125,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
         plans.check_map(setting)
         found = collect(arguments.inputs, workspace, arguments.file)
         names_now = names_to_grade(arguments, found)
-        tasks = [plans.task(each, each.name in names_now) for each in found]
+        tasks = [Task(each, plans.of(each, setting), each.name in names_now) for each in found]
         store.set_aside(task.submission.name for task in tasks)
         drives_again = bool(arguments.only)
         options = Options(

@@ -6,13 +6,14 @@ import re
 from contextlib import suppress
 from typing import Dict, Sequence
 
+from mushr_ros_intro.classroom.drawn_plans import DRAWN
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS, tolerance_fault
 from mushr_ros_intro.replay.reference import OFFSETS, Exercise, read_references
 
 _OF_A_CLASS = (
-    *("plans_for", "points", "jobs", "only", "rejudge"),
+    *("secret", "points", "jobs", "only", "rejudge"),
     "gradescope",
 )
 """Options that `--node` does not use."""
@@ -33,7 +34,10 @@ def add_exercise_options(parser: argparse.ArgumentParser) -> None:
     """
     add = parser.add_argument
     add("--file", default="path_publisher.py", help="the node in each submission")
-    add("--plans", nargs="+", metavar="PLAN", help="names in plans/, or paths")
+    help_text = "names in plans/, or paths; drawn: a plan of its own for each submission"
+    add("--plans", nargs="+", metavar="PLAN", help=help_text)
+    help_text = "determines the drawn plans, together with the name of the submission"
+    add("--secret", default="", metavar="TEXT", help=help_text)
     add("--follow", nargs="+", metavar="PATH", help="grade controllers that follow these paths")
     add("--starts", type=int, default=1, help="start each path of --follow at so many poses")
     add("--points", metavar="FILE", help="points per check and plan; default one point each")
@@ -59,6 +63,8 @@ def complete(arguments: argparse.Namespace) -> str:
     is_node = getattr(arguments, "node", None)  # make_autograder has no such option
     if not is_node and (os.path.isabs(arguments.params) or ".." in arguments.params.split("/")):
         return f"found --params '{arguments.params}'; expected the path of a file in a submission"
+    if (DRAWN in (arguments.plans or [])) != bool(arguments.secret):
+        return f"expected --secret TEXT together with {DRAWN} in --plans"
     values = ((name, getattr(arguments, f"{name}_tolerance")) for name in TOLERANCE_UNITS)
     given = [name for name, value in values if value is not None]
     return tolerance_fault(given, bool(arguments.follow))
@@ -73,7 +79,7 @@ def read_exercises(arguments: argparse.Namespace, plans: Sequence[str]) -> Dict[
     folder = package_folder("plans")
     if arguments.follow:
         return {**read_references(arguments.follow, folder, arguments.starts)}
-    return {**read_plans(plans, folder)}
+    return {**read_plans([each for each in plans if each != DRAWN], folder)}
 
 
 def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespace:
@@ -91,7 +97,6 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add("inputs", nargs="*", metavar="PLAN or SUBMISSION")
     add("--node", nargs=2, metavar=("PACKAGE", "FILE"), help="the node, as for rosrun")
     add_exercise_options(parser)
-    add("--plans-for", metavar="FOLDER", help="a plan for each student, made by make_plans")
     add("--out", metavar="FOLDER", help="write the results to this folder")
     add("--timeout", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
     add("--jobs", type=int, default=2 * len(os.sched_getaffinity(0)), help="simultaneous replays")
@@ -122,11 +127,11 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
     if arguments.node and of_a_class:
         option = of_a_class[0].replace("_", "-")
         return f"--{option} needs submissions; --node grades one installed node"
-    if arguments.follow and (arguments.plans or arguments.plans_for):
-        return "expected --follow, or --plans and --plans-for"
+    if arguments.follow and arguments.plans:
+        return "expected --follow or --plans"
     if arguments.node and (arguments.plans or bool(arguments.inputs) == bool(arguments.follow)):
         return "expected PLAN... --node PACKAGE FILE, or --follow PATH... --node PACKAGE FILE"
-    plans = arguments.plans or arguments.plans_for or arguments.follow
+    plans = arguments.plans or arguments.follow
     if is_class and not (arguments.inputs and plans and arguments.out):
         return "expected PLAN... --node PACKAGE FILE, or SUBMISSION... --plans PLAN... --out FOLDER"
     if arguments.merge and not arguments.out:

@@ -2,16 +2,22 @@
 
 import argparse
 import os
+from functools import partial
 from typing import Dict, List, Optional, Sequence, Set
 
+from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.classroom.arguments import read_exercises
+from mushr_ros_intro.classroom.drawn_plans import DRAWN, draw_plan
 from mushr_ros_intro.classroom.grades import find_name, names_of
-from mushr_ros_intro.classroom.grading import Task
-from mushr_ros_intro.classroom.own_plans import TABLE, OwnPlans
 from mushr_ros_intro.classroom.submissions import Submission, check_authors
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import package_folder
+from mushr_ros_intro.plan.parse import read_plan, read_plans
+from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.plan.write import plan_text
+from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS
 from mushr_ros_intro.replay.job import Setting
 from mushr_ros_intro.replay.reference import Exercise, refuse_walls
@@ -28,23 +34,23 @@ class Plans:
         Raises:
             UserError: a plan is missing, has faults, or is in a submission.
         """
-        self._common = read_exercises(arguments, arguments.plans or [])
-        self._own: Optional[OwnPlans] = None
-        self.names = list(self._common)
-        self._all = list(self._common.values())
-        if arguments.plans_for:
-            self._own = OwnPlans(arguments.plans_for)
-            if self._own.name in self.names:
-                text = f"there are two plans with the name '{self._own.name}'"
-                raise UserError(f"--plans-for {arguments.plans_for}: {text}; rename the folder")
-            self.names.append(self._own.name)
-            self._all += self._own.plans
-        check_authors(self._all, arguments.inputs)
+        self._named = read_exercises(arguments, arguments.plans or [])
+        self._like: Optional[Plan] = None
+        self._secret = arguments.secret
+        self.names = list(self._named)
+        if DRAWN in (arguments.plans or []):
+            if DRAWN in self.names:
+                raise UserError(f"there are two plans with the name '{DRAWN}'; rename the file")
+            folder = package_folder("plans")
+            named = [*self._named.values(), *read_plans(["test_drive"], folder).values()]
+            self._like = named[0]
+            self.names.append(DRAWN)
+        check_authors(self._named.values(), arguments.inputs)
 
     @property
     def folders(self) -> List[str]:
         """The folders of the plans."""
-        return sorted({os.path.dirname(plan.path) for plan in self._all})
+        return sorted({os.path.dirname(plan.path) for plan in self._named.values()})
 
     def check_map(self, setting: Setting) -> None:
         """Refuse a plan or a path that hits a wall, or leaves the map: no node can pass it.
@@ -52,19 +58,25 @@ class Plans:
         Raises:
             UserError: there is one.
         """
-        refuse_walls(self._all, setting.parameters, setting.grid)
+        refuse_walls(self._named.values(), setting.parameters, setting.grid)
 
-    def task(self, submission: Submission, is_chosen: bool) -> Task:
-        """Return the grading of a submission; it fails if there is no plan for its students."""
-        plans: Dict[str, Exercise] = dict(self._common)
-        error = ""
-        if self._own and (plan := self._own.find(submission)):
-            plans[self._own.name] = plan
-        elif self._own:
-            names = [each for student in submission.students for each in student if each]
-            shown = ", ".join(names or [submission.name])
-            error = f"{self._own.name}/{TABLE} has no plan for {shown}, or two; expected one line"
-        return Task(submission, plans, error, is_chosen)
+    def of(self, submission: Submission, setting: Setting) -> Dict[str, Exercise]:
+        """Return the plans of a submission by name; write the drawn one to the workspace.
+
+        Raises:
+            UserError: no plan can be drawn.
+        """
+        if self._like is None:
+            return self._named
+        car, grid = car_from(Parameters(setting.parameters)), setting.grid
+        check_plan = partial(check, car_name=setting.car, car=car, grid=grid)
+        plan = draw_plan(self._like, self._secret, submission.name, check_plan, grid)
+        folder = os.path.join(os.path.dirname(submission.folder), f".{DRAWN}-{submission.name}")
+        os.mkdir(folder, 0o700)  # other nodes must not read it
+        path = os.path.join(folder, f"{DRAWN}.txt")
+        with open(path, "w", encoding="ascii") as file:
+            file.write(plan_text(plan.start, plan.rows))
+        return {**self._named, DRAWN: read_plan(path)}
 
 
 def names_to_grade(arguments: argparse.Namespace, found: Sequence[Submission]) -> Set[str]:

@@ -48,8 +48,6 @@ class Task(NamedTuple):
     submission: Submission
     plans: Dict[str, Exercise]
     """By name."""
-    error: str = ""
-    """Why it cannot be graded; empty if it can."""
     is_chosen: bool = True
     """Whether it may be graded now; otherwise its stored result is used as it is."""
 
@@ -79,7 +77,7 @@ class _Progress:
     def __init__(self, task: Task, record: Optional[Record]) -> None:
         self.task, self.record = task, record
         self.drives: Dict[str, StoredDrive] = {}
-        self.error = task.error
+        self.error = ""
         self.needed: Dict[str, Tuple[Key, Optional[StoredDrive]]] = {}
         """The plans that must be driven, or judged again if there is a stored drive."""
 
@@ -165,8 +163,8 @@ class Grading:
 
     def _compare(self, progress: _Progress) -> None:
         """Find the stored drives that are still valid, and what is needed besides them."""
-        submission, error = progress.task.submission, progress.error
-        if submission.fault or error:
+        submission = progress.task.submission
+        if submission.fault:
             return
         files = hash_of_folder(submission.folder)
         for name, plan in progress.task.plans.items():

@@ -77,7 +77,7 @@ class Course:
         options = grading.Options(**self.options)
         store = Store(str(self.out))
         shorten = grading.shortener(str(workspace), {})
-        tasks = [grading.Task(each, plans, "", not only or each.name in only) for each in found]
+        tasks = [grading.Task(each, plans, not only or each.name in only) for each in found]
         store.set_aside(each.name for each in found)
         run = grading.Grading(setting, store, options, shorten).run(tasks)
         results = [each for _, each in zip(range(stop_after or 9), run)]
