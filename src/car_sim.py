@@ -9,4 +9,4 @@ if __name__ == "__main__":
     node.check_arguments(CarSim)
     publishes_clock = sim_clock.has_to_publish_clock()
     # A node that publishes /clock must not use /clock as its own time.
-    node.main("car_sim", lambda: CarSim(publishes_clock), disable_rostime=publishes_clock)
+    node.main("car_sim", CarSim, publishes_clock, disable_rostime=publishes_clock)

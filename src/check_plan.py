@@ -14,7 +14,7 @@ from typing import List
 
 from mushr_ros_intro.car.profile import named_car, names_in
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import Parameters, integer
 from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Fault, PlanError
@@ -47,8 +47,8 @@ def run() -> int:
     plans, maps, profiles = map(package_folder, ("plans", "maps", "config/cars"))
     arguments = parse_arguments(profiles)
     options = Parameters(vars(arguments), "--")
-    runs = 0 if arguments.runs is None else options.integer("runs", 2, 2, MAX_RUNS)
-    seed = options.integer("seed", 1, 0, 2**32)
+    runs = 0 if arguments.runs is None else options.get(integer("runs", 2, 2, MAX_RUNS))
+    seed = options.get(integer("seed", 1, 0, 2**32))
     _, car_name, car = named_car(arguments.car, profiles)
     map_path, grid = "", None
     if arguments.map != "none":

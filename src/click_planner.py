@@ -10,9 +10,10 @@ from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 
 from mushr_ros_intro.authoring.clicks import extend
-from mushr_ros_intro.authoring.plan_file import PlanFile, summary
+from mushr_ros_intro.authoring.plan_file import PlanFile, plan_file_parameters, summary
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.parameters import Values, number
 from mushr_ros_intro.plan.plan import MAX_SPEED, MAX_STEERING_ANGLE, Plan
 from mushr_ros_intro.preview.prediction import trajectory
 from mushr_ros_intro.ros import conversions, node, ros_time
@@ -23,6 +24,9 @@ DEFAULT_STEERING_LIMIT = 0.34
 
 SAME_POSE = 1e-9
 """Start poses that differ by less are the same [m, rad]: messages round them."""
+
+
+LIMIT = "limit to both sides; by default that of the car, or 0.34 without one"
 
 
 class ClickPlanner:
@@ -36,20 +40,19 @@ class ClickPlanner:
     Example: ``rosrun mushr_ros_intro click_planner.py _speed:=0.5``
     """
 
-    def __init__(self) -> None:
-        with node.parameters() as parameters:
-            car_name = parameters.text("car_name", "car", meaning="the car to plan for").strip("/")
-            meaning = "topic of the start pose"
-            topic = node.initial_pose_topic(car_name)
-            init_pose_topic = parameters.text("init_pose_topic", topic, meaning=meaning)
-            self._file = PlanFile(parameters, "clicked.txt")
-            number = parameters.optional_number
-            meaning = "limit to both sides; by default that of the car, or 0.34 without one"
-            limit = number("max_steering_angle", "rad", 0.001, MAX_STEERING_ANGLE, meaning)
-            wheelbase = number("wheelbase", "m", 0.01, 100.0, "by default that of the car")
-            meaning = "speed of every row, at most the limit of the car"
-            speed = parameters.number("speed", 1.0, "m/s", 0.001, MAX_SPEED, meaning)
-        car = car_from(simulated_car_parameters(car_name.strip("/")))
+    PARAMETERS = (
+        node.car_name("the car to plan for"),
+        node.init_pose_topic("topic of the start pose"),
+        *plan_file_parameters("clicked.txt"),
+        number("max_steering_angle", None, "rad", 0.001, MAX_STEERING_ANGLE, LIMIT),
+        number("wheelbase", None, "m", 0.01, 100.0, "by default that of the car"),
+        number("speed", 1.0, "m/s", 0.001, MAX_SPEED, "of every row, at most the car's limit"),
+    )
+
+    def __init__(self, values: Values) -> None:
+        self._file = PlanFile(values["folder"], values["name"])
+        limit, wheelbase = values["max_steering_angle"], values["wheelbase"]
+        car = car_from(simulated_car_parameters(values["car_name"]))
         if limit is None:
             limit = max(car.steering_limit_left, car.steering_limit_right)
             limit = DEFAULT_STEERING_LIMIT if math.isinf(limit) else min(limit, MAX_STEERING_ANGLE)
@@ -63,7 +66,7 @@ class ClickPlanner:
             speed_noise=0.0,
             steering_noise=0.0,
         )
-        self._speed = min(speed, car.speed_limit)
+        self._speed = min(values["speed"], car.speed_limit)
         rospy.loginfo(
             "speed %g m/s, wheelbase %g m, steering from %g to %g rad; %s",
             self._speed,
@@ -82,7 +85,7 @@ class ClickPlanner:
         node.offer_service("~clear", self._lock, lambda: self._keep(0))
         node.offer_service("~save", self._lock, self._save)
         self._start_sub = rospy.Subscriber(
-            init_pose_topic, PoseWithCovarianceStamped, self._on_start
+            values["init_pose_topic"], PoseWithCovarianceStamped, self._on_start
         )
         rospy.Subscriber("clicked_point", PointStamped, self._on_point)
 

@@ -3,7 +3,6 @@
 
 import argparse
 import json
-import math
 import os
 import signal
 import sys
@@ -19,7 +18,7 @@ from mushr_ros_intro.comparison.drive_log import DriveLog, with_rows_of
 from mushr_ros_intro.comparison.fitted_car import Fit, combined
 from mushr_ros_intro.comparison.profile_file import vesc_text, write_profile
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import REQUIRED, Parameters, number
 from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
 
@@ -99,10 +98,10 @@ def read_logs(arguments: argparse.Namespace, options: Parameters, car: Car) -> L
         UserError: an argument or the plan is wrong, or a bag has no drive of the plan.
     """
     frames = tuple(arguments.tf) if arguments.tf else None
-    pose_offset = options.number("pose_offset", 0.0, "m", -10.0, 10.0)
+    pose_offset = options.get(number("pose_offset", 0.0, "m", -10.0, 10.0))
     source = Source(arguments.commands, arguments.pose, frames, pose_offset)
     if arguments.record is not None:
-        seconds = options.number("record", math.nan, "s", 1.0, 1e5)
+        seconds = options.get(number("record", REQUIRED, "s", 1.0, 1e5))
         print(f"recording {', '.join(source.topics)} for {seconds:g} s", file=sys.stderr)
         record(arguments.bags[0], source, seconds)
     logs = [read_bag(path, source, car.command_timeout) for path in arguments.bags]

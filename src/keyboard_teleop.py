@@ -7,6 +7,7 @@ from mushr_ros_intro.authoring.keyboard import open_keyboard
 from mushr_ros_intro.authoring.teleop import Schedule
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
+from mushr_ros_intro.parameters import Values, number
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.ros.commands import as_typed
 
@@ -25,12 +26,13 @@ class KeyboardTeleop:
     Example: ``rosrun mushr_ros_intro keyboard_teleop.py __ns:=car``
     """
 
-    def __init__(self) -> None:
-        with node.parameters() as parameters:
-            number = parameters.number
-            self._speed = number("speed", 2.0, "m/s", 0.0, 100.0, "speed of W, of S in reverse")
-            meaning = "steering angle of A, of D to the right"
-            self._steering_angle = number("steering_angle", 0.34, "rad", 0.0, 1.5, meaning)
+    PARAMETERS = (
+        number("speed", 2.0, "m/s", 0.0, 100.0, "speed of W, of S in reverse"),
+        number("steering_angle", 0.34, "rad", 0.0, 1.5, "steering angle of A, of D to the right"),
+    )
+
+    def __init__(self, values: Values) -> None:
+        self._speed, self._steering_angle = values["speed"], values["steering_angle"]
         self._car_name = rospy.get_namespace().strip("/")
         self._frame = f"{self._car_name}/base_footprint".lstrip("/")
         self._schedule = Schedule()

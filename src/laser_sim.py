@@ -10,12 +10,12 @@ from rospy.numpy_msg import numpy_msg
 from sensor_msgs.msg import LaserScan
 
 from mushr_ros_intro.geometry import Pose, compose
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import Values, integer, number
 from mushr_ros_intro.ros import conversions, node
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.world.laser import Beams, Laser, add_noise
 
-RATE = "rate of the scans, at most that of the car's pose"
+ANGLE_MIN = "direction of the first beam; 0 is ahead, left is positive"
 
 
 class LaserSim:
@@ -27,21 +27,35 @@ class LaserSim:
     Example: ``rosrun mushr_ros_intro laser_sim.py __ns:=car _noise_std:=0.01``
     """
 
-    def __init__(self) -> None:
-        with node.parameters() as parameters:
-            self._beams = _beams_from(parameters)
-            number = parameters.number
-            rate = number("scan_rate", 10.0, "Hz", 0.1, 1e3, RATE)
-            meaning = "distance from the rear axle forward to the laser"
-            offset = number("offset", 0.1227, "m", -10.0, 10.0, meaning)
-            meaning = "standard deviation of the noise of each range"
-            self._noise_std = number("noise_std", 0.0, "m", 0.0, 1e3, meaning)
-            self._seed = parameters.integer("seed", 0, 0, 1e9, "seed of the noise")
-            self._frame = node.frame_prefix(parameters) + "laser_link"
+    PARAMETERS = (
+        number("angle_min", Beams().angle_min, "rad", -6.3, 6.3, ANGLE_MIN),
+        number(
+            "angle_increment", Beams().angle_increment, "rad", 1e-4, 6.3, "angle between two beams"
+        ),
+        integer("beams", Beams().number, 1, 62832, "number; they cover less than a full turn"),
+        number("range_min", Beams().range_min, "m", 0.0, 1e3, "shortest range"),
+        number("range_max", Beams().range_max, "m", 0.0, 1e3, "longest range"),
+        number("scan_rate", 10.0, "Hz", 0.1, 1e3, "at most that of the car's pose"),
+        number("offset", 0.1227, "m", -10.0, 10.0, "from the rear axle forward to the laser"),
+        number("noise_std", 0.0, "m", 0.0, 1e3, "standard deviation of the noise of each range"),
+        integer("seed", 0, 0, 1e9, "seed of the noise"),
+        node.FRAME_PREFIX,
+    )
+
+    def __init__(self, values: Values) -> None:
+        self._beams = Beams(
+            values["angle_min"],
+            values["angle_increment"],
+            values["beams"],
+            values["range_min"],
+            values["range_max"],
+        )
+        self._noise_std, self._seed = values["noise_std"], values["seed"]
+        self._frame = values["frame_prefix"] + "laser_link"
         self._beams.check()
-        self._period = from_seconds(1.0 / rate)
-        self._mount = Pose(offset, 0.0, 0.0)
-        rospy.loginfo("%s", parameters)
+        self._period = from_seconds(1.0 / values["scan_rate"])
+        self._mount = Pose(values["offset"], 0.0, 0.0)
+        rospy.loginfo("%s", values.text)
 
         self._laser: Optional[Laser] = None
         self._slot = 0
@@ -82,22 +96,6 @@ class LaserSim:
         self._scan_pub.publish(
             conversions.scan_to_msg(ranges, self._beams, stamp, period, self._frame)
         )
-
-
-def _beams_from(parameters: Parameters) -> Beams:
-    default, number = Beams(), parameters.number
-    meaning = "direction of the first beam; 0 is ahead, left is positive"
-    angle_min = number("angle_min", default.angle_min, "rad", -6.3, 6.3, meaning)
-    meaning = "angle between two beams"
-    increment = number("angle_increment", default.angle_increment, "rad", 1e-4, 6.3, meaning)
-    meaning = "number of beams; they cover less than a full turn"
-    return Beams(
-        angle_min,
-        increment,
-        parameters.integer("beams", default.number, 1, 62832, meaning),
-        number("range_min", default.range_min, "m", 0.0, 1e3, "shortest range"),
-        number("range_max", default.range_max, "m", 0.0, 1e3, "longest range"),
-    )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,6 @@
 #!/usr/bin/python3
 """Drive a plan: publish its start pose, and then a command ten times per second."""
 
-from functools import lru_cache
-
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion
@@ -12,8 +10,9 @@ from tf.transformations import quaternion_from_euler
 from mushr_ros_intro.drive.car_pose import CarPose
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.drive.drive_monitor import DriveMonitor
-from mushr_ros_intro.drive.preview_publisher import Preview, preview_options
+from mushr_ros_intro.drive.preview_publisher import PREVIEW_PARAMETERS, Preview
 from mushr_ros_intro.drive.timetable import Timetable
+from mushr_ros_intro.parameters import Values, flag, loaded, number, text
 from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Plan, Row
@@ -22,6 +21,16 @@ from mushr_ros_intro.ros import connections, conversions, node, ros_time
 PLAN = "a plan, such as _plan_file:=figure_8"
 ACTIVE_TOPIC = "topic ~active of the mux; if another input drives the car, the drive ends"
 TIMEOUT = "timeout for subscribers, for the start pose, and for /clock"
+
+
+def read(name: str) -> Plan:
+    """Return the plan that is given by its name or path."""
+    return read_plan(find_file(name, package_folder("plans"), ".txt"))
+
+
+def control_topic(values: Values) -> str:
+    """Return the mux input for plans, of the car to drive."""
+    return f"/{values['car_name']}/mux/ackermann_cmd_mux/input/navigation"
 
 
 class PathPublisher:
@@ -37,32 +46,31 @@ class PathPublisher:
     Example: ``rosrun mushr_ros_intro path_publisher.py _plan_file:=figure_8``
     """
 
-    def __init__(self) -> None:
-        with node.parameters() as parameters:
-            text, flag, number = parameters.text, parameters.flag, parameters.number
-            plan = parameters.loaded("plan_file", PLAN, read)
-            car_name = text("car_name", "car", meaning="the car to drive").strip("/")
-            control_topic = f"/{car_name}/mux/ackermann_cmd_mux/input/navigation"
-            control_topic = text("control_topic", control_topic, meaning="topic of the commands")
-            init_pose_topic = node.initial_pose_topic(car_name)
-            init_pose_topic = text(
-                "init_pose_topic", init_pose_topic, meaning="topic of the start pose"
-            )
-            active_topic = parameters.optional_text("active_topic", ACTIVE_TOPIC)
-            self.places_car = flag("send_init_pose", True, "place the car at the start pose")
-            self.loop = flag("loop", False, "repeat the plan until killed")
-            self.countdown = number(
-                "countdown", 0.0, "s", 0.0, 1e4, "wait before the first command"
-            )
-            self.timeout = number("subscriber_timeout", 10.0, "s", 0.0, 1e6, TIMEOUT)
-            options = preview_options(parameters)
-        self.preview = Preview(plan, options, car_name, self.places_car)
+    PARAMETERS = (
+        loaded("plan_file", read, expected=PLAN),
+        node.car_name("the car to drive"),
+        text("control_topic", control_topic, "topic of the commands; by default that of the car"),
+        node.init_pose_topic("topic of the start pose"),
+        text("active_topic", None, ACTIVE_TOPIC),
+        flag("send_init_pose", True, "place the car at the start pose"),
+        flag("loop", False, "repeat the plan until killed"),
+        number("countdown", 0.0, "s", 0.0, 1e4, "wait before the first command"),
+        number("subscriber_timeout", 10.0, "s", 0.0, 1e6, TIMEOUT),
+        *PREVIEW_PARAMETERS,
+    )
+
+    def __init__(self, values: Values) -> None:
+        car_name, self.loop = values["car_name"], values["loop"]
+        self.places_car, self.countdown = values["send_init_pose"], values["countdown"]
+        self.timeout = values["subscriber_timeout"]
+        plan = values["plan_file"]
+        self.preview = Preview(plan, values, car_name, self.places_car)
         self.plan = self.preview.plan  # its speeds are limited to ~max_speed
 
         self.frame = f"{car_name}/base_footprint"
-        self.pub_controls = CommandPublisher(control_topic, active_topic)
+        self.pub_controls = CommandPublisher(values["control_topic"], values["active_topic"])
         self.pub_init_pose = rospy.Publisher(
-            init_pose_topic, PoseWithCovarianceStamped, queue_size=10, tcp_nodelay=True
+            values["init_pose_topic"], PoseWithCovarianceStamped, queue_size=10, tcp_nodelay=True
         )
         self.pub_start = rospy.Publisher("~start", Time, queue_size=1, latch=True)
         self.car_pose = CarPose(car_name)
@@ -70,7 +78,7 @@ class PathPublisher:
         self.monitor = DriveMonitor(
             self.plan, car_name, self.timetable, self.pub_controls, self.car_pose
         )
-        rospy.loginfo("%s", parameters)
+        rospy.loginfo("%s", values.text)
 
     def run(self) -> int:
         """Drive the plan; return the exit status, which is 1 if a single drive is interrupted."""
@@ -128,12 +136,6 @@ class PathPublisher:
             msg.drive.speed = row.speed
             msg.drive.steering_angle = row.steering_angle
             self.pub_controls.publish(msg)
-
-
-@lru_cache(maxsize=1)  # to check the plan before the node registers, and to drive it
-def read(name: str) -> Plan:
-    """Return the plan that is given by its name or path."""
-    return read_plan(find_file(name, package_folder("plans"), ".txt"))
 
 
 if __name__ == "__main__":

@@ -9,9 +9,10 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
-from mushr_ros_intro.authoring.plan_file import PlanFile
+from mushr_ros_intro.authoring.plan_file import PlanFile, plan_file_parameters
 from mushr_ros_intro.authoring.recorder import Recording
 from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.parameters import Values
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
@@ -28,13 +29,15 @@ class PlanRecorder:
     Example: ``rosrun mushr_ros_intro plan_recorder.py _name:=my_drive.txt``
     """
 
-    def __init__(self) -> None:
-        with node.parameters() as parameters:
-            car_name = parameters.text("car_name", "car", meaning="the car to record").strip("/")
-            meaning = "topic of the initial pose"
-            topic = node.initial_pose_topic(car_name)
-            init_pose_topic = parameters.text("init_pose_topic", topic, meaning=meaning)
-            self._file = PlanFile(parameters, "recorded.txt")
+    PARAMETERS = (
+        node.car_name("the car to record"),
+        node.init_pose_topic("topic of the initial pose"),
+        *plan_file_parameters("recorded.txt"),
+    )
+
+    def __init__(self, values: Values) -> None:
+        car_name = values["car_name"]
+        self._file = PlanFile(values["folder"], values["name"])
         car = car_from(simulated_car_parameters(car_name))
         self._command_timeout = car.command_timeout
 
@@ -52,7 +55,10 @@ class PlanRecorder:
             f"{self._pose_sub.resolved_name}"
         )
         rospy.Subscriber(
-            init_pose_topic, PoseWithCovarianceStamped, self._on_initial_pose, tcp_nodelay=True
+            values["init_pose_topic"],
+            PoseWithCovarianceStamped,
+            self._on_initial_pose,
+            tcp_nodelay=True,
         )
         output = f"/{car_name}/mux/ackermann_cmd_mux/output"
         rospy.Subscriber(output, AckermannDriveStamped, self._on_command, tcp_nodelay=True)

@@ -1,7 +1,6 @@
 #!/usr/bin/python3
 """Test node: check that something ends at a pose. For .test files of any package."""
 
-import math
 import unittest
 from typing import Any, Callable
 
@@ -13,7 +12,7 @@ from nav_msgs.msg import Odometry
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import REQUIRED, Parameters, number, text
 from mushr_ros_intro.replay.series import Series
 from mushr_ros_intro.replay.tolerances import compare
 from mushr_ros_intro.ros import node, ros_time
@@ -22,42 +21,44 @@ from mushr_ros_intro.stamps import from_seconds
 
 _TYPES = [kind._type for kind in (PoseStamped, PoseWithCovarianceStamped, Odometry)]
 
+TOLERANCE = "allowed difference from the expected pose"
+
 
 class PoseTest(unittest.TestCase):
-    """The test node."""
+    """The test node.
+
+    Subscribes to the topic ``~topic``.
+
+    Example: ``<test test-name="end" pkg="mushr_ros_intro" type="posetest.py">`` in a .test file
+    """
+
+    PARAMETERS = (
+        text("topic", REQUIRED, "topic with a pose", "a topic"),
+        number("x", REQUIRED, "m", -1e6, 1e6, "expected position"),
+        number("y", REQUIRED, "m", -1e6, 1e6, "expected position"),
+        number("theta", None, "rad", -1e6, 1e6, "expected heading; by default any is right"),
+        number("position_tolerance", 0.05, "m", 0.0, 1e6, TOLERANCE),
+        number("angle_tolerance", 0.05, "rad", 0.0, 1e6, TOLERANCE),
+        number("test_duration", 5.0, "s", 0.0, 1e6, "from the first pose to the end, by stamps"),
+        number("wait_time", 20.0, "s", 0.0, 1e6, "timeout for the first pose, wall-clock time"),
+    )
 
     def setUp(self) -> None:
         """Read the parameters; a wrong one is a failure."""
         self._series = Series()
         self._error = ""  # set by a callback to make the test fail
+        parameters = Parameters(rospy.get_param("~", {}))
+        for message in parameters.unknown(self.PARAMETERS):
+            rospy.logwarn("%s", message)
         try:
-            with node.parameters() as parameters:
-                self._configure(parameters)
+            values = parameters.read(self.PARAMETERS)
         except UserError as error:
             self.fail(str(error))
-
-    def _configure(self, parameters: Parameters) -> None:
-        """Read the parameters.
-
-        Raises:
-            UserError: a parameter is wrong.
-        """
-        number = parameters.number
-        self._topic = parameters.text("topic", None, "a topic", "topic with a pose")
-        meaning = "expected position"
-        x, y = (number(name, math.nan, "m", -1e6, 1e6, meaning) for name in ("x", "y"))
-        meaning = "expected heading; by default any heading is right"
-        theta = parameters.optional_number("theta", "rad", -1e6, 1e6, meaning)
-        self._wanted = Pose(x, y, theta or 0.0)
-        meaning = "allowed difference from the expected pose"
-        self._position = number("position_tolerance", 0.05, "m", 0.0, 1e6, meaning)
-        angle = number("angle_tolerance", 0.05, "rad", 0.0, 1e6, meaning)
-        self._angle = None if theta is None else angle
-        meaning = "time from the first pose to the end, by the stamps"
-        self._duration = number("test_duration", 5.0, "s", 0.0, 1e6, meaning)
-        meaning = "timeout for the first pose, in wall-clock time"
-        self._wait_time = number("wait_time", 20.0, "s", 0.0, 1e6, meaning)
-        self._topic = rospy.resolve_name(self._topic)
+        self._wanted = Pose(values["x"], values["y"], values["theta"] or 0.0)
+        self._position = values["position_tolerance"]
+        self._angle = None if values["theta"] is None else values["angle_tolerance"]
+        self._duration, self._wait_time = values["test_duration"], values["wait_time"]
+        self._topic = rospy.resolve_name(values["topic"])
 
     def test_pose(self) -> None:
         """The pose is the expected one at the end."""
@@ -97,17 +98,7 @@ class PoseTest(unittest.TestCase):
             self._error = f"a pose on {self._topic}: {error}"
 
 
-def read_parameters() -> None:
-    """Read the parameters of the test node.
-
-    Subscribes to the topic ``~topic``.
-
-    Example: ``<test test-name="end" pkg="mushr_ros_intro" type="posetest.py">`` in a .test file
-    """
-    PoseTest().setUp()
-
-
 if __name__ == "__main__":
-    node.check_arguments(read_parameters, "--gtest_output=", "--text", "--cov")
+    node.check_arguments(PoseTest, "--gtest_output=", "--text", "--cov")
     node.init_node("posetest")
     rostest.rosrun("mushr_ros_intro", "posetest", PoseTest)

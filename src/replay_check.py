@@ -14,7 +14,7 @@ import argparse
 import os
 import shlex
 import sys
-from typing import List, Sequence
+from typing import List, Optional, Sequence
 from xml.etree import ElementTree
 
 import rospy
@@ -23,7 +23,7 @@ from std_msgs.msg import String
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.isolation.workspace import inherited
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import REQUIRED, Parameters, number, text
 from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.replay.job import run_job
@@ -39,6 +39,17 @@ TIMEOUT = 30.0
 
 SHOW_TIMEOUT = 5.0
 """Longest wait until the verdict has been printed [s of wall-clock time]."""
+
+PARAMETERS = (
+    text("plan_file", None),
+    text("follow", None),
+    text("publisher", REQUIRED),
+    number("position_tolerance", None, "m", 0.0, 1e6),
+    text("car", REQUIRED),
+    text("map", None),
+    text("remap", None),
+    text("report", None),
+)
 
 
 def show() -> int:
@@ -59,18 +70,18 @@ def judge() -> Judgement:
     arguments = rospy.get_param("~", {})
     given = {name: each for name, each in arguments.items() if each not in ("", "auto")}
     parameters = Parameters(given)
-    exercise = _exercise(parameters)
-    words = shlex.split(parameters.text("publisher"))
+    values = parameters.read(PARAMETERS)
+    exercise = _exercise(values["plan_file"], values["follow"])
+    words = shlex.split(values["publisher"])
     if len(words) < 2:
         raise parameters.error("publisher", "'PACKAGE NODE [ARGUMENT...]'")
-    position = parameters.optional_number("position_tolerance", "m", 0.0, 1e6, "")
+    position = values["position_tolerance"]
     setting = read_setting(
         package_folder("."),
-        parameters.text("car"),
-        parameters.optional_text("map")
-        or ("none" if isinstance(exercise, Reference) else "sandbox"),
+        values["car"],
+        values["map"] or ("none" if isinstance(exercise, Reference) else "sandbox"),
         None,
-        remap=tuple(_remappings(parameters.optional_text("remap") or "")),
+        remap=tuple(_remappings(values["remap"] or "")),
         timeout=TIMEOUT,
         tolerances={} if position is None else {"position": position},
         sandbox=Sandbox(),
@@ -78,21 +89,19 @@ def judge() -> Judgement:
     )
     refuse_walls([exercise], setting.parameters, setting.grid)
     judgement = run_job(job_for(words, exercise, setting))
-    folder = parameters.optional_text("report")
-    if folder:
-        write_report(user_path(folder), judgement, arguments)
+    if values["report"]:
+        write_report(user_path(values["report"]), judgement, arguments)
     return judgement
 
 
-def _exercise(parameters: Parameters) -> Exercise:
+def _exercise(plan: Optional[str], path: Optional[str]) -> Exercise:
     """Return the plan that the node drives, or the path that it follows; raise UserError."""
-    plan, path = map(parameters.optional_text, ("plan_file", "follow"))
-    if bool(plan) == bool(path):
-        raise UserError("expected either plan_file:=PLAN or follow:=PATH")
     folder = package_folder("plans")
-    if path:
+    if plan and not path:
+        return read_plan(find_file(plan, folder, ".txt"))
+    if path and not plan:
         return next(iter(read_references([path], folder).values()))
-    return read_plan(find_file(parameters.text("plan_file"), folder, ".txt"))
+    raise UserError("expected either plan_file:=PLAN or follow:=PATH")
 
 
 def _remappings(text: str) -> List[str]:

@@ -22,7 +22,7 @@ from mushr_ros_intro.browser.plan_actions import PlanActions
 from mushr_ros_intro.browser.plan_drive import PlanDrive
 from mushr_ros_intro.browser.server import Action, Clients, Rules, serve
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import Parameters, Values, folder, integer, text
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.ros import node, ros_time
 from mushr_ros_intro.ros.connections import is_alive, is_published, registered_nodes
@@ -45,27 +45,24 @@ class WebView:
     Example: ``rosrun mushr_ros_intro web_view.py _port:=9090``
     """
 
-    def __init__(self) -> None:
-        with node.parameters() as parameters:
-            text, optional = parameters.text, parameters.optional_text
-            self._car_name = text("car_name", "car", meaning="the car to show").strip("/")
-            topic = node.initial_pose_topic(self._car_name)
-            self._init_pose_topic = text(
-                "init_pose_topic", topic, meaning="topic of the initial pose"
-            )
-            meaning = "address of the network interface; 0.0.0.0 is all of them"
-            self._address = text("address", "127.0.0.1", meaning=meaning)
-            self._port = parameters.integer("port", 9090, 1, 65535, "port of the server")
-            meaning = "other names of this machine, separated by spaces"
-            self._hosts = (optional("hosts", meaning) or "").split()
-            meaning = "other pages that may use the server, such as http://example.org"
-            self._origins = (optional("origins", meaning) or "").split()
-            token = optional("token", "token for pages of other servers; by default a new one")
-            folder = parameters.folder(
-                "folder", ".", "folder of your plans; . is the directory of your shell"
-            )
-        self._token = token or secrets.token_urlsafe()
-        self._folders = [package_folder("plans"), folder]
+    PARAMETERS = (
+        node.car_name("the car to show"),
+        node.init_pose_topic("topic of the initial pose"),
+        text("address", "127.0.0.1", "of the network interface; 0.0.0.0 is all of them"),
+        integer("port", 9090, 1, 65535, "port of the server"),
+        text("hosts", None, "other names of this machine, separated by spaces"),
+        text("origins", None, "other pages that may use the server, such as http://example.org"),
+        text("token", None, "token for pages of other servers; by default a new one"),
+        folder("folder", ".", "folder of your plans; . is the directory of your shell"),
+    )
+
+    def __init__(self, values: Values) -> None:
+        self._car_name = values["car_name"]
+        self._init_pose_topic = values["init_pose_topic"]
+        self._address, self._port = values["address"], values["port"]
+        self._hosts, self._origins = ((values[each] or "").split() for each in ("hosts", "origins"))
+        self._token = values["token"] or secrets.token_urlsafe()
+        self._folders = [package_folder("plans"), values["folder"]]
         self._prefix = rospy.get_namespace().rstrip("/")
         self._seen: Dict[str, Any] = {}
         self._state = ""
@@ -182,10 +179,10 @@ class WebView:
             "drive": self._drive.state,
             **self._seen,
         }
-        text = json.dumps({"data": json.dumps(state)})
-        if text != self._state:
-            self._state = text
-            self._bridge.offer(STATE_TOPIC, text)
+        message = json.dumps({"data": json.dumps(state)})
+        if message != self._state:
+            self._state = message
+            self._bridge.offer(STATE_TOPIC, message)
 
 
 if __name__ == "__main__":

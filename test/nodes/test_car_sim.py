@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
 from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.ros import connections, ros_time, rospy_fixes
 from mushr_ros_intro.ros.connections import registered_nodes, wait_until_connected
 from mushr_ros_intro.simulator import sim_clock
@@ -63,8 +64,8 @@ class TestCarSim(RosTestCase):
         patch = mock.patch.object(ros_time, "now", lambda: TimedCar.now.to_nsec())
         patch.start()
         cls.addClassCleanup(patch.stop)
-        rospy.set_param("~frame_prefix", "car/")
-        cls.car = TimedCar()
+        parameters = Parameters({"frame_prefix": "car/"})
+        cls.car = TimedCar(parameters.read(TimedCar.PARAMETERS))
 
     def setUp(self):
         super().setUp()

@@ -251,6 +251,7 @@ class TestPathPublisher(RosTestCase):
             "'plan_file:=circle' sets no parameter; expected _plan_file:=circle": [
                 "plan_file:=circle"
             ],
+            "'send_init_pose:=false' sets no parameter": ["send_init_pose:=false"],  # not set yet
         }
         self.assert_refused(
             *(

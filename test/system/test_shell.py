@@ -93,7 +93,16 @@ def test_one_command(shell):
 
 @pytest.mark.parametrize(
     "name",
-    ["dev/benchmark", "dev/build_deb", "dev/lint", "dev/screenshot", "run", "setup", "shell", "test"],
+    [
+        "dev/benchmark",
+        "dev/build_deb",
+        "dev/lint",
+        "dev/screenshot",
+        "run",
+        "setup",
+        "shell",
+        "test",
+    ],
 )
 def test_help(name):
     """No script starts with an option that it does not know, such as --help."""

@@ -4,17 +4,28 @@ import os
 
 import pytest
 
+from mushr_ros_intro import parameters
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import (
+    REQUIRED,
+    Parameters,
+    choice,
+    file_name,
+    flag,
+    loaded,
+    number,
+    text,
+)
 
 
-def read(kind, value, *arguments):
-    return getattr(Parameters({"name": value}), kind)("name", *arguments)
+def read(kind, value, *arguments, **others):
+    declared = getattr(parameters, kind)("name", *arguments, **others)
+    return Parameters({"name": value}).get(declared)
 
 
-def refusal(kind, value, *arguments):
+def refusal(kind, value, *arguments, **others):
     with pytest.raises(UserError) as caught:
-        read(kind, value, *arguments)
+        read(kind, value, *arguments, **others)
     return str(caught.value)
 
 
@@ -39,8 +50,8 @@ def test_bad_number():
 def test_integer():
     for value in (3, 3.0, "3"):
         assert repr(read("integer", value, 1, 0, 9)) == "3"
-    assert refusal("integer", 1.5, 1, 0, 9) == "parameter ~name is 1.5; expected a whole number"
-    assert refusal("integer", 10, 1, 0, 9).endswith("is 10; expected a number from 0 to 9")
+    assert refusal("integer", 1.5, 1, 0, 9).endswith("is 1.5; expected a whole number from 0 to 9")
+    assert refusal("integer", 10, 1, 0, 9).endswith("is 10; expected a whole number from 0 to 9")
 
 
 def test_flag():
@@ -51,43 +62,68 @@ def test_flag():
 
 
 def test_text():
-    assert read("text", "/a") == "/a"
+    assert read("text", "/a", REQUIRED) == "/a"
     for value in ("", " \t", 3, None, ["a"]):
         message = refusal("text", value, "default")
         assert message == f"parameter ~name is {value!r}; expected text that is not empty"
-    assert refusal("text", 3, None, "a plan").endswith("; expected a plan")
+    assert refusal("text", 3, REQUIRED, expected="a plan").endswith("; expected a plan")
 
 
-def test_optional_text_and_choice():
-    assert read("optional_text", "a") == "a"
-    assert read("optional_text", "") is None
-    assert read("any_text", "", "default", "", "") == ""
-    assert Parameters({}).any_text("name", "default", "", "") == "default"
-    assert "expected text" in refusal("any_text", 3, "default", "", "")
-    assert Parameters({}).optional_text("name") is None
-    assert "expected text" in refusal("optional_text", 3)
-    assert read("choice", "b", ["a", "b"]) == "b"
-    assert refusal("choice", "c", ["a", "b"]) == "parameter ~name is 'c'; expected one of a, b"
-    cars = ["ideal", "mushr_nano_master", "mushr_nano"]
-    assert refusal("choice", "nano", cars).endswith("; did you mean mushr_nano?")
-    assert refusal("choice", "id", cars).endswith("mushr_nano")  # too short for a suggestion
+def test_any_text_and_choice():
+    assert read("any_text", "", "default") == ""
+    assert "expected text" in refusal("any_text", 3, "default")
+    assert read("choice", "b", ["a", "b"], "a") == "b"
+    assert refusal("choice", "c", ["a", "b"], "a") == "parameter ~name is 'c'; expected one of a, b"
+    cars = ["ideal", "mushr_sim", "mushr_nano"]
+    assert refusal("choice", "nano", cars, "ideal").endswith("; did you mean mushr_nano?")
+    assert refusal("choice", "id", cars, "ideal").endswith("mushr_nano")  # too short
+
+
+def test_optional():
+    """Empty text means that the parameter is not set, as from a launch file."""
+    for kind, arguments in {
+        "text": [],
+        "number": ["m", 0.0, 1.0],
+        "folder": [],
+        "file_name": [],
+    }.items():
+        assert read(kind, "", None, *arguments) is None
+        assert Parameters({}).get(getattr(parameters, kind)("name", None, *arguments)) is None
+        assert "~name is 3; expected" in refusal(kind, 3, None, *arguments)
+    assert read("choice", "", ["a"], None) is None
 
 
 def test_a_missing_parameter_has_its_default():
-    parameters = Parameters({})
-    assert parameters.number("rate", 3.0, "Hz", 0.0, 9.0) == 3.0
-    assert parameters.flag("loop", True) is True
-    assert parameters.text("topic", "/a") == "/a"
-    assert parameters.choice("car", ["a", "b"], "a") == "a"
-    assert parameters.file_name("file", "plan.txt") == "plan.txt"
-    resolved = {"rate": 3.0, "loop": True, "topic": "/a", "car": "a", "file": "plan.txt"}
-    assert parameters.resolved == resolved
-    with pytest.raises(UserError) as caught:
-        Parameters({}, "/car/car_sim/").text("plan_file", expected="a plan")
-    assert str(caught.value) == "parameter /car/car_sim/plan_file is not set; expected a plan"
-    with pytest.raises(UserError) as caught:
-        Parameters({"planfile": "a"}).text("plan_file", expected="a plan")
-    assert str(caught.value) == "parameter ~plan_file is not set, but ~planfile is; expected a plan"
+    table = (
+        number("rate", 3.0, "Hz", 0.0, 9.0),
+        flag("loop", True),
+        text("topic", lambda values: f"/{values['rate']:g}"),
+        text("token", None),
+        choice("car", ["a", "b"], "a"),
+        file_name("file", "plan.txt"),
+    )
+    values = Parameters({"rate": "4e0"}).read(table)
+    expected = {"rate": 4.0, "loop": True, "topic": "/4", "token": None, "car": "a"}
+    assert values == {**expected, "file": "plan.txt"}
+    assert values.text == "rate: 4e0, loop: True, topic: /4, car: a, file: plan.txt"
+    plan = text("plan_file", REQUIRED, expected="a plan")
+    for given, what in (({}, ""), ({"planfile": "a"}, ", but /car/car_sim/planfile is")):
+        with pytest.raises(UserError) as caught:
+            Parameters(given, "/car/car_sim/").get(plan)
+        message = f"parameter /car/car_sim/plan_file is not set{what}; expected a plan"
+        assert str(caught.value) == message
+
+
+def test_loaded():
+    def load(name):
+        if name != "good":
+            raise UserError(f"{name}:1:1: wrong")
+        return [1, 2]
+
+    values = Parameters({"plan": "good"}).read([loaded("plan", load)])
+    assert values == {"plan": [1, 2]} and values.text == "plan: good"
+    assert refusal("loaded", "bad", load) == "bad:1:1: wrong"
+    assert refusal("loaded", 3, load, expected="a plan") == "parameter ~name is 3; expected a plan"
 
 
 def test_folder(monkeypatch, tmp_path):
@@ -111,12 +147,14 @@ def test_file_name():
 
 
 def test_unknown_parameters():
-    """Those that are asked for are known, whatever their values."""
-    parameters = Parameters({"plan": "a", "lop": True, "x": 1, "empty": ""})
-    parameters.text("plan")
-    parameters.optional_text("empty")
-    parameters.flag("loop", False)
-    assert parameters.unknown() == [
+    """Those in the table are known, whatever their values."""
+    given = Parameters({"plan": "a", "lop": True, "x": 1, "empty": ""})
+    table = (text("plan", REQUIRED), text("empty", None), flag("loop", False))
+    assert given.unknown(table) == [
         "parameter ~lop is not known, and has no effect; did you mean ~loop?",
         "parameter ~x is not known, and has no effect",
     ]
+    with pytest.raises(UserError) as caught:
+        given.refuse_unknown(table)
+    expected = "parameter ~lop is True; expected only the keys plan, empty, loop"
+    assert str(caught.value) == expected

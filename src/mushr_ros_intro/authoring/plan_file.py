@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from typing import Optional
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import Table, file_name, folder
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.plan import Plan, PlanError
 from mushr_ros_intro.plan.write import plan_text
@@ -15,23 +15,19 @@ from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.wording import counted
 
 
+def plan_file_parameters(name: str) -> Table:
+    """Return the parameters of a node that saves plans in a folder; `name` is that of the file."""
+    return (
+        folder("folder", ".", "folder of the plans; . is the directory of your shell"),
+        file_name("name", name, "if the file exists, a number is added to the name"),
+    )
+
+
 class PlanFile:
-    """The file that a plan is saved in, a new one each time.
+    """The file with a name that a plan is saved in; a new one in the folder each time."""
 
-    Args:
-        parameters: ``folder`` is the folder of the file (default: the user's), ``name`` its name.
-        default_name: of the file.
-
-    Raises:
-        UserError: a parameter is wrong.
-    """
-
-    def __init__(self, parameters: Parameters, default_name: str) -> None:
-        self._folder = parameters.folder(
-            "folder", ".", "folder of the plans; . is the directory of your shell"
-        )
-        meaning = "file name; if the file exists, a number is added to the name"
-        self._name = parameters.file_name("name", default_name, meaning)
+    def __init__(self, path: str, name: str) -> None:
+        self._folder, self._name = path, name
         self._saved: Optional[Plan] = None
         self._last = ""  # path and size of that plan
 

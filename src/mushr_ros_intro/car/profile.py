@@ -6,7 +6,7 @@ from typing import Any, Dict, List, Optional, Tuple
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import Parameters, Values, flag, integer, number
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.wording import similar
@@ -32,6 +32,23 @@ NUMBERS = (
     ("odom_heading_noise", "rad", 0.0, 10.0, "standard deviation of the odometry after 1 m"),
 )
 """The numbers of a car: name, unit, range, and meaning."""
+
+_IDEAL = Car()
+
+CAR_PARAMETERS = (
+    flag("noise", False, "add random errors to the commands and to the odometry"),
+    *(number(each[0], getattr(_IDEAL, each[0]), *each[1:]) for each in NUMBERS),
+    number(
+        "command_timeout",
+        _IDEAL.command_timeout / NANOSECONDS,
+        "s",
+        0.001,
+        10.0,
+        "how long a command is valid after its stamp",
+    ),
+    integer("seed", _IDEAL.seed, 0, 1e9, "of the errors; the same seed gives the same errors"),
+)
+"""The parameters of a car; the defaults are those of the ideal car."""
 
 
 def names_in(folder: str) -> List[str]:
@@ -93,21 +110,15 @@ def car_from(parameters: Parameters) -> Car:
     Raises:
         UserError: a parameter is of the wrong type or out of range.
     """
-    ideal = Car()
-    has_noise = parameters.flag(
-        "noise", False, "add random errors to the commands and to the odometry"
-    )
-    values = {
-        name: parameters.number(name, getattr(ideal, name), unit, low, high, meaning)
-        for name, unit, low, high, meaning in NUMBERS
-    }
-    default = ideal.command_timeout / NANOSECONDS
-    meaning = "how long a command is valid after its stamp"
-    timeout = parameters.number("command_timeout", default, "s", 0.001, 10.0, meaning)
-    meaning = "seed of the errors; the same seed gives the same errors"
-    seed = parameters.integer("seed", ideal.seed, 0, 1e9, meaning)
-    car = Car(command_timeout=from_seconds(timeout), seed=seed, **values)
-    if has_noise:
+    return car_of(parameters.read(CAR_PARAMETERS))
+
+
+def car_of(values: Values) -> Car:
+    """Return the car with the values of CAR_PARAMETERS."""
+    numbers = {name: values[name] for name, *_ in NUMBERS}
+    timeout = from_seconds(values["command_timeout"])
+    car = Car(command_timeout=timeout, seed=values["seed"], **numbers)
+    if values["noise"]:
         return car
     return car._replace(
         speed_noise=0.0,

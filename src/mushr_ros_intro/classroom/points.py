@@ -31,7 +31,7 @@ from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Seq
 
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import REQUIRED, Parameters, flag, number
 from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
 from mushr_ros_intro.replay.judge import CHECK_NAMES
 from mushr_ros_intro.yaml_file import read_mapping
@@ -145,11 +145,11 @@ def _plan_points(
     raw = _mapping(entry, place, (*check_names, *_OPTIONS))
     read = Parameters(raw, place)
     named = [name for name in check_names if name in raw]
-    checks = {name: read.number(name, math.nan, "points", 0.0, _MAX_POINTS) for name in named}
+    checks = read.read([number(name, REQUIRED, "points", 0.0, _MAX_POINTS) for name in named])
     if default is None:
         default = PlanPoints({}) if checks else PlanPoints()
-    options = (read.flag(key, getattr(default, key)) for key in _OPTIONS)
-    return PlanPoints({**default.checks, **checks}, *options)
+    options = read.read([flag(key, getattr(default, key)) for key in _OPTIONS])
+    return PlanPoints({**default.checks, **checks}, *options.values())
 
 
 def _mapping(value: Any, place: str, keys: Sequence[str]) -> Dict[str, Any]:

@@ -2,13 +2,13 @@
 
 import math
 import os
-from typing import Iterator, Mapping, Sequence
+from typing import Iterator, Sequence
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import NUMBERS
 from mushr_ros_intro.comparison.fitted_car import Combined
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import REQUIRED, Parameters, number
 from mushr_ros_intro.yaml_file import read_mapping
 
 _VESC = ("speed_to_erpm_gain", "steering_angle_to_servo_gain", "steering_angle_to_servo_offset")
@@ -72,9 +72,9 @@ def vesc_text(car: Car, path: str) -> Iterator[str]:
         yield f"  {_VESC[1]}: divide by {car.steering_gain:.4f}"
         yield f"  {_VESC[2]}: subtract {car.steering_offset:.4f} times the new {_VESC[1]}"
         return
-    values: Mapping[str, object] = read_mapping(path, "MuSHR's vesc.yaml")
-    parameters = Parameters(values, f"{path}: ")
-    speed, gain, offset = (parameters.number(name, math.nan, "", -1e9, 1e9) for name in _VESC)
+    table = [number(name, REQUIRED, "", -1e9, 1e9) for name in _VESC]
+    read = Parameters(read_mapping(path, "MuSHR's vesc.yaml"), f"{path}: ").read(table)
+    speed, gain, offset = read.values()
     new_gain = gain / car.steering_gain
     numbers = (
         (speed, speed / car.speed_gain),

@@ -13,7 +13,7 @@ from mushr_ros_intro.car.model import Car, State
 from mushr_ros_intro.car.profile import car_from, names_in, read_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import Parameters, Values, choice, flag, number
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.plan import Fault, Plan, fault_lines
 from mushr_ros_intro.preview import prediction
@@ -21,7 +21,7 @@ from mushr_ros_intro.preview.limits import slowed
 from mushr_ros_intro.preview.report import Report, check
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import is_published
-from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
+from mushr_ros_intro.simulator.car_parameters import EXPECTS_MAP, simulated_car_parameters
 from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, NANOSECONDS
 from mushr_ros_intro.wording import counted
 from mushr_ros_intro.world.footprint import World
@@ -43,32 +43,17 @@ class Prediction(NamedTuple):
     """Whether the parameters of the car are known, and it has no noise."""
 
 
-class PreviewOptions(NamedTuple):
-    """Parameters of the node that drives a plan."""
-
-    profile: str
-    """Name of a car in config/cars; empty: the simulated car."""
-    max_speed: float
-    """[m/s]"""
-    is_strict: bool
-
-
-def preview_options(parameters: Parameters) -> PreviewOptions:
-    """Read the parameters for the check and the prediction.
-
-    Raises:
-        UserError: a parameter is invalid.
-    """
-    meaning = "car of the check and prediction, a name in config/cars; empty: the simulated car"
-    profile = parameters.optional_text("car", meaning) or ""
-    if profile:
-        parameters.choice("car", names_in(package_folder("config/cars")))
-    meaning = "faster rows are slowed down, with a warning"
-    return PreviewOptions(
-        profile,
-        parameters.number("max_speed", math.inf, "m/s", 0.001, math.inf, meaning),
-        parameters.flag("strict", False, "do not drive a plan that has faults"),
-    )
+PREVIEW_PARAMETERS = (
+    choice(
+        "car",
+        names_in(package_folder("config/cars")),
+        None,
+        "car of the check and prediction, a name in config/cars; empty: the simulated car",
+    ),
+    number("max_speed", math.inf, "m/s", 0.001, math.inf, "faster rows are slowed down"),
+    flag("strict", False, "do not drive a plan that has faults"),
+)
+"""The parameters for the check and the prediction, of the node that drives a plan."""
 
 
 class Preview:
@@ -77,12 +62,12 @@ class Preview:
     Publishes ``/CAR_NAME/predicted_path`` (nav_msgs/Path), latched.
     """
 
-    def __init__(self, plan: Plan, options: PreviewOptions, car_name: str, is_placed: bool) -> None:
+    def __init__(self, plan: Plan, values: Values, car_name: str, is_placed: bool) -> None:
         """Advertise the topics, and limit the speeds of the plan.
 
         Args:
             plan: the plan.
-            options: parameters of the node.
+            values: of PREVIEW_PARAMETERS.
             car_name: the name of the car.
             is_placed: whether the car is placed at the start pose.
 
@@ -98,13 +83,13 @@ class Preview:
         )
         self._car_name = car_name
         self._is_placed = is_placed
-        self._is_strict = options.is_strict
+        self._is_strict = values["strict"]
         self._profile: Optional[Parameters] = None
-        self._profile_name = options.profile or "car"
-        if options.profile:
-            path = os.path.join(package_folder("config/cars"), f"{options.profile}.yaml")
+        self._profile_name = values["car"] or "car"
+        if values["car"]:
+            path = os.path.join(package_folder("config/cars"), f"{values['car']}.yaml")
             self._profile = Parameters(read_profile(path), "~car: ")
-        self.plan, changes = slowed(plan, options.max_speed)
+        self.plan, changes = slowed(plan, values["max_speed"])
         """The plan with its speeds limited to ~max_speed."""
         _warn(changes)
         self._pub_path = rospy.Publisher(
@@ -170,7 +155,7 @@ def read_walls(simulated: Parameters, is_placed: bool, is_strict: bool) -> Optio
         UserError: walls cannot be checked, there may be some, and `is_strict` is set.
     """
     problem = "the car is not placed at the start pose of the plan"
-    expects_map = simulated.flag("expects_map", False)
+    expects_map = simulated.get(EXPECTS_MAP)
     if is_placed:
         try:
             return receive_map(expects_map)

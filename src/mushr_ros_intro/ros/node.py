@@ -8,9 +8,10 @@ import textwrap
 import threading
 import time
 import traceback
-from contextlib import contextmanager, suppress
+from contextlib import suppress
+from functools import partial
 from queue import Empty, SimpleQueue
-from typing import Any, Callable, ContextManager, Iterator, List, NoReturn, Optional, Tuple
+from typing import Any, Callable, ContextManager, List, NoReturn, Optional, Tuple, Type
 
 import rosgraph
 import rospy
@@ -19,7 +20,7 @@ from rospy.client import load_command_line_node_params
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Description, Parameters
+from mushr_ros_intro.parameters import Parameter, Parameters, Table, Values, any_text, text
 from mushr_ros_intro.ros import rospy_fixes
 from mushr_ros_intro.ros.connections import is_alive, wait_until_connected
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
@@ -31,17 +32,11 @@ SHUTDOWN_TIMEOUT = 14.0
 _ends: "SimpleQueue[Tuple[str, Optional[int]]]" = SimpleQueue()
 """The reason for the end of the node, and the exit status if it is known."""
 
-
-_declarations: Optional[Parameters] = None
-"""What the node declares, while its parameters are described or checked before it registers."""
-
-
-class _DeclaredError(Exception):
-    """The end of the declarations of a node that has not registered."""
+Log = Callable[..., None]
 
 
 def main(
-    name: str, node_class: Callable[[], Any], is_replaceable: bool = True, **options: Any
+    name: str, node_class: Type[Any], *arguments: Any, is_replaceable: bool = True, **options: Any
 ) -> NoReturn:
     """Run a node, and end the process.
 
@@ -52,10 +47,11 @@ def main(
 
     Args:
         name: the node's name, unless the command line sets another.
-        node_class: returns an object with a method `run`. `run` returns when the node is done, and
-            may raise rospy.ROSInterruptException if the node is shut down. The object begins with a
-            block `parameters`, which is also executed before the node registers: the master then
-            ends a node of the same name, which must not happen if a parameter is not valid.
+        node_class: makes an object from the values of its PARAMETERS, a table, which are read
+            before the node registers: the master then ends a node of the same name, which must not
+            happen if a parameter is not valid. The method `run` returns when the node is done, and
+            may raise rospy.ROSInterruptException if the node is shut down.
+        arguments: more arguments of the class.
         is_replaceable: whether this node ends a running one of the same name, as is usual in ROS.
             Otherwise it ends itself.
         options: for rospy.init_node.
@@ -64,9 +60,10 @@ def main(
     if not is_replaceable:
         _refuse_a_second_one(name)
     _handle_signals()
-    init_node(name, node_class, disable_signals=True, **options)
+    values = init_node(name, node_class.PARAMETERS, disable_signals=True, **options)
     rospy.on_shutdown(lambda: _ends.put(("shut down", None)))
-    threading.Thread(target=_run, args=[node_class], daemon=True).start()
+    run = partial(_run, lambda: node_class(values, *arguments))
+    threading.Thread(target=run, daemon=True).start()
     reason, status = _ends.get()
     # In a thread, because rospy's shutdown may wait for ever for a lock that the node holds.
     threading.Thread(target=rospy.signal_shutdown, args=[reason], daemon=True).start()
@@ -123,11 +120,11 @@ def end_with_error(error: UserError) -> None:
     _ends.put(("failed", _fail(str(error))))
 
 
-def _run(node_class: Callable[[], Any]) -> None:
-    """Run a node; if it fails, log the reason."""
+def _run(start: Callable[[], Any]) -> None:
+    """Run the node that `start` returns; if it fails, log the reason."""
     status = 1
     try:
-        status = node_class().run() or 0
+        status = start().run() or 0
     except rospy.ROSInterruptException:
         status = 0
     except UserError as error:
@@ -151,13 +148,18 @@ def _fail(reason: str) -> int:
     return 1
 
 
-def init_node(name: str, node_class: Optional[Callable[[], Any]] = None, **options: Any) -> None:
+def init_node(name: str, table: Optional[Table] = None, **options: Any) -> Values:
     """Initialise a node with working logs, timeouts for calls to the master, and a running clock.
+
+    Those of its parameters that are not known are logged, and those that rosrun did not set.
 
     Args:
         name: the node's name, unless the command line sets another.
-        node_class: see `main`; None: do not check the parameters.
+        table: the node's parameters; None: do not read them.
         options: for rospy.init_node.
+
+    Returns:
+        The values of the parameters.
 
     Raises:
         SystemExit: the master does not answer, or a parameter is not valid; the exception has a
@@ -170,14 +172,16 @@ def init_node(name: str, node_class: Optional[Callable[[], Any]] = None, **optio
         f"{name}: no master answers at ROS_MASTER_URI={uri}; expected "
         "one there (roscore or roslaunch starts one on this machine)"
     )
+    values = Values()
+    logs: List[Tuple[Log, str]] = []
     try:
         if not rosgraph.is_master_online():  # rospy prints a traceback or waits for ever
             sys.exit(no_master)
     except (ValueError, OSError):
         sys.exit(f"{name}: ROS_MASTER_URI is '{uri}'; expected an address such as {DEFAULT_MASTER}")
-    if node_class:
-        _check_parameters(_full_name(name), node_class)
     try:
+        if table is not None:
+            values, logs = _read_parameters(_full_name(name), table)
         rospy.init_node(name, **options)
     except (TimeoutError, ConnectionError):
         sys.exit(no_master)
@@ -187,25 +191,47 @@ def init_node(name: str, node_class: Optional[Callable[[], Any]] = None, **optio
         clock = rospy.Subscriber("/clock", Clock)
         wait_until_connected(clock, "publishers")
         clock.unregister()
+    for log, message in logs:
+        log("%s", message)
+    return values
 
 
-def _check_parameters(name: str, node_class: Callable[[], Any]) -> None:
-    """Raise SystemExit if a parameter that the node `name` is going to have is not valid."""
-    values: Any = {}
-    with suppress(rosgraph.MasterException, OSError):  # none is set
-        values = rosgraph.Master(name).getParam(name)
+def _read_parameters(name: str, table: Table) -> Tuple[Values, List[Tuple[Log, str]]]:
+    """Return the values of the parameters that a node is going to have, and what to log.
+
+    Raises:
+        SystemExit: a parameter is not valid, or an argument such as plan_file:=... has the name of
+            one.
+    """
+    given: Any = {}
+    with suppress(rosgraph.MasterException):  # none is set
+        given = rosgraph.Master(name).getParam(name)
     warnings: List[str] = []
     try:
-        read = _own_parameters(name, values)
-        read = read.with_values(**load_command_line_node_params(sys.argv))
-        read.declared.update(_declare(node_class, Description()).declared)
-        warnings = read.unknown()
-        _declare(node_class, read)
+        if not isinstance(given, dict):
+            raise UserError(f"parameter {name} is {given!r}; expected the parameters of the node")
+        known = {*given, *(each.name for each in table)}
+        for argument in sys.argv[1:]:
+            if argument.partition(":=")[0] in known:
+                raise UserError(f"'{argument}' sets no parameter; expected _{argument}")
+        typed = load_command_line_node_params(sys.argv)
+        parameters = Parameters({**given, **typed})
+        warnings = parameters.unknown(table)
+        values = parameters.read(table)
     except UserError as error:
         sys.exit("\n".join([*(f"[WARN] {each}" for each in warnings), f"[FATAL] {name}: {error}"]))
+    logs = [(rospy.logwarn, each) for each in warnings]
+    left = given.keys() - typed
+    if left and not any(each.startswith("__log:=") for each in sys.argv):  # as roslaunch adds it
+        shown = ", ".join(f"{each}: {given[each]}" for each in sorted(left))
+        shown = textwrap.shorten(shown, 300, placeholder=" ...")
+        remedy = f"to delete them, type: rosparam delete {name}"
+        message = f"parameters of an earlier run, or of rosparam: {shown}; {remedy}"
+        logs.append((rospy.loginfo, message))
+    return values, logs
 
 
-def check_arguments(node_class: Callable[[], Any], *known: str) -> None:
+def check_arguments(node_class: Type[Any], *known: str) -> None:
     """Answer --help, and refuse arguments that rospy would ignore, before the node registers.
 
     Args:
@@ -228,72 +254,20 @@ def check_arguments(node_class: Callable[[], Any], *known: str) -> None:
             sys.exit(2)
 
 
-def help_text(node_class: Callable[[], Any]) -> str:
+def help_text(node_class: Type[Any]) -> str:
     """Return the purpose, the topics and the parameters of a node.
 
     Args:
         node_class: see `main`. The first paragraph of its module's docstring is the purpose. The
             docstring of the class describes the topics, and ends with an example.
     """
-    declared = _declare(node_class, Description()).declared
     # Not of sys.modules: catkin's wrapper runs a program with exec, as a part of its own module.
-    function = node_class if inspect.isfunction(node_class) else vars(node_class)["__init__"]
+    function = next(filter(inspect.isfunction, vars(node_class).values()))
     purpose = inspect.cleandoc(function.__globals__["__doc__"] or "").partition("\n\n")[0]
     topics = (inspect.getdoc(node_class) or "").replace("``", "").split("\n\n")[1:]
     how = "Parameters: _NAME:=VALUE on the command line, <param> in a launch file."
     paragraphs = [purpose, *(textwrap.fill(each, 100) for each in topics), how]
-    lines = [each.text(name) for name, each in declared.items()]
-    return "\n".join(["\n\n".join(paragraphs), *lines])
-
-
-def _declare(node_class: Callable[[], Any], given: Parameters) -> Parameters:
-    """Execute the declarations of a node with the parameters `given`, and return them."""
-    global _declarations
-    _declarations = given
-    try:
-        with suppress(_DeclaredError):
-            node_class()
-    finally:
-        _declarations = None
-    return given
-
-
-@contextmanager
-def parameters(name: str = "~") -> Iterator[Parameters]:
-    """Give the parameters of this node to a block, which reads them and does nothing else.
-
-    Those that the block does not read are logged, and those that rosrun did not set.
-
-    Args:
-        name: of the node; by default this one.
-
-    Raises:
-        UserError: an argument such as plan_file:=... has the name of a parameter of an earlier run.
-    """
-    if _declarations is not None:
-        yield _declarations
-        raise _DeclaredError
-    values = rospy.get_param(name, {})
-    read = _own_parameters(name, values)
-    yield read
-    for message in read.unknown():
-        rospy.logwarn("%s", message)
-    left = values.keys() - load_command_line_node_params(sys.argv)
-    if left and not any(each.startswith("__log:=") for each in sys.argv):  # as roslaunch adds it
-        shown = ", ".join(f"{each}: {values[each]}" for each in sorted(left))
-        shown = textwrap.shorten(shown, 300, placeholder=" ...")
-        remedy = f"to delete them, type: rosparam delete {rospy.get_name()}"
-        rospy.loginfo("parameters of an earlier run, or of rosparam: %s; %s", shown, remedy)
-
-
-def _own_parameters(name: str, values: Any) -> Parameters:
-    """Return the parameters of a node from their values at the master; see `parameters`."""
-    if not isinstance(values, dict):
-        raise UserError(f"parameter {name} is {values!r}; expected the parameters of the node")
-    for argument in sys.argv[1:]:
-        if argument.partition(":=")[0] in values:
-            raise UserError(f"'{argument}' sets no parameter; expected _{argument}")
-    return Parameters(values)
+    return "\n".join(["\n\n".join(paragraphs), *(each.help() for each in node_class.PARAMETERS)])
 
 
 def initial_pose_topic(car_name: str) -> str:
@@ -301,11 +275,26 @@ def initial_pose_topic(car_name: str) -> str:
     return "/initialpose" if car_name == "car" else f"/{car_name}/initialpose"
 
 
-def frame_prefix(read: Parameters) -> str:
-    """Return the prefix of the frames of this node's car, by default the name of its namespace."""
-    namespace = rospy.get_namespace().strip("/")
-    default = f"{namespace}/" if namespace else ""
-    return read.any_text("frame_prefix", default, "CAR_NAME/", "precedes the names of the frames")
+def car_name(meaning: str) -> Parameter:
+    """Declare the name of a car, without slashes."""
+    read = text("car_name", "car", meaning)
+    return read._replace(convert=lambda value: read.convert(value).strip("/"))
+
+
+def init_pose_topic(meaning: str) -> Parameter:
+    """Declare the topic of the initial pose; ~car_name precedes it in the table."""
+    meaning += "; by default /initialpose, for another car than 'car' /CAR_NAME/initialpose"
+    return text("init_pose_topic", lambda values: initial_pose_topic(values["car_name"]), meaning)
+
+
+def _namespace_prefix(_: Values) -> str:
+    return f"{rosgraph.names.get_ros_namespace(argv=sys.argv).strip('/')}/".lstrip("/")
+
+
+FRAME_PREFIX = any_text(
+    "frame_prefix", _namespace_prefix, "precedes the names of the frames; by default CAR_NAME/"
+)
+"""The prefix of the frames of the car in the node's namespace."""
 
 
 def offer_service(name: str, lock: ContextManager[Any], act: Callable[[], str]) -> None:

@@ -9,9 +9,10 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
 from mushr_ros_intro.car.model import Command
-from mushr_ros_intro.ros import conversions, node, ros_time
+from mushr_ros_intro.parameters import Values
+from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import wait_until_connected
-from mushr_ros_intro.simulator.mux import IDLE, Input, Mux, full_topic, read_config
+from mushr_ros_intro.simulator.mux import IDLE, MUX_PARAMETERS, Input, Mux, config_of, full_topic
 from mushr_ros_intro.stamps import NANOSECONDS
 
 
@@ -80,10 +81,11 @@ class AckermannCmdMux:
     Example: ``roslaunch mushr_ros_intro sim.launch`` starts it with config/ackermann_cmd_mux.yaml
     """
 
-    def __init__(self) -> None:
+    PARAMETERS = MUX_PARAMETERS
+
+    def __init__(self, values: Values) -> None:
         """Subscribe to the inputs."""
-        with node.parameters() as parameters:
-            config = read_config(parameters)
+        config = config_of(values)
         self._lock = threading.Lock()
         self._is_live = threading.Event()
         self._core = Mux(ros_time.is_simulated(), rospy.logwarn)

@@ -2,8 +2,10 @@
 
 import rospy
 
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import Parameters, flag
 from mushr_ros_intro.ros.connections import is_alive
+
+EXPECTS_MAP = flag("expects_map", False, "the car is ready only when it has received a map")
 
 
 def simulated_car_parameters(car_name: str, must_run: bool = False) -> Parameters:

@@ -10,12 +10,14 @@ from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
 
 from mushr_ros_intro.car.model import Car, Event, State
-from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.car.profile import CAR_PARAMETERS, car_of
 from mushr_ros_intro.geometry import MAX_COORDINATE, ORIGIN, Pose
+from mushr_ros_intro.parameters import Values, choice, flag, number, text
 from mushr_ros_intro.ros import conversions, node
 from mushr_ros_intro.ros.connections import has_live_publisher, wait_until_connected
 from mushr_ros_intro.simulator import sim_clock
 from mushr_ros_intro.simulator.car_core import CarCore
+from mushr_ros_intro.simulator.car_parameters import EXPECTS_MAP
 from mushr_ros_intro.simulator.state_publisher import StatePublisher
 from mushr_ros_intro.stamps import (
     NANOSECONDS,
@@ -26,6 +28,7 @@ from mushr_ros_intro.stamps import (
 from mushr_ros_intro.world.footprint import POINT, Footprint, World, is_free
 
 FACTOR = "speed of simulated time relative to wall-clock time; 0 is lock-step"
+COLLISION = "what walls stop: the car's body, or the point at its rear axle"
 
 
 class CarSim:
@@ -39,29 +42,27 @@ class CarSim:
     Example: ``roslaunch mushr_ros_intro sim.launch car:=mushr_nano x:=1.0``
     """
 
-    def __init__(self, publishes_clock: bool = False) -> None:
+    PARAMETERS = (
+        number("x", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE, "start pose"),
+        number("y", 0.0, "m", -MAX_COORDINATE, MAX_COORDINATE, "start pose"),
+        number("theta", 0.0, "rad", -1e3, 1e3, "start pose"),
+        *CAR_PARAMETERS,
+        number("pose_rate", 50.0, "Hz", 0.1, 1000.0, "of pose, odometry, joints and transforms"),
+        number("real_time_factor", 1.0, "", 0.0, 1e6, FACTOR),
+        EXPECTS_MAP,
+        text("profile", None, "name of the car, for the log"),
+        choice("collision", ("body", "point"), "body", COLLISION),
+        node.FRAME_PREFIX,
+        flag("publish_map_to_odom", True, "publish the transform from the map to the odometry"),
+        flag("mushr_interface", False, "offer the topics and services of MuSHR's simulator, too"),
+    )
+
+    def __init__(self, values: Values, publishes_clock: bool = False) -> None:
         """Set up the node; if `publishes_clock`, it publishes /clock."""
-        with node.parameters() as parameters:
-            number, limit = parameters.number, MAX_COORDINATE
-            start = Pose(
-                number("x", 0.0, "m", -limit, limit, "start pose"),
-                number("y", 0.0, "m", -limit, limit, "start pose"),
-                number("theta", 0.0, "rad", -1e3, 1e3, "start pose"),
-            )
-            car = car_from(parameters)
-            meaning = "rate of the pose, the odometry, the joint states and the transforms"
-            pose_rate = number("pose_rate", 50.0, "Hz", 0.1, 1000.0, meaning)
-            factor = number("real_time_factor", 1.0, "", 0.0, 1e6, FACTOR)
-            meaning = "the car is ready only when it has received a map"
-            self._expects_map = parameters.flag("expects_map", False, meaning)
-            profile = parameters.optional_text("profile", "name of the car, for the log")
-            meaning = "what walls stop: the car's body, or the point at its rear axle"
-            is_point = parameters.choice("collision", ("body", "point"), "body", meaning) == "point"
-            prefix = node.frame_prefix(parameters)
-            meaning = "publish the transform from the map to the odometry"
-            with_map = parameters.flag("publish_map_to_odom", True, meaning)
-            meaning = "offer the topics and services of MuSHR's simulator, too"
-            has_mushr_interface = parameters.flag("mushr_interface", False, meaning)
+        start = Pose(values["x"], values["y"], values["theta"])
+        car, prefix = car_of(values), values["frame_prefix"]
+        pose_rate, factor = values["pose_rate"], values["real_time_factor"]
+        self._expects_map = values["expects_map"]
         self.pose_period = from_seconds(1.0 / pose_rate)
         """The time between two reports of the pose [ns]."""
         # The lock of the state and the clock; notified of events and service calls.
@@ -71,15 +72,17 @@ class CarSim:
             if publishes_clock
             else sim_clock.FollowedClock(self.pose_period, self._changed)
         )
-        values = (profile or "without a profile", car, pose_rate, self.clock.description)
-        rospy.loginfo("car %s: %s; pose rate %g Hz; time: %s", *values)
-        self._footprint = POINT if is_point else Footprint()
+        described = values["profile"] or "without a profile", car
+        time = self.clock.description
+        rospy.loginfo("car %s: %s; pose rate %g Hz; time: %s", *described, pose_rate, time)
+        self._footprint = POINT if values["collision"] == "point" else Footprint()
         now = self.clock.read()
         tolerance = SIMULATED_STAMP_TOLERANCE if publishes_clock else STAMP_TOLERANCE
         self._core = CarCore(car, start, now, rospy.logwarn_throttle, tolerance)
+        with_map = values["publish_map_to_odom"]
         self._publisher = StatePublisher(car, now, not publishes_clock, prefix, with_map)
         self._publish: sim_clock.Publish = self._publisher.publish
-        if has_mushr_interface:
+        if values["mushr_interface"]:
             self._publish = self._offer_mushr_interface(car, prefix)
         self._connect()
 

@@ -17,7 +17,7 @@ from vesc_msgs.msg import VescState, VescStateStamped
 from mushr_ros_intro.car.model import Car, Event, InitialPose, State
 from mushr_ros_intro.car.odometry import Odometry as Measured
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import Parameters, number
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.simulator.state_publisher import StatePublisher
 
@@ -26,6 +26,13 @@ REPOSITION = "/mushr_sim/reposition"
 
 _TIMEOUT = 5.0
 """How long the service waits until the car reports its pose [s of wall-clock time]."""
+
+_VESC = (
+    number("speed_to_erpm_gain", 4614.0, "", -1e6, 1e6),
+    number("speed_to_erpm_offset", 0.0, "", -1e6, 1e6),
+    number("steering_angle_to_servo_gain", -1.2135, "", -10.0, 10.0),
+    number("steering_angle_to_servo_offset", 0.5304, "", -10.0, 10.0),
+)
 
 Accept = Callable[[Event, str], Optional[int]]
 """Adds an event from a topic or service. Returns its stamp [ns], None if it was rejected."""
@@ -52,11 +59,8 @@ class MushrInterface:
         self._car, self._accept = car, accept
         self._name = rospy.get_namespace().strip("/")
         self._frames = f"{prefix}odom", f"{prefix}base_link"
-        number = Parameters(rospy.get_param("vesc", {}), "vesc/").number
-        self._erpm_gain = number("speed_to_erpm_gain", 4614.0, "", -1e6, 1e6)
-        self._erpm_offset = number("speed_to_erpm_offset", 0.0, "", -1e6, 1e6)
-        self._servo_gain = number("steering_angle_to_servo_gain", -1.2135, "", -10.0, 10.0)
-        self._servo_offset = number("steering_angle_to_servo_offset", 0.5304, "", -10.0, 10.0)
+        values = Parameters(rospy.get_param("vesc", {}), "vesc/").read(_VESC)
+        self._erpm_gain, self._erpm_offset, self._servo_gain, self._servo_offset = values.values()
         rospy.set_param("vesc/chassis_length", car.wheelbase)
         rospy.set_param("vesc/wheelbase", car.track)  # MuSHR gives this name to the width
         self._reported = threading.Condition()

@@ -11,7 +11,18 @@ import math
 from typing import Any, Callable, Dict, NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import (
+    REQUIRED,
+    Parameter,
+    Parameters,
+    RefusedError,
+    Table,
+    Values,
+    integer,
+    not_empty,
+    number,
+    text,
+)
 from mushr_ros_intro.stamps import (
     COMMAND_PERIOD,
     NANOSECONDS,
@@ -149,28 +160,37 @@ def full_topic(mux: str, topic: str) -> str:
 
 
 def parse_config(raw: Any) -> Config:
-    """Read a configuration; see `read_config`."""
-    return read_config(_parameters(raw, "~", "subscribers", "publisher"))
-
-
-def read_config(parameters: Parameters) -> Config:
-    """Read a configuration in the format of MuSHR's ackermann_cmd_mux.
+    """Return a configuration in the format of MuSHR's ackermann_cmd_mux.
 
     Args:
-        parameters: ``{"publisher": topic, "subscribers": [{"name", "topic", "timeout" [s],
-            "priority", "short_desc"}, ...]}``; short_desc is optional.
+        raw: ``{"publisher": topic, "subscribers": [{"name", "topic", "timeout" [s], "priority",
+            "short_desc"}, ...]}``; short_desc is optional.
 
     Raises:
         UserError: keys are missing or unknown, values have the wrong type, two inputs have
             the same name, topic or priority, or an input has the topic of the publisher.
     """
-    parameters.check_names("subscribers", "publisher")
-    publisher = parameters.text(
-        "publisher", expected="a topic", meaning="topic of the forwarded commands"
-    )
-    meaning = "each with name, topic, timeout [s], priority and short_desc"
-    entries = parameters.items("subscribers", "a list of inputs", meaning)
-    inputs = [_input(entry, f"~subscribers[{number}]/") for number, entry in enumerate(entries, 1)]
+    return config_of(_read(raw, "~", MUX_PARAMETERS))
+
+
+def config_of(values: Values) -> Config:
+    """Return the configuration with the values of MUX_PARAMETERS.
+
+    Raises:
+        UserError: an input has the topic of the publisher.
+    """
+    inputs, publisher = values["subscribers"], values["publisher"]
+    if publisher in (each.topic for each in inputs):
+        expected = "expected another topic than those of the inputs"
+        raise UserError(f"parameter ~publisher is {publisher!r}; {expected}")
+    return Config(inputs, publisher)
+
+
+def _inputs(entries: Any) -> Tuple[Input, ...]:
+    """Return the inputs in the order of decreasing priority."""
+    if not isinstance(entries, list) or not entries:
+        raise RefusedError
+    inputs = [_input(entry, f"~subscribers[{index}]/") for index, entry in enumerate(entries, 1)]
     for one, other in itertools.combinations(inputs, 2):
         for field in ("name", "topic", "priority"):
             value = getattr(one, field)
@@ -179,27 +199,49 @@ def read_config(parameters: Parameters) -> Config:
                     f"inputs '{one.name}' and '{other.name}' share the {field} {value!r}; "
                     "expected each input to have its own"
                 )
-    if publisher in (each.topic for each in inputs):
-        raise parameters.error("publisher", "another topic than those of the inputs")
-    return Config(tuple(sorted(inputs, key=lambda each: -each.priority)), publisher)
+    return tuple(sorted(inputs, key=lambda each: -each.priority))
+
+
+MUX_PARAMETERS = (
+    text("publisher", REQUIRED, "topic of the forwarded commands", "a topic"),
+    Parameter(
+        "subscribers",
+        REQUIRED,
+        "a list of inputs",
+        _inputs,
+        "each with name, topic, timeout [s], priority and short_desc",
+    ),
+)
+
+
+def _name(value: Any) -> str:
+    """Return the name of an input."""
+    if value == IDLE:
+        raise RefusedError("another name; this one means that no input drives")
+    return not_empty(value)
+
+
+_INPUT_PARAMETERS = (
+    Parameter("name", REQUIRED, "a name", _name),
+    text("topic", REQUIRED, expected="a topic"),
+    number("timeout", REQUIRED, "s", 1e-9, 1e6),
+    integer("priority", REQUIRED, -1e9, 1e9),
+    Parameter("short_desc", None, "", str),
+)
 
 
 def _input(entry: Any, prefix: str) -> Input:
-    """Read one entry of the list of inputs."""
-    keys = _parameters(entry, prefix, "name", "topic", "timeout", "priority", "short_desc")
-    name = keys.text("name", expected="a name")
-    if name == IDLE:
-        raise keys.error("name", "another name; this one means that no input drives")
-    timeout = keys.number("timeout", math.nan, "s", 1e-9, 1e6)
-    priority = keys.integer("priority", math.nan, -1e9, 1e9)
-    return Input(name, keys.text("topic", expected="a topic"), from_seconds(timeout), priority)
+    """Return the input that an entry describes."""
+    values = _read(entry, prefix, _INPUT_PARAMETERS)
+    timeout = from_seconds(values["timeout"])
+    return Input(values["name"], values["topic"], timeout, values["priority"])
 
 
-def _parameters(raw: Any, prefix: str, *known: str) -> Parameters:
-    """Return the parameters of a mapping that has known keys only."""
-    expected = f"only the keys {', '.join(known)}"
+def _read(raw: Any, prefix: str, table: Table) -> Values:
+    """Return the values in a mapping that has the keys of a table only."""
     if not isinstance(raw, dict):
-        raise UserError(f"parameter {prefix} is {raw!r}; expected {expected}")
+        expected = ", ".join(each.name for each in table)
+        raise UserError(f"parameter {prefix} is {raw!r}; expected only the keys {expected}")
     parameters = Parameters(raw, prefix)
-    parameters.check_names(*known)
-    return parameters
+    parameters.refuse_unknown(table)
+    return parameters.read(table)

@@ -5,15 +5,24 @@ Interpretation" on its page in the ROS wiki, and the source code of its Noetic r
 page leaves open).
 """
 
-import math
 import os
+from typing import Any, List
 
 import numpy as np
 from PIL import Image
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import MAX_COORDINATE, Pose
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.parameters import (
+    REQUIRED,
+    Parameter,
+    Parameters,
+    RefusedError,
+    choice,
+    integer,
+    number,
+    text,
+)
 from mushr_ros_intro.world.grid import (
     MAX_RESOLUTION,
     MIN_RESOLUTION,
@@ -29,6 +38,29 @@ _CHANNELS = {"1": "L", "L": "L", "LA": "RGBA", "RGB": "RGB", "RGBA": "RGBA"}
 """The channels that map_server's reader decodes from Pillow's image modes."""
 
 
+def _origin(value: Any) -> List[Any]:
+    if not isinstance(value, list) or len(value) != 3:
+        raise RefusedError
+    return value
+
+
+_KEYS = (
+    number("resolution", REQUIRED, "m", MIN_RESOLUTION, MAX_RESOLUTION),
+    number("occupied_thresh", REQUIRED, "", 0.0, 1.0),
+    number("free_thresh", REQUIRED, "", 0.0, 1.0),
+    integer("negate", REQUIRED, 0, 1),
+    choice("mode", ["trinary"], "trinary"),
+    Parameter("origin", REQUIRED, "[x, y, yaw] in m, m, rad", _origin),
+    text("image", REQUIRED, expected="the path of a PNG or PGM image"),
+)
+
+_ORIGIN = (
+    number("x", REQUIRED, "m", -MAX_COORDINATE, MAX_COORDINATE),
+    number("y", REQUIRED, "m", -MAX_COORDINATE, MAX_COORDINATE),
+    number("yaw", REQUIRED, "rad", -MAX_COORDINATE, MAX_COORDINATE),
+)
+
+
 def read_map(path: str) -> Grid:
     """Read the map with the YAML file `path`.
 
@@ -40,20 +72,13 @@ def read_map(path: str) -> Grid:
     """
     values = read_mapping(path, "a map's yaml file, with keys such as 'image: map.png'")
     keys = Parameters(values, f"{path}: ")
-    resolution = keys.number("resolution", math.nan, "m", MIN_RESOLUTION, MAX_RESOLUTION)
-    occupied = keys.number("occupied_thresh", math.nan, "", 0.0, 1.0)
-    free = keys.number("free_thresh", math.nan, "", 0.0, occupied)
-    negate = keys.integer("negate", math.nan, 0, 1)
-    keys.choice("mode", ["trinary"], "trinary")
-    origin = values.get("origin")
-    if not isinstance(origin, list) or len(origin) != 3:
-        raise keys.error("origin", "[x, y, yaw] in m, m, rad")
-    units = {"x": "m", "y": "m", "yaw": "rad"}
-    read = Parameters(dict(zip(units, origin)), f"{path}: origin: ").number
-    limits = -MAX_COORDINATE, MAX_COORDINATE
-    corner = Pose(*(read(name, math.nan, unit, *limits) for name, unit in units.items()))
-    name = keys.text("image", expected="the path of a PNG or PGM image")
-    image = os.path.join(os.path.dirname(path), name)
+    read = keys.read(_KEYS)
+    occupied, free = read["occupied_thresh"], read["free_thresh"]
+    if free > occupied:
+        raise keys.error("free_thresh", f"a number from 0 to {occupied:g}")
+    origin = dict(zip(("x", "y", "yaw"), read["origin"]))
+    corner = Pose(*Parameters(origin, f"{path}: origin: ").read(_ORIGIN).values())
+    image = os.path.join(os.path.dirname(path), read["image"])
     try:
         channels = _read_channels(image)
     except Exception as error:  # Pillow raises errors of many classes
@@ -62,8 +87,8 @@ def read_map(path: str) -> Grid:
             f"{path}: image: '{image}': {reason}; expected a PNG or PGM image, grey or RGB with 8 "
             "bits per channel, without a colour table or a transparent colour"
         ) from None
-    cells = _cells(channels, bool(negate), occupied, free)
-    return Grid(cells, as_travelled(resolution), corner)
+    cells = _cells(channels, bool(read["negate"]), occupied, free)
+    return Grid(cells, as_travelled(read["resolution"]), corner)
 
 
 def _read_channels(path: str) -> np.ndarray:

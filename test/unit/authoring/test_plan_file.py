@@ -8,7 +8,6 @@ import pytest
 from mushr_ros_intro.authoring.plan_file import PlanFile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Plan, Row
 
@@ -22,7 +21,7 @@ NOBODY = 65534
 
 @pytest.fixture(name="file")
 def _file(tmp_path):
-    return PlanFile(Parameters({"folder": str(tmp_path)}), "mine.txt")
+    return PlanFile(str(tmp_path), "mine.txt")
 
 
 def save(file, x=0.0, rows=ROWS):

@@ -50,9 +50,8 @@ def parameters_in(text):
 def test_help(program, monkeypatch):
     """It names the purpose, the topics, an example, and every parameter."""
     text = node.help_text(class_of(program, monkeypatch))
-    without = (
-        r"^  (\w+)\n    (?:a number|true or|one of|text that|a file name|default|required|\n|$)"
-    )
+    kinds = "a number|a whole|true or|one of|a file name|default|required"
+    without = rf"^  (\w+)\n    (?:{kinds}|\n|$)"
     assert re.findall(without, text, re.M) == [], "expected a meaning of each parameter"
     expected = "expected a docstring of the class with a sentence, the topics, and an example"
     assert text.count("\n\n") >= 2, expected

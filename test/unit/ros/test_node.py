@@ -18,7 +18,9 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros import node, rospy_fixes
 
 class Made:
-    def __init__(self):
+    PARAMETERS = ()
+
+    def __init__(self, values):
         rospy.on_shutdown(lambda: print("stops", flush=True))
 
 """
