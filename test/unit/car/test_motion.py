@@ -16,8 +16,10 @@ from mushr_ros_intro.world.map_file import read_map
 from support.cars import BEGIN, CARS, MS, ROUNDING, SECOND, at, history_of
 from support.paths import PACKAGE
 
-NANO = CARS["mushr_nano_master"]._replace(acceleration=2.5)
-"""With an acceleration that is easy to compute with."""
+NANO = CARS["mushr_nano"]._replace(
+    acceleration=2.5, steering_limit_left=0.4375, steering_limit_right=0.4375
+)
+"""With an acceleration that is easy to compute with, and the same limit to both sides."""
 TRIMMED = NANO._replace(speed_gain=0.9, steering_gain=1.1, steering_offset=-0.05)
 STANDING = at_rest(0, ORIGIN)
 

@@ -49,7 +49,6 @@ def test_profiles():
     "name, erpm_gain, servo_gain, servo_offset, max_erpm",
     [
         ("mushr_nano", -3500.0, 0.95, 0.55, 3250.0),
-        ("mushr_nano_master", -3500.0, 0.8, 0.5, 3250.0),
         ("mushr_tx2", -2000.0, 1.2135, 0.55, 3250.0),
         ("mushr_sim", 4614.0, -1.2135, 0.5304, 30500.0),
         ("racecar_mit", 4614.0, -1.2135, 0.5304, 3250.0),
