@@ -226,6 +226,18 @@ class TerminalTest(Commands, RosTestCase):
         self.check_silence()
         self.check_headers()
 
+    def test_escape_sequences(self):
+        """Arrows drive as arrows do; F4, Alt+S and Escape stop, and never drive."""
+        for key, wanted in ((b"\x1b[A", FORWARD), (b"\x1bOD", (2.0, float32(0.34)))):
+            os.write(self.keyboard, key)
+            self.wait_for_drive(wanted)
+        for key in (b"\x1bOS", b"\x1bs", b"\x1b"):
+            os.write(self.keyboard, key)
+            self.wait_for_drive(STOP)
+            os.write(self.keyboard, b"w")
+            self.wait_for_drive(FORWARD)
+        self.assertEqual(min(each.drive.speed for each in self.commands.messages), 0.0)
+
     def test_help(self):
         """The node prints the help again while keys are typed."""
         output = b""

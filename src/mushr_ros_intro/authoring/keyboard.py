@@ -8,17 +8,17 @@ import tty
 from contextlib import suppress
 from typing import Any, Union
 
-from mushr_ros_intro.authoring.teleop import Keys
+from mushr_ros_intro.authoring.teleop import Keys, keys_in
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.stamps import NANOSECONDS
 
-HELP = "W, S: drive; A, D: steer; any other key: stop"
+HELP = "W, S: drive; A, D: steer, or the arrow keys; any other key: stop"
 
 HELP_PERIOD = 5 * NANOSECONDS
 """A terminal shows the help again if a key is typed this long after the last time [ns]."""
 
 POLL = 0.01
-"""The longest time that `read` waits [s]."""
+"""The longest time that `read` waits [s]; a terminal sends an escape sequence faster."""
 
 
 class Window:
@@ -115,6 +115,7 @@ class Terminal:
             ) from None
         self.is_open = True
         self._keys = Keys()
+        self._rest = ""  # the beginning of an escape sequence
         self._help_due = 0
         tty.setcbreak(self._input)  # discards what was typed before
         self._show_help(time.monotonic_ns())
@@ -130,7 +131,10 @@ class Terminal:
         now = time.monotonic_ns()
         if typed:
             self._show_help(now)
-        for key in typed.decode("ascii", errors="replace"):
+        keys, self._rest = keys_in(self._rest + typed.decode("ascii", errors="replace"))
+        if not typed and self._rest:  # it was the key Escape
+            keys, self._rest = [self._rest], ""
+        for key in keys:
             self._keys = self._keys.typed(key, now)
         self._keys = self._keys.at(now)
         return self._keys

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mushr_ros_intro.authoring import teleop
-from mushr_ros_intro.authoring.teleop import BOUNCE, STOP, Keys, Schedule
+from mushr_ros_intro.authoring.teleop import BOUNCE, STOP, Keys, Schedule, keys_in
 from mushr_ros_intro.stamps import COMMAND_PERIOD
 
 MS = 1_000_000
@@ -43,13 +43,16 @@ def typed(*characters):
         ("wad", (2.0, 0.0)),
         ("WA", (2.0, 0.34)),
         ("ww", (2.0, 0.0)),
+        (["Up", "Left"], (2.0, 0.34)),
+        (["Down", "Right"], (-2.0, -0.34)),
+        (["Up", "w"], (2.0, 0.0)),
     ],
 )
 def test_keys_become_a_command(keys, wanted):
     assert down(keys).drive(2.0, 0.34) == wanted
 
 
-@pytest.mark.parametrize("key", ["space", "Escape", "q", "Shift_L"])
+@pytest.mark.parametrize("key", ["space", "Escape", "q", "Shift_L", "F4", "\x1bOS", "\x1bs"])
 def test_any_other_key_releases_all(key):
     assert down("wa").down(key) == Keys()
     assert down("wa").typed(key, 0) == Keys()
@@ -81,6 +84,7 @@ FIRST, NEXT = teleop.FIRST_HOLD // MS, teleop.NEXT_HOLD // MS
         ([("w", 0)], FIRST, (2.0, 0.0)),
         ([("W", 0)], FIRST, (2.0, 0.0)),
         ([("w", 0), ("w", FIRST - 1)], FIRST - 1 + NEXT, (2.0, 0.0)),
+        ([("w", 0), ("w", 660)], 660 + NEXT, (2.0, 0.0)),  # X.org's delay
         ([("w", 0), ("w", FIRST)], 2 * FIRST, (2.0, 0.0)),  # it was released in between
         ([("w", 0), ("s", 1)], FIRST + 1, (-2.0, 0.0)),  # the opposite key
         ([("a", 0), ("d", 1)], FIRST + 1, (0.0, -0.34)),
@@ -94,6 +98,33 @@ def test_characters_hold_their_keys(characters, end, wanted):
     keys = typed(*characters)
     assert keys.at(end * MS - 1).drive(2.0, 0.34) == wanted
     assert keys.at(end * MS) == Keys()
+
+
+@pytest.mark.parametrize(
+    "typed, keys, rest",
+    [
+        ("wA\x00\xe9", ["w", "A", "\x00", "\xe9"], ""),
+        ("\x1b[A\x1b[B\x1b[C\x1b[D", ["up", "down", "right", "left"], ""),
+        ("\x1bOAw\x1bOD", ["up", "w", "left"], ""),  # in the application mode of the keys
+        ("\x1bOS", ["\x1bOS"], ""),  # F4
+        ("\x1b[[A", ["\x1b[[A"], ""),  # F1 in the Linux console
+        ("\x1b[15~d", ["\x1b[15~", "d"], ""),  # F5
+        ("\x1b[1;5A\x1bO5A", ["\x1b[1;5A", "\x1bO5A"], ""),  # Ctrl and an arrow
+        ("\x1b\x1b[A", ["\x1b\x1b[A"], ""),  # Alt and an arrow
+        ("\x1bs\x1bw", ["\x1bs", "\x1bw"], ""),  # Alt and a letter
+        *((begin, [], begin) for begin in ("\x1b", "\x1b[", "\x1bO", "\x1b[1;", "\x1b[[")),
+        ("w\x1b", ["w"], "\x1b"),
+    ],
+)
+def test_keys_of_a_terminal(typed, keys, rest):
+    assert keys_in(typed) == (keys, rest)
+
+
+@given(st.text(st.sampled_from("\x1b[O1;~AsSw"), max_size=8), st.integers(0, 8))
+def test_the_keys_do_not_depend_on_how_they_arrive(typed, cut):
+    first, rest = keys_in(typed[:cut])
+    second, rest = keys_in(rest + typed[cut:])
+    assert (first + second, rest) == keys_in(typed)
 
 
 @given(st.lists(st.tuples(st.sampled_from("wasdWq "), st.integers(0, 10**9)), max_size=30))
