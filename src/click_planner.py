@@ -6,13 +6,14 @@ import threading
 from typing import Optional
 
 import rospy
-from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Path
 
 from mushr_ros_intro.authoring.clicks import extend
 from mushr_ros_intro.authoring.plan_file import PlanFile, plan_file_parameters, summary
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Values, number
 from mushr_ros_intro.plan.plan import MAX_SPEED, MAX_STEERING_ANGLE, Plan
 from mushr_ros_intro.preview.prediction import trajectory
@@ -32,8 +33,9 @@ LIMIT = "limit to both sides; by default that of the car, or 0.34 without one"
 class ClickPlanner:
     """The planner as a node.
 
-    Subscribes to ``~init_pose_topic``, the start pose of a new plan, and to ``clicked_point``, the
-    end of one more arc; both in the map frame. Publishes the plan so far on ``~path``, latched.
+    Subscribes to ``clicked_point``, the end of one more arc. The first arc begins at the pose of
+    the car, ``/CAR_NAME/car_pose``, or without one, at the last pose on ``~init_pose_topic``, which
+    begins a new plan; all in the map frame. Publishes the plan so far on ``~path``, latched.
     Services: ``~undo`` removes the last click, ``~clear`` removes all, ``~save`` writes a plan
     file.
 
@@ -78,6 +80,8 @@ class ClickPlanner:
 
         self._lock = threading.Lock()
         self._plan: Optional[Plan] = None
+        self._car_pose: Optional[Pose] = None
+        """The latest one since the car was placed."""
 
         self._path_pub = rospy.Publisher("~path", Path, queue_size=1, latch=True)
         self._publish_path()
@@ -87,6 +91,7 @@ class ClickPlanner:
         self._start_sub = rospy.Subscriber(
             values["init_pose_topic"], PoseWithCovarianceStamped, self._on_start
         )
+        rospy.Subscriber(f"/{values['car_name']}/car_pose", PoseStamped, self._on_car_pose)
         rospy.Subscriber("clicked_point", PointStamped, self._on_point)
 
     def run(self) -> None:
@@ -102,14 +107,21 @@ class ClickPlanner:
                 return
             if not self._file.is_saved(self._plan):
                 rospy.logwarn("new start pose: the clicks before it were not saved")
-            self._plan = Plan("", pose, ())
+            self._plan, self._car_pose = Plan("", pose, ()), None
             self._publish_path()
+
+    @conversions.ignore_bad_messages
+    def _on_car_pose(self, msg: PoseStamped) -> None:
+        pose = conversions.initial_pose_from_msg(msg).pose
+        with self._lock:
+            self._car_pose = pose
 
     @conversions.ignore_bad_messages
     def _on_point(self, msg: PointStamped) -> None:
         point = conversions.point_from_msg(msg)
         with self._lock:
-            if self._plan is None:
+            plan = self._plan_to_extend()
+            if plan is None:
                 rospy.logwarn(
                     "ignored a point: the plan has no start pose yet; set it first on "
                     f"{self._start_sub.resolved_name} (in rviz: 2D Pose Estimate; in the browser: "
@@ -117,7 +129,7 @@ class ClickPlanner:
                 )
                 return
             try:
-                self._plan = extend(self._plan, point, self._speed, self._car)
+                self._plan = extend(plan, point, self._speed, self._car)
             except UserError as error:
                 rospy.logwarn(f"refused: {error}")
                 return
@@ -127,8 +139,16 @@ class ClickPlanner:
                 rospy.loginfo("a new plan starts at %s", self._plan.start)
             gear = "in reverse" if row.speed < 0.0 else "forward"
             rospy.loginfo(
-                "click %d: %g rad, %s; %s", count, row.steering_angle, gear, summary(self._plan)
+                "click %d: %.3f rad, %s; %s", count, row.steering_angle, gear, summary(self._plan)
             )
+
+    def _plan_to_extend(self) -> Optional[Plan]:
+        """Return the plan so far; before the first click, it starts at the car; needs the lock."""
+        plan, pose = self._plan, self._car_pose
+        if (plan and plan.rows) or pose is None:
+            return plan
+        # A placed car is at the start pose, which its messages round.
+        return plan if plan and pose.is_close_to(plan.start, SAME_POSE) else Plan("", pose, ())
 
     def _undo(self) -> str:
         """Remove the last click; return a message; needs the lock.
