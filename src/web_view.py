@@ -77,12 +77,14 @@ class WebView:
     async def _run(self) -> None:
         ended, wake = asyncio.Event(), asyncio.Event()
         car, planner = f"/{self._car_name}", f"{self._prefix}/click_planner"
+        teleop = f"{car}/mux/ackermann_cmd_mux/input/teleop"
         self._bridge = Bridge(
             {
                 self._init_pose_topic: PoseWithCovarianceStamped,
                 f"{self._prefix}/clicked_point": PointStamped,
-                f"{car}/mux/ackermann_cmd_mux/input/teleop": AckermannDriveStamped,
+                teleop: AckermannDriveStamped,
             },
+            teleop,
             {
                 *(f"{car}/car_sim/{name}" for name in ("reset", "pause", "resume", "step")),
                 *(f"{planner}/{name}" for name in ("undo", "clear", "save")),

@@ -124,7 +124,7 @@ class Client:
         """Return the text of the next error."""
         return self.frame(lambda frame: frame["op"] == "status", "an error")["msg"]
 
-    def call(self, service, **args):
+    def call(self, service, args=()):
         """Call a service; return whether there is a result, and its values."""
         self.send("call_service", id=service, service=service, args=args)
         frame = self.frame(lambda frame: frame.get("id") == service, f"an answer of {service}")

@@ -82,6 +82,8 @@ def test_real_client(sim, name):
     assert (found["placed"]["x"], found["placed"]["y"]) == (x, y)
     assert abs(found["clicked"] - x - 1.0) < 1e-6, "the plan does not end at the click"
     assert found["undo"]["success"] is True and found["undo"]["message"]
+    assert "/car/car_sim" in found["nodes"], "nodes whose details came, asked for all at once"
+    assert found["param"] == 50.0
     assert found["undoAgain"] == {"success": False, "message": "there is no click to undo"}
     assert "may not call '/car/car_sim/explode'" in found["service"]
     errors = "\n".join(sorted(found["errors"]))
@@ -310,6 +312,8 @@ REFUSED_CALLS = [
     ("/rosapi/topics", {"x": 1}, "arguments"),
     ("/rosapi/node_details", {}, "arguments"),
     ("/rosapi/node_details", {"node": 1}, "arguments"),
+    ("/rosapi/node_details", ["/a", "/b"], "arguments"),
+    ("/car/car_sim/reset", [1], "expected none"),
 ]
 
 
@@ -321,7 +325,7 @@ def test_requests_that_are_refused(sim):
         error = client.error()
         assert part in error and len(error) < 1000, (text[:100], error)
     for service, args, part in REFUSED_CALLS:
-        result, values = client.call(service, **args)
+        result, values = client.call(service, args)
         assert result is False and part in values, service
     assert client.call("/rosapi/topics")[0] is True, "the connection is as good as before"
     stamps = watcher.stamps(2)
@@ -337,10 +341,44 @@ def test_what_foxglove_asks_for(sim):
     assert found["types"][number] == "geometry_msgs/PoseStamped"
     assert "MSG: geometry_msgs/Pose\n" in found["typedefs_full_text"][number]
     assert "/car/car_sim" in client.call("/rosapi/nodes")[1]["nodes"]
-    _, details = client.call("/rosapi/node_details", node="/car/car_sim")
+    _, details = client.call("/rosapi/node_details", {"node": "/car/car_sim"})
     assert web.POSE in details["publishing"]
     assert "/initialpose" in details["subscribing"]
     assert "/car/car_sim/reset" in details["services"]
+    assert client.call("/rosapi/node_details", ["/car/car_sim"]) == (True, details), "a list"
+    pose_rate = {"name": "/car/car_sim/pose_rate"}
+    for args in (pose_rate, {**pose_rate, "default": "1"}, [pose_rate["name"]]):
+        assert client.call("/rosapi/get_param", args) == (True, {"value": "50.0"}), args
+    assert client.call("/rosapi/get_param", {"name": "/no"}) == (True, {"value": "null"})
+    assert client.call("/rosapi/get_param", ["/no", "1"]) == (True, {"value": "1"})
+    assert client.call("/rosapi/has_param", {"name": "/no"}) == (True, {"exists": False})
+    assert pose_rate["name"] in client.call("/rosapi/get_param_names")[1]["names"]
+    client.close()
+
+
+def test_each_subscription_gets_the_latched_message(sim):
+    client = sim.client("/map_metadata")
+    first = client.message("/map_metadata")
+    client.subscribe("/map_metadata", id="second")
+    assert client.message("/map_metadata") == first
+    client.close()
+
+
+def test_a_client_that_falls_silent_while_it_drives(sim):
+    """The bridge sends a stop, whatever the mux does."""
+    client = sim.client(TELEOP)
+    speeds = []
+
+    def is_answer(frame):
+        if frame.get("topic") == TELEOP:
+            speeds.append(frame["msg"]["drive"]["speed"])
+        return "service" in frame
+
+    while not speeds:  # ROS has to connect publisher and subscriber
+        client.send("publish", topic=TELEOP, msg={"drive": {"speed": 1.0}})
+        client.send("call_service", service="/rosapi/topics")
+        client.frame(is_answer, "an answer")
+    client.message(TELEOP, lambda msg: msg["drive"]["speed"] == 0.0, "that stops")
     client.close()
 
 

@@ -12,6 +12,7 @@ from typing import Any, Callable, Collection, Dict, List, Mapping, Optional, Set
 
 import rosgraph
 import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
 from rospy.msg import AnyMsg
 from std_srvs.srv import Trigger
 
@@ -30,11 +31,14 @@ from mushr_ros_intro.ros.conversions import MessageError
 from mushr_ros_intro.ros.xmlrpc_client import CallError
 from mushr_ros_intro.stamps import CALL_TIMEOUT
 
-MAX_CALLS = 5
-"""Calls of services by one client that run at the same time; more fail at once."""
+SILENCE = 0.2
+"""Longest time between two commands of clients [s]; the mux takes a command for that long, too."""
 
 MAX_TOPICS = 100
 """The number of topics that a client can subscribe to."""
+
+MAX_WAITING = 1000
+"""Calls of services by one client that wait for an answer; more fail at once."""
 
 THREADS = 16
 """The number of calls that run at the same time."""
@@ -97,26 +101,35 @@ def _report(done: "Future[None]") -> None:
 class Bridge:
     """The topics and services of ROS, for clients.
 
+    If no client sends the next command on `driving` in time, the car gets a stop: a page can fall
+    silent while it drives, and not every mux stops the car then.
+
     Args:
         publishable: the topics on which clients may publish, with their message classes.
+        driving: that of them which drives the car, of ackermann_msgs/AckermannDriveStamped.
         services: the names of the std_srvs/Trigger services that clients may call.
         local: the names of the topics that ROS does not have, for `offer`. Clients may subscribe to
             them before the first message.
     """
 
     def __init__(
-        self, publishable: Mapping[str, Any], services: Collection[str], local: Collection[str]
+        self,
+        publishable: Mapping[str, Any],
+        driving: str,
+        services: Collection[str],
+        local: Collection[str],
     ) -> None:
         self._publishers = {
             name: rospy.Publisher(name, kind, queue_size=10, tcp_nodelay=True)
             for name, kind in publishable.items()
         }
+        self._driving = driving
+        self._stop: Optional[asyncio.TimerHandle] = None
         self._services = services
         self._topics = {name: SharedTopic(name, is_local=True) for name in local}
         self._loop = asyncio.get_event_loop()
         self._registration = ThreadPoolExecutor(1)
         self._pool = ThreadPoolExecutor(THREADS)
-        self._calls: Dict[Outbox, int] = {}
 
     def listen(self, name: str, listener: Callable[[bytes], None]) -> None:
         """Call a function with every message of a topic, as ROS transmits it."""
@@ -170,10 +183,24 @@ class Bridge:
                     f"type of {request.topic} is {request.type!r}; expected {expected!r}"
                 )
         elif request.op == "publish":
-            publisher = self._publisher(request.topic)
-            publisher.publish(messages.from_values(publisher.data_class, request.msg))
+            self._publish(request)
         elif request.op == "call_service":
             asyncio.ensure_future(self._answer(outbox, request))
+
+    def _publish(self, request: Request) -> None:
+        publisher = self._publisher(request.topic)
+        msg = messages.from_values(publisher.data_class, request.msg)
+        publisher.publish(msg)
+        if request.topic == self._driving:
+            self._stop_after(msg)
+
+    def _stop_after(self, command: AckermannDriveStamped) -> None:
+        """Send a stop if no other command follows this one in time."""
+        if self._stop:
+            self._stop.cancel()
+        stop = Request("publish", topic=self._driving)
+        is_stop = not (command.drive.speed or command.drive.steering_angle)
+        self._stop = None if is_stop else self._loop.call_later(SILENCE, self._publish, stop)
 
     def _publisher(self, topic: str) -> rospy.Publisher:
         if topic not in self._publishers:
@@ -196,10 +223,8 @@ class Bridge:
                 raise ProtocolError(f"type of {name} is {asked!r}; expected {known!r}")
         topic = self._topics.setdefault(name, SharedTopic(name))
         topic.outboxes.add(outbox)
-        is_new = name not in outbox.topics
         outbox.subscribe(request)
-        if is_new:
-            topic.put_latched(outbox)
+        topic.put_latched(outbox)
         self._update(topic)
 
     def _unsubscribe(self, outbox: Outbox, request: Request) -> None:
@@ -244,24 +269,23 @@ class Bridge:
             listener(raw)
 
     async def _answer(self, outbox: Outbox, request: Request) -> None:
-        self._calls[outbox] = self._calls.get(outbox, 0) + 1
+        outbox.waiting += 1
         try:
-            if self._calls[outbox] > MAX_CALLS:
-                raise ProtocolError(f"{MAX_CALLS} calls are running; expected fewer")
-            call = self.in_thread(self._call, request.service, request.args)
-            reply = response(request, await asyncio.wait_for(call, 2 * CALL_TIMEOUT))
+            if outbox.waiting > MAX_WAITING:
+                raise ProtocolError(f"{MAX_WAITING} calls have no answer yet; expected fewer")
+            async with outbox.running:
+                call = self.in_thread(self._call, request.service, request.args)
+                reply = response(request, await asyncio.wait_for(call, 2 * CALL_TIMEOUT))
         except asyncio.TimeoutError:
             text = f"{request.service} does not respond within {2 * CALL_TIMEOUT:g} s"
             reply = response(request, text, result=False)
         except (ProtocolError, MessageError, CallError, rospy.ServiceException) as error:
             reply = response(request, str(error), result=False)
         finally:
-            self._calls[outbox] -= 1
-            if not self._calls[outbox]:
-                del self._calls[outbox]
+            outbox.waiting -= 1
         outbox.reply(reply)
 
-    def _call(self, service: str, args: Dict[str, Any]) -> Any:
+    def _call(self, service: str, args: Union[Dict[str, Any], List[Any]]) -> Any:
         service = f"/{service.lstrip('/')}"  # roslib 2 calls rosapi/topics
         if service.startswith(rosapi.PREFIX):
             return rosapi.call(service, args)

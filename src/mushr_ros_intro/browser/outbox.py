@@ -19,6 +19,9 @@ MAX_QUEUE_LENGTH = 1000
 MAX_REPLIES = 1000
 """How many replies and errors wait at most; the oldest are dropped."""
 
+MAX_CALLS = 5
+"""Calls of services by one client that run at the same time; further ones wait."""
+
 
 class _Queue:
     """The messages of one topic that wait for a client."""
@@ -52,6 +55,9 @@ class Outbox:
         self._replies: Deque[str] = deque(maxlen=MAX_REPLIES)
         self._queues: Dict[str, _Queue] = {}
         self._changed = asyncio.Event()
+        self.waiting = 0
+        """Calls of services that have no answer yet."""
+        self.running = asyncio.Semaphore(MAX_CALLS)
 
     @property
     def topics(self) -> Dict[str, _Queue]:

@@ -5,7 +5,7 @@ The protocol is rosbridge v2: https://github.com/RobotWebTools/rosbridge_suite/b
 
 import json
 import struct
-from typing import Any, Callable, Dict, NamedTuple, NoReturn, Union
+from typing import Any, Callable, Dict, List, NamedTuple, NoReturn, Union
 
 MAX_THROTTLE = 1e9
 """The largest throttle rate of a subscription [ms]."""
@@ -13,7 +13,12 @@ MAX_THROTTLE = 1e9
 COMPRESSIONS = ("none", "cbor-raw")
 """Formats of messages: JSON text; binary frames with the messages as ROS transmits them."""
 
-_KINDS = {str: "text", dict: "an object", float: "a number from 0", bool: "true or false"}
+_KINDS = {
+    str: "text",
+    dict: "an object",
+    float: "a number from 0",
+    (dict, list): "an object or a list",
+}
 
 _FIELDS: Dict[str, Dict[str, type]] = {
     "advertise": {"topic": str, "type": str},
@@ -27,9 +32,9 @@ _FIELDS: Dict[str, Dict[str, type]] = {
 }
 """The operations of clients, and the fields that each requires. A client's status is ignored."""
 
-_OPTIONS: Dict[str, Dict[str, type]] = {
+_OPTIONS: Dict[str, Dict[str, Any]] = {
     "subscribe": {"type": str, "throttle_rate": float, "queue_length": float, "compression": str},
-    "call_service": {"args": dict, "type": str},
+    "call_service": {"args": (dict, list), "type": str},
 }
 """Optional fields; null means that the field is missing. All further fields are ignored."""
 
@@ -52,7 +57,7 @@ class Request(NamedTuple):
     """A message type; empty if the client does not name one."""
     msg: Dict[str, Any] = {}
     service: str = ""
-    args: Dict[str, Any] = {}
+    args: Union[Dict[str, Any], List[Any]] = {}
     throttle_rate: float = 0.0
     """The shortest time between two messages [ms]."""
     queue_length: float = 0.0
@@ -74,8 +79,6 @@ def read_request(text: Union[str, bytes]) -> Request:
     if not isinstance(op, str) or op not in _FIELDS:
         raise ProtocolError(f"op is {_shown(op)}; expected one of {', '.join(_FIELDS)}")
     required, options = _FIELDS[op], _OPTIONS.get(op, {})
-    if op == "call_service" and isinstance(values.get("args"), list) and not values["args"]:
-        del values["args"]  # some clients send an empty list for no arguments
     fields = {
         name: _checked(op, name, values.get(name), kind)
         for name, kind in {**required, **options}.items()
@@ -91,7 +94,7 @@ def _id_in(values: Dict[str, Any]) -> Id:
     return value if isinstance(value, (str, int, float)) else None
 
 
-def _checked(op: str, name: str, value: Any, kind: type) -> Any:
+def _checked(op: str, name: str, value: Any, kind: Any) -> Any:
     """Return the value of a field of an operation; raise a ProtocolError if it has another kind."""
     if kind is float:
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)

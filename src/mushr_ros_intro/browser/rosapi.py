@@ -1,7 +1,8 @@
-"""Answer those services of rosapi that list topics and nodes, and return the time."""
+"""Answer those services of rosapi that list topics, nodes and parameters, and return the time."""
 
 import inspect
-from typing import Any, Callable, Dict, Iterable, List, Set, Tuple
+import json
+from typing import Any, Callable, Dict, Iterable, List, Set, Tuple, Union
 
 import rosgraph
 import roslib.message
@@ -17,8 +18,10 @@ PREFIX = "/rosapi/"
 Values = Dict[str, Any]
 
 
-def call(service: str, args: Values) -> Values:
+def call(service: str, args: Union[Values, List[Any]]) -> Values:
     """Return the values of the answer of a service; `service` begins with PREFIX.
+
+    The arguments have their names, or are in the order of the fields of the service.
 
     Raises:
         MessageError: there is no such service, or its arguments are wrong.
@@ -28,10 +31,16 @@ def call(service: str, args: Values) -> Values:
     if answer is None:
         known = ", ".join(_SERVICES)
         raise MessageError(f"service {service} is not offered; of {PREFIX}, there are {known}")
-    expected = [*inspect.signature(answer).parameters]
-    if sorted(args) != expected or not all(isinstance(each, str) for each in args.values()):
+    signature = inspect.signature(answer)
+    values = list(args.values()) if isinstance(args, dict) else args
+    try:
+        bound = signature.bind(**args) if isinstance(args, dict) else signature.bind(*args)
+    except TypeError:
+        bound = None
+    if bound is None or not all(isinstance(each, str) for each in values):
+        expected = [*signature.parameters]
         raise MessageError(f"arguments of {service} are {args}; expected text for {expected}")
-    return answer(**args)
+    return answer(*bound.args)
 
 
 def _master(method: str, *arguments: Any) -> Any:
@@ -93,6 +102,15 @@ def _node_details(node: str) -> Values:
     }
 
 
+def _get_param(name: str, default: str = "") -> Values:
+    """Return JSON, of the default if there is no such parameter, as rosbridge does."""
+    try:
+        value = rospy.get_param(name)
+    except KeyError:
+        return {"value": default or "null"}
+    return {"value": json.dumps(value, default=str)}
+
+
 def _get_time() -> Values:
     return {"time": to_values(rospy.get_rostime())}
 
@@ -102,5 +120,8 @@ _SERVICES: Dict[str, Callable[..., Values]] = {
     "topics_and_raw_types": _topics_and_raw_types,
     "nodes": _nodes,
     "node_details": _node_details,
+    "get_param": _get_param,
+    "has_param": lambda name: {"exists": rospy.has_param(name)},
+    "get_param_names": lambda: {"names": _master("getParamNames")},
     "get_time": _get_time,
 }

@@ -88,6 +88,20 @@ topic("/clicked_point", "geometry_msgs/PointStamped").publish({
   point: { x: x + 1, y, z: 0 },
 });
 found.clicked = (await drawn).poses.at(-1).pose.position.x;
+const nodes = await new Promise((resolve, reject) =>
+  ros.getNodes(resolve, reject),
+);
+found.nodes = await Promise.all(
+  nodes.map(
+    (node) =>
+      new Promise((resolve, reject) =>
+        ros.getNodeDetails(node, () => resolve(node), reject),
+      ),
+  ),
+);
+found.param = await new Promise((resolve) =>
+  new ROSLIB.Param({ ros, name: "/car/car_sim/pose_rate" }).get(resolve),
+);
 found.undo = await called("/click_planner/undo");
 found.undoAgain = await called("/click_planner/undo");
 found.service = await called("/car/car_sim/explode").catch((error) =>

@@ -95,6 +95,11 @@ publish(
     {"header": {"frame_id": "map"}, "point": {"x": x + 1.0, "y": y, "z": 0.0}},
 )
 found["clicked"] = drawn.get()["poses"][-1]["pose"]["position"]["x"]
+nodes, answers = ros.get_nodes(), queue.Queue()
+for each in nodes:  # all at once
+    ros.get_node_details(each, lambda _, each=each: answers.put(each))
+found["nodes"] = [answers.get(timeout=PATIENCE) for _ in nodes]
+found["param"] = roslibpy.Param(ros, "/car/car_sim/pose_rate").get()
 found["undo"], found["undoAgain"] = called("/click_planner/undo"), called("/click_planner/undo")
 try:
     found["service"] = called("/car/car_sim/explode")

@@ -1,10 +1,13 @@
-"""Check what clients get of topics that ROS does not have."""
+"""Check what the bridge does for clients, without ROS."""
 
 import asyncio
 import json
 
-from mushr_ros_intro.browser.bridge import Bridge
-from mushr_ros_intro.browser.outbox import Outbox
+import rospy
+from ackermann_msgs.msg import AckermannDriveStamped
+
+from mushr_ros_intro.browser.bridge import SILENCE, Bridge
+from mushr_ros_intro.browser.outbox import MAX_CALLS, Outbox
 
 
 async def subscribe(bridge):
@@ -18,11 +21,70 @@ def test_a_client_that_subscribes_before_the_first_message():
     """A page connects again as soon as a new server listens; later pages get the state, too."""
 
     async def run():
-        bridge = Bridge({}, (), {"/state"})
+        bridge = Bridge({}, "", (), {"/state"})
         early = await subscribe(bridge)
         bridge.offer("/state", '{"data": 1}')
         for each in (early, await subscribe(bridge)):
             frame = await asyncio.wait_for(each.next(), 60.0)
             assert json.loads(frame)["msg"] == {"data": 1}
+
+    asyncio.run(run())
+
+
+class Publisher:
+    """Keep what is published."""
+
+    data_class = AckermannDriveStamped
+
+    def __init__(self):
+        self.speeds = []
+        self.is_stopped = asyncio.Event()
+
+    def publish(self, msg):
+        self.speeds.append(msg.drive.speed)
+        if not msg.drive.speed:
+            self.is_stopped.set()
+
+
+def test_a_client_that_falls_silent(monkeypatch):
+    """Each command, and one stop after the last one; no second stop after that of the client."""
+    monkeypatch.setattr(rospy, "get_rostime", lambda: rospy.Time(1))
+
+    async def run(*speeds):
+        publisher = Publisher()
+        monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: publisher)
+        bridge = Bridge({"/drive": AckermannDriveStamped}, "/drive", (), ())
+        for speed in speeds:
+            frame = {"op": "publish", "topic": "/drive", "msg": {"drive": {"speed": speed}}}
+            await bridge.handle(Outbox(), json.dumps(frame))
+        await asyncio.wait_for(publisher.is_stopped.wait(), 60.0)
+        await asyncio.sleep(3 * SILENCE)
+        return publisher.speeds
+
+    assert asyncio.run(run(1.0, 2.0)) == [1.0, 2.0, 0.0]
+    assert asyncio.run(run(1.0, 0.0)) == [1.0, 0.0]
+
+
+def test_calls_wait_for_each_other(monkeypatch):
+    """A client that asks all at once gets all answers, and no more than MAX_CALLS run."""
+    running, most = set(), []
+
+    async def in_thread(self, function, service, _):
+        running.add(service)
+        most.append(len(running))
+        await asyncio.sleep(0.0)
+        running.discard(service)
+        return service
+
+    monkeypatch.setattr(Bridge, "in_thread", in_thread)
+
+    async def run():
+        bridge, outbox = Bridge({}, "", (), ()), Outbox()
+        names = [f"/{number}" for number in range(30)]
+        for name in names:
+            await bridge.handle(outbox, json.dumps({"op": "call_service", "service": name}))
+        frames = [json.loads(await asyncio.wait_for(outbox.next(), 60.0)) for _ in names]
+        assert {each["values"] for each in frames} == {*names}
+        assert all(each["result"] for each in frames) and max(most) == MAX_CALLS
 
     asyncio.run(run())

@@ -43,8 +43,8 @@ from mushr_ros_intro.browser.protocol import (
             Request("publish", 7, "/a", msg={"data": 1}),
         ),
         (
-            {"op": "call_service", "service": "/s", "args": []},
-            Request("call_service", service="/s"),
+            {"op": "call_service", "service": "/s", "args": ["a"]},
+            Request("call_service", service="/s", args=["a"]),
         ),
         (
             {"op": "call_service", "id": {}, "service": "/s", "args": {"a": "b"}},
@@ -78,8 +78,8 @@ def test_requests(values, request_):
             "subscribe: queue_length is true; expected a number from 0",
         ),
         (
-            '{"op": "call_service", "service": "/s", "args": [1]}',
-            "call_service: args is [1]; expected an object",
+            '{"op": "call_service", "service": "/s", "args": 1}',
+            "call_service: args is 1; expected an object or a list",
         ),
         (json.dumps({"op": "a" * 1000}), f'op is "{"a" * 76}...; expected one of '),
     ],
