@@ -9,14 +9,15 @@ const DEAF = 1000; // a mux that passes nothing on for so long is not running [m
 const DEAD_ZONE = 0.1; // of a gamepad's stick
 const KEYS = { w: [1, 0], s: [-1, 0], a: [0, 1], d: [0, -1] }; // forward, left
 const PAD_KEYS = {
-  ArrowUp: "w",
-  ArrowDown: "s",
-  ArrowLeft: "a",
-  ArrowRight: "d",
+  ArrowUp: KEYS.w,
+  ArrowDown: KEYS.s,
+  ArrowLeft: KEYS.a,
+  ArrowRight: KEYS.d,
 };
 const TYPING = "input:not([type=checkbox], [type=radio]), select";
 const pad = find("pad");
-const keys = new Set(); // those that are held
+// What the held keys ask for, by their places on the keyboard: a modifier changes the name of a key.
+const keys = new Map();
 let stick = null; // of the touch pad: forward, left
 let begun = 0; // when the car began to be driven [ms]; 0 if it is not driven
 let heard = 0; // when the mux passed a command on [ms]
@@ -26,24 +27,35 @@ let isArmed = true; // after a stop, the gamepad's button has to be pressed agai
 function gamepad() {
   const pads = document.hasFocus() ? [...navigator.getGamepads()] : [];
   const held = pads.find(
-    (each) => each?.mapping === "standard" && each.buttons[4].pressed,
+    (each) =>
+      each?.connected && each.mapping === "standard" && each.buttons[4].pressed,
   );
   isArmed ||= !held;
   const part = (value) => (Math.abs(value) < DEAD_ZONE ? 0 : -value);
   return held && isArmed && [part(held.axes[1]), part(held.axes[2])];
 }
+function heldKeys() {
+  const sum = (axis) =>
+    [...keys.values()].reduce((total, each) => total + each[axis], 0);
+  return keys.size && [sum(0), sum(1)];
+}
+const INPUTS = { keys: heldKeys, "touch pad": () => stick, gamepad };
+
+/** The first input that asks for something, and [forward, left]. One that fails asks for nothing. */
+function wanted() {
+  for (const [name, read] of Object.entries(INPUTS)) {
+    try {
+      const values = read();
+      if (values && values.every(Number.isFinite)) return [name, values];
+    } catch {
+      // Some browsers have no gamepads, or forbid them.
+    }
+  }
+  return ["", [0, 0]];
+}
 
 function step() {
-  const sum = (axis) =>
-    [...keys].reduce((total, key) => total + KEYS[key][axis], 0);
-  const held = {
-    keys: keys.size && [sum(0), sum(1)],
-    "touch pad": stick,
-    gamepad: gamepad(),
-  };
-  const [device, [ahead, left]] = Object.entries(held).find(
-    ([, each]) => each,
-  ) ?? ["", [0, 0]];
+  const [device, [ahead, left]] = wanted();
   const { car_name: car, hand } = server.state ?? { hand: {} };
   const speed = ahead * hand.speed;
   const angle = left * hand.steering_angle;
@@ -81,31 +93,31 @@ export function stopHand() {
   isArmed = false;
   pull(null);
 }
+// Any key that does not drive stops the car: a system can swallow the release of a held key, for
+// example while Cmd is down.
 addEventListener("keydown", (event) => {
-  const key =
-    (event.target === pad && PAD_KEYS[event.key]) || event.key.toLowerCase();
-  const isOther =
-    event.ctrlKey ||
-    event.altKey ||
-    event.metaKey ||
-    event.target.matches(TYPING);
-  if (isOther || !KEYS[key]) return;
+  if (event.target.matches(TYPING)) return;
+  const { key, code, ctrlKey, altKey, metaKey } = event;
+  const isCombined =
+    ctrlKey || altKey || metaKey || event.getModifierState("AltGraph");
+  const effect =
+    (event.target === pad && PAD_KEYS[key]) || KEYS[key.toLowerCase()];
+  if (isCombined || !effect) return stopHand();
   event.preventDefault();
-  if (!event.repeat) keys.add(key); // after a stop, a key has to be pressed again
+  if (!event.repeat) keys.set(code, effect); // after a stop, a key has to be pressed again
 });
-addEventListener("keyup", ({ key }) =>
-  [key.toLowerCase(), PAD_KEYS[key]].forEach((each) => keys.delete(each)),
-);
+addEventListener("keyup", ({ code }) => keys.delete(code));
 addEventListener(
   "focusin",
   (event) => event.target.matches(TYPING) && stopHand(),
 );
-for (const each of ["blur", "pagehide", "visibilitychange"])
+for (const each of ["blur", "pagehide", "visibilitychange", "contextmenu"])
   addEventListener(each, stopHand);
 pad.onpointerdown = (event) => {
+  if (event.button) return;
   pad.setPointerCapture(event.pointerId);
   pull(event);
 };
-pad.onpointermove = (event) => stick && pull(event);
+pad.onpointermove = (event) => stick && pull(event.buttons ? event : null);
 pad.onlostpointercapture = () => pull(null);
 setInterval(step, PERIOD);

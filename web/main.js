@@ -54,7 +54,7 @@ function onStatus(isConnected, delay) {
     "problem",
     [
       state?.problem,
-      delay > LATE && "the bridge does not answer",
+      delay > LATE && "the server of this page (web_view.py) does not answer",
       state && isStale && `no pose${state.problem ? "" : `: ${cause}`}`,
     ]
       .filter(Boolean)
@@ -84,9 +84,7 @@ function onState(state) {
     if (state.map !== (view.map?.number ?? null)) loadMap(state.map);
     if (checked !== last || !isRead) listPlans();
     if (state.drive && state.drive.begun !== lastDrive?.begun)
-      find("log").prepend(
-        element("div", `drive of ${state.drive.plan ?? "a plan"}`, "begin"),
-      );
+      addToLog(`drive of ${state.drive.plan ?? "a plan"}`, "begin");
     return;
   }
   Promise.all([listPlans(), loadMap(state.map)]).then(heard ? null : fit);
@@ -200,10 +198,14 @@ function onLog({ level, name, msg }) {
 /** Add a line to the log, of a node or of the page itself. */
 function addLine(name, kind, msg) {
   const node = name.split("/").at(-1);
-  find("log").prepend(
-    element("div", [node, kind, msg].filter(Boolean).join(": "), kind),
-  );
-  if (find("log").children.length > 300) find("log").lastChild.remove();
+  addToLog([node, kind, msg].filter(Boolean).join(": "), kind);
+}
+function addToLog(text, kind) {
+  const log = find("log");
+  const isAtEnd = log.scrollTop + log.clientHeight > log.scrollHeight - 10;
+  log.append(element("div", text, kind));
+  if (log.children.length > 300) log.firstChild.remove();
+  if (isAtEnd) log.scrollTop = log.scrollHeight;
 }
 
 async function loadMap(number) {
@@ -246,7 +248,9 @@ for (const each of ["undo", "clear", "save"]) {
     call(`${server.state?.prefix}/click_planner/${each}`, "click-state");
 }
 find("tools").onchange = ({ target }) => {
-  if (target.type === "radio") say("click-state", "");
+  if (target.type !== "radio") return;
+  say("click-state", "");
+  find("click-tools").hidden = !find("clicks").checked;
 };
 find("layers").onchange = () => view.set({});
 find("zoom-in").onclick = () => view.zoom(1.4);

@@ -8,7 +8,7 @@ export const element = (kind, textContent, className = "") =>
 export function say(id, text) {
   if (find(id).textContent !== text) find(id).textContent = text;
 }
-const fixed = (value) => (Number(value.toFixed(3)) + 0).toFixed(3); // no -0.000
+export const fixed = (value) => (Number(value.toFixed(3)) + 0).toFixed(3); // no -0.000
 /** A pose as text; the heading is in (-pi, pi]. */
 export const poseText = ([x, y, theta]) => {
   const turns = Math.ceil(theta / (2 * Math.PI) - 0.5);

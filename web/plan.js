@@ -4,6 +4,7 @@ import {
   counted,
   element,
   find,
+  fixed,
   poseText,
   request,
   say,
@@ -15,7 +16,7 @@ import { view } from "./view.js";
 const TOLERANCE = 1e-4; // of the stamps [s]
 const names = find("plan");
 const table = find("rows");
-const stop = find("stop");
+const buttons = { drive: find("drive"), stop: find("stop") };
 let plan = { rows: [] };
 let ends = []; // of the rows in the table, from the start of the drive [s]
 let drive; // that of the server's state; undefined if it is not known
@@ -69,13 +70,27 @@ const others = (all, shown, noun) =>
   all > shown.length
     ? [`... and ${counted(all - shown.length, `more ${noun}`)}`]
     : [];
-function show({ rows, row_count, faults, fault_count, path }) {
+const startText = (pose) =>
+  ["x", "y", "theta"].map((name, i) => `${name} ${fixed(pose[i])}`).join(", ");
+function show({
+  start: pose,
+  start_line,
+  rows,
+  row_count,
+  faults,
+  fault_count,
+  path,
+}) {
   const cells = (row) =>
     [row.line, row.speed, row.steering_angle, row.duration]
       .map((each) => `<td>${Number(each.toFixed(4))}</td>`)
       .join("");
   const more = others(row_count, rows, "row");
+  const begin = pose
+    ? [`<td>${start_line}</td><td colspan="3">start ${startText(pose)}</td>`]
+    : [];
   table.innerHTML = [
+    ...begin,
     ...rows.map(cells),
     ...more.map((text) => `<td colspan="4">${text}</td>`),
   ]
@@ -90,7 +105,7 @@ function show({ rows, row_count, faults, fault_count, path }) {
   );
   texts.push(...others(fault_count, faults, "fault"));
   const lines = texts.length
-    ? texts.map((text) => [text, "warning"])
+    ? texts.map((text) => [text, row_count ? "warning" : "error"])
     : [["no faults", "good"]];
   if (server.state?.has_car === false)
     lines.push(["no simulated car is running: its limits are not checked"]);
@@ -135,8 +150,11 @@ export function updateDrive(next) {
     beside = version();
   }
   drive = next;
-  stop.disabled = !mayRun();
-  find("drive").disabled = mayRun() || !plan.rows.length;
+  buttons.stop.disabled = !mayRun();
+  buttons.drive.disabled = mayRun() || !plan.rows.length;
+  // A disabled button would lose the focus to the beginning of the page.
+  if (document.activeElement.disabled)
+    (Object.values(buttons).find((each) => !each.disabled) ?? names).focus();
   if (!drive?.running) mark(-1);
   say("drive-state", [result(), refusal].filter(Boolean).join("\n"));
   if (isNew && isOther) listPlans(drive.plan).then(fit);
@@ -194,7 +212,7 @@ export function onOutput({ header, drive: command }, owner) {
   mark(time >= 0 ? ends.filter((end) => end <= time).length : -1);
 }
 function mark(number) {
-  const row = table.rows[number];
+  const row = number < 0 ? undefined : table.rows[number + 1]; // the first one is the start pose
   const old = table.querySelector("[aria-current]");
   if (row === old) return;
   old?.removeAttribute("aria-current");
@@ -214,7 +232,7 @@ export function stopPlan() {
   // A request may arrive even without the connection, so a drive that is not known is stopped, too.
   if (mayRun()) ask(undefined, "DELETE");
 }
-stop.onclick = stopPlan;
+buttons.stop.onclick = stopPlan;
 names.onfocus = () => listPlans(names.value);
 names.onchange = async () => {
   // What an earlier drive has published does not belong to this plan.
@@ -222,7 +240,7 @@ names.onchange = async () => {
   await listPlans(names.value);
   fit();
 };
-find("drive").onclick = () =>
+buttons.drive.onclick = () =>
   ask({
     plan: names.value,
     loop: find("loop").checked,

@@ -1,6 +1,6 @@
 // The pointer on the canvas (mouse, wheel, pen, touch), and the keys of the focused canvas.
 
-import { find, server } from "./page.js";
+import { find, say, server } from "./page.js";
 import * as ros from "./ros.js";
 import { view } from "./view.js";
 
@@ -52,12 +52,19 @@ const aim = (x, y) => [
 
 canvas.onpointerdown = ({ button, pointerId, offsetX, offsetY }) => {
   if (button) return;
+  showPoint(offsetX, offsetY);
   canvas.setPointerCapture(pointerId);
   held.set(pointerId, [offsetX, offsetY]);
   start = held.size === 1 ? [offsetX, offsetY] : null; // two fingers only zoom
   isDrag = false;
 };
+/** Show the coordinates of a pixel. */
+function showPoint(px, py) {
+  const [x, y] = view.toMap(px, py).map((each) => each.toFixed(2));
+  say("pointer", `x ${x} m, y ${y} m`);
+}
 canvas.onpointermove = ({ pointerId, offsetX: x, offsetY: y }) => {
+  showPoint(x, y);
   const apart = (one, other) =>
     Math.max(1, Math.hypot(one[0] - other[0], one[1] - other[1]));
   const last = held.get(pointerId);

@@ -1,7 +1,7 @@
 // The canvas, drawn in an animation frame after a change. The picture `back` has what rarely
 // changes: map, grid, plans. It is larger than the canvas, so that it can be moved.
 
-import { find, say } from "./page.js";
+import { find } from "./page.js";
 
 const BODY = [-0.06, -0.135, 0.44, 0.27]; // of the car, from its rear axle: x, y, length, width [m]
 const WHEELS = [
@@ -18,6 +18,7 @@ const ARROW = [
   [1.5, 0],
 ]; // shows where the car heads
 const CAR_PIXELS = 16; // the car is drawn at least this long
+const STEP_PIXELS = 45; // the lines of the grid are at least so far apart
 const MARGIN = 200; // of `back` around the canvas [pixel]
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 /** Paths are lists of [x, y] or [x, y, theta]. */
@@ -123,6 +124,40 @@ function draw() {
   if (pose) drawCar(pen, pose, wheels, isStale);
   if (view.arrow) drawCar(pen, view.arrow, [], true);
   if (view.arrow) drawLine(pen, ARROW, "car", 3, [], view.arrow);
+  drawAxes(pen, roundLength(STEP_PIXELS));
+}
+/** Write x below, and y at the left, at the lines of the grid. */
+function drawAxes(pen, step) {
+  const { width, height, ratio } = view;
+  const write = (text, x, y) => {
+    pen.strokeText(text, x, y);
+    pen.fillText(text, x, y);
+  };
+  const digits = Math.max(0, -Math.floor(Math.log10(step)));
+  const [left, top] = view.toMap(0, 0);
+  const [right, low] = view.toMap(width, height);
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.setLineDash([]);
+  pen.font = "12px system-ui, sans-serif";
+  pen.lineWidth = 4;
+  pen.strokeStyle = colour("back");
+  pen.fillStyle = colour("text");
+  pen.textAlign = "center";
+  const margin = 35 / view.scale;
+  const within = (from, to) => multiples(step, from + margin, to - margin);
+  for (const x of within(left, right - margin))
+    write(x.toFixed(digits), (x - left) * view.scale, height - 6);
+  write("x [m]", width - 22, height - 6);
+  pen.textAlign = "left";
+  for (const y of within(low, top))
+    write(y.toFixed(digits), 5, (top - y) * view.scale + 4);
+  write("y [m]", 5, 14);
+}
+/** The multiples of a step from a number to another one, without -0. */
+function multiples(step, from, to) {
+  const first = Math.ceil(from / step);
+  const count = Math.max(0, Math.floor(to / step) - first + 1);
+  return Array.from({ length: count }, (_, i) => (first + i) * step + 0);
 }
 function drawBack(pen, { predicted, plan = [], clicked }) {
   pen.resetTransform();
@@ -136,13 +171,11 @@ function drawBack(pen, { predicted, plan = [], clicked }) {
   if (picture && isShown("map")) pen.drawImage(picture, 0, -height);
   pen.filter = "none";
   pen.globalCompositeOperation = DARK.matches ? "screen" : "multiply"; // walls stay as they are
-  drawGrid(pen, roundLength(30));
+  drawGrid(pen, roundLength(STEP_PIXELS));
   pen.globalCompositeOperation = "source-over";
   drawLine(pen, plan, "predicted", 2, [9, 5]);
   drawLine(pen, predicted, "predicted", 4, [9, 5]);
   drawLine(pen, clicked, "clicked", 6, [3, 5]);
-  say("scale", `${Number(roundLength(60).toPrecision(1))} m`);
-  find("scale").style.width = `${roundLength(60) * view.scale}px`;
 }
 /** The shortest of 1, 2, 5, 10, ... m that has at least so many pixels. */
 function roundLength(pixels) {
@@ -157,10 +190,8 @@ function drawGrid(pen, step) {
     view.toMap(view.width + MARGIN, view.height + MARGIN),
   ];
   const add = (...points) => drawLine(pen, points, "grid", 1);
-  for (let x = left - (left % step); x < right; x += step)
-    add([x, low], [x, top]);
-  for (let y = low - (low % step); y < top; y += step)
-    add([left, y], [right, y]);
+  for (const x of multiples(step, left, right)) add([x, low], [x, top]);
+  for (const y of multiples(step, low, top)) add([left, y], [right, y]);
 }
 function drawLine(pen, points, name, width, dashes = [], from = undefined) {
   const pixel = inMetres(pen, from);

@@ -1,5 +1,6 @@
 """Use the page in a real browser: place and drive the car, and lose the connection."""
 
+import contextlib
 import math
 import os
 import re
@@ -8,9 +9,13 @@ import signal
 import pytest
 from PIL import ImageChops
 
+from mushr_ros_intro.classroom.points import Points
+from mushr_ros_intro.classroom.tables import write_results
+from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support import browser, web
 from support.cars import plan_named
 from support.geometry import closed_form
+from support.grades import graded, submission
 from support.helpers import free_port, node
 from support.messages import MUX
 
@@ -19,6 +24,8 @@ pytestmark = pytest.mark.full
 if browser.missing():
     reason = f"the packages {', '.join(browser.missing())} are missing; {web.INSTALL}"
     pytest.skip(reason, allow_module_level=True)
+
+from selenium.webdriver.common.keys import Keys  # noqa: E402
 
 FACTOR = 2
 """Speed of simulated time; a drive of figure_8 takes 22 s of it."""
@@ -32,8 +39,17 @@ MAP = {"wall": "#000000", "free": "#ffffff", "unknown": "#cdcdcd"}
 FAULTY = "0, 0, 0\n1.0, 0.0\nfast, 0.1\n1.0, 99.0\n"
 COLLIDING = "0, 0, 0\n2.0, 0.0, 30.0\n"
 
-CURRENT = "return document.querySelector('#rows [aria-current]')?.rowIndex ?? 0"
-"""Returns the number of the row that is driven, from 1; 0 if none is."""
+CURRENT = "return document.querySelector('#rows [aria-current]')?.cells[0].textContent ?? ''"
+"""Returns the line of the row that is driven; an empty text if none is."""
+
+CHECK_CLASSES = "return [...document.querySelectorAll('#check p')].map((each) => each.className)"
+"""Returns the classes of the lines of the check."""
+
+FOCUS = "return document.activeElement.id"
+"""Returns the id of the element that has the focus."""
+
+AXE = f"{web.CLIENTS}/node_modules/axe-core/axe.min.js"
+"""The accessibility checker of https://github.com/dequelabs/axe-core."""
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +125,10 @@ def test_load(page):
     page.shows("steering", "0.000 rad")
     page.shows("owner", "idle")
     page.shows("check", "22 rows, 22.00 s, 44.00 m; ends at -1.548 m")
-    assert page.run("return document.querySelectorAll('#rows tr').length") == 22
+    rows = page.run(
+        "return [...document.querySelectorAll('#rows tr')].map((each) => each.innerText)"
+    )
+    assert rows[0] == "1\tstart x 0.000, y 0.000, theta 0.785" and len(rows) == 1 + 22
     names = ("wall", "free", "car", "scan", "predicted")
     page.wait(lambda: all(n > 30 for n in seen(page, *names)), f"the colours of {names}")
     page.find("show-scan").click()
@@ -187,6 +206,60 @@ def test_keys(page):
     page.actions().key_up("s").perform()
 
 
+def press(page, kind, key, code):
+    """Let the browser see that a key goes up or down, as on a keyboard that selenium has not."""
+    page.run(
+        "const [kind, key, code] = arguments;"
+        "document.body.dispatchEvent(new KeyboardEvent(kind, { key, code, bubbles: true }))",
+        *(kind, key, code),
+    )
+
+
+HELD = ("keydown", "w", "KeyW")
+STICKING = [
+    # what happens while W is held: the release of W is not reported, or under another name
+    [("keydown", "Meta", "MetaLeft"), ("keyup", "Meta", "MetaLeft")],  # macOS
+    [("keydown", "Alt", "AltLeft"), ("keyup", "\u2211", "KeyW")],
+    [("keydown", "AltGraph", "AltRight"), ("keyup", "\u0142", "KeyW")],
+    [("keydown", "Shift", "ShiftLeft"), ("keyup", "Shift", "ShiftLeft")],
+    [("keydown", "F5", "F5")],
+    [("keyup", "\u0446", "KeyW")],  # the layout of the keyboard has changed
+]
+
+
+@pytest.mark.parametrize("events", STICKING)
+def test_no_key_sticks(page, events):
+    press(page, *HELD)
+    page.shows("hand-state", "keys: 2.00 m/s")
+    for each in events:
+        press(page, *each)
+    page.wait(lambda: "at most" in page.text("hand-state"), "no key")
+    at_rest(page)
+
+
+GAMEPADS = {
+    "missing": "undefined",
+    "forbidden": "() => { throw new Error('forbidden') }",
+    "without axes": "() => [{ ...window.pad, axes: [] }]",
+    "gone": "() => [{ ...window.pad, connected: false }]",
+}
+
+
+@pytest.mark.parametrize("name", GAMEPADS)
+def test_a_gamepad_does_not_silence_the_keys(page, name):
+    page.run(
+        "window.pad = { connected: true, mapping: 'standard', axes: [0, -1, 0, 0],"
+        "  buttons: [{}, {}, {}, {}, { pressed: true }] };"
+        "document.hasFocus = () => true; navigator.getGamepads = () => [null, window.pad]"
+    )
+    page.shows("hand-state", "gamepad: 2.00 m/s, 0.00 rad")
+    page.run(f"navigator.getGamepads = {GAMEPADS[name]}")
+    page.shows("hand-state", "at most")
+    press(page, *HELD)
+    page.shows("hand-state", "keys: 2.00 m/s")
+    page.wait(lambda: page.pose()[0] > 0.5, "the car to drive")
+
+
 def test_a_dead_mux_is_missed(sim, page):
     """The page is not a subscriber for which path_publisher takes the mux."""
     page.shows("owner", "idle")  # the page has subscribed to all of its topics but the last
@@ -253,7 +326,7 @@ def test_figure_8(page):
     page.find("drive").click()
     page.shows("drive-state", "figure_8 ended successfully")
     page.wait(lambda: web.is_near(page.pose(), final), f"the car at {final}")
-    assert page.run(CURRENT) == 0, "no row is current after the drive"
+    assert page.run(CURRENT) == "", "no row is current after the drive"
     length = 44.0 * page.run("return window.mushr.view.scale")
     page.wait(lambda: seen(page, "driven")[0] > length, "the driven path")
     page.shows("log", "should end at")
@@ -275,9 +348,9 @@ def test_stop(sim, page):
     page.shows("drive-state", "driving long")
     assert not page.find("drive").is_enabled() and page.find("stop").is_enabled()
     page.shows("owner", "navigation")
-    page.wait(lambda: page.run(CURRENT) == 2, "the mark of the second row")
+    page.wait(lambda: page.run(CURRENT) == "3", "the mark of the second row")
     load(page, sim, is_driving=True)
-    page.wait(lambda: page.run(CURRENT) == 2, "the same mark after a reload")
+    page.wait(lambda: page.run(CURRENT) == "3", "the same mark after a reload")
     red = page.run("return getComputedStyle(document.getElementById('stop')).backgroundColor")
     assert red == "rgb(179, 32, 10)"
     page.find("stop").click()
@@ -347,9 +420,11 @@ def test_plans_with_faults(page):
     text = page.shows("check", "cannot be driven")
     assert "line 3" in text and "line 4" in text
     assert not page.find("drive").is_enabled()
+    assert page.run(CHECK_CLASSES) == ["", "error", "error"], "what forbids the drive"
     page.choose("plan", "colliding")
     text = page.shows("check", "1 row, 30.00 s; hits a wall after 49.02 m, at 49.020 m")
     assert "line 2" in text and "at t = 24.5 s" in text
+    assert page.run(CHECK_CLASSES) == ["", "warning"], "what does not"
     assert page.find("drive").is_enabled(), "faults of a plan that can be parsed do not prevent it"
 
 
@@ -370,9 +445,10 @@ def test_a_plan_with_many_rows(page):
     """The table has the first ones only: a browser needs gigabytes for 50,000."""
     drive(page, "many", "1.00 m/s")
     page.shows("check", "3001 rows, 1030.00 s")
-    assert page.run("return document.querySelectorAll('#rows tr').length") == 1001
-    page.shows("rows", "... and 2001 more rows")
-    page.wait(lambda: page.run(CURRENT) == 1001, "the mark of the other rows")
+    assert page.run("return document.querySelectorAll('#rows tr').length") == 1002
+    others = "... and 2001 more rows"
+    page.shows("rows", others)
+    page.wait(lambda: page.run(CURRENT) == others, "the mark of the other rows")
     page.find("stop").click()
     page.shows("drive-state", "many was stopped")
 
@@ -416,7 +492,7 @@ def test_late_answers(page):
         "const send = WebSocket.prototype.send; WebSocket.prototype.send ="
         " function (text) { if (!text.includes('get_time')) send.call(this, text) }"
     )
-    page.shows("problem", "the bridge does not answer")
+    page.shows("problem", "web_view.py) does not answer")
     page.run(
         "window.changes = [];"
         "new MutationObserver((all) => window.changes.push(...all))"
@@ -426,14 +502,14 @@ def test_late_answers(page):
     before = page.run(stamp)
     page.wait(lambda: page.run(stamp) > before + 8.0 * FACTOR, "8 s without an answer")
     assert page.text("connection") == "connected"
-    assert page.text("problem") == "the bridge does not answer"
+    assert page.text("problem") == "the server of this page (web_view.py) does not answer"
     assert page.run("return window.changes.length") == 0, "a screen reader reads each change"
 
 
 def test_connection_is_lost_and_regained(sim, page):
     pid = sim.pid("/web_view")
     os.kill(pid, signal.SIGSTOP)
-    page.shows("problem", "the bridge does not answer")
+    page.shows("problem", "web_view.py) does not answer")
     os.kill(pid, signal.SIGKILL)
     page.shows("connection", "not connected")
     assert not page.find("drive").is_enabled()
@@ -518,8 +594,8 @@ def test_a_drive_in_a_terminal(page, sim):
         with node("path_publisher.py", "_plan_file:=long", **sim.environment) as process:
             page.shows("drive-state", "driving long")
             assert page.find("plan").get_attribute("value") == "long"
-            page.wait(lambda: page.run(CURRENT) == 2, "the mark of the second row")
-            page.actions().send_keys("\ue00c").perform()  # Escape
+            page.wait(lambda: page.run(CURRENT) == "3", "the mark of the second row")
+            page.actions().send_keys(Keys.ESCAPE).perform()
             page.shows("drive-state", "long was stopped")
             assert process.wait() == 1
         at_rest(page)
@@ -530,7 +606,7 @@ def test_a_drive_of_another_node(page, sim):
     arguments = ("__name:=path_publisher", "_plan_file:=long", "path_publisher/start:=elsewhere")
     with node("path_publisher.py", *arguments, **sim.environment):
         page.shows("drive-state", "driving long")
-        assert page.run(CURRENT) == 0, "a row is marked"
+        assert page.run(CURRENT) == "", "a row is marked"
         page.find("stop").click()
         page.shows("drive-state", "long was stopped")
     at_rest(page)
@@ -589,7 +665,8 @@ def test_the_log_of_another_car(sim, page):
         name = "__ns:=/" if car == "car" else f"__ns:=/{car}"
         with node("path_publisher.py", name, *arguments, **sim.environment) as process:
             assert process.wait() == 1
-    page.shows("log", "no node subscribes to /nowhere")
+    last = "return document.getElementById('log').lastChild.textContent"
+    page.wait(lambda: "no node subscribes to /nowhere" in page.run(last), "the newest line, below")
     assert "/red" not in page.text("log")
 
 
@@ -620,26 +697,137 @@ def touch(page, name, up):
     return actions.clear_actions
 
 
+def tap(page, name):
+    page.run("document.getElementById(arguments[0]).scrollIntoView({ block: 'nearest' })", name)
+    touch(page, name, 0)()
+
+
+@contextlib.contextmanager
+def sized(page, width, height):
+    """Let the page have a size [pixel]."""
+    size = page.driver.get_window_size()
+    frame = page.run("return [outerWidth - innerWidth, outerHeight - innerHeight]")
+    try:
+        page.driver.set_window_size(width + frame[0], height + frame[1])
+        page.wait(lambda: page.run("return [innerWidth, innerHeight]") == [width, height], "it")
+        yield
+    finally:
+        page.driver.set_window_size(size["width"], size["height"])
+
+
 def test_phone(page):
     """On a phone, map, touch pad and the buttons of the plan are on the first screen."""
-    size = page.driver.get_window_size()
-    try:
-        page.driver.set_window_size(360, 783)  # of which the page gets 360 x 640
+    with sized(page, 360, 640):
         inside = """
             const { top, bottom, left, right } = document.getElementById(arguments[0])
               .getBoundingClientRect();
             return top >= 0 && bottom <= 640 && left >= 0 && right <= 360 && bottom > top;
         """
-        page.wait(lambda: page.run("return innerWidth") == 360, "a narrow page")
-        for name in ("view", "pad", "drive", "stop", "plan"):
+        for name in ("view", "place", "clicks", "pad", "drive", "stop", "plan"):
             assert page.run(inside, name), f"{name} is not on the first screen"
-        assert page.run("return document.documentElement.scrollWidth <= innerWidth"), "too wide"
         lift = touch(page, "pad", 50)
         page.shows("hand-state", "touch pad")
         page.wait(lambda: page.pose()[0] > 1.0, "the car to drive")
         lift()
         at_rest(page)
         page.run("scrollTo(0, document.body.scrollHeight)")
-        assert page.run(inside, "view"), "the map does not stay in view"
-    finally:
-        page.driver.set_window_size(size["width"], size["height"])
+        for name in ("view", "place", "clicks"):
+            assert page.run(inside, name), f"{name} does not stay in view"
+        tap(page, "clicks")
+        assert page.run(inside, "save") and page.run(inside, "undo")
+        tap(page, "pan")
+
+
+TARGETS = "label, #tools button, #panel button, select, [tabindex]"
+
+
+@pytest.mark.parametrize("size", [(360, 640), (800, 600), (1024, 600)])
+def test_design(page, size):
+    """The order of Tab is that on the screen, targets have a size, and the map is large."""
+    with sized(page, *size):
+        boxes = page.run(
+            "return [...document.querySelectorAll(arguments[0])]"
+            "  .filter((each) => each.offsetHeight && !each.closest('#zoom'))"
+            "  .map((e) => [e.getBoundingClientRect(), e.closest('main > *').id, e.id])",
+            TARGETS,
+        )
+        assert len(boxes) > 20
+        for before, after in zip(boxes, boxes[1:]):
+            if size[0] == 360 or before[1] == after[1]:
+                assert after[0]["bottom"] > before[0]["top"], f"{after} is above {before}"
+                is_row = after[0]["top"] < before[0]["bottom"]
+                assert not is_row or after[0]["left"] > before[0]["left"], f"{after}, {before}"
+        for box, *name in boxes:
+            assert box["height"] >= 24.0 and box["width"] >= 24.0, name
+        height = page.run("return document.getElementById('view').clientHeight")
+        assert height >= (150 if size[0] == 360 else 350)
+        assert page.run("return document.documentElement.scrollWidth <= innerWidth"), "too wide"
+        scrolled = (
+            "const { scrollHeight: all, clientHeight: seen } = document.querySelector('#stage')"
+        )
+        assert page.run(f"{scrolled}; return all <= seen"), "a scroll bar beside the map"
+
+
+def test_a_drive_with_the_keyboard(page):
+    """Tab leads to the plan and its buttons, and the focus stays there while the plan is driven."""
+    with sized(page, 360, 640):
+        page.run("document.activeElement.blur()")
+        for name in ("plan", "drive"):
+            while page.run(FOCUS) != name:
+                page.actions().send_keys(Keys.TAB).perform()
+            if name == "plan":
+                page.actions().send_keys("long").perform()
+                page.shows("check", "1000.10 s")
+                page.wait(lambda: page.find("drive").is_enabled(), "the plan")
+        page.actions().send_keys(Keys.ENTER).perform()
+        page.shows("speed", "0.50 m/s")
+        assert page.run(FOCUS) == "stop"
+        page.actions().send_keys(Keys.ENTER).perform()
+        page.shows("drive-state", "long was stopped")
+        assert page.run(FOCUS) == "drive"
+        at_rest(page)
+
+
+def test_a_drive_with_a_finger(page):
+    with sized(page, 360, 640):
+        page.choose("plan", "long")
+        page.wait(lambda: page.find("drive").is_enabled(), "the plan")
+        tap(page, "drive")
+        page.shows("speed", "0.50 m/s")
+        tap(page, "stop")
+        page.shows("drive-state", "long was stopped")
+        at_rest(page)
+
+
+def test_the_pointer(page):
+    """The page shows where it is, as the axes do."""
+    for x, y in ((2.0, -1.0), (-1.0, 2.0)):
+        at = pixel(page, x, y)
+        page.actions().move_to_element_with_offset(page.find("view"), *at).perform()
+        shown = [float(each) for each in re.findall(r"-?\d+\.\d+", page.text("pointer"))]
+        assert math.dist(shown, (x, y)) < PIXEL / page.run("return window.mushr.view.scale")
+
+
+def serious(driver):
+    """Return the serious findings of the accessibility checker on the page that is shown."""
+    with open(AXE, encoding="utf-8") as file:
+        driver.execute_script(file.read())
+    return driver.execute_async_script(
+        "const [done] = arguments; axe.run().then(({ violations }) => done(violations"
+        "  .filter(({ impact }) => ['serious', 'critical'].includes(impact))"
+        "  .map(({ id, nodes }) => [id, ...nodes.map(({ html }) => html)])))"
+    )
+
+
+@pytest.mark.skipif(not os.path.exists(AXE), reason=f"axe-core is missing; {web.INSTALL}")
+def test_access(page, tmp_path):
+    """The page, wide and narrow, and the page of a student have no serious finding."""
+    for size in ((1024, 600), (360, 640)):
+        with sized(page, *size):
+            assert serious(page.driver) == [], size
+    result = submission(graded(count=9), graded("slalom", failed=CHECK_NAMES[:2]))
+    write_results(str(tmp_path), [result], Points(), ["circle", "slalom"])
+    (student,) = (tmp_path / "students").glob("*.html")
+    for path in (student, tmp_path / "index.html"):
+        page.driver.get(path.as_uri())
+        assert serious(page.driver) == [], path

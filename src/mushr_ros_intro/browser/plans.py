@@ -74,6 +74,7 @@ def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[s
     return {
         "name": name,
         "start": plan.start,
+        "start_line": plan.start_line,
         "rows": [
             {
                 "line": row.line,

@@ -89,6 +89,7 @@ def summary(tmp_path, text, grid=None, **car):
 def test_a_plan(tmp_path):
     answer = summary(tmp_path, "1, 2, 0\n\n2.0, 0\n0.5, 0.1, 20\n")
     assert (answer["name"], answer["start"]) == ("plan", [1.0, 2.0, 0.0])
+    assert answer["start_line"] == 1
     assert answer["rows"] == [
         {"line": 3, "speed": 2.0, "steering_angle": 0.0, "duration": 1.0},
         {"line": 4, "speed": 0.5, "steering_angle": 0.1, "duration": 20.0},
