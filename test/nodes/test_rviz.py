@@ -19,13 +19,13 @@ from support.world import launch
 
 pytestmark = pytest.mark.full
 
-START, ROW = (0.0, 0.0, 0.0), (1.5, 0.2, 2.0)
+START, ROW = (3.0, 0.0, 0.0), (1.5, 0.2, 2.0)
 PLAN = "\n".join(", ".join(map(str, each)) for each in (START, ROW, (0.0, 0.0, 0.1)))
 X, Y, THETA = closed_form(START, [ROW])
 """The pose of the car after the plan [m, m, rad]. Its rear axle is in the middle of the view."""
 
 RADIUS = 0.33 / math.tan(ROW[1])
-"""The radius of the driven circle [m], whose rightmost point is at x = RADIUS."""
+"""The radius of the driven circle [m], whose rightmost point is this far to the right."""
 
 TOLERANCE = 0.15
 """[m] Of a place in the view: half the width of a line, and some pixels."""
@@ -62,7 +62,7 @@ KNOWN = (
 )
 """Harmless messages of rviz on Debian, with a map in any view."""
 
-SCALE = 39.0
+SCALE = 60.0
 """Of the first view in rviz/default.rviz [pixel/m]."""
 
 PIXEL = 2.0 / SCALE
@@ -123,7 +123,7 @@ def misplaced(scene, grid):
     for name in ("the driven path", "the predicted path"):  # the car hides the upper end
         x, y = found[name]
         box = np.array([x.min() + X, x.max() + X, y.min() + Y])
-        if abs(box - (START[0], RADIUS, START[1])).max() > TOLERANCE:
+        if abs(box - (START[0], START[0] + RADIUS, START[1])).max() > TOLERANCE:
             wrong.append(name)
     return wrong
 

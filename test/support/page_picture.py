@@ -3,6 +3,7 @@
 import os
 import sys
 
+from support import fork_server
 from support.browser import Browser
 from support.web import Simulation
 
@@ -61,4 +62,5 @@ def film(browser):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    with fork_server.running():
+        main(sys.argv[1])
