@@ -1,54 +1,89 @@
-"""Find why a program cannot be started: its first line, its line ends, its permissions."""
+"""Find why a program cannot be started: its first line, its text, its permissions."""
 
+import ast
 import codecs
+import importlib.util
+import json
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from functools import lru_cache
-from typing import Iterator, Sequence, Tuple
+from typing import Dict, Iterator, Optional, Sequence, Set, Tuple
 
 Fault = Tuple[str, str]
 """What is wrong, and what to do."""
 
+MAX_TEXT = 1_000_000
+"""The size of the largest program that is checked [bytes]: to parse it takes much memory."""
+
 _REMEDY = "Make its first line: #!/usr/bin/python3"
 
 _IMPORT_TIMEOUT = 20.0
-"""For an interpreter to import rospy [s]."""
+"""For an interpreter to import modules [s]."""
+
+COMPILE_TIME = 20
+"""Limit on the compilation of a program [s of processor time]."""
+
+# In its own process: some sources crash the compiler of Python 3.9, and need much memory.
+COMPILE = """
+import json, resource, sys
+resource.setrlimit(resource.RLIMIT_CPU, 2 * [int(sys.argv[1])])
+try:
+    compile(sys.stdin.buffer.read(), "", "exec")
+except SyntaxError as error:
+    print(json.dumps([error.lineno or 1, error.msg, (error.text or "").strip()[:80]]))
+except (LookupError, ValueError) as error:
+    print(json.dumps([1, str(error), ""]))
+"""
 
 
-def start_faults(path: str) -> Iterator[Fault]:
-    """Yield why a program cannot be started; nothing if the file is no program.
+def faults_of(
+    path: str, starts: bool = True, place: str = "", search_path: Optional[str] = None
+) -> Iterator[Fault]:
+    """Yield why a program, or a module in Python, cannot be used; nothing about another file.
 
     A program is a file with a shebang line, or a Python file that starts a node or has a main part.
+
+    Args:
+        path: the file.
+        starts: whether the file is started itself, if it is a program.
+        place: the name in messages of a file that must be a program in Python 3 and is not trusted:
+            nothing that it names is run.
+        search_path: the PATH of the program; None: that of this process.
     """
-    if os.path.basename(path) == "setup.py":
-        return
     try:
         with open(path, "rb") as file:
-            text = file.read(100_000)  # a package may contain large recordings
-            text += file.read() if text.startswith(b"#!") else b""
+            text = file.read(MAX_TEXT + 1)
     except OSError:
         return
-    if text.startswith(codecs.BOM_UTF8):
-        yield from encoding_faults(path, text)
-    elif text.startswith(b"#!"):
-        line = text.split(b"\n")[0]
-        if path.endswith(".py.txt"):
-            words = shlex.join(["mv", path, path[: -len(".txt")]])
-            yield f"{path} has the ending .txt, perhaps from an editor", f"Type: {words}"
-            return
-        yield from _first_line_faults(path, line)
-        if b"python" in line:
-            yield from encoding_faults(path, text)
-    elif path.endswith(".py") and re.search(rb"__main__|\binit_node\(", text):
-        yield f"{path} does not start with a shebang line", _REMEDY
-    else:
+    name, typed = repr(place) if place else path, shlex.quote(place or path)
+    is_python, line = path.endswith(".py") or bool(place), text.split(b"\n", 1)[0]
+    if len(text) > MAX_TEXT:
+        if place:
+            yield f"{name} has more than 1 MB", "Hand in a program in Python"
         return
-    if not os.access(path, os.X_OK):
-        yield f"{path} is not executable", f"Type: chmod +x {shlex.quote(path)}"
+    if path.endswith(".py.txt") and line.startswith(b"#!"):
+        words = shlex.join(["mv", path, path[: -len(".txt")]])
+        yield f"{name} has the ending .txt, perhaps from an editor", f"Type: {words}"
+        return
+    has_main = is_python and re.search(rb"__main__|\binit_node\(", text)
+    mark = line.startswith((codecs.BOM_UTF8, codecs.BOM_UTF16_BE, codecs.BOM_UTF16_LE))
+    is_program = place or line.startswith((b"#!", codecs.BOM_UTF8 + b"#!")) or has_main
+    is_program = starts and is_program and os.path.basename(path) != "setup.py"
+    if is_program and mark:
+        problem = f"{name} begins with a byte order mark, so its first line does not work"
+        sed = rf"Type: sed -i '1s/^\xef\xbb\xbf//' {typed}"
+        yield problem, sed if line.startswith(codecs.BOM_UTF8) else "Save it as UTF-8"
+    elif is_program:
+        yield from _first_line_faults(name, typed, line, is_python, search_path, not place)
+    if is_python or b"python" in line:
+        yield from _text_faults(name, text)
+    if is_program and not os.access(path, os.X_OK):
+        yield f"{name} is not executable", f"Type: chmod +x {typed}"
 
 
 def name_faults(paths: Sequence[str], package: str) -> Iterator[Fault]:
@@ -65,16 +100,76 @@ def name_faults(paths: Sequence[str], package: str) -> Iterator[Fault]:
         yield problem, "Rename or delete all but one, because ROS could start any of them"
 
 
-def encoding_faults(path: str, text: bytes) -> Iterator[Fault]:
-    """Yield the faults of a program in Python with a byte order mark, or that is not UTF-8."""
-    if text.startswith(codecs.BOM_UTF8 + b"#!"):
-        problem = f"{path} begins with a byte order mark, so its first line does not work"
-        yield problem, rf"Type: sed -i '1s/^\xef\xbb\xbf//' {shlex.quote(path)}"
-    if number := line_not_in_utf8(text):
-        yield f"{path} is not UTF-8 in line {number}", "Save it as UTF-8"
+def hiding_faults(path: str) -> Iterator[Fault]:
+    """Yield which files beside a program in Python replace a module of Python or ROS for it.
+
+    A program finds modules in its own folder first, also those that other modules import.
+    """
+    folder = os.path.dirname(path)
+    hiding: Dict[str, str] = {}
+    with suppress(OSError):
+        for entry in sorted(os.listdir(folder)):
+            name = entry[: -len(".py")] if entry.endswith(".py") else entry
+            file = entry if entry.endswith(".py") else os.path.join(entry, "__init__.py")
+            if os.path.isfile(os.path.join(folder, file)) and is_of_system(name):
+                hiding[name] = entry
+    if hiding:
+        for name in sorted(_loaded_by(path) & hiding.keys()):
+            file = os.path.join(folder, hiding[name])
+            problem = f"{file} hides the module {name} of Python or ROS, which the node needs"
+            yield problem, "Give it another name"
 
 
-def line_not_in_utf8(text: bytes) -> int:
+def is_of_system(module: str) -> bool:
+    """Return whether a module that this process finds is one of Python or ROS."""
+    return (origin_of(module) or "").startswith((sys.prefix, "/usr", "/opt", "built-in", "frozen"))
+
+
+def origin_of(module: str) -> Optional[str]:
+    """Return the file of a module; "" if it is not known, None if there is no such module."""
+    with suppress(ValueError, ImportError):
+        found = importlib.util.find_spec(module)
+        return (found.origin or "") if found else None
+    return ""
+
+
+def _loaded_by(path: str) -> Set[str]:
+    """Return the modules that are loaded if a program imports modules of Python and ROS."""
+    imports = {"rospy"}
+    with suppress(OSError, SyntaxError, ValueError), open(path, "rb") as file:
+        for each in ast.walk(ast.parse(file.read(MAX_TEXT))):
+            if isinstance(each, ast.Import):
+                imports.update(alias.name.split(".")[0] for alias in each.names)
+            elif isinstance(each, ast.ImportFrom) and each.module and not each.level:
+                imports.add(each.module.split(".")[0])
+    known = sorted(filter(is_of_system, imports))
+    source = "import contextlib, importlib, sys\nfor name in sys.argv[1:]:\n"
+    source += "    with contextlib.suppress(Exception): importlib.import_module(name)\n"
+    command = [sys.executable, "-c", source + "print(*sys.modules)", *known]
+    with suppress(OSError, subprocess.SubprocessError):
+        done = subprocess.run(command, capture_output=True, cwd="/", timeout=_IMPORT_TIMEOUT)
+        return {*imports, *done.stdout.decode().split()}
+    return imports
+
+
+def _text_faults(name: str, text: bytes) -> Iterator[Fault]:
+    """Yield why the text of a program is not Python that this machine's Python 3 can compile."""
+    if number := _line_not_in_utf8(text):
+        yield f"{name} is not UTF-8 in line {number}", "Save it as UTF-8"
+        return
+    # Not the interpreter of the first line: that could be a program of a submission.
+    command = [sys.executable, "-I", "-S", "-W", "ignore", "-c", COMPILE, str(COMPILE_TIME)]
+    done = subprocess.run(command, input=text, capture_output=True)
+    if done.stdout:
+        number, message, line = json.loads(done.stdout)
+        shown = f": {line!r}" if line else ""
+        problem = f"{name} has a syntax error in line {number}: {message.rstrip('?')}{shown}"
+        yield problem, "Correct this line, or the one before it"
+    elif done.returncode:
+        yield f"{name} is too complex to compile", "Expected a program in Python"
+
+
+def _line_not_in_utf8(text: bytes) -> int:
     """Return the number of the first line of a program in Python that is not UTF-8.
 
     Return 0 if there is none, or if the program declares another encoding. `compile` accepts other
@@ -89,22 +184,33 @@ def line_not_in_utf8(text: bytes) -> int:
     return 0
 
 
-def _first_line_faults(path: str, line: bytes) -> Iterator[Fault]:
+def _first_line_faults(
+    name: str,
+    typed: str,
+    line: bytes,
+    is_python: bool,
+    search_path: Optional[str],
+    is_trusted: bool,
+) -> Iterator[Fault]:
     """Yield why the first line of a program does not start it."""
-    if line.endswith(b"\r"):
-        yield (
-            f"{path} has Windows line ends (CRLF), so its first line does not work",
-            rf"Type: sed -i 's/\r$//' {shlex.quote(path)}",
-        )
+    if not line.startswith(b"#!"):
+        yield f"{name} does not start with a shebang line", _REMEDY
         return
-    interpreter = _interpreter(line)
-    program = shutil.which(interpreter)
-    problem = f"{path} names the interpreter '{interpreter}', which"
+    if line.endswith(b"\r"):
+        problem = f"{name} has Windows line ends (CRLF), so its first line does not work"
+        yield problem, rf"Type: sed -i 's/\r$//' {typed}"
+        return
+    interpreter, program = _interpreter(line[2:].decode(errors="replace"), search_path)
+    problem = f"{name} names the interpreter {interpreter!r}, which"
+    names = [os.path.basename(each) for each in (program, os.path.realpath(program))]
     if not program:
         yield f"{problem} is not installed", _REMEDY
-    elif not os.path.basename(program).startswith("python"):
-        if path.endswith(".py"):
+    elif not any(each.startswith("python") for each in names):
+        if is_python:
             yield f"{problem} is not Python", _REMEDY
+    elif not is_trusted:
+        if not any(re.fullmatch(r"python3(\.\d+)?", each) for each in names):
+            yield f"{problem} is not Python 3", _REMEDY
     elif not _imports_rospy(program):
         yield f"{problem} is {program} in this terminal and cannot import rospy", _REMEDY
 
@@ -124,9 +230,14 @@ def _imports_rospy(program: str) -> bool:
     return True
 
 
-def _interpreter(line: bytes) -> str:
-    """Return the interpreter that a shebang line names: a path, or a name that env looks for."""
-    words = line[2:].decode(errors="replace").split()
-    if words and words[0].endswith("/env") and shutil.which(words[0]):
-        words = [each for each in words[1:] if not each.startswith("-")]
-    return words[0] if words else ""
+def _interpreter(line: str, search_path: Optional[str]) -> Tuple[str, str]:
+    """Return the interpreter in a first line, and its path; "" if it does not exist."""
+    # As in the kernel: after the first word all is one argument, also with spaces in it.
+    name, argument = [*re.split(r"[ \t]+", line.strip(" \t"), maxsplit=1), ""][:2]
+    exists = os.path.isabs(name) and os.path.isfile(name) and os.access(name, os.X_OK)
+    if exists and os.path.basename(name) == "env":
+        split = re.match(r"(?:-S|--split-string=?)(.*)", argument)
+        words = [w for w in split[1].split() if w[0] != "-" and "=" not in w] if split else []
+        argument = [*words, ""][0] if split else argument
+        return argument, shutil.which(argument, path=search_path) or ""
+    return name, name if exists else ""

@@ -117,10 +117,10 @@ WRONG = {
 """Nodes with a mistake, and a check that fails, by name."""
 
 BROKEN = {
-    "empty": ("", "has no line '#!...'"),
+    "empty": ("", "does not start with a shebang line"),
     "syntax": ("#!/usr/bin/python3\nprint('a'\n", "syntax error in line 2"),
     "crlf": (RIGHT.replace("\n", "\r\n"), "CRLF"),
-    "python": (RIGHT.replace("/usr/bin/python3", "/opt/nowhere/python"), "is not on this machine"),
+    "python": (RIGHT.replace("/usr/bin/python3", "/opt/nowhere/python"), "is not installed"),
 }
 """Files that cannot run, and a part of the message, by name."""
 

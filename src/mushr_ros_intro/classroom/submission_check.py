@@ -2,44 +2,21 @@
 
 import difflib
 import filecmp
-import json
 import os
 import re
 import shlex
-import shutil
-import subprocess
-import sys
 from functools import partial
 from typing import Dict, List, NamedTuple, Sequence, Tuple
 from xml.etree import ElementTree
 
 from mushr_ros_intro.classroom.submission_files import Files, SubmissionError, show
-from mushr_ros_intro.program_file import line_not_in_utf8
-
-MAX_TEXT = 1_000_000
-"""Larger nodes and package.xml files are refused [bytes]: to parse them takes much memory."""
-
-_FIRST_LINE = "Make its first line: #!/usr/bin/python3"
+from mushr_ros_intro.isolation.workspace import search_path
+from mushr_ros_intro.program_file import MAX_TEXT, faults_of, hiding_faults
 
 _TESTS = {"test", "tests"}
 """Folders with tests of nodes; these may have the name of the node."""
 
 _CPP = (".cc", ".cpp", ".cxx")
-
-_COMPILE_TIME = 20
-"""Limit on the compilation of a node [s of processor time]."""
-
-# In its own process: some sources crash the compiler of Python 3.9, and need much memory.
-_COMPILE = """
-import json, resource, sys
-resource.setrlimit(resource.RLIMIT_CPU, 2 * [int(sys.argv[1])])
-try:
-    compile(sys.stdin.buffer.read(), "", "exec")
-except SyntaxError as error:
-    print(json.dumps([error.lineno or 1, error.msg, (error.text or "").strip()[:80]]))
-except (LookupError, ValueError) as error:
-    print(json.dumps([1, str(error), ""]))
-"""
 
 _PURE_PYTHON = set(
     "add_rostest catkin_add_nosetests catkin_install_python catkin_metapackage catkin_package"
@@ -83,6 +60,8 @@ def check_submission(files: Files, node: str) -> Checked:
             text = f"{place!r} is not executable. rosrun needs: chmod +x {shlex.quote(place)}"
             files.notes.append(text)
     _check_program(path, place)
+    for problem, remedy in hiding_faults(path):
+        files.notes.append(f"{problem}. {remedy}".replace(os.path.join(files.folder, ""), ""))
     folders = tuple(os.path.normpath(os.path.join(files.folder, each)) for each in packages)
     return Checked((path,), folders, any(map(_needs_build, folders)))
 
@@ -182,68 +161,13 @@ def _check_packages(folder: str, packages: Sequence[str]) -> None:
 
 
 def _check_program(path: str, place: str) -> None:
-    """Check the first line of the node, and the syntax if it is in Python.
+    """Check the first line and the text of the node.
 
     Raises:
         SubmissionError: the node cannot be run.
     """
-    with open(path, "rb") as file:
-        data = file.read(MAX_TEXT + 1)
-    if len(data) > MAX_TEXT:
-        raise SubmissionError(f"{place!r} has more than 1 MB; expected a program in Python.")
-    line = data.split(b"\n", 1)[0]
-    if line.startswith((b"\xef\xbb\xbf", b"\xfe\xff", b"\xff\xfe")):
-        text = f"{place!r} starts with a byte order mark. Save it as UTF-8 without BOM."
-        raise SubmissionError(text)
-    if not line.startswith(b"#!"):
-        raise SubmissionError(f"{place!r} has no line '#!...' at its start. {_FIRST_LINE}")
-    if line.endswith(b"\r"):
-        text = f"{place!r} has Windows line ends (CRLF), so its first line does not work."
-        raise SubmissionError(rf"{text} Type: sed -i 's/\r$//' {shlex.quote(place)}")
-    name, program = _interpreter(line[2:].decode(errors="replace"))
-    if not program:
-        text = f"The first line of {place!r} names {name!r}, which is not on this machine."
-        raise SubmissionError(f"{text} {_FIRST_LINE}")
-    names = {os.path.basename(each) for each in (program, os.path.realpath(program))}
-    if any(re.fullmatch(r"python3(\.\d+)?", each) for each in names):
-        _check_syntax(data, place)
-    elif place.endswith(".py"):
-        text = f"The first line of {place!r} names {name!r}, which is not Python 3."
-        raise SubmissionError(f"{text} {_FIRST_LINE}")
-
-
-def _interpreter(line: str) -> Tuple[str, str]:
-    """Return the interpreter in a first line, and its path; "" if it does not exist."""
-    # As in the kernel: after the first word all is one argument, also with spaces in it.
-    name, argument = [*re.split(r"[ \t]+", line.strip(" \t"), maxsplit=1), ""][:2]
-    exists = os.path.isabs(name) and os.path.isfile(name) and os.access(name, os.X_OK)
-    if exists and os.path.basename(name) == "env":
-        split = re.match(r"(?:-S|--split-string=?)(.*)", argument)
-        words = [w for w in split[1].split() if w[0] != "-" and "=" not in w] if split else []
-        argument = [*words, ""][0] if split else argument
-        return argument, shutil.which(argument) or ""
-    return name, name if exists else ""
-
-
-def _check_syntax(data: bytes, place: str) -> None:
-    """Check that a program is Python that this machine's Python 3 can compile.
-
-    Raises:
-        SubmissionError: it is not.
-    """
-    expected = "expected a program in Python."
-    if number := line_not_in_utf8(data):
-        raise SubmissionError(f"{place!r} is not UTF-8 in line {number}. Save it as UTF-8.")
-    # Not the interpreter of the first line: that could be a program of the submission.
-    options = ["-I", "-S", "-W", "ignore", "-c", _COMPILE, str(_COMPILE_TIME)]
-    done = subprocess.run([sys.executable, *options], input=data, capture_output=True)
-    if done.stdout:
-        number, message, line = json.loads(done.stdout)
-        shown = f": {line!r}" if line else ""
-        text = f"{place!r} has a syntax error in line {number}: {message}{shown}."
-        raise SubmissionError(f"{text} Correct this line, or the one before it.")
-    if done.returncode:
-        raise SubmissionError(f"{place!r} is too complex to compile; {expected}")
+    for problem, remedy in faults_of(path, place=place, search_path=search_path()):
+        raise SubmissionError(f"{problem}. {remedy}.")
 
 
 def _needs_build(package: str) -> bool:

@@ -8,12 +8,17 @@ import os
 import pkgutil
 import re
 import shlex
-import sys
 from contextlib import suppress
-from typing import Any, Callable, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, Callable, Iterator, List, Sequence, Tuple
 
 from mushr_ros_intro.doctor.facts import Finding
-from mushr_ros_intro.program_file import encoding_faults, name_faults, start_faults
+from mushr_ros_intro.program_file import (
+    faults_of,
+    hiding_faults,
+    is_of_system,
+    name_faults,
+    origin_of,
+)
 
 _USES_ROSPY = re.compile(rb"\brospy\.(Publisher|Subscriber|Rate|spin)\(")
 
@@ -37,7 +42,8 @@ def program_findings(
     for path in paths:
         nodes = find_node(os.path.basename(path))
         others = [each for each in nodes if not os.path.samefile(each, path)]
-        faults = (*name_faults(nodes, package), *start_faults(others[0] if others else path))
+        faults = [*name_faults(nodes, package), *faults_of(path, starts=not others)]
+        faults += faults_of(others[0]) if others else ()
         found += [*(Finding(*each) for each in faults), *_source_findings(path)]
     return list(dict.fromkeys(found))
 
@@ -53,7 +59,7 @@ def no_program(package: str) -> List[Finding]:
     )
     if any(os.access(each, os.X_OK) for each in paths):
         return []
-    found = [Finding(*each) for path in paths for each in start_faults(path)]
+    found = [Finding(*each) for path in paths for each in faults_of(path)]
     path = os.path.join(package, "src", "path_publisher.py")
     remedy = f"Save your node as {path}, and type: chmod +x {shlex.quote(path)}"
     return found or [Finding(f"there is no program in the package {package}", remedy)]
@@ -66,17 +72,11 @@ def _source_findings(path: str) -> Iterator[Finding]:
     try:
         with open(path, "rb") as file:
             text = file.read()
-        faults = [Finding(*each) for each in encoding_faults(path, text)]
-        yield from faults
-        if faults:
-            return
-        tree = compile(text, path, "exec", ast.PyCF_ONLY_AST, dont_inherit=True)
-    except SyntaxError as error:
-        problem = f"{path} has a syntax error in line {error.lineno}: {error.msg}"
-        yield Finding(problem.rstrip("?"), "Correct this line, or the one before it")
-        return
-    except (OSError, ValueError):
-        return
+        tree = ast.parse(text)
+    except (OSError, SyntaxError, ValueError):
+        return  # see faults_of
+    if text.startswith(b"#!"):
+        yield from (Finding(*each) for each in hiding_faults(path))
     imports = list(_imports(tree))
     for module, names, line in imports:
         fault, remedy = _import_fault(path, module, names)
@@ -108,7 +108,7 @@ def _import_fault(path: str, module: str, names: Sequence[str]) -> Tuple[str, st
     Modules of the user are not imported, because this runs their code.
     """
     top = module.split(".")[0]
-    if _origin(path, top) is None:
+    if not _has_own(path, top) and origin_of(top) is None:
         package = f"python3-{top.replace('_', '-')}"
         install = f"install the module; for one of ROS, type: sudo apt-get install {package}"
         known = [each.name for each in pkgutil.iter_modules()]
@@ -139,22 +139,13 @@ def _has_submodule(package: Any, name: str) -> bool:
     return False
 
 
-def _origin(path: str, module: str) -> Optional[str]:
-    """Return the file of a module that a program imports; None if Python does not find it."""
-    folder = os.path.dirname(path)
-    for own in (f"{folder}/{module}.py", f"{folder}/{module}"):
-        if os.path.exists(own):
-            return own
-    with suppress(ValueError, ImportError):
-        found = importlib.util.find_spec(module)
-        return (found.origin or "") if found else None
-    return ""
+def _has_own(path: str, module: str) -> bool:
+    """Return whether a module is beside the program that imports it."""
+    return any(map(os.path.exists, (f"{os.path.dirname(path)}/{module}{e}" for e in ("", ".py"))))
 
 
 def _is_of_system(path: str, module: str) -> bool:
     """Return whether a module that a program imports is one of Python or ROS, or has messages."""
-    origin = _origin(path, module.split(".")[0]) or ""
-    this = f"{os.sep}mushr_ros_intro{os.sep}__init__.py"  # has a function that calls init_node
-    is_own = this in origin or origin.startswith(os.path.dirname(path))
-    folders = (sys.prefix, "/usr", "/opt", "built-in", "frozen")
-    return module.endswith((".msg", ".srv")) or (origin.startswith(folders) and not is_own)
+    top = module.split(".")[0]
+    is_own = top == "mushr_ros_intro" or _has_own(path, top)  # can call init_node
+    return module.endswith((".msg", ".srv")) or (is_of_system(top) and not is_own)

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import stat
+import sys
 import tempfile
 from contextlib import suppress
 from functools import partial
@@ -45,6 +46,16 @@ def inherited() -> Dict[str, str]:
     return {name: os.environ[name] for name in _INHERITED if name in os.environ}
 
 
+def search_path() -> str:
+    """Return the PATH of a node: the folders of the system, and of the Python that runs this.
+
+    Others, such as those of pyenv in the home directory, are hidden from a node.
+    """
+    folders = os.environ["PATH"].split(os.pathsep)
+    own = (*SYSTEM, "/bin/", "/sbin/", os.path.join(sys.prefix, ""))
+    return os.pathsep.join(each for each in folders if f"{each}/".startswith(own))
+
+
 def environment_of(ros: Dict[str, str], packages: Sequence[str] = ()) -> Dict[str, str]:
     """Return the environment of a node, which contains nothing of the user's own.
 
@@ -54,7 +65,7 @@ def environment_of(ros: Dict[str, str], packages: Sequence[str] = ()) -> Dict[st
     """
     return {
         **ros,
-        "PATH": os.environ["PATH"],
+        "PATH": search_path(),
         "PYTHONPATH": os.pathsep.join([*_module_paths(packages), *_paths(ros, "PYTHONPATH")]),
         "ROS_PACKAGE_PATH": os.pathsep.join([*packages, *_paths(ros, "ROS_PACKAGE_PATH")]),
         "ROS_HOSTNAME": "localhost",

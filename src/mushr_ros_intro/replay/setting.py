@@ -13,7 +13,7 @@ import rospkg
 from mushr_ros_intro.car.profile import read_parameters
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import find_file
-from mushr_ros_intro.program_file import name_faults, start_faults
+from mushr_ros_intro.program_file import faults_of, name_faults
 from mushr_ros_intro.replay.job import Job, Setting
 from mushr_ros_intro.replay.reference import Exercise
 from mushr_ros_intro.wording import similar
@@ -91,7 +91,7 @@ def find_executable(package: str, name: str) -> str:
             hint = f". It is not executable; type: chmod +x {shlex.quote(programs[name])}"
         raise UserError(f"there is no node '{name}' in the package '{package}'{hint}")
     path = str(found[0])
-    for problem, remedy in (*name_faults(found, rospack.get_path(package)), *start_faults(path)):
+    for problem, remedy in (*name_faults(found, rospack.get_path(package)), *faults_of(path)):
         raise UserError(f"{problem}. {remedy}")
     return path
 

@@ -4,7 +4,8 @@ import os
 
 import pytest
 
-from mushr_ros_intro.classroom import submission_check
+from mushr_ros_intro import program_file
+from mushr_ros_intro.isolation import workspace
 from support.submissions import NODE, PACKAGE, PUBLISHER, XML, fill, inside, only, zipped
 
 CMAKE = b"PROJECT(intro)\nfind_package(catkin)\ncatkin_package(\n  DEPENDS # add_library(x)\n)\n"
@@ -49,14 +50,17 @@ NAMED = "#!/usr/bin/env {}\n".format
         ({**inside("a"), "b/package.xml": XML}, "'b/package.xml' have the same name 'intro'"),
         (
             {PUBLISHER: b"print(1)\n"},
-            "has no line '#!...' at its start. Make its first line: #!/usr/b",
+            "does not start with a shebang line. Make its first line: #!/usr/b",
         ),
-        ({PUBLISHER: b"\xef\xbb\xbf" + NODE}, "starts with a byte order mark"),
+        ({PUBLISHER: b"\xef\xbb\xbf" + NODE}, "begins with a byte order mark"),
         ({PUBLISHER: NODE.replace(b"\n", b"\r\n")}, "Windows line ends (CRLF), so"),
-        ({PUBLISHER: NAMED("python").encode()}, "names 'python', which is not on"),
-        ({PUBLISHER: NAMED("python3 -u").encode()}, "names 'python3 -u', which is not"),
-        ({PUBLISHER: b"#!/usr/local/bin/python2.7\n"}, "names '/usr/local/bin/python2.7', which"),
-        ({PUBLISHER: b"#!/bin/bash\n"}, "names '/bin/bash', which is not Python 3. Make its first"),
+        ({PUBLISHER: NAMED("python").encode()}, "the interpreter 'python', which is not installed"),
+        ({PUBLISHER: NAMED("python3 -u").encode()}, "the interpreter 'python3 -u', which is not"),
+        (
+            {PUBLISHER: b"#!/usr/local/bin/python2.7\n"},
+            "the interpreter '/usr/local/bin/python2.7', which",
+        ),
+        ({PUBLISHER: b"#!/bin/bash\n"}, "'/bin/bash', which is not Python. Make its first"),
         ({PUBLISHER: NODE + b"print 'x'\n"}, "has a syntax error in line 3: Missing paren"),
         ({PUBLISHER: NODE + b"# \xfc\n"}, "is not UTF-8 in line 3"),
         ({PUBLISHER: NODE + b"x = '\0'\n"}, "null bytes"),
@@ -75,11 +79,11 @@ def test_faults(tmp_path, monkeypatch, files, said):
 
 def test_a_node_that_is_compiled_for_ever(tmp_path, monkeypatch):
     """Only the processor time counts, so the load of the machine is no fault of a submission."""
-    endless = submission_check._COMPILE.replace("compile(", "while True: pass #")
-    monkeypatch.setattr(submission_check, "_COMPILE", endless)
-    monkeypatch.setattr(submission_check, "_COMPILE_TIME", 1)
+    endless = program_file.COMPILE.replace("compile(", "while True: pass #")
+    monkeypatch.setattr(program_file, "COMPILE", endless)
+    monkeypatch.setattr(program_file, "COMPILE_TIME", 1)
     found = only(tmp_path, zipped(tmp_path / "a.zip", PACKAGE))
-    assert found.fault.endswith("is too complex to compile; expected a program in Python.")
+    assert found.fault.endswith("is too complex to compile. Expected a program in Python.")
 
 
 @pytest.mark.parametrize(
@@ -94,6 +98,30 @@ def test_a_node_that_is_compiled_for_ever(tmp_path, monkeypatch):
 )
 def test_first_lines_that_work(tmp_path, source):
     assert only(tmp_path, zipped(tmp_path / "a.zip", {PUBLISHER: source})).fault == ""
+
+
+@pytest.mark.parametrize(("version", "said"), [("python3.9", ""), ("python2.7", "not Python 3")])
+def test_the_interpreter_is_that_of_the_node(tmp_path, monkeypatch, version, said):
+    """Shims such as those of pyenv come first on the PATH of the grader, but are not for nodes."""
+    for folder, target in (("shims", "/bin/false"), ("system", version)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "python").symlink_to(target)
+    (tmp_path / "system" / version).write_text("#!/bin/false\n")
+    (tmp_path / "system" / version).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}/shims:{tmp_path}/system")
+    monkeypatch.setattr(workspace, "SYSTEM", (f"{tmp_path}/system/",))
+    found = only(tmp_path, zipped(tmp_path / "a.zip", {PUBLISHER: NAMED("python").encode()}))
+    assert said in found.fault and bool(found.fault) == bool(said)
+    assert workspace.environment_of({})["PATH"] == f"{tmp_path}/system"
+
+
+def test_a_file_that_hides_a_module(tmp_path):
+    """It is a note: the node may work nevertheless."""
+    files = {**PACKAGE, "src/random.py": b"", "src/turtle.py": b""}
+    found = only(tmp_path, zipped(tmp_path / "a.zip", files))
+    assert found.fault == ""
+    (note,) = found.notes
+    assert note.startswith("src/random.py hides the module random of Python or ROS")
 
 
 @pytest.mark.parametrize("other", ["scripts/path_publisher.py", "test/path_publisher.py"])

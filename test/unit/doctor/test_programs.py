@@ -25,7 +25,7 @@ from mushr_ros_intro.doctor.programs import program_findings
         ("\ufeff#!/usr/bin/python3\n", 0o755, r"a byte order mark, so its first line does not"),
         ("#!/usr/bin/python3\n# \udcfc\n", 0o755, "is not UTF-8 in line 2. Save it as UTF-8"),
         ("#!/usr/bin/python3\nprint(\n", 0o755, "has a syntax error in line 2: "),
-        ("#!/usr/bin/python3\nprint 'a'\n", 0o755, "). Correct this line, or the one before it"),
+        ("#!/usr/bin/python3\nprint 'a'\n", 0o755, ". Correct this line, or the one before it"),
         ("#!/usr/bin/python3\n", 0o644, "is not executable. Type: chmod +x '"),
         (
             "#!/usr/bin/python3\nimport no_such\n",
@@ -121,6 +121,37 @@ def test_a_program_that_catkin_has_installed(tmp_path):
     installed.chmod(0o644)
     (finding,) = map(str, program_findings(str(folder), find_node=nodes.get))
     assert finding == f"{installed} is not executable. Type: chmod +x {installed}"
+
+
+@pytest.mark.parametrize(
+    "hiding, module",
+    [
+        ("rospy.py", "rospy"),
+        ("random.py", "random"),  # rospy imports it
+        ("geometry_msgs/__init__.py", "geometry_msgs"),
+    ],
+)
+def test_a_file_that_hides_a_module(tmp_path, hiding, module):
+    path = tmp_path / hiding
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("")
+    path = tmp_path / "drive.py"
+    path.write_text("#!/usr/bin/python3\nfrom geometry_msgs.msg import Point\n")
+    path.chmod(0o755)
+    (finding,) = map(str, program_findings(str(tmp_path)))
+    file = tmp_path / hiding.partition("/")[0]
+    assert finding.startswith(f"{file} hides the module {module} of Python or ROS")
+    assert finding.endswith("Give it another name")
+
+
+def test_files_that_hide_nothing(tmp_path):
+    """The node does not need this module of Python; a folder without __init__.py hides nothing."""
+    (tmp_path / "turtle.py").write_text("")
+    (tmp_path / "geometry_msgs").mkdir()
+    path = tmp_path / "drive.py"
+    path.write_text("#!/usr/bin/python3\nimport math\n")
+    path.chmod(0o755)
+    assert program_findings(str(tmp_path)) == []
 
 
 @pytest.mark.parametrize(
