@@ -62,7 +62,7 @@ KNOWN = (
 )
 """Harmless messages of rviz on Debian, with a map in any view."""
 
-SCALE = 60.0
+SCALE = 50.0
 """Of the first view in rviz/default.rviz [pixel/m]."""
 
 PIXEL = 2.0 / SCALE

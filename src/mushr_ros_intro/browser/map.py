@@ -1,16 +1,20 @@
 """The map for the page of the browser view."""
 
 import asyncio
+import io
 from typing import Any, Callable, Dict, Optional
 
 import numpy as np
 import rospy
 from nav_msgs.msg import OccupancyGrid
+from PIL import Image
 
 from mushr_ros_intro.browser.bridge import Bridge
-from mushr_ros_intro.browser.map_image import png
 from mushr_ros_intro.ros import conversions
-from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.world.grid import OCCUPIED_ABOVE, UNKNOWN, Grid
+
+_OCCUPIED, _UNKNOWN, _FREE = 0, 205, 254
+"""The grey values, as in the images of ROS's map_saver."""
 
 
 class WebMap:
@@ -74,3 +78,13 @@ class WebMap:
         if self.grid is None:
             raise LookupError("there is no map")
         return self.grid
+
+
+def png(grid: Grid) -> bytes:
+    """Return a map as a PNG image, one pixel per cell; the first row is at the top."""
+    pixels = np.full(grid.cells.shape, _FREE, np.uint8)
+    pixels[grid.cells == UNKNOWN] = _UNKNOWN
+    pixels[grid.cells > OCCUPIED_ABOVE] = _OCCUPIED
+    file = io.BytesIO()
+    Image.fromarray(pixels[::-1]).save(file, "PNG", compress_level=1)
+    return file.getvalue()

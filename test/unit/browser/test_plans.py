@@ -11,7 +11,7 @@ from PIL import Image
 
 from mushr_ros_intro.browser import plans
 from mushr_ros_intro.browser.car_limits import car_limits
-from mushr_ros_intro.browser.map_image import png
+from mushr_ros_intro.browser.map import png
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import read_profile
 from mushr_ros_intro.parameters import Parameters
