@@ -120,4 +120,8 @@ pad.onpointerdown = (event) => {
 };
 pad.onpointermove = (event) => stick && pull(event.buttons ? event : null);
 pad.onlostpointercapture = () => pull(null);
+pad.oncontextmenu = (event) => {
+  event.stopPropagation(); // a finger that rests on the pad is not a right click
+  return false;
+};
 setInterval(step, PERIOD);

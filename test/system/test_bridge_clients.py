@@ -140,7 +140,7 @@ def test_who_may_use_it(sim, other_port):
             assert got == statuses[server], f"a connection: {case}"
             is_json = answer.get("Content-Type", "").startswith("application/json")
             assert got == 101 or (b'{"error": "' in content and is_json), case
-            for path in ("/", "/plans"):
+            for path in ("/", "/map.json"):
                 got, _, _ = web.fetch(port, path + parameters, headers=headers)
                 assert got == {101: 200, 403: 403}[statuses[server]], f"{path}: {case}"
 
@@ -516,7 +516,7 @@ def test_a_master_that_does_not_answer(sim):
         result, values = client.call("/rosapi/topics")
         assert result is False and isinstance(values, str)
         watcher.stamps(100)
-        assert sim.get("/plans")[0] == 200
+        assert sim.get("/map.json")[0] == 200
         status, _, content = sim.get("/plans/figure_8")
         assert status == 409 and b"the ROS master does not answer" in content
         status, answer = sim.post("/drive", {"plan": "long"})

@@ -1,6 +1,6 @@
 """Answer the requests of the page about plans and drives."""
 
-from typing import Any, Dict, List, Sequence
+from typing import Any, Dict, Sequence
 
 from mushr_ros_intro.browser import plans, rosapi
 from mushr_ros_intro.browser.bridge import Bridge
@@ -38,13 +38,9 @@ class PlanActions:
     def actions(self) -> Dict[str, Dict[str, Action]]:
         """Return what the server answers, by path and method."""
         return {
-            r"/plans": {"GET": self._get_plans},
             r"/plans/(.+)": {"GET": self._get_plan},
             r"/drive": {"POST": self._start_drive, "DELETE": self._stop_drive},
         }
-
-    async def _get_plans(self) -> Dict[str, List[str]]:
-        return {"plans": [*await self._bridge.in_thread(plans.find_plans, self._folders)]}
 
     async def _get_plan(self, name: str) -> Dict[str, Any]:
         path = await self._path(name)

@@ -62,12 +62,11 @@ def name_of(path: str, folders: Sequence[str]) -> Optional[str]:
 
 def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:
     """Check a plan with a car, and on a map (a `Grid`) if there is one; see docs/view.md."""
-    result: Dict[str, Any] = {"name": name, "start": None, "rows": [], "row_count": 0, "path": []}
-    result.update(length=None, duration=None, wall=None, final_pose=None, ignores_noise=False)
     try:
         plan = read_plan(path)
     except PlanError as error:
-        return {**result, **_faults(error.faults)}
+        nothing = {"start": None, "rows": [], "row_count": 0, "path": []}
+        return {"name": name, **nothing, **_faults(error.faults)}
     report = check(plan, car_name, car, "the map" if grid else "", grid)
     step = -(-len(report.states) // MAX_PATH_POINTS)
     states = [*report.states[:-1:step], report.states[-1]]

@@ -114,8 +114,6 @@ def test_a_plan_with_faults(tmp_path):
     assert [(each["line"], each["column"]) for each in answer["faults"]] == [(2, 6)]
     assert answer["faults"][0]["text"].startswith("steering angle")
     assert (answer["start"], answer["rows"], answer["path"]) == (None, [], [])
-    assert answer["length"] is answer["duration"] is answer["final_pose"] is None
-    assert answer["wall"] is None
 
 
 def test_a_long_plan(tmp_path):
