@@ -21,6 +21,7 @@ from mushr_ros_intro.plan.plan import Fault, PlanError
 from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.preview.spread import spread
 from mushr_ros_intro.preview.text import as_json, as_text, verdict
+from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.world.map_file import read_map
 
 MAX_RUNS = 100_000
@@ -91,7 +92,7 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
         description="Check plans before they are driven: what they do, whether the car can do "
         "that, and whether it hits a wall. The exit status is 0 if there are no faults, 1 if "
         "there are, 2 if the program was called wrongly.",
-        epilog="Example: rosrun mushr_ros_intro check_plan.py figure_8 --map sandbox",
+        epilog=as_typed("Example: rosrun mushr_ros_intro check_plan.py figure_8 --map sandbox"),
     )
     cars = ", ".join(names_in(profiles))
     spread_help = "drive the plan N times, each time with random errors, and print the spread"

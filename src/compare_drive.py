@@ -21,6 +21,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import REQUIRED, Parameters, number
 from mushr_ros_intro.paths import find_file, package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.ros.commands import as_typed
 
 _MUX = "/car/mux/ackermann_cmd_mux"
 
@@ -117,7 +118,9 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
         prog="compare_drive.py",
         description="Compare recorded drives with their prediction, and fit the parameters of the "
         "car. The exit status is 0 if there is a result, 2 if there is none.",
-        epilog="Example: rosrun mushr_ros_intro compare_drive.py drive.bag --plan figure_8",
+        epilog=as_typed(
+            "Example: rosrun mushr_ros_intro compare_drive.py drive.bag --plan figure_8"
+        ),
     )
     add = parser.add_argument
     cars = ", ".join(names_in(profiles))

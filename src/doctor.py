@@ -130,11 +130,12 @@ def car_name(text: str) -> str:
 def main() -> int:
     """Print the findings; return the exit status."""
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end quietly if the output is cut off
+    example = "Example: rosrun mushr_ros_intro doctor.py --package my_ros_intro"
     parser = argparse.ArgumentParser(
         prog="doctor.py",
         description="Report why the car does not move, and what to type. The exit status is 0 "
         "without findings, 1 with findings, 2 for wrong arguments.",
-        epilog="Example: rosrun mushr_ros_intro doctor.py --package my_ros_intro",
+        epilog=example if missing else as_typed(example),
     )
     parser.add_argument("--car", metavar="NAME", type=car_name, default="car", help="default: car")
     parser.add_argument(

@@ -73,7 +73,6 @@ class Terminal:
             "HOME": str(home),
             "PATH": f"{home}/bin:/usr/bin:/bin",
             "ROS_MASTER_URI": f"http://localhost:{port}",
-            "ROS_HOSTNAME": "localhost",
             "PYTHONUNBUFFERED": "1",
         }
         self._source = "source ~/catkin_ws/devel/setup.bash"
@@ -99,26 +98,39 @@ class Terminal:
         return Process("env", "-i", *environment, "bash", "-c", line)
 
 
-def make_workspace(home, *arguments):
-    """Run scripts/make_workspace; return its output."""
+def shell(home, *arguments, typed="", status=0):
+    """Type commands in scripts/shell; return their output and that of the script."""
     done = subprocess.run(
-        [f"{CHECKOUT}/scripts/make_workspace", *arguments],
+        [f"{CHECKOUT}/scripts/shell", *arguments],
         cwd=home,
         env={"HOME": str(home), "PATH": f"{home}/bin:/usr/bin:/bin"},
-        check=True,
+        input=typed,
         stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
         timeout=10 * PATIENCE,
+        start_new_session=True,
     )
+    assert done.returncode == status, done.stdout
     return done.stdout
 
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
-    """Return a home with a workspace that scripts/make_workspace has created."""
+    """Return a home with a workspace that scripts/shell --tutorial has created.
+
+    ROS has searched the workspace, as after the completion of a name with Tab.
+    """
     tmp_path = tmp_path_factory.mktemp("home")
     add_programs(tmp_path / "bin", ("python",), 'exec /usr/bin/python3 "$@"')
-    make_workspace(tmp_path)
+    tab = "COMP_WORDS=(roscd mushr_) COMP_CWORD=1; _roscomplete; echo found: ${COMPREPLY[*]}\n"
+    plans = "ls $(rospack find mushr_sim)/plans/slalom.txt\n"
+    typed = f"{tab}rosrun mushr_sim check_plan.py slalom\n{plans}rospack find mushr_ros_intro\n"
+    output = shell(tmp_path, "--tutorial", typed=typed + "exit 0\n")
+    assert re.search("found: .*mushr_sim", output) and "no faults" in output, output
+    assert "/plans/slalom.txt\n" in output, output
+    assert "package 'mushr_ros_intro' not found" in output, output
+    assert f"source {tmp_path}/catkin_ws/devel/setup.bash" in output, output
     return tmp_path
 
 
@@ -146,6 +158,14 @@ def test_the_tutorial(home):
         with open(os.path.join(package, name), "w", encoding="utf-8") as file:
             file.write(text)
 
+    # Each workspace says which package has the name, and a student can open the other one.
+    output = shell(home, typed="exit 0\n")
+    assert f"mushr_ros_intro is the package in {CHECKOUT}\n" in output, output
+    assert f"{package}; " in output and f"scripts/shell --tutorial {home}/catkin_ws" in output
+    output = shell(home, "--tutorial", typed="rospack find mushr_ros_intro\n")
+    assert "building" not in output and f"your own package: {package}. " in output, output
+    assert output.count(package) == 2, output
+
     assert os.path.isfile(view.split()[-1].replace("$HOME", str(home)))
     with terminal.start(simulate) as simulation:
         wait_for(lambda: "ready: the car is at" in simulation.output, "the car", 2 * PATIENCE)
@@ -167,6 +187,13 @@ def test_the_tutorial(home):
         assert simulation.wait() == 0
 
 
+def test_another_workspace_is_not_touched(tmp_path):
+    (tmp_path / "catkin_ws" / "src" / "robot").mkdir(parents=True)
+    output = shell(tmp_path, "--tutorial", status=1)
+    assert f"{tmp_path}/catkin_ws is another workspace, and stays as it is" in output, output
+    assert [each.name for each in (tmp_path / "catkin_ws").glob("**/*")] == ["src", "robot"]
+
+
 def test_a_course(home):
     """Packages of a course that includes mushr_sim; its node has relative topics and no stamps."""
     for name in ("course", "introduction"):
@@ -174,7 +201,7 @@ def test_a_course(home):
     # The workspace contains the package of underlay/; the one of the course replaces it.
     copy_package(f"{CHECKOUT}/underlay/mushr_utils", f"{home}/a course/mushr_utils")
     (home / "a course" / "introduction" / "lost.py").write_text("#!/usr/bin/python3\n")
-    output = make_workspace(home, "--course", "a course")
+    output = shell(home, "--tutorial", "--course", "a course")
     assert "setup: the course: course introduction mushr_utils \n" in output, output
     assert not os.path.lexists(f"{home}/catkin_ws/src/mushr/mushr_utils")
     assert "1 files begin with #!" in output and "introduction/lost.py" in output, output

@@ -1,8 +1,11 @@
 """Parts of scripts/setup that can be tested without an installation."""
 
+import fcntl
 import os
 import socket
 import subprocess
+
+import pytest
 
 from support.paths import CHECKOUT
 
@@ -41,13 +44,56 @@ def test_grade_without_an_installation(tmp_path):
 
 def run_function(name, script, given=""):
     """Return the output of a script that calls a function of scripts/setup."""
-    function = f"sed -n '/^{name}()/,/^}}/p' '{CHECKOUT}/scripts/setup'"
+    function = f"sed -n '/^{name}()/,/^[}})]/p' '{CHECKOUT}/scripts/setup'"
     command = ["bash", "-euc", f'eval "$({function})"; {script}']
     return subprocess.check_output(command, input=given, text=True)
 
 
 def test_the_progress_of_apt_get():
     assert run_function("show_progress", 'say() { echo "$*"; }; show_progress', APT) == SHOWN
+
+
+def test_another_program_that_installs_packages(tmp_path):
+    (tmp_path / "lib" / "apt" / "lists").mkdir(parents=True)
+    with open(tmp_path / "lib" / "apt" / "lists" / "lock", "w") as lock:
+        assert run_function("apt_user", f"apt_user {tmp_path}") == ""
+        fcntl.lockf(lock, fcntl.LOCK_EX)
+        with open("/proc/self/comm") as name:
+            expected = f"{name.read().strip()} (process {os.getpid()})\n"
+        assert run_function("apt_user", f"apt_user {tmp_path}") == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('ID=debian\nVERSION_ID="12"\nPRETTY_NAME="Debian GNU/Linux 12"', "debian:12:Debian GNU/L"),
+        ('ID=ubuntu\nVERSION_ID="22.04"\nPRETTY_NAME="Ubuntu 22.04"', "ubuntu:22.04:Ubuntu 22.04"),
+        ("", "::an unknown system"),
+    ],
+)
+def test_the_name_of_the_system(tmp_path, text, expected):
+    (tmp_path / "os-release").write_text(text)
+    assert run_function("system", f"system {tmp_path}/os-release").startswith(expected)
+
+
+def test_a_new_plan_causes_no_build(tmp_path):
+    """Only what CMake reads and links does."""
+    for name in ("plans", "underlay", "src", "scripts/dev"):
+        (tmp_path / name).mkdir(parents=True)
+    for name in ("CMakeLists.txt", "package.xml", "setup.py", "scripts/dev/loopback.c"):
+        (tmp_path / name).touch()
+    script = f"checkout='{tmp_path}'; list_sources /nowhere; "
+    before = run_function("list_sources", script)
+    for name, is_same in {
+        "plans/mine.txt": True,
+        "src/node.py": False,
+        "underlay/package.xml": False,
+        "urdf": False,
+    }.items():
+        (tmp_path / name).touch()
+        after = run_function("list_sources", script)
+        assert (after == before) == is_same, name
+        before = after
 
 
 def test_free_port():

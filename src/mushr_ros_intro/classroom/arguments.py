@@ -11,6 +11,7 @@ from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS, tolerance_fault
 from mushr_ros_intro.replay.reference import OFFSETS, Exercise, read_references
+from mushr_ros_intro.ros.commands import as_typed
 
 _OF_A_CLASS = (
     *("secret", "points", "jobs", "only", "rejudge"),
@@ -87,7 +88,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     form = argparse.RawDescriptionHelpFormatter
     usage = "grade.py PLAN... --node PACKAGE FILE [OPTION...]\n       grade.py SUBMISSION... "
     usage += "--plans PLAN... --out FOLDER [OPTION...]"
-    example = (
+    example = as_typed(
         "Example: rosrun mushr_ros_intro grade.py test_drive --node my_ros_intro path_publisher.py"
     )
     parser = argparse.ArgumentParser(

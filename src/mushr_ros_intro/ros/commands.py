@@ -17,14 +17,21 @@ STAND_INS = (
     (_PUBLISHER, "rosrun mushr_sim path_publisher.py _plan_file:=figure_8"),
     ("rosrun mushr_ros_intro ", "rosrun mushr_sim "),
 )
-"""Commands, and how to type them if a student's package has the name of this one."""
+"""Commands, and how to type them in a student's workspace, where this package is mushr_sim."""
 
 
 def as_typed(text: str) -> str:
     """Return a text with the commands that work in this workspace."""
-    with suppress(rospkg.ResourceNotFound):
-        found = rospkg.RosPack().get_path("mushr_ros_intro")
-        if not os.path.exists(os.path.join(found, "launch", "sim.launch")):
-            for command, stand_in in STAND_INS:
-                text = text.replace(command, stand_in)
+    if not _has_this_package("mushr_ros_intro") and _has_this_package("mushr_sim"):
+        for command, stand_in in STAND_INS:
+            text = text.replace(command, stand_in)
     return text
+
+
+def _has_this_package(name: str) -> bool:
+    """Return whether ROS finds a package with this name and the launch files of this package."""
+    with suppress(rospkg.ResourceNotFound):
+        folder = rospkg.RosPack().get_path(name)
+        launch = ("launch", ".launch")  # a link in mushr_sim
+        return any(os.path.exists(os.path.join(folder, each, "sim.launch")) for each in launch)
+    return False

@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameter, Parameters, Table, Values, any_text, text
 from mushr_ros_intro.ros import rospy_fixes
+from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.ros.connections import is_alive, wait_until_connected
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER
@@ -245,7 +246,7 @@ def check_arguments(node_class: Type[Any], *known: str) -> None:
     for each in sys.argv[1:]:
         if each in ("-h", "--help"):
             signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end quietly if the output is cut off
-            print(f"{program}: {help_text(node_class)}")
+            print(as_typed(f"{program}: {help_text(node_class)}"))
             sys.exit()
         is_remapping = ":=" in each and not each.startswith("-")
         if not is_remapping and not each.startswith(known):
