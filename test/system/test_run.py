@@ -13,6 +13,7 @@ import uuid
 
 import pytest
 
+from support.display import Display
 from support.geometry import POSITION_TOLERANCE
 from support.helpers import PATIENCE, wait_for
 from support.paths import CHECKOUT
@@ -39,7 +40,7 @@ def as_terminal(path):
 class Run:
     """The script during a drive, in an environment with wrong settings for ROS."""
 
-    def __init__(self, folder, seconds, terminal=False):
+    def __init__(self, folder, seconds, terminal=False, **variables):
         self.mark = f"MARK={uuid.uuid4()}"
         add_programs(folder / "bin", ("cmake", "python", "python3"))
         (folder / "a plan.txt").write_text(f"1, 2, 0.5\n1.0, 0.1, {seconds}\n")
@@ -57,6 +58,7 @@ class Run:
             ROS_MASTER_URI="http://192.0.2.2:11311",
             ROS_NAMESPACE="/nonsense",
             ROS_PACKAGE_PATH="/nonsense",
+            **variables,
         )
         self.log = folder / "log"
         with contextlib.ExitStack() as files:
@@ -153,9 +155,27 @@ def test_in_a_terminal(tmp_path):
         assert "line 2 of 2" not in script.log.read_text()
         with socket.create_connection(address.groups()):
             script.wait_for_text("the page stays open until you press Ctrl-C")
+        assert "next: scripts/run PLAN" in script.log.read_text()
         script.process.send_signal(signal.SIGINT)
         assert script.process.wait(PATIENCE) == 0, script.log.read_text()
         assert script.processes() == []
+
+
+@pytest.mark.full
+def test_with_a_display(tmp_path):
+    """The drive begins when rviz shows its window, and the window stays until Ctrl-C."""
+    display = Display()
+    try:
+        with Run(tmp_path, 1.5, terminal=True, DISPLAY=display.name) as script:
+            script.wait_for_text("line 2 of 2")
+            wait_for(lambda: display.windows("rviz"), "the window", 1.0)
+            script.wait_for_text("rviz stays open until you press Ctrl-C")
+            assert display.windows("rviz")
+            script.process.send_signal(signal.SIGINT)
+            assert script.process.wait(PATIENCE) == 0, script.log.read_text()
+            assert script.processes() == []
+    finally:
+        display.end()
 
 
 @pytest.mark.parametrize(
