@@ -1,10 +1,8 @@
 """Check the program that runs the tests."""
 
 import os
-import runpy
 import signal
 import subprocess
-from unittest import mock
 from xml.etree import ElementTree
 
 import pytest
@@ -81,55 +79,3 @@ def test_in_the_background_of_a_script(tmp_path):
     finally:
         signal.signal(signal.SIGINT, before)
     assert done.stdout.splitlines()[-1] == "1 passed, 0 failed, 0 skipped", done.stdout
-
-
-class Machine:
-    """Imitates time and runs of 10 s.
-
-    The program continues 1 ms late after each sleep, but 50 ms if more than `most_free` runs run.
-    """
-
-    def __init__(self, most_free):
-        self.most_free, self.now, self.running, self.most = most_free, 0.0, 0, 0
-
-    def monotonic(self):
-        return self.now
-
-    def sleep(self, seconds):
-        self.now += seconds + (0.001 if self.running <= self.most_free else 0.05)
-
-    def start(self):
-        """Start a run; return a function that returns whether it runs."""
-        end = self.now + 10.0
-        self.running += 1
-        self.most = max(self.most, self.running)
-        return lambda: self.now < end
-
-    def add(self, _):
-        self.running -= 1
-
-
-class ImitatedRun:
-    seconds = left = 10.0
-
-    def __init__(self, machine):
-        self._machine = machine
-
-    def start(self):
-        self._runs = self._machine.start()
-
-    @property
-    def is_running(self):
-        return self._runs()
-
-
-@pytest.mark.parametrize("free", [0, 1, 4])
-def test_another_run_starts_while_a_processor_is_free(free):
-    program = runpy.run_path(os.path.join(CHECKOUT, "scripts/dev/run_tests"))
-    names = program["run_all"].__globals__
-    least, most = names["AT_LEAST"], names["AT_MOST"]
-    machine = Machine(free * least)
-    with mock.patch.dict(names, time=machine, Progress=mock.MagicMock()):
-        names["run_all"]([ImitatedRun(machine) for _ in range(2 * most)], machine)
-    assert machine.running == 0
-    assert machine.most == min(max(least, machine.most_free + 1), most)
