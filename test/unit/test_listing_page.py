@@ -5,12 +5,11 @@ test/system/test_listing.py lets each state drive.
 
 import ast
 import builtins
-import inspect
 import symtable
 
 import pytest
 
-from support.listing_page import code_blocks, states
+from support.listing_page import states
 from support.paths import CHECKOUT
 
 STATES = states()
@@ -56,22 +55,3 @@ def test_the_last_state_is_the_example():
     last = [*STATES.values()][-1]
     assert last.split("\n")[0] == example.split("\n")[0]
     assert parts_of(last) == parts_of(example)
-
-
-def test_blocks_and_names_that_are_not_defined():
-    """Test the functions above."""
-    page = inspect.cleandoc(
-        """
-        Text:
-
-            import math
-
-            def f(x): return math.sin(x) + g(y)
-
-        and output:
-
-            file.txt:3: bad
-        """
-    )
-    (block,) = code_blocks(page + "\n")
-    assert undefined(block) == {"g", "y"}
