@@ -45,36 +45,35 @@ def shell(tmp_path):
             start_new_session=True,
         )
         assert done.returncode == 0, done.stderr
-        return done.stdout.splitlines()
+        lines = done.stdout.splitlines()
+        if not command:
+            assert lines.pop(0) == f"setup: here, mushr_ros_intro is the package in {CHECKOUT}"
+        return lines
 
     return run
 
 
-@pytest.mark.parametrize(
-    "typed, printed",
-    [
-        ("roscd mushr_ros_intro && readlink -f scripts", f"{CHECKOUT}/scripts"),
-        pytest.param(
-            'readlink -f "$(roslaunch --files mushr_ros_intro sim.launch)"',
-            f"{CHECKOUT}/launch/sim.launch",
-            marks=pytest.mark.full,
-        ),
-        ("rosrun mushr_ros_intro check_plan.py circle | sed -n 2p", "no faults"),
-        ("which python3 && python3 -c 'import rospy, ackermann_msgs'", "/usr/bin/python3"),
-        ("which cmake", "/usr/bin/cmake"),
-        ("which catkin_make >/dev/null && which catkin_create_pkg >/dev/null && echo yes", "yes"),
-        ("echo $ROS_HOSTNAME $ROS_MASTER_URI", "localhost http://localhost:11311"),
-        ("echo ${ROS_IP-1} ${ROS_NAMESPACE-2} ${ROS_HOME-3} ${TMPDIR-4}", "1 2 3 4"),
-        # scripts/dev/loopback.c is for programs with roscpp only.
-        (f"python3 -c '{ANY_INTERFACE}'", "0.0.0.0"),
-        ("complete -p rosrun roslaunch roscd rostest >/dev/null && echo yes", "yes"),
-        ("hello", "hello"),
-        ("my_tool", "my tool"),
-        ('echo "$PS1"', "(mushr_ros_intro) my prompt> "),
-    ],
-)
-def test_what_a_user_types(shell, typed, printed):
-    assert shell(typed=f"{typed}\n") == [printed]
+TYPED = {
+    "roscd mushr_ros_intro && readlink -f scripts && cd ~-": f"{CHECKOUT}/scripts",
+    "realpath $(roslaunch --files mushr_ros_intro sim.launch)": f"{CHECKOUT}/launch/sim.launch",
+    "rosrun mushr_ros_intro check_plan.py circle | sed -n 2p": "no faults",
+    "which python3 && python3 -c 'import rospy, ackermann_msgs'": "/usr/bin/python3",
+    "which cmake": "/usr/bin/cmake",
+    "which catkin_make >/dev/null && which catkin_create_pkg >/dev/null && echo yes": "yes",
+    "echo $ROS_HOSTNAME $ROS_MASTER_URI": "localhost http://localhost:11311",
+    "echo ${ROS_IP-1} ${ROS_NAMESPACE-2} ${ROS_HOME-3} ${TMPDIR-4}": "1 2 3 4",
+    # scripts/dev/loopback.c is for programs with roscpp only.
+    f"python3 -c '{ANY_INTERFACE}'": "0.0.0.0",
+    "complete -p rosrun roslaunch roscd rostest >/dev/null && echo yes": "yes",
+    "hello": "hello",
+    "my_tool": "my tool",
+    'echo "$PS1"': "(mushr_ros_intro) my prompt> ",
+}
+"""Lines, and what they print."""
+
+
+def test_what_a_user_types(shell):
+    assert shell(typed="\n".join(TYPED) + "\n") == [*TYPED.values()]
 
 
 def test_completion(shell):
