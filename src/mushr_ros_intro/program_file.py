@@ -72,14 +72,14 @@ def faults_of(
         return
     has_main = is_python and re.search(rb"__main__|\binit_node\(", text)
     mark = line.startswith((codecs.BOM_UTF8, codecs.BOM_UTF16_BE, codecs.BOM_UTF16_LE))
-    is_program = place or line.startswith((b"#!", codecs.BOM_UTF8 + b"#!")) or has_main
+    is_program = place or has_main or text.lstrip().startswith((b"#!", codecs.BOM_UTF8 + b"#!"))
     is_program = starts and is_program and os.path.basename(path) != "setup.py"
     if is_program and mark:
         problem = f"{name} begins with a byte order mark, so its first line does not work"
         sed = rf"Type: sed -i '1s/^\xef\xbb\xbf//' {typed}"
         yield problem, sed if line.startswith(codecs.BOM_UTF8) else "Save it as UTF-8"
     elif is_program:
-        yield from _first_line_faults(name, typed, line, is_python, search_path, not place)
+        yield from _first_line_faults(name, typed, text, is_python, search_path, not place)
     if is_python or b"python" in line:
         yield from _text_faults(name, text)
     if is_program and not os.access(path, os.X_OK):
@@ -187,14 +187,18 @@ def _line_not_in_utf8(text: bytes) -> int:
 def _first_line_faults(
     name: str,
     typed: str,
-    line: bytes,
+    text: bytes,
     is_python: bool,
     search_path: Optional[str],
     is_trusted: bool,
 ) -> Iterator[Fault]:
     """Yield why the first line of a program does not start it."""
+    line = text.split(b"\n", 1)[0]
     if not line.startswith(b"#!"):
-        yield f"{name} does not start with a shebang line", _REMEDY
+        if text.lstrip().startswith(b"#!"):
+            yield f"{name} has blanks or empty lines before '#!'", "Delete what is before '#!'"
+        else:
+            yield f"{name} does not start with a shebang line", _REMEDY
         return
     if line.endswith(b"\r"):
         problem = f"{name} has Windows line ends (CRLF), so its first line does not work"

@@ -23,6 +23,8 @@ def test_a_mapping_and_an_empty_file(tmp_path):
     path = tmp_path / "file.yaml"
     path.write_text("a: 1\nb: [0.5, .inf, true, null, word]")
     assert read(path) == {"a": 1, "b": [0.5, float("inf"), True, None, "word"]}
+    path.write_text("a: &common {b: 1, c: 2}\nd: {<<: *common, b: 3}")
+    assert read(path)["d"] == {"b": 3, "c": 2}
     path.write_text("# nothing yet\n")
     assert read(path) == {}
 
@@ -34,6 +36,9 @@ def test_a_mapping_and_an_empty_file(tmp_path):
         (b"a: [1, 2\nb: 3", "line 2, column 2: expected ',' or ']'"),
         (b"a: b: c", "line 1, column 5: mapping values are not allowed here"),
         (b"a: \x01", "unacceptable character"),
+        (b"a: 1\nb: {c: 1}\na: 2", "line 3, column 1: the key 'a' is there twice"),
+        (b"a: {c: 1, c: 1}", "line 1, column 11: the key 'c' is there twice"),
+        (b"a: 1\n---\nb: 2", "found another document"),
         (b"a: caf\xe9", "unacceptable character"),
         (b"? [a]\n: b", "found unhashable key"),
         (b"a: !!int ''", ""),

@@ -9,6 +9,7 @@ are allowed.
 """
 
 import re
+import unicodedata
 from itertools import accumulate
 from typing import Dict, List, Sequence, Tuple
 
@@ -121,6 +122,7 @@ def parse_plan(data: bytes, path: str) -> Plan:
         else:
             count += 1
             found = _line_faults(cells, columns, is_start=count == 1)
+            found = found and (_foreign_character(content) or found)
         faults += [Fault(path, number, column, text) for column, text in found]
         if len(faults) >= MAX_FAULTS:
             faults.append(Fault(path, number, 1, "too many faults; the rest is not checked"))
@@ -188,6 +190,23 @@ def _line_faults(
     return [(column, text) for column, text in zip(columns, texts) if text]
 
 
+def _foreign_character(content: str) -> List[Tuple[int, str]]:
+    """Return the column and the fault of a character that only looks like one of ASCII.
+
+    Text that is copied from a PDF or a web page contains a minus sign or a no-break space.
+    """
+    for column, char in enumerate(content, 1):
+        typed = char
+        if unicodedata.category(char) == "Pd" or char == "\N{MINUS SIGN}":
+            typed = "-"
+        elif unicodedata.decomposition(char).startswith(("<noBreak>", "<compat>", "<wide>")):
+            typed = unicodedata.normalize("NFKC", char)
+        if typed.isascii() and not char.isascii():
+            name = f"{unicodedata.name(char)} (U+{ord(char):04X})"
+            return [(column, f"the line has the character {name}; type {typed!r} instead")]
+    return []
+
+
 def _number_fault(name: str, cell: str) -> str:
     """Return the fault of one number of a plan, or an empty text."""
     if not cell:
@@ -196,7 +215,7 @@ def _number_fault(name: str, cell: str) -> str:
     if not _NUMBER.fullmatch(cell):
         if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"):
             return f"{name} is {shown}; expected a finite number"
-        return f"{name} is {shown}, which is not a number; expected one such as 2.0"
+        return f"{name} is {shown}, which is not a number; expected one such as 0.1"
     low, high, unit = _LIMITS[name]
     if not low <= float(cell) <= high:
         return f"{name} {shown} is out of range; expected {unit}, from {low:g} to {high:g}"

@@ -6,6 +6,7 @@ page leaves open).
 """
 
 import os
+import warnings
 from typing import Any, List
 
 import numpy as np
@@ -70,7 +71,9 @@ def read_map(path: str) -> Grid:
     Raises:
         UserError: a file cannot be read, or a key is wrong.
     """
-    values = read_mapping(path, "a map's yaml file, with keys such as 'image: map.png'")
+    values = read_mapping(
+        path, "a map's yaml file, with keys such as 'image: map.png'", is_map=True
+    )
     keys = Parameters(values, f"{path}: ")
     read = keys.read(_KEYS)
     occupied, free = read["occupied_thresh"], read["free_thresh"]
@@ -93,8 +96,12 @@ def read_map(path: str) -> Grid:
 
 def _read_channels(path: str) -> np.ndarray:
     """Return the channels of an image, uint8, (height, width, channels); row 0 is at the top."""
-    with Image.open(path) as image:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # a large map is no attack
+        image = Image.open(path)
+    with image:
         is_known = image.format in _FORMATS and image.mode in _CHANNELS
+        is_known = is_known and (image.format, image.mode) != ("PPM", "1")  # PBM: read inverted
         if not is_known or "transparency" in image.info:
             raise ValueError(f"this is a {image.format} image of Pillow's mode {image.mode}")
         return np.atleast_3d(np.asarray(image.convert(_CHANNELS[image.mode])))

@@ -16,6 +16,8 @@ from mushr_ros_intro.doctor.programs import program_findings
         ("#!/no/such/python\n", 0o755, "interpreter '/no/such/python'"),
         ("#!/no/such/env python3\n", 0o755, "interpreter '/no/such/env'"),
         ("#!\n", 0o755, "interpreter ''"),
+        (" #!/usr/bin/python3\n", 0o755, "has blanks or empty lines before '#!'. Delete"),
+        ("\n#!/usr/bin/python3\n", 0o755, "has blanks or empty lines before '#!'. Delete"),
         ("#!/bin/bash\n", 0o755, "interpreter '/bin/bash', which is not Python. Make its first"),
         (
             "#!/usr/bin/python3\r\n",

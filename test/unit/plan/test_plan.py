@@ -22,6 +22,13 @@ FAULTS = {
         "2:4: the line has a semicolon; expected 'speed, steering angle' or 'speed, steering "
         "angle, duration' in m/s, rad, s, separated by commas; decimals have a point",
     ],
+    "copied": [
+        "2:6: the line has the character MINUS SIGN (U+2212); type '-' instead",
+        "3:4: the line has the character NO-BREAK SPACE (U+00A0); type ' ' instead",
+        "4:6: the line has the character EN DASH (U+2013); type '-' instead",
+        "5:4: the line has the character FULLWIDTH COMMA (U+FF0C); type ',' instead",
+        "6:6: steering angle is '0.1\u00b2', which is not a number; expected one such as 0.1",
+    ],
     "duration_negative": ["2:12: duration '-1' is out of range; expected seconds, from 1e-09"],
     "duration_too_large": ["2:12: duration '1e300' is out of range; expected seconds, from"],
     "duration_too_small": ["2:12: duration '0.5e-9' is out of range; expected seconds, from"],

@@ -96,6 +96,23 @@ def test_a_pgm_image_in_another_folder(tmp_path):
         read_map(write_yaml(tmp_path / "below", image=image))
 
 
+def test_what_map_server_accepts(tmp_path):
+    """A tab behind a key, more documents, and a comment in Latin-1."""
+    write_png(tmp_path, [[0]])
+    path = write_yaml(tmp_path, resolution=None)
+    with open(path, "ab") as file:
+        file.write(b"resolution:\t0.05 # caf\xe9\n---\nanother: [document\n")
+    assert read_map(path).resolution == 0.05
+
+
+def test_a_large_image(tmp_path, monkeypatch, recwarn):
+    """Pillow warns of an image of 10000 x 10000 pixels."""
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1)
+    write_png(tmp_path, [[0, 0]])
+    assert read_map(write_yaml(tmp_path)).width == 2
+    assert [str(each.message) for each in recwarn] == []
+
+
 def test_values_by_hand(tmp_path):
     write_png(tmp_path, [[0, 128, 255], [90, 89, 206]])
     # The darkness is 1, 0.498, 0 and, in the lower row, 0.647, 0.651, 0.192.
@@ -135,12 +152,15 @@ def test_size_resolution_and_origin(tmp_path):
         ({"image": None}, "image is not set; expected the path of a PNG or PGM image"),
         ({"image": "none.png"}, "none.png': No such file or directory; expected a PNG or PGM"),
         ({"image": "."}, "Is a directory; expected a PNG or PGM image"),
+        ({"image": "map.pbm"}, "expected a PNG or PGM image"),
+        ({"negate": "0\nnegate: 1"}, "the key 'negate' is there twice"),
         ({"image": "map.yaml"}, "cannot identify image file"),
         ({"image": '"a\\0b"'}, "embedded null"),
     ],
 )
 def test_a_broken_key(tmp_path, changes, expected):
     write_png(tmp_path, [[0]])
+    (tmp_path / "map.pbm").write_bytes(b"P4\n8 1\n\xf0")
     path = write_yaml(tmp_path, **changes)
     message = fault_of(path)
     assert f"{path}: " in message
