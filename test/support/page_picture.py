@@ -55,7 +55,7 @@ def film(browser):
     pictures = []
     is_over = False
     while not is_over:
-        is_over = "ended" in browser.text("drive-state")
+        is_over = not browser.find("stop").is_enabled()
         pictures.append((browser.run(STAMP), browser.picture()))
         wait_for_stamp(browser, pictures[-1][0] + STEP)
     return pictures
