@@ -92,6 +92,8 @@ def until(poll, clock="rospy.Time.now()", step="rospy.Duration(0, 100000000)"):
     return paced(f"due += {step}\nwhile {clock} < due:\n    {poll}", f"due = {clock}")
 
 
+POOL = "from multiprocessing import Pool\ndef parse(number):\n    return 2 * number\n"
+
 THREAD = """
 current = (0.0, 0.0)
 is_done = False
@@ -354,6 +356,50 @@ RIGHT = {
         "warm_up": 'subprocess.run(["true"])',
         **paced("rospy.sleep(0.1)", each='subprocess.run(["true"])'),
     },
+    "pool_before": {
+        "functions": POOL + "with Pool(2) as pool:\n    double = pool.map(parse, range(10))\n"
+    },
+    "pool": {
+        "functions": POOL,
+        "warm_up": "with Pool(2) as pool:\n    double = pool.map(parse, range(10))",
+    },
+    "reads_the_time_before": {
+        "functions": "due = time.time() + 0.2\nwhile time.time() < due:\n    pass"
+    },
+    "child_places": {
+        "start": """
+            text = "{{header: {{frame_id: map}}, pose: {{pose: {{position: {{x: {}, y: {}}}, "
+            text += "orientation: {{z: {}, w: {}}}}}}}}}"
+            x, y, theta = start
+            text = text.format(x, y, math.sin(theta / 2.0), math.cos(theta / 2.0))
+            kind = "geometry_msgs/PoseWithCovarianceStamped"
+            subprocess.run(["rostopic", "pub", "-1", "/initialpose", kind, text])
+            """
+    },
+    "actions": {
+        "imports": "import actionlib\nfrom actionlib.msg import TestAction, TestGoal",
+        "functions": """
+            def execute(goal):
+                v, delta, seconds = rows[goal.goal]
+                rate = rospy.Rate(10)
+                for _ in range(round(10 * seconds)):
+                    send(v, delta)
+                    rate.sleep()
+                server.set_succeeded()
+            """,
+        "connect": """
+            server = actionlib.SimpleActionServer("drive", TestAction, execute, False)
+            server.start()
+            client = actionlib.SimpleActionClient("drive", TestAction)
+            client.wait_for_server()
+            rospy.sleep(1.0)
+            """,
+        "drive": """
+            for number in range(len(rows)):
+                client.send_goal(TestGoal(goal=number))
+                client.wait_for_result()
+            """,
+    },
     "forks": {"imports": "if os.fork():\n    sys.exit(os.wait()[1])"},
     "due_since_the_start": {
         "connect": "due = rospy.Time.now() + rospy.Duration(2.0)\n"
@@ -542,6 +588,7 @@ WRONG = {
         "node",
     ),
     "waits_for_input": ({"connect": "input()"}, "node"),
+    "sleeps_too_long": (paced("rospy.sleep(0.1)\nrospy.sleep(0.01)"), "rate"),
     "pauses": (paced("rospy.sleep(0.1)", each="rospy.sleep(1.0)"), "rate"),
     "endless": (
         {"drive": "while True:\n" + textwrap.indent(textwrap.dedent(PARTS["drive"]), "    ")},

@@ -13,7 +13,8 @@ def full(*names):
 
 
 EXACT = [
-    *("time_sleep", "thread_event", "asyncio", "poll_busy_no_stamp", "forks"),
+    *("time_sleep", "thread_event", "asyncio", "poll_busy_no_stamp", "forks", "pool"),
+    *full("pool_before", "child_places", "reads_the_time_before"),
     *full("due_since_the_start", "files", "stops_for_ever"),
     *full("datetime", "clock_gettime", "select", "timer", "thread_sleep_no_stamp", "queue"),
     *full("pose_listener_time_sleep", "event_wait", "wall_rate", "computes"),
@@ -38,6 +39,13 @@ def test_exact(tmp_path, name):
     steps = {later - earlier for earlier, later in zip(arrivals, arrivals[1:])}
     assert steps == {COMMAND_PERIOD}
     assert not judgement.notes
+
+
+def test_messages_of_a_node_to_itself(tmp_path):
+    """The clock stands while they are on their way; so all times are the same in each replay."""
+    first, second = (judge(tmp_path, styles.RIGHT["actions"]) for _ in range(2))
+    assert first.passed, first.verdict
+    assert first.recorded.sent == second.recorded.sent
 
 
 WAITS = "the node sends commands while the simulated clock stands, so it waits"

@@ -71,7 +71,8 @@ class NodeProcess:
         except OSError as error:
             raise UserError(f"{command[0]} cannot be started ({error.strerror})") from None
         self._has_namespaces = has_namespaces
-        self._threads = Threads(self._process.pid)
+        # bwrap starts a process that is the first one in the namespace, and this starts the node.
+        self._threads = Threads(self._process.pid, starters=2 * has_namespaces)
         self._output = b""
         self._printed = 0
         assert self._process.stdout

@@ -33,10 +33,22 @@ class Threads:
     """The threads of a process and, if `with_children`, of its child processes."""
 
     def __init__(
-        self, process: int, with_children: bool = True, without: Collection[int] = ()
+        self,
+        process: int,
+        with_children: bool = True,
+        without: Collection[int] = (),
+        starters: int = 0,
     ) -> None:
-        """Args: the number of the process; the numbers of threads that are left out."""
+        """Observe the threads.
+
+        Args:
+            process: the number of the process.
+            with_children: whether to observe its child processes, too.
+            without: the numbers of threads that are left out.
+            starters: how many processes only start another one.
+        """
         self._processes = [process]
+        self._starters = starters
         self._with_children = with_children
         self._without = {str(each) for each in without}
         self._has_statistics = _has_statistics()
@@ -53,6 +65,11 @@ class Threads:
     def processes(self) -> List[int]:
         """The process and its child processes, when they were last observed."""
         return self._processes
+
+    @property
+    def has_children(self) -> bool:
+        """Whether there is a child process besides the starters and the one that they start."""
+        return len(self._processes) > self._starters + 1
 
     def are_waiting(self) -> bool:
         """Observe the threads; return whether all of them wait, at the same time.

@@ -12,7 +12,7 @@ from mushr_ros_intro.isolation.threads import Threads, Usages
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 
 STEP = NANOSECONDS // 100
-"""The clock advances to multiples of this time [ns]."""
+"""The clock advances to multiples of this time, or to when a thread of the node is due [ns]."""
 
 SETTLING = 0.005
 """How long a node must have waited at each step before its first command: it is starting [s]."""
@@ -83,6 +83,11 @@ class Pace:
         return _Moment(self._waited, self._node.ran, self._node.usages)
 
     @property
+    def has_children(self) -> bool:
+        """Whether the node has child processes."""
+        return self._node.has_children
+
+    @property
     def seconds(self) -> float:
         """For how long the node has waited or run since it was started [s]."""
         return self._waited + self._node.ran
@@ -131,13 +136,30 @@ class Pace:
         usages = self._node.usages
         return self._is_waiting and (not self._written or usages is not self._before.usages)
 
-    def advance(self, left: Optional[int], due: Optional[int]) -> Optional[int]:
-        """Return by how much the clock advances now [ns]; 0 to repeat the time; None if it stands.
+    def advance(
+        self, now: int, left: Optional[int], due: Optional[int], in_real_time: bool = False
+    ) -> Optional[int]:
+        """Return the time to which the clock advances [ns]; `now` to repeat it, None if it stands.
+
+        It is the time at which the node is due, or a multiple of STEP. It does not pass a whole
+        second: times that a node rounds are then the same in all runs.
 
         Args:
+            now: the time [ns].
             left: the time until the next command is due [ns]; None if none is expected.
             due: the time until the next thread of the node is due [ns]; None if that is unknown.
+            in_real_time: whether the clock may not advance faster than the node waits.
         """
+        step = self._step(left, due)
+        if step is None:
+            return None
+        end = now + step if step == due else (now + step) // STEP * STEP
+        end = max(now, min(end, now - now % NANOSECONDS + NANOSECONDS))
+        waited = self._waited - self._before.waited
+        return None if in_real_time and waited * NANOSECONDS < end - now else end
+
+    def _step(self, left: Optional[int], due: Optional[int]) -> Optional[int]:
+        """Return by how much the clock advances [ns]; arguments as for `advance`."""
         now = self._now
         if not self.has_received:
             return self._poll(now)
@@ -150,7 +172,7 @@ class Pace:
             return None
         if due is None:
             return COMMAND_PERIOD if left is None or left < -PAUSE else STEP
-        return max(0, min(-(-due // STEP) * STEP, COMMAND_PERIOD))
+        return min(due, COMMAND_PERIOD)
 
     def _poll(self, now: _Moment) -> Optional[int]:
         """Return a step if a node that does not wait has had the time to notice the clock."""

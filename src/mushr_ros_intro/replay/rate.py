@@ -16,27 +16,38 @@ _LEAD_TOLERANCE = 5 * COMMAND_PERIOD // 2
 """Allowed difference between two commands in the time from the arrival to the stamp [ns]."""
 
 _SPAN_TOLERANCE = 2 * COMMAND_PERIOD
-"""Allowed deviation of the time from a row's first to its last command from its duration [ns]."""
+"""Allowed deviation of the time from a row's first to its last command from its duration, and of
+the last command of a row from the time at which the plan has it [ns]."""
 
 
 def judge_rate(recorded: Recorded) -> Tuple[Optional[bool], str]:
     """Judge whether each row has its number of commands, evenly spaced, by stamp or arrival."""
     runs, count, surplus, end = runs_of(recorded.plan), 0, 0, None
-    steps = span = 0
+    steps = span = planned = 0
     for run, group in matched(recorded):
         # If the last row of the plan is a stop, the final stop belongs to the same group.
         extra = int(run is runs[-1] and run.speed == 0.0 and len(group) > run.expected)
         surplus += len(group) - run.expected - extra
+        planned += run.duration
         fault = _stamp_fault(group) or _rate_fault(run, group, surplus)
         if not fault and end is not None and group[0].time - end > _LEAD_TOLERANCE:
             seconds = (group[0].time - end) / NANOSECONDS
             fault = f"its first command comes {seconds:.3g} s after the last one of {runs[count-1]}"
+        steps += len(group) - 1
+        span += group[-1].time - group[0].time
+        last = planned - run.duration + (len(group) - 1 - extra) * COMMAND_PERIOD
+        late = group[-1 - extra].time - recorded.begin - last
+        if not fault and abs(late) > _SPAN_TOLERANCE and span:
+            when = f"{abs(late) / NANOSECONDS:.3g} s {'late' if late > 0 else 'early'}"
+            fault = (
+                f"its last command comes {when}: the commands come every "
+                f"{span / steps / NANOSECONDS:.4g} s; expected every 0.1 s, so that the times add "
+                "up to those of the plan"
+            )
         if fault:
             return False, f"{run}: {fault}"
         end = group[-1].time
         count += 1
-        steps += len(group) - 1
-        span += end - group[0].time
     if count < len(runs):
         return None, f"not judged: the commands of {runs[count]} did not arrive in the plan's order"
     fault = _lead_fault(recorded.commands)

@@ -4,8 +4,9 @@ The clocks of the modules time and datetime advance with the time of ROS, from o
 that a stamp of one of them is recognised. The program sleeps in this time with `time.sleep`,
 `rospy.sleep`, `rospy.Rate` and `rospy.Timer`, and waits in it with the timeouts of threading,
 queue, select, selectors, asyncio and `rospy.wait_for_message`. A thread that reads the time, or
-counts the connections of a topic, again and again sleeps for POLL_PERIOD. The random numbers of
-`random` and `numpy.random` are the same in each run.
+counts the connections of a topic, again and again sleeps for POLL_PERIOD. Before ROS publishes the
+time, and after it has ended, the clocks advance by such sleeps only. The random numbers of `random`
+and `numpy.random` are the same in each run.
 
 If several threads are due, each message on /clock wakes one of them, in the order of their due
 times. So the order does not depend on the load of the machine. The program writes to FILE, the
@@ -13,7 +14,9 @@ number of an open pipe, when the next thread is due [ns], as 8 bytes, little-end
 sleeps. It does this when a thread falls asleep, and when a thread has processed a message that
 has woken no other one.
 
-Libraries of ROS, and child processes, keep the real time, and so does the module subprocess.
+Libraries of ROS, and child processes, keep the real time, and so do the modules subprocess and
+multiprocessing, which wait for child processes. A message to the node itself is sent at once: if
+TCP collected small ones, all threads would wait while a message is on its way.
 
 This file is a program of its own, which a node in a sandbox can run without this package.
 """
@@ -26,13 +29,17 @@ if __name__ == "__main__":
 import contextlib
 import datetime
 import heapq
+import http.server
 import itertools
+import multiprocessing
 import os
 import queue
 import random
 import runpy
 import select
 import selectors
+import signal
+import socket
 import subprocess
 import threading
 import time
@@ -45,7 +52,7 @@ import genpy
 import rosgraph
 import rospy
 import rospy.impl.simtime
-from rospy.impl import tcpros_pubsub
+from rospy.impl import tcpros_base, tcpros_pubsub
 
 START = 1_000_000_000_000_000_000
 """The time of ROS until the first message on /clock [ns]."""
@@ -75,15 +82,19 @@ ROUNDING = 1e-10
 LIBRARIES = (os.path.dirname(os.__file__) + os.sep, "<frozen", sys._getframe().f_code.co_filename)
 """Files of the standard library, and this one: they act for the file that calls them."""
 
+_FOLDERS: Tuple[Any, ...] = (rospy, rosgraph, genpy, multiprocessing)
 REAL_TIME = (
-    *(os.path.dirname(each.__file__) + os.sep for each in (rospy, rosgraph, genpy)),
-    subprocess.__file__,
+    *(os.path.dirname(each.__file__) + os.sep for each in _FOLDERS),
+    *(subprocess.__file__, http.server.__file__),
 )
-"""Files that keep the real time; subprocess waits for processes that have it."""
+"""Files that keep the real time; multiprocessing and subprocess wait for processes that have it."""
 
 real_sleep, real_wait, get_rostime = time.sleep, threading.Condition.wait, rospy.get_rostime
 real_time, real_monotonic = time.time, time.monotonic
 real_count = rospy.topics.Topic.get_num_connections
+slept = 0
+"""For how long the program has slept while ROS did not publish the time [ns]."""
+
 is_child = False
 """Whether this is a child process of a node, in which no thread receives /clock."""
 
@@ -196,8 +207,16 @@ def is_simulated() -> bool:
 
 
 def read() -> int:
-    """Return the time [ns]."""
-    return max(START, get_rostime().to_nsec()) if is_initialized() else START
+    """Return the time [ns]; after ROS has ended, the last one."""
+    is_known = rospy.rostime.is_rostime_initialized() and not rospy.rostime.is_wallclock()
+    return max(START, get_rostime().to_nsec()) if is_known and not is_child else START
+
+
+def sleep_without_ros(seconds: float) -> None:
+    """Sleep in real time, and let the clocks of the program advance as far [s]."""
+    global slept
+    real_sleep(seconds)
+    slept += round(seconds * 1e9)
 
 
 def poll() -> None:
@@ -206,9 +225,9 @@ def poll() -> None:
     if now != reads.time:
         reads.time, reads.count = now, 0
     reads.count += 1
-    if reads.count > MAX_READS and is_initialized():
+    if reads.count > MAX_READS and not is_child:
         reads.count = 0
-        sleepers.sleep(POLL_PERIOD)
+        sleep_for(POLL_PERIOD / 1e9)
 
 
 def count_connections(topic: Any) -> int:
@@ -227,7 +246,7 @@ def simulate_clock(name: str, start: int) -> None:
             if is_child or not is_for_node():
                 return real()
             poll()
-            return convert(read() - START + start)
+            return convert(read() + slept - START + start)
 
         setattr(time, name, now)
 
@@ -285,7 +304,7 @@ def sleep_for(seconds: float) -> None:
     if seconds > 0.0 and is_initialized():
         sleepers.sleep(round(seconds * 1e9))
     else:
-        real_sleep(seconds)
+        sleep_without_ros(seconds)
 
 
 def sleep(seconds: float) -> None:
@@ -393,6 +412,12 @@ def write_at_once(connection: Any, data: bytes) -> Any:
     return connection._connection.write_data(data)
 
 
+def write_header(connection: socket.socket, header: Any) -> int:
+    """Write the first message of a connection; TCP sends it, and each later one, at once."""
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return int(rosgraph.network.write_ros_handshake_header(connection, header))
+
+
 def simulate() -> None:
     """Replace the functions."""
     on_clock = rospy.impl.simtime._set_rostime_clock_wrapper
@@ -409,12 +434,17 @@ def simulate() -> None:
     def on_fork() -> None:
         global is_child
         is_child = is_child or is_initialized()  # otherwise the child can become the node
+        # A child that is terminated, as by multiprocessing.Pool, would end ROS for the node, too.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if signal.getsignal(number) == rospy.core._ros_signal:
+                signal.signal(number, signal.SIG_DFL)
 
     os.register_at_fork(after_in_child=on_fork)
     rospy.core.add_preshutdown_hook(sleepers.on_shutdown)
     rospy.impl.simtime._set_rostime_clock_wrapper = on_message
     rospy.topics._SubscriberImpl.receive_callback = receive
     tcpros_pubsub.QueuedConnection.write_data = write_at_once
+    tcpros_base.write_ros_handshake_header = write_header
     rospy.topics.Topic.get_num_connections = count_connections
     rospy.timer.sleep = rospy.sleep = sleep_in_ros
     rospy.rostime.get_rostime = rospy.get_rostime = read_in_ros

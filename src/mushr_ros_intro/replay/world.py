@@ -26,7 +26,7 @@ from mushr_ros_intro.isolation.threads import Threads
 from mushr_ros_intro.replay.due_times import DueTimes
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
 from mushr_ros_intro.replay.mistakes import INITIAL_POSES, command_topic_mistake
-from mushr_ros_intro.replay.pace import STEP, WALL_CLOCK, Pace
+from mushr_ros_intro.replay.pace import PAUSE, STEP, WALL_CLOCK, Pace
 from mushr_ros_intro.replay.path_delivery import PathDelivery
 from mushr_ros_intro.replay.received import CONTROL, Received
 from mushr_ros_intro.replay.recording import Recorded
@@ -178,17 +178,24 @@ class ReplayWorld:
             if self._master.notify() or self._process(pace):
                 pace.unsettle()
                 return
-            duration = pace.advance(left, self._time_until_due)
+            end = pace.advance(self.now, left, self._time_until_due, self._waits_for_child(pace))
         else:
             pace.unsettle()
             is_polling = others_wait and not node_waits
-            duration = pace.advance(left, None) if is_polling else None
+            end = pace.advance(self.now, left, None) if is_polling else None
         # Without a connection, the node has not initialised ROS yet.
-        if duration is not None and (self.received.commands or self._clock.get_num_connections()):
-            self._send(pace, duration)
+        if end is not None and (self.received.commands or self._clock.get_num_connections()):
+            self._send(pace, end)
             self._nap = NAP
         is_written = self.due_times.wait(self._nap)
         self._nap = SHORT_NAP if is_written else min(LONG_NAP, 2.0 * self._nap)
+
+    def _waits_for_child(self, pace: Pace) -> bool:
+        """Return whether the node is silent while a child process, which has the real time, runs.
+
+        Such as ``rostopic pub -1``, which waits for 3 s: the time of a silent node ran away.
+        """
+        return pace.has_children and self.silence > PAUSE / NANOSECONDS
 
     @property
     def _time_until_due(self) -> Optional[int]:
@@ -199,13 +206,13 @@ class ReplayWorld:
         receives = self._car.publisher.count_connections()
         return self.due_times.time_left(self.now, self._pose_period if receives else None)
 
-    def _send(self, pace: Pace, duration: int) -> None:
-        """Send the next message of this instant, or advance the clock [ns]."""
+    def _send(self, pace: Pace, end: int) -> None:
+        """Send the next message of this instant, or advance the clock to `end` [ns]."""
         self._master.notify()  # if the node polls
         self._process(pace)
         written = next(self._pending, None)
         if written is None:
-            self._pending = self.step(duration)
+            self._pending = self.step(end)
             written = next(self._pending)
         pace.wrote(written)
 
@@ -227,14 +234,14 @@ class ReplayWorld:
                 pace.heard()
         return count > 0
 
-    def step(self, duration: int) -> Iterator[int]:
-        """Advance the clock [ns], report the states of the car, and then the time.
+    def step(self, end: int) -> Iterator[int]:
+        """Advance the clock to `end` [ns], report the states of the car, and then the time.
 
         Yields:
             How many threads of the node receive a message. The next one must be sent when the node
             has processed it.
         """
-        end, period = self.now + duration, self._pose_period
+        period = self._pose_period
         reports = range(self.now - self.now % period + period, end + 1, period)
         for self.now in [*reports, end]:
             rospy_fixes.set_time(self.now)
@@ -264,7 +271,7 @@ class ReplayWorld:
             timeout: how long a command is valid after its stamp [ns].
         """
         while not rospy.is_shutdown() and not self._stands(timeout):
-            for _ in self.step(self._pose_period):
+            for _ in self.step(self.now + self._pose_period):
                 pass
 
     def _stands(self, timeout: int) -> bool:

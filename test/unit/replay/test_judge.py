@@ -259,6 +259,7 @@ def test_two_commands_at_the_begin(seconds):
     assert "rate" not in judged(replay(plan, sent))[0]
 
 
+MS = 1_000_000
 HURRIED = moved(COMMANDS[:10], [-k * TENTH * 2 // 10 for k in range(10)])
 SAME = [each._replace(time=BEGIN, stamp=BEGIN) for each in COMMANDS[:10]]
 BURST = [
@@ -276,6 +277,23 @@ def test_a_rate_within_the_tolerance_is_shown():
     slow = [each._replace(time=BEGIN + (each.time - BEGIN) * 20 // 19) for each in COMMANDS]
     assert "ok   rate: 9.5 commands per second; each row is" in judged(replay(sent=slow))[1]
     assert "ok   rate: 10 commands per second; each row is" in judged(replay())[1]
+
+
+@pytest.mark.parametrize(
+    ("milliseconds", "failed"), [(100, None), (102, None), (104, 6), (110, 3), (96, 6), (90, 3)]
+)
+def test_a_rate_whose_error_adds_up(milliseconds, failed):
+    """Each row of 1 s is right within 0.2 s, but the plan is driven slower or faster."""
+    rows = [(1.0, 0.1 * (-1) ** number, 1.0) for number in range(8)]
+    sent = [
+        each._replace(**dict.fromkeys(("time", "stamp", "arrived"), BEGIN + k * milliseconds * MS))
+        for k, each in enumerate(commands([*rows, STOP]))
+    ]
+    faults, _ = judged(replay(recorded.plan_of((0, 0, 0), rows), sent))
+    assert ("rate" in faults) == (failed is not None)
+    if failed:
+        assert faults["rate"].startswith(f"row {failed} (1 s): its last command comes 0.2")
+        assert f"the commands come every {milliseconds / 1000:g} s" in faults["rate"]
 
 
 RATE = "rate: row 1 (1 s): "

@@ -45,13 +45,14 @@ class Clock:
         """Return whether the node waits, and whether the others do."""
         return self.pace.observe(self.others)
 
-    def after(self, seconds, left=None, due=None):
+    def after(self, seconds, left=None, due=None, now=0, in_real_time=False):
         """Return by how much the clock advances, after a time on the wall clock [s]."""
         self.observe()
         for _ in range(NAPS):
             self.wall += seconds / NAPS
             self.observe()
-        return self.pace.advance(left, due)
+        end = self.pace.advance(now, left, due, in_real_time)
+        return None if end is None else end - now
 
     def write(self, is_received=True):
         """Send a message to one thread of the node."""
@@ -133,7 +134,7 @@ def test_a_message_that_is_never_received(driving):
         pytest.param(COMMAND_PERIOD, 0, 0, id="another thread is due now"),
         pytest.param(COMMAND_PERIOD, -5, 0, id="it was due"),
         pytest.param(COMMAND_PERIOD, 3 * STEP, 3 * STEP, id="due on a step"),
-        pytest.param(COMMAND_PERIOD, 3 * STEP - MS, 3 * STEP, id="due between two steps"),
+        pytest.param(COMMAND_PERIOD, 3 * STEP - MS, 3 * STEP - MS, id="due between two steps"),
         pytest.param(COMMAND_PERIOD, 20 * STEP, COMMAND_PERIOD, id="due late"),
         pytest.param(COMMAND_PERIOD, None, STEP, id="unknown"),
         pytest.param(-STEP, None, STEP, id="a late command"),
@@ -143,6 +144,28 @@ def test_a_message_that_is_never_received(driving):
 )
 def test_length_of_a_step(driving, left, due, expected):
     assert driving.after(0.0, left, due) == expected
+
+
+@pytest.mark.parametrize(
+    ("now", "due", "expected"),
+    [
+        pytest.param(STEP + MS, 3 * STEP, 3 * STEP, id="as long as the node sleeps"),
+        pytest.param(STEP + MS, None, STEP - MS, id="unknown"),
+        pytest.param(STEP + MS, 20 * STEP, COMMAND_PERIOD - MS, id="late"),
+        pytest.param(99 * STEP + MS, 3 * STEP, STEP - MS, id="not past a second"),
+    ],
+)
+def test_a_step_that_begins_between_two_multiples(driving, now, due, expected):
+    """A node that sleeps for 0.102 s, again and again, sleeps for this time on average."""
+    assert driving.after(0.0, COMMAND_PERIOD, due, now) == expected
+
+
+@pytest.mark.parametrize("seconds", [0.09, 0.11])
+def test_real_time(driving, seconds):
+    """While a child process waits in real time, the clock is not faster than the node waits."""
+    driving.write()
+    step = driving.after(seconds, COMMAND_PERIOD, COMMAND_PERIOD, in_real_time=True)
+    assert step == (COMMAND_PERIOD if seconds > 0.1 else None)
 
 
 def test_a_computation_takes_no_simulated_time(driving):
