@@ -52,9 +52,11 @@ def import_fault(module: str, python: str, is_sourced: bool) -> str:
             f"{problem} ROS is installed for another Python. "
             f"Type: /usr/bin/python3 {shlex.quote(os.path.realpath(__file__))}"
         )
-    name = module.split(".")[0].replace("_", "-")
-    if is_sourced and name not in ("mushr-ros-intro", "ackermann-msgs"):
-        return f"{problem} it is not installed. Type: sudo apt-get install python3-{name}"
+    name = module.split(".")[0]
+    if is_sourced and name not in ("mushr_ros_intro", "ackermann_msgs"):
+        from mushr_ros_intro.program_file import apt_package
+
+        return f"{problem} it is not installed. Type: sudo apt-get install {apt_package(name)}"
     return f"{problem} the workspace is not sourced in this terminal. Type: source {_setup_file()}"
 
 

@@ -22,6 +22,9 @@ MAX_TEXT = 1_000_000
 
 _REMEDY = "Make its first line: #!/usr/bin/python3"
 
+_OF_DEBIAN = ("catkin_pkg", "numpy", "rospkg", "yaml")
+"""Modules that are not in the packages of ROS's own distributions, such as ros-noetic-rospy."""
+
 _IMPORT_TIMEOUT = 20.0
 """For an interpreter to import modules [s]."""
 
@@ -118,6 +121,14 @@ def hiding_faults(path: str) -> Iterator[Fault]:
             file = os.path.join(folder, hiding[name])
             problem = f"{file} hides the module {name} of Python or ROS, which the node needs"
             yield problem, "Give it another name"
+
+
+def apt_package(module: str) -> str:
+    """Return the name of the package that contains a module of ROS on this machine."""
+    distribution = os.environ.get("ROS_DISTRO", "")
+    is_from_ros = os.path.isdir(os.path.join("/opt/ros", distribution or "none"))
+    prefix = f"ros-{distribution}" if is_from_ros and module not in _OF_DEBIAN else "python3"
+    return f"{prefix}-{module.replace('_', '-')}"
 
 
 def is_of_system(module: str) -> bool:

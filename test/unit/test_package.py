@@ -8,6 +8,7 @@ import stat
 import xml.etree.ElementTree as ElementTree
 
 import pytest
+import rospkg
 from roslaunch.config import ROSLaunchConfig
 from roslaunch.rlutil import check_roslaunch
 from roslaunch.xmlloader import XmlLoader
@@ -182,6 +183,19 @@ def test_courses_may_leave_the_start_pose_to_the_simulator():
     parameters = parameters_of(path, [*arguments, "headless:=true"])
     pose = [parameters[f"/car/car_sim/{name}"] for name in ("x", "y", "theta")]
     assert pose == [0, -1.5, 0]
+
+
+def test_package_xml_names_what_the_code_needs():
+    """The packages of ROS that it imports, and whose commands its messages advise."""
+    needed = set()
+    for path in glob.glob(os.path.join(PACKAGE, "src", "**", "*.py"), recursive=True):
+        with open(path) as file:
+            text = file.read()
+        needed.update(re.findall(r"^\s*(?:import|from) (\w+)", text, re.M))
+        needed.update(re.findall(r"\b(rosbag|rosnode|rosparam|rosservice|rostopic) [a-z]", text))
+    needed &= {*rospkg.RosPack().list()} - {"catkin", "mushr_ros_intro", "mushr_sim", "vesc_msgs"}
+    root = ElementTree.fromstring(read("package.xml"))
+    assert len(needed) > 15 and needed <= {each.text for each in root.iter("exec_depend")}
 
 
 @pytest.mark.parametrize("path", sorted(glob.glob(os.path.join(PACKAGE, "src", "*.py"))))

@@ -104,7 +104,8 @@ def serve(
         server.listen(port, address)
     except (OSError, OverflowError) as error:
         raise UserError(
-            f"port {port} of {address} cannot be used ({error}); expected a free port, such as "
+            f"port {port} of {address} cannot be used ({error}); a rosbridge, such as that of "
+            "MuSHR's installation, uses port 9090. Expected a free port, such as "
             f"web_port:={port + 1} of sim.launch, or port:={port + 1} of web.launch"
         ) from None
     return server

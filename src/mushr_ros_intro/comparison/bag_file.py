@@ -5,10 +5,11 @@ import io
 import os
 import subprocess
 import sys
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import rosbag
 import roslib.packages
+import rospkg
 import rospy
 import tf2_py
 from geometry_msgs.msg import Pose as PoseMsg
@@ -64,7 +65,14 @@ def record(path: str, source: Source, seconds: float) -> None:
     except OSError as error:
         text = f"{path} cannot be written ({error.strerror}); expected the name of a new bag"
         raise UserError(f"--record: {text}") from None
-    (program,) = roslib.packages.find_node("rosbag", "record")
+    programs: Sequence[str] = ()
+    with contextlib.suppress(rospkg.ResourceNotFound):
+        programs = roslib.packages.find_node("rosbag", "record")
+    if len(programs) != 1:
+        found = ", ".join(programs) or "none"
+        text = f"ROS finds {found} as the program record of rosbag; expected one"
+        raise UserError(f"--record: {text}. Is the package rosbag installed?")
+    (program,) = programs
     options = ["--output-name", path, "--duration", str(seconds)]
     process = subprocess.Popen([program, *options, *source.topics], stdout=sys.stderr)
     with contextlib.suppress(KeyboardInterrupt):  # it also ends the recording

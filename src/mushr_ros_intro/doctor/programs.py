@@ -13,6 +13,7 @@ from typing import Any, Callable, Iterator, List, Sequence, Tuple
 
 from mushr_ros_intro.doctor.facts import Finding
 from mushr_ros_intro.program_file import (
+    apt_package,
     faults_of,
     hiding_faults,
     is_of_system,
@@ -109,8 +110,8 @@ def _import_fault(path: str, module: str, names: Sequence[str]) -> Tuple[str, st
     """
     top = module.split(".")[0]
     if not _has_own(path, top) and origin_of(top) is None:
-        package = f"python3-{top.replace('_', '-')}"
-        install = f"install the module; for one of ROS, type: sudo apt-get install {package}"
+        install = "install the module; for one of ROS, type: sudo apt-get install "
+        install += apt_package(top)
         known = [each.name for each in pkgutil.iter_modules()]
         return "Python does not find this module", _correction(top, known, f", or {install}")
     if not _is_of_system(path, module):

@@ -5,12 +5,13 @@ import random
 import numpy as np
 import pytest
 import rosbag
+import rospkg
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from tf2_msgs.msg import TFMessage
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.comparison.bag_file import Source, read_bag
+from mushr_ros_intro.comparison.bag_file import Source, read_bag, record
 from mushr_ros_intro.comparison.drive_log import drive_log
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose, compose, inverse
@@ -137,3 +138,15 @@ def test_the_pose_may_be_that_of_a_point_in_front_of_the_rear_axle(tmp_path):
     x, y, theta = LOG.poses.T
     expected = np.column_stack([x - 0.5 * np.cos(theta), y - 0.5 * np.sin(theta), theta])
     assert log.poses == pytest.approx(expected, abs=NEAR)
+
+
+@pytest.mark.parametrize("found", [[], ["/a/record", "/b/record"], None])
+def test_rosbag_record_is_missing_or_there_twice(tmp_path, monkeypatch, found):
+    def find_node(*_):
+        if found is None:
+            raise rospkg.ResourceNotFound("rosbag")
+        return found
+
+    monkeypatch.setattr("roslib.packages.find_node", find_node)
+    with pytest.raises(UserError, match="--record: .*(none|/a/record, /b/record)"):
+        record(str(tmp_path / "a.bag"), Source("/c", "/p", None, 0.0), 1.0)

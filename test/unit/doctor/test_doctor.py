@@ -145,6 +145,16 @@ def test_modules_that_are_not_found(module, python, is_sourced, words):
     assert words in fault
 
 
+def test_the_packages_of_noetic(monkeypatch):
+    monkeypatch.setenv("ROS_DISTRO", "noetic")
+    for has_folder, prefix in ((True, "ros-noetic"), (False, "python3")):
+        monkeypatch.setattr("os.path.isdir", lambda path, has=has_folder: has)
+        fault = doctor.import_fault("std_msgs.msg", "/usr/bin/python3", True)
+        assert fault.endswith(f"sudo apt-get install {prefix}-std-msgs")
+        fault = doctor.import_fault("rospkg", "/usr/bin/python3", True)
+        assert fault.endswith("sudo apt-get install python3-rospkg")
+
+
 def test_wrong_arguments(monkeypatch, capsys):
     monkeypatch.setattr("signal.signal", lambda *_: None)  # SIGPIPE would end pytest
     monkeypatch.setattr(sys, "argv", ["doctor.py", "--car", "a car"])
