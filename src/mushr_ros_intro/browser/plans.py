@@ -65,7 +65,7 @@ def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[s
     try:
         plan = read_plan(path)
     except PlanError as error:
-        nothing = {"start": None, "rows": [], "row_count": 0, "path": []}
+        nothing: Dict[str, Any] = {"start": None, "rows": [], "row_count": 0, "path": []}
         return {"name": name, **nothing, **_faults(error.faults)}
     report = check(plan, car_name, car, "the map" if grid else "", grid)
     step = -(-len(report.states) // MAX_PATH_POINTS)
