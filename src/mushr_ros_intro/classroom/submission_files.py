@@ -15,6 +15,8 @@ MAX_FILES = 2_000
 MAX_SIZE = 50_000_000
 """A submission with more data is refused [bytes]."""
 
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+
 
 class SubmissionError(Exception):
     """A submission cannot be run. The message is complete: it includes the remedy."""
@@ -110,6 +112,10 @@ class Files:
             if info.flag_bits & 1:
                 text = f"{name!r} in the zip is encrypted. Make the zip without a password."
                 raise SubmissionError(text)
+            if info.compress_type not in _METHODS:
+                method = "Deflate64" if info.compress_type == 9 else f"method {info.compress_type}"
+                text = f"{name!r} in the zip is compressed with {method}, which Python cannot read."
+                raise SubmissionError(f"{text} Make the zip with the usual method, Deflate.")
             mode = info.external_attr >> 16 if info.create_system == 3 else 0
             place = os.path.join(top, *parts)
             with archive.open(info) as file:

@@ -28,7 +28,7 @@ _METADATA = "submission_metadata.yml"
 _EXPECTED = "expected a package folder, a .zip, a .py, or a folder of these"
 _ARCHIVES = (".7z", ".bz2", ".gz", ".rar", ".tar", ".tgz", ".xz")
 _DOCUMENT = re.compile(r"(?P<who>.+?)\.(cpp|docx?|ipynb|odt|pdf|py\.txt|rtf)", re.IGNORECASE)
-_CANVAS = re.compile(r"(?P<who>.+?)(?:_LATE)?_(?P<id>\d+)_(?P<upload>\d+)_(?P<file>[^.].*)")
+_CANVAS = re.compile(r"(?P<who>.+?)(?P<late>_LATE)?_(?P<id>\d+)_(?P<upload>\d+)_(?P<file>[^.].*)")
 
 
 class Submission(NamedTuple):
@@ -37,8 +37,8 @@ class Submission(NamedTuple):
     name: str
     """Unique; only letters, digits, and . _ -"""
     students: Tuple[Student, ...]
-    """The authors; empty if they are not known. An original name counts as one if its letters or
-    other characters but blanks have been replaced."""
+    """The authors; empty if they are not known. An original name counts as one if characters of it
+    have been replaced."""
     fault: str
     """Why it cannot be run, and the remedy; empty if it can be run."""
     notes: Tuple[str, ...]
@@ -297,7 +297,10 @@ def _submission(source: _Source, name: str, files: Files, node: str) -> Submissi
     """
     os.makedirs(files.folder)
     files.notes.extend(source.notes)
-    if not source.students and name != "_".join(source.name.split()).strip("._-"):
+    uploads = (_CANVAS.fullmatch(os.path.basename(path)) for path, _ in source.files)
+    if any(upload["late"] for upload in uploads if upload):
+        files.notes.append("handed in late, as Canvas says")
+    if not source.students and name != source.name:
         source = source._replace(students=(Student(source.name, "", ""),))
     try:
         if source.fault:

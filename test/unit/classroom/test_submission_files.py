@@ -54,7 +54,8 @@ def damage(data, place, value):
         (lambda data: b"", "The zip is damaged"),
         (lambda data: data.replace(b"hello", b"hallo"), "The zip is damaged (Bad CRC-32"),
         (lambda data: damage(data, 8, b"\1"), "encrypted. Make the zip without a password"),
-        (lambda data: damage(data, 10, b"\x63"), "The zip is damaged (That compression"),
+        (lambda data: damage(data, 10, b"\x09"), "is compressed with Deflate64, which Python"),
+        (lambda data: damage(data, 10, b"\x63"), "is compressed with method 99, which Python"),
         (lambda data: damage(data, 24, b"\1\0\0\0"), "The zip is damaged"),  # size of the file
     ],
 )

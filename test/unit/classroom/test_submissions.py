@@ -61,7 +61,7 @@ from support.submissions import (
 def test_folders_and_files(tmp_path, files, path, name, place):
     fill(tmp_path, files)
     found = only(tmp_path, path)
-    assert (found.fault, found.name, found.students) == ("", name, ())
+    assert (found.fault, found.name) == ("", name)
     assert found.command == (str(tmp_path / "workspace" / name / place),)
     assert os.access(found.command[0], os.X_OK)
     package = place[: -len(PUBLISHER)] if place.endswith(PUBLISHER) else None
@@ -149,6 +149,7 @@ def test_canvas(tmp_path, form):
     assert found[1].students == (Student("leeann", "", "", "22"),)
     assert [bool(each.fault) for each in found] == [False, False, False, True]
     assert len(found[2].packages) == 1 and "found 'report.pdf'" in found[3].fault
+    assert [any("late" in note for note in each.notes) for each in found] == [True, *3 * [False]]
 
 
 @pytest.mark.parametrize(
@@ -174,6 +175,7 @@ def test_canvas_with_several_versions_of_a_file(tmp_path, student, older, newest
     left_out = [each for each in found.notes if "is left out" in each]
     assert [each.split("'")[1] for each in left_out] == older
     assert f"'{newest}' is newer" in left_out[0]
+    assert not any("late" in note for note in found.notes)  # the one that is used is not
 
 
 @pytest.mark.parametrize(
@@ -252,6 +254,13 @@ def test_a_name_whose_characters_are_replaced(tmp_path):
     with pytest.raises(UserError, match="--only: there is no submission Zo; did you mean Zo\u00eb"):
         names_to_grade(SimpleNamespace(only=["Zo"], gradescope=None), found)
     assert names_to_grade(SimpleNamespace(only=[], gradescope=None), found) == set(FOREIGN.values())
+
+
+def test_a_name_with_blanks(tmp_path):
+    """A page shows it as its student writes it."""
+    fill(tmp_path / "class" / "Ann  Lee", PACKAGE)
+    found = only(tmp_path, "class")
+    assert (found.name, [each.name for each in found.students]) == ("Ann_Lee", ["Ann  Lee"])
 
 
 def test_a_name_of_two_students():
