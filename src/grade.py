@@ -5,6 +5,7 @@ A node:   grade.py PLAN... --node PACKAGE FILE [--remap FROM:=TO...]
           grade.py --follow PATH... --node PACKAGE FILE
 A class:  grade.py SUBMISSION... --plans PLAN... --out FOLDER [--points FILE]
 Results:  grade.py --merge FOLDER... --out FOLDER [--points FILE]
+A zip:    grade.py --autograder FILE --plans PLAN... [--points FILE]   (for Gradescope)
 
 A class may be interrupted: the same command grades only what is missing or has changed.
 Exit status: 0 if all checks passed, 1 if some failed, 2 if the command line or an input is wrong,
@@ -23,10 +24,11 @@ from typing import Any, List
 
 from mushr_ros_intro.classroom import tables
 from mushr_ros_intro.classroom.arguments import parse_arguments, read_exercises
-from mushr_ros_intro.classroom.assignment import Plans, names_to_grade, setting_from
+from mushr_ros_intro.classroom.assignment import Plans, names_to_grade, setting_from, tolerances_of
+from mushr_ros_intro.classroom.autograders import write_autograder
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.gradescope import gradescope
-from mushr_ros_intro.classroom.grading import Grading, Options, Task, shortener
+from mushr_ros_intro.classroom.grading import Grading, Options, Task, judged, judges, shortener
 from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.progress import grade_with_progress
 from mushr_ros_intro.classroom.store import (
@@ -58,12 +60,17 @@ PASSED, FAILED, USAGE, NOT_GRADED = range(4)
 def main() -> int:
     """Grade what the command line names; return the exit status."""
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end quietly if the output of --help is cut off
-    arguments = parse_arguments(sys.argv[1:], __doc__ or "")
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)
-    os.environ["ROS_HOSTNAME"] = "localhost"  # works even if the machine's name does not resolve
-    signal.signal(signal.SIGINT, interrupt)
-    signal.signal(signal.SIGTERM, interrupt)
+    out = ""
     try:
+        arguments = parse_arguments(sys.argv[1:], __doc__ or "")
+        out = arguments.out
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+        os.environ["ROS_HOSTNAME"] = "localhost"  # works if the machine's name does not resolve
+        signal.signal(signal.SIGINT, interrupt)
+        signal.signal(signal.SIGTERM, interrupt)
+        if arguments.autograder:
+            print(write_autograder(arguments))
+            return PASSED
         if arguments.merge:
             return merge(arguments)
         return grade_node(arguments) if arguments.node else grade_class(arguments)
@@ -71,7 +78,7 @@ def main() -> int:
         print(f"grade.py: {error}", file=sys.stderr)
         return NOT_GRADED if isinstance(error, ReplayError) else USAGE
     except OSError as error:
-        print(f"grade.py: {describe_error(error, arguments.out)}", file=sys.stderr)
+        print(f"grade.py: {describe_error(error, out)}", file=sys.stderr)
     except KeyboardInterrupt:
         print("grade.py: interrupted", file=sys.stderr)
     except Exception:  # a defect of grading: 1 would mean that the node has failed
@@ -102,7 +109,7 @@ def grade_node(arguments: argparse.Namespace) -> int:
         print(judgement.verdict, flush=True)
         status = max(status, PASSED if judgement.passed else FAILED)
         if arguments.out:
-            write_report(report, judgement, vars(arguments))
+            write_report(report, judgement)
             for each in os.scandir(report):
                 give_to_user(each.path)
     return status
@@ -119,7 +126,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
     with tempfile.TemporaryDirectory(dir=temporary_folder()) as workspace:
         os.chmod(workspace, 0o711)
         sandbox, missing = make_sandbox([*inputs, *plans.folders, folder], workspace)
-        if missing and not arguments.rejudge:
+        if missing:
             print(missing, file=sys.stderr)
         setting = setting_from(arguments, sandbox)
         plans.check_map(setting)
@@ -127,10 +134,8 @@ def grade_class(arguments: argparse.Namespace) -> int:
         names_now = names_to_grade(arguments, found)
         tasks = [Task(each, plans.of(each, setting), each.name in names_now) for each in found]
         store.set_aside(task.submission.name for task in tasks)
-        drives_again = bool(arguments.only)
-        options = Options(
-            arguments.jobs, drives_again, arguments.rejudge, missing, arguments.params
-        )
+        store.save_settings(arguments.settings)
+        options = Options(arguments.jobs, bool(arguments.only), missing, arguments.params)
         places = {
             **dict.fromkeys(plans.folders, ""),
             package_folder("."): "mushr_ros_intro/",
@@ -150,14 +155,16 @@ def merge(arguments: argparse.Namespace) -> int:
     records = load_newest(arguments.merge)
     store = Store(arguments.out)
     store.set_aside(records)
+    store.save_settings(arguments.settings)
     for name in sorted(records):
         store.save(records[name])
-    results = [records[name].grade for name in sorted(records)]
+    with judges() as pool:
+        stored = [records[name] for name in sorted(records)]
+        results = judged(stored, tolerances_of(arguments), pool)
     drives = [plan for each in results for plan in each.plans]
     plans = list(dict.fromkeys(plan.plan for plan in drives))
     checks = [check.name for check in drives[0].checks] if drives else CHECK_NAMES
-    points = read_points(arguments.points, plans, checks)
-    return finish(arguments.out, results, points, plans)
+    return finish(arguments.out, results, read_points(arguments.points, plans, checks), plans)
 
 
 def finish(folder: str, results: List[Grade], points: Points, plans: List[str]) -> int:

@@ -80,7 +80,6 @@ def judge() -> Judgement:
         package_folder("."),
         values["car"],
         values["map"] or ("none" if isinstance(exercise, Reference) else "sandbox"),
-        None,
         remap=tuple(_remappings(values["remap"] or "")),
         timeout=TIMEOUT,
         tolerances={} if position is None else {"position": position},
@@ -90,7 +89,7 @@ def judge() -> Judgement:
     refuse_walls([exercise], setting.parameters, setting.grid)
     judgement = run_job(job_for(words, exercise, setting))
     if values["report"]:
-        write_report(user_path(values["report"]), judgement, arguments)
+        write_report(user_path(values["report"]), judgement)
     return judgement
 
 

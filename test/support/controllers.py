@@ -37,7 +37,7 @@ def replay(path, exercise, remap=(), map_name="none"):
 
 def _setting(remap=(), map_name="none"):
     return read_setting(
-        *(PACKAGE, "ideal", map_name, None),
+        *(PACKAGE, "ideal", map_name),
         remap=remap,
         timeout=15.0,
         tolerances={},

@@ -2,9 +2,13 @@
 
 import math
 
+import numpy as np
+
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade, Student
-from mushr_ros_intro.classroom.store import Key, Record, Store, StoredDrive
-from mushr_ros_intro.replay.judge import CHECK_NAMES, Check
+from mushr_ros_intro.classroom.store import Record, Store, StoredDrive
+from mushr_ros_intro.replay.judge import CHECK_NAMES, Check, Judgement
+from mushr_ros_intro.replay.recording import Drive
+from support.recorded import replay
 
 ANN = Student("Ann", "17", "ann@x.edu")
 
@@ -13,32 +17,27 @@ def graded(
     plan="circle",
     failed=(),
     message="as expected",
-    count=0,
+    count=1,
     radius=2.0,
     offset=0.5,
     unjudged=(),
+    share=1.0,
 ):
     """Return a drive of `count` poses on a quarter of a circle, `offset` beside the prediction."""
-    angles = [math.pi / 2 * index / max(count - 1, 1) for index in range(count)]
-    driven = tuple(
-        (radius * math.cos(angle), radius * math.sin(angle), angle + math.pi / 2)
-        for angle in angles
+    angles = np.linspace(0.0, math.pi / 2, count)
+    driven = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), angles])
+    drive = Drive(np.arange(float(count)), driven, driven + [offset, 0.0, 0.0], offset)
+    checks = tuple(
+        Check(name, name not in (*failed, *unjudged), f"{name}: {message}", name not in unjudged)
+        for name in CHECK_NAMES
     )
-    return PlanGrade(
-        plan,
-        tuple(
-            Check(
-                name, name not in (*failed, *unjudged), f"{name}: {message}", name not in unjudged
-            )
-            for name in CHECK_NAMES
-        ),
-        f"the verdict: {message}",
-        f"the output: {message}",
-        2.5,
-        tuple(float(index) for index in range(count)),
-        driven,
-        tuple((x + offset, y, theta) for x, y, theta in driven),
-    )
+    recorded = replay(output=f"the output: {message}", seconds=2.5)
+    return PlanGrade(plan, Judgement(recorded, drive, None, checks), share)
+
+
+def changed(plan, **changes):
+    """Return a drive with other values of its judgement."""
+    return plan._replace(judgement=plan.judgement._replace(**changes))
 
 
 def submission(*plans, name="ann", students=(ANN,), **values):
@@ -46,10 +45,9 @@ def submission(*plans, name="ann", students=(ANN,), **values):
     return Grade(name, tuple(students), **{"fault": "", "error": "", **values}, plans=plans)
 
 
-def store(folder, *results, time=0.0):
-    """Write results as grade.py does, without recordings."""
-    key = Key("files", "plan", "options", "package", "tolerances")
+def store(folder, *names, time=0.0, **changes):
+    """Store a drive of each submission as grade.py does, with `changes` of the recording."""
     stored = Store(str(folder))
-    for result in results:
-        drives = {plan.plan: StoredDrive(key, "", plan, {}) for plan in result.plans}
-        stored.save(Record(result, drives, time))
+    for name in names:
+        drives = (StoredDrive("circle", "key", "", replay(**changes)),)
+        stored.save(Record(submission(name=name), drives, time))

@@ -1,12 +1,15 @@
 """Run grade.py, and read its results."""
 
 import glob
-import json
+import os
 import subprocess
 
 import pytest
 from roslib.packages import find_node
 
+from mushr_ros_intro.classroom.grades import PlanGrade
+from mushr_ros_intro.classroom.store import load_all
+from mushr_ros_intro.replay.following import judge_drive
 from support.helpers import ForkedProcess, Process
 
 PLAN = "0,0,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n"
@@ -48,20 +51,19 @@ def assert_status(expected, *arguments, **options):
 def verdicts(arguments):
     """Return the results in the folder after --out."""
     folder = dict(zip(arguments, arguments[1:])).get("--out", "")
-    texts = []
-    for path in sorted(glob.glob(f"{folder}/data/*.json")):
-        texts.append(verdicts_of(load(path)))
-    return "\n".join(texts)
+    return "\n".join(map(verdicts_of, map(load, sorted(glob.glob(f"{folder}/data/*.json")))))
 
 
 def load(path):
-    """Return a stored result, with the verdicts on its drives as `plans`."""
-    with open(path) as file:
-        result = json.load(file)
-    return {**result, "plans": [each["grade"] for each in result["drives"].values()]}
+    """Return the result of a stored submission, judged with the default tolerances."""
+    folder, name = os.path.split(os.path.dirname(path))[0], os.path.basename(path)
+    (record,) = (each for each in load_all(folder) if f"{each.grade.name}.json" == name)
+    drives = [each for each in record.drives if each.recorded]
+    plans = (PlanGrade(each.plan, judge_drive(each.recorded, {})) for each in drives)
+    return record.grade._replace(plans=tuple(plans))
 
 
 def verdicts_of(result):
     """Return a result as text: why there is no verdict, or the verdict on each plan."""
-    reasons = (result["name"], result["fault"], result["error"])
-    return "\n".join((*reasons, *(plan["verdict"] for plan in result["plans"] if plan)))
+    reasons = (result.name, result.fault, result.error)
+    return "\n".join((*reasons, *(plan.judgement.verdict for plan in result.plans)))

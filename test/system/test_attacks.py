@@ -59,7 +59,7 @@ def graded(top, prefix):
         status, output = grade(top / "attacks", *plans, prefix=prefix, **environment)
         assert status == 1, output
     printed = [
-        load(top / "home" / "out" / "data" / f"{place}.json")["plans"][0]["output"]
+        load(top / "home" / "out" / "data" / f"{place}.json").plans[0].judgement.recorded.output
         for place in range(len(REPEATED) + 1)
     ]
     found = json.loads(printed[0].splitlines()[-1])

@@ -1,4 +1,4 @@
-"""Run an autograder of scripts/make_autograder as Gradescope does: as root, in its folders.
+"""Run an autograder as Gradescope does: as root, in its folders.
 
 If debootstrap is installed, its root file system is a bare one of this release in which setup.sh
 has installed the packages; it is kept in build/.bare. Otherwise it is a copy-on-write view of this
@@ -25,8 +25,10 @@ POINTS = "default: {node: 1, path: 2}\nplans: {secret: {node: 1, path: 4, hidden
 SPY = submissions.before(
     """
     import os
-    for folder in ("/autograder/source", "/autograder/source/plans", "/autograder/results"):
-        for name in ("arguments", "points.yaml", "secret.txt", "results.json"):
+    for folder in ("", "/source", "/source/plans", "/results"):
+        folder = "/autograder" + folder
+        names = ("arguments", "points.yaml", "secret.txt", "results.json")
+        for name in (*names, "submission_metadata.json"):
             try:
                 print(open(os.path.join(folder, name)).read(), flush=True)
                 open(os.path.join(folder, name), "a").close()
@@ -72,8 +74,8 @@ def reports(tmp_path_factory):
 
 def grade(folder, arguments, given, machine):
     """Make an autograder in a folder, and grade what is given; return results.json by name."""
-    make = (f"{CHECKOUT}/scripts/make_autograder", *arguments)
-    subprocess.run(["env", "-i", "-C", folder, *make], check=True)
+    make = (f"{CHECKOUT}/scripts/grade", "--autograder", "autograder.zip", *arguments)
+    subprocess.run(make, cwd=folder, check=True)
     gradescope.unpack(folder / "autograder.zip", folder / "source")
     bare = os.environ.get("BARE_RELEASE", release())
     found, log = gradescope.run(folder / "source", given, machine, bare)
@@ -132,7 +134,8 @@ def test_hidden_plan(reports):
     for name, report in reports.items():
         shown = [test for test in report.get("tests", []) if test["visibility"] == "visible"]
         text = json.dumps({**report, "tests": shown})
-        assert "0.8125" not in text and "0.0625" not in text and "secret" not in text, name
+        for secret in ("0.8125", "0.0625", "secret", "ann@x.edu"):
+            assert secret not in text, name
         assert "score" in report or name == "unset" or shown
     assert "exit status 3" in reports["spy"]["tests"][0]["output"], text_of(reports["spy"])
 

@@ -62,7 +62,7 @@ def parts(tmp_path_factory):
 
 
 def test_merge(parts):
-    command = ("--merge", parts / "1", parts / "2", "--points", parts / "points.yaml")
+    command = ("--merge", parts / "1", parts / "2")
     output = assert_status(1, *command, "--out", parts / "all")
     assert "2 of 3 submissions passed" in output
     with open(parts / "all" / "grades.csv", newline="") as file:
@@ -77,7 +77,7 @@ def test_merge(parts):
 
 @ISOLATED
 def test_build_sees_no_plan(parts):
-    fault = load(parts / "2" / "data" / "cannot_build.json")["fault"]
+    fault = load(parts / "2" / "data" / "cannot_build.json").fault
     assert "does not build" in fault and "sees the plan" not in fault
 
 
@@ -85,7 +85,7 @@ def test_hooks_and_modules(parts):
     """grade.py sources no environment hook of a submission, and imports no module of it."""
     assert not (parts / "attacked").exists()
     record = load(parts / "1" / "data" / "builds.json")
-    assert not record["fault"]
+    assert not record.fault
 
 
 def test_gradescope(parts, tmp_path):

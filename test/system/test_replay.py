@@ -1,7 +1,6 @@
 """Check the verdicts of replays of right and wrong nodes."""
 
 import functools
-import json
 import math
 import os
 
@@ -164,16 +163,10 @@ def test_files(replay):
     folder = replay.folder / "report"
     for name in ("locations.png", "distances.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG"), name
-    said = json.loads((folder / "report.json").read_text())
-    assert said["passed"] and said["verdict"][-1] == "all checks passed"
-    messages = {check["name"]: check["message"] for check in said["checks"]}
-    assert set(messages) == set(CHECK_NAMES)
-    assert messages["map"] == "the car hit no wall and stayed on the map of 100 m x 100 m"
     lines = (folder / "trajectory.csv").read_text().splitlines()
     assert lines[0].startswith("time,x,y,theta,predicted_x")
     rows = [tuple(map(float, line.split(","))) for line in lines[1:]]
     assert rows[0][:4] == pytest.approx((0.0, 1.0, 2.0, 0.5), abs=1e-9)
-    assert rows[-1][1:4] == pytest.approx(tuple(said["final_pose"].values()), abs=0.0)
     assert [row[0] for row in rows] == pytest.approx([0.02 * i for i in range(251)], abs=1e-9)
     for row in rows:  # prediction and car differ by rounding errors only
         assert row[4:7] == pytest.approx(row[1:4], abs=1e-9)

@@ -2,7 +2,7 @@
 
 import math
 import os
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Tuple
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.errors import UserError
@@ -65,13 +65,12 @@ def read_profile(path: str) -> Dict[str, Any]:
     return read_mapping(path, "parameters such as 'track: 0.25'")
 
 
-def read_parameters(name: str, config: str, seed: Optional[int] = None) -> Dict[str, Any]:
-    """Return the parameters of the simulated car with a profile.
+def read_parameters(name: str, config: str) -> Dict[str, Any]:
+    """Return the parameters of the simulated car with a profile, without noise.
 
     Args:
         name: of the profile.
         config: the folder of car_sim.yaml and cars/.
-        seed: drive with the noise of the profile and with this seed; None: without noise.
 
     Raises:
         UserError: there is no such profile, or it is wrong.
@@ -83,7 +82,6 @@ def read_parameters(name: str, config: str, seed: Optional[int] = None) -> Dict[
     parameters = {
         **read_profile(os.path.join(config, "car_sim.yaml")),
         **read_profile(os.path.join(config, "cars", f"{name}.yaml")),
-        **({} if seed is None else {"noise": True, "seed": seed}),
     }
     car_from(Parameters(parameters, f"car {name}: "))  # raises an error here, not in each replay
     return parameters

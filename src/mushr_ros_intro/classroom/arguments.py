@@ -3,20 +3,27 @@
 import argparse
 import os
 import re
+import sys
 from contextlib import suppress
-from typing import Dict, Sequence
+from typing import Any, Dict, List, Sequence
 
 from mushr_ros_intro.classroom.drawn_plans import DRAWN
+from mushr_ros_intro.classroom.store import load_settings
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS, tolerance_fault
 from mushr_ros_intro.replay.reference import OFFSETS, Exercise, read_references
 from mushr_ros_intro.ros.commands import as_typed
 
-_OF_A_CLASS = (
-    *("secret", "points", "jobs", "only", "rejudge"),
-    "gradescope",
-)
+_DEFAULTS: Dict[str, Any] = {
+    **{"file": "path_publisher.py", "starts": 1, "points": None, "remap": [], "params": ""},
+    **{"car": "ideal", "map": None, "timeout": 15.0},
+    **{f"{name}_tolerance": None for name in TOLERANCE_UNITS},
+}
+"""The options that a results folder remembers, and their defaults."""
+
+_OF_A_CLASS = ("secret", "points", "jobs", "only", "gradescope")
 """Options that `--node` does not use."""
 
 
@@ -28,32 +35,85 @@ def tolerance(text: str) -> float:
     raise argparse.ArgumentTypeError(f"{text!r}; expected a number of at least 0")
 
 
-def add_exercise_options(parser: argparse.ArgumentParser) -> None:
+def _add_exercise_options(parser: argparse.ArgumentParser) -> None:
     """Add the options that say what submissions do, and how it is judged.
 
-    An autograder has these options, and gives them to grade.py. Each of them takes a value.
+    An autograder gives them to grade.py. Each of them takes a value; None if it is not given.
     """
     add = parser.add_argument
-    add("--file", default="path_publisher.py", help="the node in each submission")
+    add("--file", help="the node in each submission; default path_publisher.py")
     help_text = "names in plans/, or paths; drawn: a plan of its own for each submission"
     add("--plans", nargs="+", metavar="PLAN", help=help_text)
     help_text = "determines the drawn plans, together with the name of the submission"
-    add("--secret", default="", metavar="TEXT", help=help_text)
+    add("--secret", metavar="TEXT", help=help_text)
     add("--follow", nargs="+", metavar="PATH", help="grade controllers that follow these paths")
-    add("--starts", type=int, default=1, help="start each path of --follow at so many poses")
+    add("--starts", type=int, help="start each path of --follow at so many poses; default 1")
     add("--points", metavar="FILE", help="points per check and plan; default one point each")
-    add("--remap", nargs="+", default=[], metavar="FROM:=TO", help="for the nodes, as for rosrun")
-    add("--params", default="", metavar="FILE", help="parameters of the node; in each submission")
-    add("--car", default="ideal", help="as in sim.launch; default ideal")
+    add("--remap", nargs="+", metavar="FROM:=TO", help="for the nodes, as for rosrun")
+    add("--params", metavar="FILE", help="parameters of the node; in each submission")
+    add("--car", help="as in sim.launch; default ideal")
     add("--map", help="as in sim.launch; default sandbox, or none with --follow")
+    add("--timeout", type=float, metavar="S", help="a node may send nothing so long; default 15")
     for name, unit in TOLERANCE_UNITS.items():
         option = f"--{name.replace('_', '-')}-tolerance"
         add(option, type=tolerance, metavar=unit, help="see docs/grading.md")
 
 
-def complete(arguments: argparse.Namespace) -> str:
+def words_of(options: Dict[str, Any]) -> List[str]:
+    """Return the options that have a value as words of a command line."""
+    words = []
+    for name, value in options.items():
+        if value not in (None, "", []):
+            values = value if isinstance(value, list) else [value]
+            words += [f"--{name.replace('_', '-')}", *map(str, values)]
+    return words
+
+
+def _settings_of(arguments: argparse.Namespace) -> Dict[str, Any]:
+    """Return the options that a results folder remembers and that are not the default."""
+    values = {name: getattr(arguments, name) for name in _DEFAULTS}
+    return {name: value for name, value in values.items() if value != _DEFAULTS[name]}
+
+
+def _use_settings(arguments: argparse.Namespace) -> None:
+    """Set the options that are not given to those of the earlier run in --out, or the defaults.
+
+    Say which ones of the earlier run are used.
+
+    Raises:
+        UserError: the settings of the earlier run cannot be read.
+    """
+    is_class = arguments.out and not (arguments.node or arguments.autograder)
+    folders = arguments.merge or ([arguments.out] if is_class else [])
+    all_known = [load_settings(folder) for folder in folders]
+    used = {}
+    for name, default in _DEFAULTS.items():
+        if getattr(arguments, name) is None:
+            values = [known.get(name, default) for known in all_known] or [default]
+            if any(_content(name, each) != _content(name, values[0]) for each in values):
+                option = f"--{name.replace('_', '-')}"
+                text = f"the folders of --merge have different values of {option}; expected one"
+                raise UserError(f"{text} on the command line")
+            setattr(arguments, name, values[0])
+            if values[0] != default:
+                used[name] = values[0]
+    if used:
+        print(f"{folders[0]}: as in the earlier run: {' '.join(words_of(used))}", file=sys.stderr)
+
+
+def _content(name: str, value: Any) -> Any:
+    """Return the value of an option to compare; of a file with points, its text."""
+    if name != "points" or value is None:
+        return value
+    with open(value, encoding="utf-8") as file:
+        return file.read()
+
+
+def _complete(arguments: argparse.Namespace) -> str:
     """Set the default map; return what is wrong with the options of exercises, "" if nothing."""
     arguments.map = arguments.map or ("none" if arguments.follow else "sandbox")
+    if not arguments.timeout > 0.0:
+        return "expected --timeout above 0"
     if not 1 <= arguments.starts <= len(OFFSETS):
         return f"expected --starts of 1 to {len(OFFSETS)}"
     for each in arguments.remap:
@@ -61,14 +121,15 @@ def complete(arguments: argparse.Namespace) -> str:
             return f"found --remap '{each}'; expected --remap FROM:=TO, such as control:=/cmd"
     if not re.fullmatch(r"[^-/\s][^/\n]*", arguments.file):
         return f"found --file '{arguments.file}'; expected a file name without a folder"
-    is_node = getattr(arguments, "node", None)  # make_autograder has no such option
-    if not is_node and (os.path.isabs(arguments.params) or ".." in arguments.params.split("/")):
+    if not arguments.node and (
+        os.path.isabs(arguments.params) or ".." in arguments.params.split("/")
+    ):
         return f"found --params '{arguments.params}'; expected the path of a file in a submission"
     if (DRAWN in (arguments.plans or [])) != bool(arguments.secret):
         return f"expected --secret TEXT together with {DRAWN} in --plans"
     values = ((name, getattr(arguments, f"{name}_tolerance")) for name in TOLERANCE_UNITS)
     given = [name for name, value in values if value is not None]
-    return tolerance_fault(given, bool(arguments.follow))
+    return "" if arguments.merge else tolerance_fault(given, bool(arguments.follow))
 
 
 def read_exercises(arguments: argparse.Namespace, plans: Sequence[str]) -> Dict[str, Exercise]:
@@ -97,9 +158,8 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     add = parser.add_argument
     add("inputs", nargs="*", metavar="PLAN or SUBMISSION")
     add("--node", nargs=2, metavar=("PACKAGE", "FILE"), help="the node, as for rosrun")
-    add_exercise_options(parser)
+    _add_exercise_options(parser)
     add("--out", metavar="FOLDER", help="write the results to this folder")
-    add("--timeout", type=float, default=15.0, metavar="S", help="a node may send nothing so long")
     add("--jobs", type=int, default=2 * len(os.sched_getaffinity(0)), help="simultaneous replays")
     add(
         "--only",
@@ -108,13 +168,17 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
         metavar="NAME",
         help="grade these submissions again; also names of students",
     )
-    add("--rejudge", action="store_true", help="judge stored drives again; drive nothing")
     add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")
     add("--gradescope", metavar="FILE", help="also write results.json of one submission")
+    add("--autograder", metavar="FILE", help="write a zip for Gradescope; grade nothing")
     arguments = parser.parse_args(words)
     values = vars(arguments)
     given = [name for name in _OF_A_CLASS if values[name] != parser.get_default(name)]
-    if fault := complete(arguments) or _fault(arguments, given):
+    if fault := _fault(arguments, given):
+        parser.error(fault)
+    _use_settings(arguments)
+    arguments.settings = _settings_of(arguments)
+    if fault := _complete(arguments):
         parser.error(fault)
     return arguments
 
@@ -124,7 +188,7 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
 
     `of_a_class` contains the options that need submissions.
     """
-    is_class = not (arguments.node or arguments.merge)
+    is_class = not (arguments.node or arguments.merge or arguments.autograder)
     if arguments.node and of_a_class:
         option = of_a_class[0].replace("_", "-")
         return f"--{option} needs submissions; --node grades one installed node"
@@ -135,10 +199,12 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
     plans = arguments.plans or arguments.follow
     if is_class and not (arguments.inputs and plans and arguments.out):
         return "expected PLAN... --node PACKAGE FILE, or SUBMISSION... --plans PLAN... --out FOLDER"
+    if arguments.autograder and (arguments.inputs or not plans):
+        return "expected --autograder FILE, and --plans PLAN... or --follow PATH..."
     if arguments.merge and not arguments.out:
         return "expected --out FOLDER"
     if arguments.out and os.path.exists(arguments.out) and not os.path.isdir(arguments.out):
         return f"--out: {arguments.out} is not a folder"
-    if arguments.jobs < 1 or not arguments.timeout > 0.0:
-        return "expected --jobs of at least 1 and --timeout above 0"
+    if arguments.jobs < 1:
+        return "expected --jobs of at least 1"
     return ""

@@ -41,9 +41,9 @@ class Plans:
         if DRAWN in (arguments.plans or []):
             if DRAWN in self.names:
                 raise UserError(f"there are two plans with the name '{DRAWN}'; rename the file")
-            folder = package_folder("plans")
-            named = [*self._named.values(), *read_plans(["test_drive"], folder).values()]
-            self._like = named[0]
+            named = [each for each in self._named.values() if isinstance(each, Plan)]
+            test_drive = read_plans(["test_drive"], package_folder("plans"))
+            self._like = [*named, *test_drive.values()][0]
             self.names.append(DRAWN)
         check_authors(self._named.values(), arguments.inputs)
 
@@ -93,19 +93,23 @@ def names_to_grade(arguments: argparse.Namespace, found: Sequence[Submission]) -
     return only or set(names.values())
 
 
+def tolerances_of(arguments: argparse.Namespace) -> Dict[str, float]:
+    """Return the tolerances that differ from the default."""
+    values = ((name, getattr(arguments, f"{name}_tolerance")) for name in TOLERANCE_UNITS)
+    return {name: value for name, value in values if value is not None}
+
+
 def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
     """Return the setting that the command line describes."""
     own = arguments.node and arguments.params  # each submission has a file of its own
     words = parameter_words(arguments.params) if own else ()
-    values = ((name, getattr(arguments, f"{name}_tolerance")) for name in TOLERANCE_UNITS)
     return read_setting(
         package_folder("."),
         arguments.car,
         arguments.map,
-        None,
         remap=(*arguments.remap, *words),
         timeout=arguments.timeout,
-        tolerances={name: value for name, value in values if value is not None},
+        tolerances=tolerances_of(arguments),
         sandbox=sandbox,
         ros=sandbox.copy_workspaces(),
     )

@@ -1,18 +1,20 @@
-"""Collect the contents of an autograder for Gradescope: see docs/grading.md."""
+"""Write an autograder for Gradescope: a zip with this package, the plans and the options."""
 
 import argparse
 import os
 import re
 import shutil
-from typing import Any, Dict, List
+import tempfile
 
 import yaml
 
 from mushr_ros_intro.car.profile import read_parameters
-from mushr_ros_intro.classroom.arguments import complete, read_exercises
+from mushr_ros_intro.classroom.arguments import read_exercises, words_of
+from mushr_ros_intro.classroom.drawn_plans import DRAWN
 from mushr_ros_intro.classroom.points import read_points
+from mushr_ros_intro.classroom.store import give_to_user
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.paths import find_file
+from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
 from mushr_ros_intro.replay.judge import CHECK_NAMES
 from mushr_ros_intro.replay.reference import refuse_walls
@@ -24,7 +26,7 @@ FILES = (
     *("LICENSE", "package.xml", "setup.py", "src/grade.py"),
     *("scripts/grade", "scripts/dev/loopback.c", "scripts/dev/packages", "scripts/setup"),
 )
-FOLDERS = ("config", "src/mushr_ros_intro", "underlay/ackermann_msgs")
+FOLDERS = ("config", "src/mushr_ros_intro", "underlay/ackermann_msgs", "web/results")
 LEFT_OUT = ("authoring", "browser", "doctor", "drive", "__pycache__", ".*")
 """What of this package is needed for grading, and what of its folders is not.
 
@@ -44,34 +46,48 @@ MIN_TIMEOUT, MAX_TIMEOUT = 10.0, 30.0
 """Limits of the wait of one plan [s of wall-clock time]; with half a core, a node starts in 2 s."""
 
 
-def fill(folder: str, arguments: argparse.Namespace, package: str) -> str:
-    """Write the contents of the autograder to an empty folder; return a summary.
-
-    Args:
-        folder: the folder.
-        arguments: the options of `add_exercise_options`: what the autograder grades.
-        package: the folder of this package.
+def write_autograder(arguments: argparse.Namespace) -> str:
+    """Write the zip that the command line names; return a summary.
 
     Raises:
-        UserError: an option or a file is wrong.
+        UserError: an option or a file is wrong; then no zip is written.
         OSError: a file cannot be read or written.
     """
-    if bool(arguments.plans) == bool(arguments.follow):
-        raise UserError("expected --plans PLAN... or --follow PATH...")
-    if fault := complete(arguments):
-        raise UserError(fault)
+    package = package_folder(".")
+    if not os.path.exists(os.path.join(package, FILES[-1])):
+        text = f"{package} has no {FILES[-1]}"
+        raise UserError(f"{text}; expected a checkout of this package: an autograder contains it")
+    out = os.path.realpath(arguments.autograder)
+    # Beside the zip, which is replaced only when it is complete.
+    with tempfile.TemporaryDirectory(prefix=".autograder", dir=os.path.dirname(out)) as folder:
+        contents = os.path.join(folder, "contents")
+        os.mkdir(contents)
+        summary = _fill(contents, arguments, package)
+        os.replace(shutil.make_archive(contents, "zip", contents), out)
+    give_to_user(out)
+    return f"{arguments.autograder}: {summary}; {os.path.getsize(out) // 1000} kB"
+
+
+def _fill(folder: str, arguments: argparse.Namespace, package: str) -> str:
+    """Write the contents of the autograder to an empty folder; return a summary.
+
+    Errors as in `write_autograder`.
+    """
     exercises = read_exercises(arguments, arguments.plans or [])
     kind = "path" if arguments.follow else "plan"
+    drawn = [DRAWN] * (DRAWN in (arguments.plans or []))
+    names = [*exercises, *drawn]
     most = int(SILENCE / MIN_TIMEOUT)
-    if len(exercises) > most:
-        raise UserError(f"there are {len(exercises)} {kind}s; expected at most {most}")
+    if len(names) > most:
+        raise UserError(f"there are {len(names)} {kind}s; expected at most {most}")
     checks = FOLLOW_CHECK_NAMES if arguments.follow else CHECK_NAMES
-    points = read_points(arguments.points, list(exercises), checks)
+    points = read_points(arguments.points, names, checks)
     parameters = read_parameters(arguments.car, os.path.join(package, "config"))
     copy = os.path.join(folder, "mushr_ros_intro")
     for each in (f"{kind}s", "mushr_ros_intro/maps"):
         os.makedirs(os.path.join(folder, each))
-    options = {**vars(arguments), "timeout": min(SILENCE / len(exercises), MAX_TIMEOUT)}
+    options = {**arguments.settings, "map": arguments.map, "secret": arguments.secret}
+    options["timeout"] = min(SILENCE / len(names), MAX_TIMEOUT)
     if arguments.map != "none":
         map_file = find_file(arguments.map, os.path.join(package, "maps"), ".yaml")
         grid = read_map(map_file)
@@ -79,19 +95,25 @@ def fill(folder: str, arguments: argparse.Namespace, package: str) -> str:
         refuse_walls(exercises.values(), parameters, grid)
     _copy_package(package, copy)
     for each in ("setup.sh", "run_autograder"):
-        shutil.copy(os.path.join(package, "scripts", "autograder", each), folder)
+        shutil.copy(os.path.join(package, "scripts/dev/autograder", each), folder)
 
     # Hidden plans last: a node could store what it learns of them, and print it in another drive.
-    # A path with several starts is one file, whose place is that of its last start.
-    names = sorted(exercises, key=points.is_hidden)
-    files = [*dict.fromkeys(exercises[name].path for name in reversed(names))][::-1]
+    # A path with several starts is one file, whose place is that of its last start. The first plan
+    # stays the first, because the drawn one has its rows.
+    first = [*exercises][: len(drawn)]
+    order = sorted(exercises, key=lambda name: name not in first and points.is_hidden(name))
+    files = [*dict.fromkeys(exercises[name].path for name in reversed(order))][::-1]
     options["follow" if arguments.follow else "plans"] = [
-        _copy_file(each, folder, f"{kind}s/{os.path.basename(each)}") for each in files
+        *(_copy_file(each, folder, f"{kind}s/{os.path.basename(each)}") for each in files),
+        *drawn,
     ]
     if arguments.points is not None:
         options["points"] = _copy_file(arguments.points, folder, "points.yaml")
+    words = words_of(options)
+    if broken := [word for word in words if "\n" in word]:
+        raise UserError(f"found {broken[0]!r}; expected no line end in an option")
     with open(os.path.join(folder, "arguments"), "w", encoding="utf-8") as file:
-        file.writelines(f"{word}\n" for word in _words(options))
+        file.writelines(f"{word}\n" for word in words)
     hidden = sum(map(points.is_hidden, names))
     return f"{counted(len(names), kind)}, {hidden} hidden; {points.max_score():g} points"
 
@@ -100,22 +122,6 @@ def _copy_file(path: str, folder: str, name: str) -> str:
     """Copy a file to the folder of the autograder; return its path on Gradescope."""
     shutil.copyfile(path, os.path.join(folder, name))
     return f"{SOURCE}/{name}"
-
-
-def _words(options: Dict[str, Any]) -> List[str]:
-    """Return the options that have a value as words of a command line.
-
-    Raises:
-        UserError: a word contains the end of a line, which separates words.
-    """
-    words = []
-    for name, value in options.items():
-        if value not in (None, "", []):
-            values = value if isinstance(value, list) else [value]
-            words += [f"--{name.replace('_', '-')}", *map(str, values)]
-    if broken := [word for word in words if "\n" in word]:
-        raise UserError(f"found {broken[0]!r}; expected no line end in an option")
-    return words
 
 
 def _copy_package(package: str, copy: str) -> None:

@@ -1,4 +1,4 @@
-"""Write tables that no spreadsheet program takes for formulas."""
+"""Write text for pages and tables: without terminal codes, and in CSV without formulas."""
 
 import csv
 import io
@@ -6,12 +6,24 @@ import re
 import unicodedata
 from typing import Iterable, Sequence
 
-from mushr_ros_intro.classroom.html_page import clean
+_TERMINAL_CODE = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|\][^\x07\x1b]*(\x07|\x1b\\)?)")
+_NOT_TEXT = re.compile("[^\t\n\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 _FORMULA = ("=", "+", "-", "@")
 """A cell that begins like this is a formula in spreadsheet programs."""
 
 _NUMBER = re.compile(r"-?[0-9.]+")
+
+
+def clean(text: str) -> str:
+    """Return text without terminal codes; a character that XML does not allow becomes U+FFFD."""
+    lines = _TERMINAL_CODE.sub("", text).replace("\r\n", "\n").replace("\r", "\n")
+    return _NOT_TEXT.sub("\ufffd", lines)
+
+
+def shown(points: float) -> str:
+    """Return points as text, such as 2 or 0.5."""
+    return f"{points:.12g}"
 
 
 def as_csv(rows: Iterable[Sequence[str]]) -> str:

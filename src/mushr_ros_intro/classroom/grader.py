@@ -1,24 +1,34 @@
-"""Work besides the replays of a class: build a submission, try the sandbox, draw a drive."""
+"""Work besides the replays of a class: build a submission, try the sandbox, judge a drive."""
 
+import math
 import os
 import subprocess
 import tempfile
 from typing import Dict, List, Optional, Sequence, Tuple
 
+import numpy as np
+
 from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.isolation.node_process import SHOWN_LINES
 from mushr_ros_intro.isolation.sandbox import LIMITS, Sandbox
 from mushr_ros_intro.isolation.workspace import environment_of
+from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.replay.following import judge_drive, miss_of
 from mushr_ros_intro.replay.job import MAX_OVERHEAD, MAX_SLOWDOWN, Job, Setting, sandboxed
+from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.replay.own_process import ReplayError, in_own_process
-from mushr_ros_intro.replay.recording import Drive
-from mushr_ros_intro.replay.reference import Exercise
+from mushr_ros_intro.replay.recording import Drive, Recorded, matched
+from mushr_ros_intro.replay.reference import Exercise, lengths
+from mushr_ros_intro.stamps import COMMAND_PERIOD
 
 TIMEOUT = MAX_SLOWDOWN * LIMITS["--cpu"]
 """For the build of one submission, and for the probe [s of wall-clock time].
 
 A process that computes for ever ends before, by its limit.
 """
+
+MAX_POINTS = 500
+"""Limit of the number of points of a path in a picture."""
 
 _PROBE = """#!/usr/bin/python3
 import os, sys
@@ -129,12 +139,43 @@ def _build_here(submission: Submission, setting: Setting) -> str:
     return "\n".join([f"the package does not build: {error}", *lines[-SHOWN_LINES:]])
 
 
-def draw(drive: Optional[Drive]) -> Dict[str, str]:
-    """Return pictures of a drive as SVG, by name; none without a drive, or without matplotlib."""
-    if drive is None:
-        return {}
+def judge_and_draw(
+    recorded: Recorded, tolerances: Dict[str, float]
+) -> Tuple[Judgement, float, Dict[str, str]]:
+    """Judge a recorded drive.
+
+    Returns:
+        The verdict, the share of the plan or path that was driven right, and pictures as SVG by
+        name. There are none without a finite pose, or without matplotlib.
+    """
+    judgement = judge_drive(recorded, tolerances)
+    share = round(_share(judgement), 2)
+    times, driven, predicted, _ = judgement.drive
+    rows = np.column_stack([times, driven, predicted])
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    if not len(rows):
+        return judgement, share, {}
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int))]
     try:
         from mushr_ros_intro.replay.pictures import as_texts  # matplotlib is slow to import
     except ImportError:  # an autograder has no matplotlib
-        return {}
-    return as_texts(drive)
+        return judgement, share, {}
+    return judgement, share, as_texts(Drive(rows[:, 0], rows[:, 1:4], rows[:, 4:], math.nan))
+
+
+def _share(judgement: Judgement) -> float:
+    """Return which share of a plan was driven right, from its start to the first wrong command.
+
+    Of a path: which share the car has followed when it stops; 1 if that is near enough to its end.
+    """
+    recorded = judgement.recorded
+    if not isinstance(recorded.plan, Plan):
+        miss, length = miss_of(judgement), lengths(np.array(recorded.plan.poses)[:, :2])[-1]
+        return 1.0 if miss <= judgement.tolerances.position else max(0.0, 1.0 - miss / length)
+    if {"commands", "rate"} <= {check.name for check in judgement.checks if check.passed}:
+        return 1.0
+    rows = [*matched(recorded)]
+    if not rows:
+        return 0.0
+    driven = rows[-1][1][-1].time - recorded.begin + COMMAND_PERIOD
+    return min(driven, sum(run.duration for run, _ in rows)) / recorded.plan.duration

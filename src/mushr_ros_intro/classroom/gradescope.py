@@ -2,8 +2,8 @@
 
 from typing import Any, Dict, Iterator, List
 
+from mushr_ros_intro.classroom.csv_text import clean, shown
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade
-from mushr_ros_intro.classroom.html_page import clean, shown
 from mushr_ros_intro.classroom.points import Points
 from mushr_ros_intro.wording import counted
 

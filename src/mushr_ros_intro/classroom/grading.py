@@ -1,4 +1,4 @@
-"""Grade a class: replay each plan with each submission, unless a stored drive is still valid."""
+"""Grade a class: replay each plan with each submission, unless its drive is stored; judge all."""
 
 import multiprocessing
 import os
@@ -6,40 +6,73 @@ import re
 import signal
 import time
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from typing import Callable, Dict, Generator, Iterator, NamedTuple, Optional, Sequence, Tuple
+from typing import (
+    Any,
+    Callable,
+    Dict,
+    Generator,
+    Iterator,
+    List,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Tuple,
+)
+from xml.etree import ElementTree
 
-from mushr_ros_intro.car.profile import car_from
-from mushr_ros_intro.classroom.grader import build, draw, probe
-from mushr_ros_intro.classroom.grades import Grade, plan_grade
+from mushr_ros_intro.classroom.grader import build, judge_and_draw, probe
+from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.classroom.store import (
-    Key,
     Record,
     Store,
     StoredDrive,
     hash_of,
     hash_of_folder,
-    recorded_from_json,
-    recorded_to_json,
 )
 from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameters
-from mushr_ros_intro.replay.following import judge_drive
+from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.replay.job import Job, Setting, run_job
-from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.replay.reference import Exercise
 from mushr_ros_intro.replay.setting import parameter_words
 
 MAX_SOURCE = 100_000
 """Size of the stored part of a node's source [bytes]."""
 
-_LIBRARY = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
-_NO_INFLUENCE = {"classroom", "browser", "doctor", "authoring"}
-"""Folders of the library without influence on a verdict."""
+_TEXTS = ("outcome", "output", "error")
+"""The texts of a recording that may contain paths of this machine."""
 
 
 def _ignore_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def judges() -> ProcessPoolExecutor:
+    """Return processes that judge and draw drives.
+
+    matplotlib is slow and not thread-safe. Ctrl-C is for this process only.
+    """
+    context = multiprocessing.get_context("forkserver")
+    return ProcessPoolExecutor(len(os.sched_getaffinity(0)), context, _ignore_interrupts)
+
+
+def judged(
+    records: Sequence[Record], tolerances: Dict[str, float], pool: ProcessPoolExecutor
+) -> List[Grade]:
+    """Return the results of stored drives."""
+    futures = {
+        (number, drive.plan): pool.submit(judge_and_draw, drive.recorded, tolerances)
+        for number, record in enumerate(records)
+        for drive in record.drives
+        if drive.recorded and not (record.grade.fault or record.grade.error)
+    }
+    plans: Dict[int, List[PlanGrade]] = {}
+    for (number, plan), future in futures.items():
+        plans.setdefault(number, []).append(PlanGrade(plan, *future.result()))
+    return [
+        record.grade._replace(plans=tuple(plans.get(number, ())))
+        for number, record in enumerate(records)
+    ]
 
 
 class Task(NamedTuple):
@@ -49,7 +82,7 @@ class Task(NamedTuple):
     plans: Dict[str, Exercise]
     """By name."""
     is_chosen: bool = True
-    """Whether it may be graded now; otherwise its stored result is used as it is."""
+    """Whether it may be graded now; otherwise its stored drives are used as they are."""
 
 
 class Options(NamedTuple):
@@ -59,8 +92,6 @@ class Options(NamedTuple):
     """The number of replays at the same time."""
     drives_again: bool
     """Whether stored drives are not used."""
-    judges_again: bool
-    """Whether nothing is driven, and all stored drives are judged again."""
     isolation: str
     """What is missing in the isolation of the nodes; "" if nothing."""
     params: str = ""
@@ -75,11 +106,16 @@ class _Progress:
     """The grading of one submission."""
 
     def __init__(self, task: Task, record: Optional[Record]) -> None:
-        self.task, self.record = task, record
-        self.drives: Dict[str, StoredDrive] = {}
-        self.error = ""
-        self.needed: Dict[str, Tuple[Key, Optional[StoredDrive]]] = {}
-        """The plans that must be driven, or judged again if there is a stored drive."""
+        self.task, self.record, self.error = task, record, ""
+        self.drives: Dict[str, Optional[StoredDrive]] = {}
+        """By plan, in the order of the command line; None if it must be driven."""
+        self.keys: Dict[str, str] = {}
+        self.is_new = False
+
+    @property
+    def missing(self) -> List[str]:
+        """The plans that must be driven."""
+        return [name for name, drive in self.drives.items() if drive is None]
 
 
 class Grading:
@@ -92,65 +128,54 @@ class Grading:
 
         Args:
             setting: of all replays.
-            store: for the results.
+            store: for the drives.
             options: how the class is graded.
             shorten: removes the paths of this machine from a text.
         """
         self._setting, self._store, self._options = setting, store, options
         self._shorten = shorten
-        self._car = car_from(Parameters(setting.parameters))
-        # matplotlib is slow and not thread-safe. Ctrl-C is for this process only.
-        self._artists = ProcessPoolExecutor(
-            len(os.sched_getaffinity(0)),
-            multiprocessing.get_context("forkserver"),
-            _ignore_interrupts,
-        )
+        self._judges = judges()
         grid = setting.grid
         world = grid and (grid.cells.tobytes(), grid.cells.shape, grid.resolution, grid.origin)
         fields = (setting.car, setting.parameters, setting.mux, setting.remap, setting.timeout)
-        self._common = {
-            "options": hash_of(*fields, world, options.isolation, options.params),
-            "package": hash_of_folder(_LIBRARY, _NO_INFLUENCE),
-            "tolerances": hash_of(sorted(setting.tolerances.items())),
-        }
+        version = ElementTree.parse(package_folder("package.xml")).findtext("version")
+        self._common = hash_of(*fields, world, options.isolation, options.params, version)
 
     def run(self, tasks: Sequence[Task]) -> Generator[Tuple[Grade, bool], None, None]:
         """Grade submissions; yield each result, and whether it is new, as soon as it is known.
 
-        Each new result is stored before it is yielded.
+        Each new drive is stored before its result is yielded.
 
         Raises:
             ReplayError: nodes cannot run here.
-            OSError: a result cannot be stored.
+            OSError: a drive cannot be stored.
         """
-        due = []
-        for task in tasks:
-            progress = _Progress(task, self._store.load(task.submission.name))
-            if progress.record is None:  # so that --merge notices an interruption
-                self._store.save(Record(not_graded(task.submission), {}, 0.0))
-            if task.is_chosen:
-                self._compare(progress)
-                if progress.needed:
-                    due.append(progress)
-                else:
-                    yield self._finish(progress)
-            else:
-                yield _stored(progress), False
-        plans = (each.task.plans[name] for each in due for name in each.needed)
-        if due and not self._options.judges_again:
-            probe(next(plans), self._setting)
+        with self._judges:
+            due = [self._begin(task) for task in tasks]
+            yield from self._judged([progress for progress in due if not progress.missing])
+            due = [progress for progress in due if progress.missing]
+            if due:
+                probe(due[0].task.plans[due[0].missing[0]], self._setting)
+            yield from self._drive_all(due)
+
+    def _drive_all(self, due: Sequence[_Progress]) -> Iterator[Tuple[Grade, bool]]:
+        """Drive all that is missing; yield results as `run`."""
+        futures: Dict[Future[StoredDrive], Tuple[_Progress, str]] = {}
         with ThreadPoolExecutor(self._options.jobs) as pool:
-            futures = {each[0]: each for progress in due for each in self._start(pool, progress)}
+            for progress in due:
+                built = pool.submit(build, progress.task.submission, self._setting)
+                for name in progress.missing:
+                    futures[pool.submit(self._drive, progress, name, built)] = progress, name
             try:
                 for future in as_completed(futures):
-                    _, progress, plan = futures[future]
+                    progress, name = futures[future]
                     try:
-                        progress.drives[plan] = future.result()
+                        progress.drives[name] = future.result()
                     except (UserError, OSError) as failure:
-                        progress.error = progress.error or f"{plan}: {failure}"
-                    del progress.needed[plan]
-                    if not progress.needed:
-                        yield self._finish(progress)
+                        progress.error = progress.error or f"{name}: {failure}"
+                        del progress.drives[name]
+                    if not progress.missing:
+                        yield from self._judged([progress])
             finally:
                 for future in futures:
                     future.cancel()
@@ -159,66 +184,47 @@ class Grading:
                     for process in multiprocessing.active_children():
                         process.kill()
                     time.sleep(_KILL_PERIOD)
-                self._artists.shutdown()
 
-    def _compare(self, progress: _Progress) -> None:
-        """Find the stored drives that are still valid, and what is needed besides them."""
-        submission = progress.task.submission
-        if submission.fault:
-            return
-        files = hash_of_folder(submission.folder)
-        for name, plan in progress.task.plans.items():
-            with open(plan.path, "rb") as file:
-                kind = type(plan).__name__, plan.start
-                key = Key(files, hash_of(file.read(), kind), **self._common)
-            old = progress.record and progress.record.drives.get(name)
-            if old and not self._is_usable(old, key):
-                old = None
-            if old and old.key == key and not self._options.judges_again:
-                progress.drives[name] = old
-            else:
-                progress.needed[name] = key, old
+    def _begin(self, task: Task) -> _Progress:
+        """Find the stored drives of a submission that are still valid."""
+        submission = task.submission
+        progress = _Progress(task, self._store.load(submission.name))
+        if progress.record is None:  # so that --merge notices an interruption
+            self._store.save(Record(not_graded(submission), (), 0.0))
+        old = {each.plan: each for each in progress.record.drives} if progress.record else {}
+        if not task.is_chosen:
+            progress.drives.update(old)
+        elif not submission.fault:
+            files = hash_of_folder(submission.folder)
+            for name, plan in task.plans.items():
+                with open(plan.path, "rb") as file:
+                    parts = (files, file.read(), type(plan).__name__, plan.start, self._common)
+                key = progress.keys[name] = hash_of(*parts)
+                is_used = name in old and old[name].key == key and not self._options.drives_again
+                progress.drives[name] = old[name] if is_used else None
+        progress.is_new = bool(progress.missing)
+        return progress
 
-    def _is_usable(self, old: StoredDrive, key: Key) -> bool:
-        """Return whether a drive need not be driven again; it may have to be judged again."""
-        if self._options.judges_again:
-            return old.key[:2] == key[:2]
-        is_same = old.key._replace(tolerances=key.tolerances) == key
-        return is_same and not self._options.drives_again
-
-    def _start(
-        self, pool: ThreadPoolExecutor, progress: _Progress
-    ) -> Iterator[Tuple["Future[StoredDrive]", _Progress, str]]:
-        """Start what a submission needs; yield each future, and its plan."""
-        submission, built = progress.task.submission, None
-        for name, (key, old) in progress.needed.items():
-            plan = progress.task.plans[name]
-            if old is not None:
-                future = pool.submit(self._judge_again, old, key, name, plan)
-            elif self._options.judges_again:
-                future = pool.submit(_cannot_judge)
-            else:
-                built = built or pool.submit(build, submission, self._setting)
-                future = pool.submit(self._drive, submission, built, key, name, plan)
-            yield future, progress, name
-
-    def _drive(
-        self, submission: Submission, built: "Future[str]", key: Key, name: str, plan: Exercise
-    ) -> StoredDrive:
-        """Replay a plan with a submission.
+    def _drive(self, progress: _Progress, name: str, built: "Future[str]") -> StoredDrive:
+        """Replay a plan with a submission that has been built.
 
         Raises:
             UserError, OSError: the replay has no verdict.
         """
+        submission, key = progress.task.submission, progress.keys[name]
         if fault := built.result():
-            return StoredDrive(key, self._shorten(fault), None, {})
-        folder, packages = submission.folder, submission.packages
+            return StoredDrive(name, key, self._shorten(fault), None)
         try:
             command = (*submission.command, *self._parameters(submission))
         except UserError as error:
-            return StoredDrive(key, self._shorten(str(error)), None, {})
-        job = Job(submission.name, command, plan, self._setting, folder, packages)
-        return self._judged(key, name, run_job(job))
+            return StoredDrive(name, key, self._shorten(str(error)), None)
+        plan, folder, packages = progress.task.plans[name], submission.folder, submission.packages
+        recorded = run_job(
+            Job(submission.name, command, plan, self._setting, folder, packages)
+        ).recorded
+        texts: Dict[str, Any] = {each: self._shorten(getattr(recorded, each)) for each in _TEXTS}
+        plan = recorded.plan._replace(path=self._shorten(recorded.plan.path))
+        return StoredDrive(name, key, "", recorded._replace(plan=plan, **texts))
 
     def _parameters(self, submission: Submission) -> Tuple[str, ...]:
         """Return the parameters in the file of a submission; raise UserError if it is wrong."""
@@ -228,67 +234,38 @@ class Grading:
         own = [each for each in submission.packages if node.startswith(f"{each}/")]
         return parameter_words(os.path.join(*[*own, submission.folder][:1], self._options.params))
 
-    def _judge_again(self, old: StoredDrive, key: Key, name: str, plan: Exercise) -> StoredDrive:
-        """Judge a stored drive with the current tolerances."""
-        key = old.key._replace(tolerances=key.tolerances)
-        if old.fault:
-            return old._replace(key=key)
-        values = dict(old.recorded)
-        title = values.pop("title")
-        recorded = recorded_from_json(values, plan, self._car, self._setting.grid)
-        judgement = judge_drive(recorded, self._setting.tolerances)
-        return self._judged(key, name, judgement._replace(title=title))
+    def _judged(self, ready: Sequence[_Progress]) -> Iterator[Tuple[Grade, bool]]:
+        """Store what is new of submissions that have been driven; yield their results."""
+        records = []
+        for progress in ready:
+            records.append(self._record(progress))
+            if progress.is_new:
+                self._store.save(records[-1])
+        grades = judged(records, self._setting.tolerances, self._judges)
+        yield from zip(grades, (progress.is_new for progress in ready))
 
-    def _judged(self, key: Key, name: str, judgement: Judgement) -> StoredDrive:
-        """Return a judged drive, without the paths of this machine."""
-        recorded = judgement.recorded
-        values = {**recorded_to_json(recorded), "title": judgement.title}
-        for text in ("outcome", "output", "error", "title"):
-            values[text] = self._shorten(values[text])
-        grade = plan_grade(name, judgement, self._shorten)
-        pictures = self._artists.submit(draw, grade.drive).result()
-        return StoredDrive(key, "", grade._replace(pictures=pictures), values)
-
-    def _finish(self, progress: _Progress) -> Tuple[Grade, bool]:
-        """Return the result of a submission, and whether it is new; store a new one."""
-        submission, error = progress.task.submission, progress.error
-        drives = {
-            name: progress.drives[name] for name in progress.task.plans if name in progress.drives
-        }
-        built = next((each.fault for each in drives.values() if each.fault), "")
-        fault = submission.fault or ("" if error else built)
-        plans = tuple(each.grade for each in drives.values() if each.grade)
+    def _record(self, progress: _Progress) -> Record:
+        """Return what is to be stored of a submission."""
+        submission, old = progress.task.submission, progress.record
+        if not progress.task.is_chosen:
+            return old or Record(not_graded(submission), (), 0.0)
+        drives = tuple(filter(None, progress.drives.values()))
+        built = "" if progress.error else next((each.fault for each in drives if each.fault), "")
         grade = Grade(
             submission.name,
             submission.students,
-            self._shorten(fault),
-            self._shorten(error),
-            () if fault or error else plans,
+            self._shorten(submission.fault or built),
+            self._shorten(progress.error),
             submission.notes,
             _source(submission),
         )
-        is_new = progress.record is None or progress.record[:2] != (grade, drives)
-        if is_new:
-            self._store.save(Record(grade, drives, time.time()))
-        return grade, is_new
-
-
-def _stored(progress: _Progress) -> Grade:
-    """Return the stored result of a submission that is not graded now."""
-    return progress.record.grade if progress.record else not_graded(progress.task.submission)
+        progress.is_new |= old is None or old.grade != grade
+        return Record(grade, drives, time.time())
 
 
 def not_graded(submission: Submission) -> Grade:
     """Return the result of a submission before it is graded."""
-    return Grade(submission.name, submission.students, "", "it has not been graded yet", ())
-
-
-def _cannot_judge() -> StoredDrive:
-    """Raise the error of a submission whose drive is not stored."""
-    raise UserError(
-        "there is no stored drive of this submission and this plan as they are now; grade it "
-        "without --rejudge"
-    )
+    return Grade(submission.name, submission.students, "", "it has not been graded yet")
 
 
 def _source(submission: Submission) -> str:

@@ -1,21 +1,21 @@
-"""Show the result of a submission as a page: one for the course, and one for its students."""
+"""Show results as pages: an index, and one of each submission for the course and its students.
 
+The pages load nothing. All text is escaped.
+"""
+
+import base64
 import re
-from typing import List
+from statistics import mean, median
+from typing import Any, List, Sequence, Tuple
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from mushr_ros_intro.classroom.csv_text import clean, shown
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade
-from mushr_ros_intro.classroom.html_page import (
-    NOT_GRADED,
-    NOT_RUN,
-    escaped,
-    page,
-    picture,
-    plan_title,
-    shown,
-    table,
-    verdict,
-)
 from mushr_ros_intro.classroom.points import Points
+from mushr_ros_intro.paths import package_folder
+from mushr_ros_intro.plan.plan import Plan
+from mushr_ros_intro.plan.write import plan_text
 
 FOLDER, STUDENTS = "submissions", "students"
 """The folders of the pages for the course and for the students, beside the index."""
@@ -28,13 +28,29 @@ def file_name(name: str) -> str:
     return _NOT_IN_FILE_NAME.sub(lambda match: f"%{ord(match[0]):02X}", name) + ".html"
 
 
+def index_page(results: Sequence[Grade], points: Points) -> str:
+    """Return the page with a summary of the class, and one row for each submission."""
+    passed = sum(result.passed for result in results)
+    faults = sum(bool(result.fault) for result in results)
+    errors = sum(bool(result.error) for result in results)
+    counts = [f"{passed} passed", f"{len(results) - passed - faults - errors} failed"]
+    counts += [f"{faults} could not be run"] if faults else []
+    counts += [f"{errors} not graded"] if errors else []
+    drives = [[p for r in results for p in r.plans if p.plan == name] for name in points.plan_names]
+    checks = [(check, [_counts(check, each) for each in drives]) for check in points.check_names]
+    return _page(
+        "index",
+        results=results,
+        points=points,
+        counts=counts,
+        scores=_scores(results, points),
+        class_checks=checks,
+    )
+
+
 def submission_page(result: Grade, points: Points) -> str:
     """Return the page of a submission for the course; it shows hidden plans, too."""
-    parts = ['<p><a href="../index.html">All submissions</a></p>', *_head(result, points)]
-    if result.error:
-        parts.append(f"<pre>{escaped(result.error)}</pre>")
-    parts += [_section(number, plan, points) for number, plan in enumerate(result.plans, 1)]
-    return page(escaped(result.name), "\n".join([*parts, _source(result)]))
+    return _page("submission", result=result, points=points, is_course=True, hidden_points=0.0)
 
 
 def student_page(result: Grade, points: Points) -> str:
@@ -42,88 +58,86 @@ def student_page(result: Grade, points: Points) -> str:
 
     It shows no hidden plan, no other submission, and no error of the grading.
     """
-    names = [each for each in points.plan_names if not points.is_hidden(each)]
-    plans = tuple(each for each in result.plans if each.plan in names)
+    names = tuple(each for each in points.plan_names if not points.is_hidden(each))
     hidden = points.max_score() - points.max_score(names)
-    points, result = points._replace(plan_names=tuple(names)), result._replace(plans=plans)
-    parts = _head(result, points)
-    if hidden:
-        text = f"Other plans, which this page does not show, give up to {shown(hidden)} points."
-        parts.append(f"<p>{text}</p>")
-    parts += [_section(number, plan, points) for number, plan in enumerate(plans, 1)]
-    return page(escaped(result.name), "\n".join([*parts, _source(result)]))
-
-
-def _head(result: Grade, points: Points) -> List[str]:
-    """Return the parts of a page above the plans."""
-    parts = [f"<h1>{escaped(result.name)}</h1>"]
-    parts += [f"<p>{escaped(', '.join(filter(None, student)))}</p>" for student in result.students]
-    if result.error:
-        text = "grading failed, which is not a fault of the submission. It must be graded again."
-        parts.append(f"<p>{NOT_GRADED}: {text}</p>")
-    else:
-        score, most = shown(points.score(result)), shown(points.max_score())
-        mark = f"{verdict(result.passed)}, " if result.plans else ""
-        parts.append(f"<p>{mark}{score} of {most} points</p>")
-    if result.fault:
-        parts.append(f"<p>{NOT_RUN}: the submission could not be run.</p>")
-        parts.append(f"<pre>{escaped(result.fault)}</pre>")
-    return parts + [f"<p>Note: {escaped(note)}</p>" for note in result.notes]
-
-
-def _source(result: Grade) -> str:
-    return _folded("The node", result.source) if result.source else ""
-
-
-def _folded(title: str, text: str) -> str:
-    return f"<details><summary>{title}</summary>\n<pre>{escaped(text)}</pre>\n</details>"
-
-
-def _section(number: int, plan: PlanGrade, points: Points) -> str:
-    """Return the part of a page about one drive."""
-    score, most = shown(points.plan_score(plan)), shown(points.max_score([plan.plan]))
-    title = plan_title(plan.plan, points)
-    parts = [
-        f'<section id="plan-{number}">\n<h2>{title}: {verdict(plan.passed)}, {score} of {most} '
-        "points</h2>"
-    ]
-    if loss := points.loss(plan):
-        parts.append(f"<p>{escaped(loss)}</p>")
-    heads = ("Check", "Verdict", "Points", "Message")
-    parts.append(table("cards checks", heads, _check_rows(plan, points)))
-    parts += [f"<p>{escaped(each.capitalize())}</p>" for each in plan.notes]
-    if drive := plan.drive:
-        parts.append(_figure(picture("locations", plan), "paths"))
-        distances, largest = drive.distances, int(drive.distances.argmax())
-        caption = "distance between the driven and the predicted position at the same time"
-        if any(check.name == "cross_track" for check in plan.checks):  # of a controller
-            caption = "distance between the driven position and the nearest point of the path"
-        caption += (
-            f"; the largest is {distances[largest]:.3g} m at {drive.times[largest]:.3g} s, the "
-            f"last is {distances[-1]:.3g} m"
-        )
-        parts.append(_figure(picture("distances", plan), caption))
-    else:
-        parts.append("<p>There is no drive to show.</p>")
-    if plan.output:
-        parts.append(_folded("The output of the node, or its end", plan.output))
-    return "\n".join([*parts, "</section>"])
-
-
-def _figure(image: str, caption: str) -> str:
-    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
-
-
-def _check_rows(plan: PlanGrade, points: Points) -> List[str]:
-    """Return the rows of the checks of a drive: failures first, those not judged after them."""
-    rows = sorted(
-        zip(plan.checks, points.earned(plan)),
-        key=lambda row: 2 * row[0].passed or not row[0].is_judged,
+    plans = tuple(each for each in result.plans if each.plan in names)
+    return _page(
+        "submission",
+        result=result._replace(plans=plans),
+        points=points._replace(plan_names=names),
+        is_course=False,
+        hidden_points=hidden,
     )
-    return [
-        f'<tr><th scope="row">{escaped(check.name)}</th>'
-        f"<td>{verdict(check.passed, check.is_judged)}</td>"
-        f'<td class="number">{shown(earned)} / {shown(points.points(plan.plan, check.name))}</td>'
-        f'<td class="message wide">{escaped(check.message)}</td></tr>'
-        for check, earned in rows
-    ]
+
+
+def _page(template: str, **values: Any) -> str:
+    """Return the page that a template in web/results describes."""
+    environment = Environment(
+        loader=FileSystemLoader(package_folder("web/results")),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=lambda value: clean(value) if type(value) is str else value,
+    )
+    environment.filters.update(
+        points=shown,
+        file_name=file_name,
+        students=_students,
+        failed_checks=_failed_checks,
+        caption=_caption,
+        plan_text=_plan_text,
+        base64=lambda text: base64.b64encode(text.encode()).decode(),
+    )
+    return environment.get_template(f"{template}.jinja").render(**values)
+
+
+def _students(result: Grade) -> str:
+    """Return the names of the students, as they write them."""
+    return ", ".join(each.name or each.id or each.email for each in result.students)
+
+
+def _failed_checks(plan: PlanGrade) -> List[str]:
+    """Return the names of the checks that failed; if there is none, of those not judged."""
+    failed = [check for check in plan.checks if not check.passed]
+    return [check.name for check in failed if check.is_judged] or [each.name for each in failed]
+
+
+def _plan_text(plan: PlanGrade) -> str:
+    """Return the text of the file of a plan; "" for a path that a controller follows."""
+    driven = plan.judgement.recorded.plan
+    return plan_text(driven.start, driven.rows) if isinstance(driven, Plan) else ""
+
+
+def _caption(plan: PlanGrade) -> str:
+    """Return what the picture of the distances shows."""
+    drive = plan.judgement.drive
+    what = "distance between the driven and the predicted position at the same time"
+    if any(check.name == "cross_track" for check in plan.checks):  # of a controller
+        what = "distance between the driven position and the nearest point of the path"
+    distances, largest = drive.distances.round(9), int(drive.distances.argmax())
+    return (
+        f"{what}; the largest is {distances[largest]:.3g} m at {drive.times[largest]:.3g} s, the "
+        f"last is {distances[-1]:.3g} m"
+    )
+
+
+def _scores(results: Sequence[Grade], points: Points) -> str:
+    """Return statistics of the scores of the class; "" if there is no score."""
+    scores = [points.score(each) for each in results if not each.error]
+    if not scores:
+        return ""
+    values: Tuple[Tuple[str, float], ...] = (
+        *(("lowest", min(scores)), ("median", median(scores))),
+        *(("mean", mean(scores)), ("highest", max(scores))),
+    )
+    return ", ".join(f"{name} {shown(round(value, 2))}" for name, value in values)
+
+
+def _counts(name: str, drives: Sequence[PlanGrade]) -> str:
+    """Return how many drives passed a check, failed it, or were not judged."""
+    checks = [check for drive in drives for check in drive.checks if check.name == name]
+    passed = sum(check.passed for check in checks)
+    failed = sum(check.is_judged and not check.passed for check in checks)
+    counts = {"passed": passed, "failed": failed, "not judged": len(checks) - passed - failed}
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)

@@ -18,8 +18,10 @@ The keys of `default` and of each plan are:
                                     less the further a value is above its limit.
     hidden                          true: students do not see the plan before grades are published.
 
-A check that is not judged, because another one failed, costs no points: the other one has cost
-them already. But without a command, the plan gives 0 points.
+The points of all checks of a plan are multiplied by the share of the plan that was driven right,
+from its start to the first wrong command; of a controller, by the share of the path that the car
+has followed when it stops. A check that is not judged, because another one failed, counts as
+passed.
 
 A plan gives 0 points if its check `topics` failed, whatever its other checks give. Then the node
 did something else than driving the car, so its drive proves nothing. A submission that cannot be
@@ -33,7 +35,7 @@ from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import REQUIRED, Parameters, flag, number
 from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
-from mushr_ros_intro.replay.judge import CHECK_NAMES
+from mushr_ros_intro.replay.judge import CHECK_NAMES, Check
 from mushr_ros_intro.yaml_file import read_mapping
 
 _MAX_POINTS = 1e6  # of one check
@@ -76,26 +78,41 @@ class Points(NamedTuple):
 
     def earned(self, plan: PlanGrade) -> List[float]:
         """Return the points that each check of a drive gives, in the order of its checks."""
-        lost = bool(self.loss(plan)) or not plan.has_commands
-        if lost:
+        if self._failure(plan):
             return [0.0] * len(plan.checks)
         partial = self._of(plan.plan).in_proportion
         shares = (
             1.0 if each.passed or not each.is_judged else each.share * partial
             for each in plan.checks
         )
-        points = (self.points(plan.plan, each.name) for each in plan.checks)
+        points = (plan.share * self.points(plan.plan, each.name) for each in plan.checks)
         return [_sum([share * given]) for share, given in zip(shares, points)]
 
+    def rows(self, plan: PlanGrade) -> List[Tuple[Check, float]]:
+        """Return the checks of a drive with their points: failures first, then those not judged."""
+        return sorted(
+            zip(plan.checks, self.earned(plan)),
+            key=lambda row: 2 * row[0].passed or not row[0].is_judged,
+        )
+
     def loss(self, plan: PlanGrade) -> str:
+        """Return why a drive gives less than its checks give; "" if it does not."""
+        if failure := self._failure(plan):
+            return f"This plan gives 0 points, because {failure}."
+        if plan.share < 1.0:
+            part = f"{100.0 * plan.share:.3g} % of the plan was driven right, from its start"
+            return f"{part}. So the checks give {100.0 * plan.share:.3g} % of their points."
+        return ""
+
+    def _failure(self, plan: PlanGrade) -> str:
         """Return why a drive gives no points whatever its checks give, or nothing."""
         failed = {check.name: check for check in plan.checks if not check.passed}
         if "topics" in failed and failed["topics"].is_judged:
-            return "This plan gives 0 points, because the check topics failed."
+            return "the check topics failed"
         judged = (each.name for each in failed.values() if each.is_judged)
         missed = sorted(name for name in judged if self.points(plan.plan, name))
         if missed and self._of(plan.plan).all_or_nothing:
-            return f"This plan gives 0 points, because a check failed: {', '.join(missed)}."
+            return f"a check failed: {', '.join(missed)}"
         return ""
 
     def plan_score(self, plan: PlanGrade) -> float:

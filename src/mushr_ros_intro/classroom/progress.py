@@ -54,11 +54,10 @@ class Progress:
         self._replace_line(f"[{bar:{_BAR}s}] {self._done} of {self._count}{self._time_left()}")
 
     def end(self) -> None:
-        """Remove the line of progress; print how many results are not new."""
+        """Remove the line of progress; print how many results have stored drives."""
         self._replace_line("")
         if self._old:
-            is_or_are = "is" if self._old == 1 else "are"
-            print(f"{counted(self._old, 'result')} {is_or_are} unchanged since an earlier run")
+            print(f"drives of an earlier run used: {counted(self._old, 'submission')}")
 
     def _time_left(self) -> str:
         """Return an estimate of the time that grading will still take, as text."""

@@ -1,7 +1,6 @@
-"""Keep the results of grading in a folder, one file for each submission.
+"""Keep the drives of a class in a folder, one file for each submission.
 
-Pages and tables are always made from these files. A stored drive has the hashes of all that it
-depends on, so a later run knows whether it is still valid.
+Pages and tables are always made from these files: each drive is judged and drawn again.
 """
 
 import fcntl
@@ -12,66 +11,101 @@ import shutil
 import sys
 import tempfile
 from contextlib import suppress
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Set
+from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
+import yaml
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.classroom.grades import Grade, PlanGrade, Student, plan_from_json, plan_to_json
+from mushr_ros_intro.classroom.grades import Grade, Student
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.plan.plan import Plan, Row
 from mushr_ros_intro.replay.recording import Recorded, Sent
+from mushr_ros_intro.replay.reference import Reference
 from mushr_ros_intro.world.grid import Grid
+from mushr_ros_intro.yaml_file import read_mapping
 
 FOLDER = "data"
-"""The folder of the results, in the output folder of grade.py."""
+"""The folder of the drives, in the output folder of grade.py."""
 
 _LEFT = "left"
-"""The folder in it for the results of submissions that are not in the class any more."""
+"""The folder in it for the submissions that are not in the class any more."""
 
 _LOCK = ".lock"
+
+_SETTINGS = os.path.join(FOLDER, "settings.yaml")
+_POINTS = os.path.join(FOLDER, "points.yaml")
+"""What later runs use unless their command line says something else."""
 
 _HASH = ', "hash": "'
 """Precedes the last value in a file: the hash of the JSON object without this value."""
 
 
-class Key(NamedTuple):
-    """Hashes of what a verdict on a drive depends on."""
-
-    submission: str
-    """The files of the submission."""
-    plan: str
-    options: str
-    """The car, the map, the isolation, and other options of the replay."""
-    package: str
-    """The modules of this package that drive and judge."""
-    tolerances: str
-
-
 class StoredDrive(NamedTuple):
     """One plan, driven by a submission."""
 
-    key: Key
+    plan: str
+    """The name of the plan."""
+    key: str
+    """A hash of what the drive depends on."""
     fault: str
     """Why the submission cannot be built; empty if it was driven."""
-    grade: Optional[PlanGrade]
-    """The verdict; None if there is a fault."""
-    recorded: Dict[str, Any]
-    """The recording as a JSON object, to judge it again; empty if there is a fault."""
+    recorded: Optional[Recorded]
+    """The drive, with the plan; of the map, only the size. None if there is a fault."""
 
 
 class Record(NamedTuple):
-    """The stored result of a submission."""
+    """What is stored of a submission."""
 
     grade: Grade
-    drives: Dict[str, StoredDrive]
-    """By the name of the plan."""
+    """Without verdicts."""
+    drives: Tuple[StoredDrive, ...]
     time: float
     """When it was written [s since 1970]."""
 
 
+_TYPES: Dict[str, Any] = {
+    each.__name__: each
+    for each in (
+        *(Car, Grade, Plan, Pose, Record, Recorded, Reference, Row, Sent, StoredDrive, Student),
+    )
+}
+
+
+def to_json(value: Any) -> Any:
+    """Return a value as JSON: a named tuple becomes an object with its name and its fields."""
+    if isinstance(value, np.ndarray):
+        return {"array": value.tolist()}
+    if isinstance(value, Grid):
+        return {"map": to_json((value.cells.shape, value.resolution, value.origin))}
+    if isinstance(value, (tuple, list)):
+        values = [*map(to_json, value)]
+        return {type(value).__name__: values} if hasattr(value, "_fields") else values
+    return value
+
+
+def from_json(value: Any) -> Any:
+    """Return the value that `to_json` has converted; the cells of a map are free.
+
+    Raises:
+        KeyError, TypeError, ValueError: the value is something else.
+    """
+    if isinstance(value, list):
+        return tuple(map(from_json, value))
+    if not isinstance(value, dict):
+        return value
+    ((name, content),) = value.items()
+    if name == "array":
+        return np.array(content)
+    if name == "map":
+        shape, resolution, origin = from_json(content)
+        return Grid(np.broadcast_to(np.int8(0), shape), resolution, origin)
+    return _TYPES[name](*from_json(content))
+
+
 class Store:
-    """The results in the output folder of grade.py, for one process at a time."""
+    """The drives in the output folder of grade.py, for one process at a time."""
 
     def __init__(self, folder: str) -> None:
         """Open a folder; create it if it does not exist.
@@ -83,7 +117,7 @@ class Store:
             UserError: it contains something else, or another process uses it.
             OSError: it cannot be created or written.
         """
-        self._folder = os.path.join(folder, FOLDER)
+        self._top, self._folder = folder, os.path.join(folder, FOLDER)
         lock = os.path.join(self._folder, _LOCK)
         make_folder(folder, 0o700)
         if os.listdir(folder) and not os.path.exists(lock):
@@ -101,7 +135,7 @@ class Store:
             ) from None
 
     def load(self, name: str) -> Optional[Record]:
-        """Return the result of a submission; None if there is none that can be read."""
+        """Return what is stored of a submission; None if there is nothing that can be read."""
         path = os.path.join(self._folder, f"{name}.json")
         with suppress(OSError):
             if not os.path.exists(path):
@@ -111,30 +145,53 @@ class Store:
         return None
 
     def save(self, record: Record) -> None:
-        """Write the result of a submission; it is complete at any time.
+        """Write what is stored of a submission; the file is complete at any time.
 
         Raises:
             OSError: it cannot be written.
         """
-        drives = {name: _drive_to_json(drive) for name, drive in record.drives.items()}
-        students = [student._asdict() for student in record.grade.students]
-        grade = {**record.grade._asdict(), "students": students, "plans": []}
-        values = {**grade, "time": record.time, "drives": drives}
-        text = json.dumps(values)
+        text = json.dumps(to_json(record))
         text = f'{text[:-1]}{_HASH}{hash_of(text.encode())}"}}'
         write_text(os.path.join(self._folder, f"{record.grade.name}.json"), text)
 
+    def save_settings(self, values: Dict[str, Any]) -> None:
+        """Write settings for later runs, with a copy of the file "points", if there is one.
+
+        Raises:
+            OSError: they cannot be written.
+        """
+        others = {name: value for name, value in values.items() if name != "points"}
+        write_text(os.path.join(self._top, _SETTINGS), yaml.safe_dump(others))
+        copy = os.path.join(self._top, _POINTS)
+        if points := values.get("points"):
+            with open(points, encoding="utf-8") as file:
+                text = file.read()
+            write_text(copy, text)
+        elif os.path.exists(copy):
+            os.unlink(copy)
+
     def set_aside(self, names: Iterable[str]) -> None:
-        """Move the results of all other submissions than `names` to the folder left/."""
-        keep = {f"{name}.json" for name in names}
+        """Move what is stored of all submissions except those that are named to the folder left."""
+        kept = {f"{name}.json" for name in names}
         for each in os.listdir(self._folder):
-            if each.endswith(".json") and each not in keep:
+            if each.endswith(".json") and each not in kept:
                 target = os.path.join(self._folder, _LEFT, each)
                 os.replace(os.path.join(self._folder, each), target)
 
 
+def load_settings(folder: str) -> Dict[str, Any]:
+    """Return the settings of the earlier run that wrote an output folder; "points" is a path.
+
+    Raises:
+        UserError: they cannot be read.
+    """
+    path, points = (os.path.join(folder, each) for each in (_SETTINGS, _POINTS))
+    values = read_mapping(path, "the settings of an earlier run") if os.path.exists(path) else {}
+    return {**values, "points": points} if os.path.exists(points) else values
+
+
 def load_all(folder: str) -> List[Record]:
-    """Return the results in an output folder of grade.py, in the order of their names.
+    """Return what is stored in an output folder of grade.py, by name.
 
     Raises:
         UserError: a file cannot be read, or is something else.
@@ -166,7 +223,7 @@ def load_newest(folders: Sequence[str]) -> Dict[str, Record]:
 
 
 def _read(path: str) -> Record:
-    """Return a stored result.
+    """Return what is stored of a submission.
 
     Raises:
         OSError, ValueError: the file cannot be read, or has been changed.
@@ -177,50 +234,10 @@ def _read(path: str) -> Record:
     text += "}"
     if digest != f'{hash_of(text.encode())}"}}':
         raise ValueError(f"{path} has been changed, or is not complete")
-    values = json.loads(text)
-    time = values.pop("time")
-    drives = {name: _drive_from_json(value) for name, value in values.pop("drives").items()}
-    is_judged = not values["fault"] and not values["error"]
-    changes = {
-        "students": tuple(Student(**student) for student in values["students"]),
-        "plans": tuple(each.grade for each in drives.values() if each.grade and is_judged),
-        "notes": tuple(values["notes"]),
-    }
-    return Record(Grade(**{**values, **changes}), drives, time)
-
-
-def _drive_to_json(drive: StoredDrive) -> Dict[str, Any]:
-    grade = drive.grade and plan_to_json(drive.grade)
-    return {**drive._asdict(), "key": drive.key._asdict(), "grade": grade}
-
-
-def _drive_from_json(value: Dict[str, Any]) -> StoredDrive:
-    grade = value["grade"] and plan_from_json(value["grade"])
-    return StoredDrive(**{**value, "key": Key(**value["key"]), "grade": grade})
-
-
-def recorded_to_json(recorded: Recorded) -> Dict[str, Any]:
-    """Return a recording as a JSON object, without the plan, the car and the map."""
-    values = recorded._asdict()
-    for name in ("plan", "car", "grid"):
-        del values[name]
-    return {**values, "stamps": recorded.stamps.tolist(), "poses": recorded.poses.tolist()}
-
-
-def recorded_from_json(
-    values: Dict[str, Any], plan: Any, car: Car, grid: Optional[Grid]
-) -> Recorded:
-    """Return the recording that `recorded_to_json` has converted."""
-    changes = {
-        "start": values["start"] and Pose(*values["start"]),
-        "sent": tuple(Sent(*each) for each in values["sent"]),
-        "stamps": np.array(values["stamps"], np.int64),
-        "poses": np.array(values["poses"], float).reshape(-1, 3),
-        "collisions": tuple(Pose(*each) for each in values["collisions"]),
-        "actions": tuple(values["actions"]),
-        "published": tuple((topic, kind) for topic, kind in values["published"]),
-    }
-    return Recorded(plan=plan, car=car, grid=grid, **{**values, **changes})
+    record = from_json(json.loads(text))
+    if not isinstance(record, Record):
+        raise TypeError(f"{path} contains something else")
+    return record
 
 
 def hash_of(*parts: object) -> str:
@@ -232,14 +249,14 @@ def hash_of(*parts: object) -> str:
     return digest.hexdigest()
 
 
-def hash_of_folder(folder: str, left_out: Set[str] = frozenset()) -> str:  # type: ignore
+def hash_of_folder(folder: str) -> str:
     """Return a hash of the paths, contents and executable bits of all files in a folder.
 
-    Byte code and the subfolders `left_out` do not count.
+    Byte code does not count.
     """
     parts: List[object] = []
     for path, folders, names in os.walk(folder):
-        folders[:] = sorted(set(folders) - left_out - {"__pycache__"})
+        folders[:] = sorted(set(folders) - {"__pycache__"})
         for name in sorted(names):
             place = os.path.join(path, name)
             if os.path.isfile(place):

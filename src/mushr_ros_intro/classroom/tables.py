@@ -5,10 +5,8 @@ from typing import Iterable, Iterator, List, Sequence
 from xml.etree import ElementTree
 
 from mushr_ros_intro.classroom import pages
-from mushr_ros_intro.classroom.csv_text import as_csv, plain
+from mushr_ros_intro.classroom.csv_text import as_csv, clean, plain, shown
 from mushr_ros_intro.classroom.grades import Grade
-from mushr_ros_intro.classroom.html_page import clean, shown
-from mushr_ros_intro.classroom.index_page import index_page
 from mushr_ros_intro.classroom.points import Points
 from mushr_ros_intro.classroom.store import make_folder, write_text
 from mushr_ros_intro.replay.judge import CHECK_NAMES
@@ -38,7 +36,7 @@ def write_results(
     points = points._replace(plan_names=tuple(plan_names))
     folder = os.path.join(folder, "")
     make_folder(folder)
-    write_text(f"{folder}index.html", index_page(results, points))
+    write_text(f"{folder}index.html", pages.index_page(results, points))
     names = {pages.file_name(result.name): result for result in results}
     kinds = {pages.FOLDER: pages.submission_page, pages.STUDENTS: pages.student_page}
     for kind, function in kinds.items():

@@ -112,7 +112,7 @@ def _path(judgement: Judgement) -> Tuple[bool, str, float]:
     return passed, text, share
 
 
-def _miss(judgement: Judgement) -> float:
+def miss_of(judgement: Judgement) -> float:
     """Return how far the car ended from the end of the path, also along the path [m]."""
     _, driven, passed, _ = judgement.drive
     rest = passed[(driven == driven[-1]).all(axis=1), :2]
@@ -124,7 +124,7 @@ def _if_it_arrives(check: "_Check") -> "_Check":
     """Return a check that fails if the car does not stop at the end: it proves nothing then."""
 
     def judged(judgement: Judgement) -> Tuple[bool, str, float]:
-        if _miss(judgement) > judgement.tolerances.position:
+        if miss_of(judgement) > judgement.tolerances.position:
             return False, "the car did not stop at the end of the path", 0.0
         return check(judgement)
 
@@ -147,8 +147,8 @@ def _cross_track(judgement: Judgement) -> Tuple[bool, str, float]:
 
 def _final_pose(judgement: Judgement) -> Tuple[bool, str, float]:
     end, limit = Pose(*judgement.drive.driven[-1]), judgement.tolerances.position
-    passed, share = _limited(_miss(judgement), limit)
-    text = f"the car ended {_miss(judgement):.3f} m from the end of the path, at {end}"
+    passed, share = _limited(miss_of(judgement), limit)
+    text = f"the car ended {miss_of(judgement):.3f} m from the end of the path, at {end}"
     return passed, f"{text}; tolerance {limit:g} m", share
 
 

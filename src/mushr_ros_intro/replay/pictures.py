@@ -73,18 +73,7 @@ def distances(drive: Drive, title: str = "", tolerance: Optional[float] = None) 
     return figure
 
 
-def thumbnail(drive: Drive) -> Figure:
-    """Return a small drawing of both paths."""
-    figure = Figure(figsize=(1.5, 1.0))
-    axes = figure.add_axes((0.05, 0.05, 0.9, 0.9), aspect="equal", adjustable="datalim")
-    axes.axis("off")
-    for name, color, style in _STYLES:
-        axes.plot(*getattr(drive, name)[:, :2].T, style, color=color)
-    axes.plot(*drive.driven[-1, :2], "s", color=DRIVEN, ms=4)
-    return figure
-
-
 def as_texts(drive: Drive) -> Dict[str, str]:
     """Return the pictures of a drive as SVG, by the names of the functions that draw them."""
-    functions = (locations, distances, thumbnail)
+    functions = (locations, distances)
     return {each.__name__: drawing.as_svg(each(drive)).decode() for each in functions}

@@ -1,9 +1,7 @@
-"""Write the files of a replay's report: report.json, trajectory.csv, and two plots."""
+"""Write the files of a replay's report: trajectory.csv, and two plots."""
 
-import json
 import os
 import sys
-from typing import Any, Dict
 
 import numpy as np
 
@@ -12,31 +10,16 @@ from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.replay.recording import Drive
 
 
-def write_report(folder: str, judgement: Judgement, arguments: Dict[str, Any]) -> None:
-    """Write report.json, trajectory.csv, locations.png and distances.png into `folder`.
+def write_report(folder: str, judgement: Judgement) -> None:
+    """Write trajectory.csv, locations.png and distances.png into `folder`.
 
-    report.json also contains `arguments`. Without matplotlib, print that there are no pictures.
+    Without matplotlib, print that there are no pictures.
 
     Raises:
         OSError: a file cannot be written.
     """
     os.makedirs(folder, exist_ok=True)
     path = judgement.drive
-    content = {
-        "arguments": arguments,
-        "tolerances": judgement.tolerances._asdict(),
-        "passed": judgement.passed,
-        "verdict": judgement.verdict.splitlines(),
-        "checks": [check._asdict() for check in judgement.checks],
-        "commands": len(judgement.recorded.sent),
-        "final_pose": Pose(*path.driven[-1].tolist())._asdict(),
-        "predicted_final_pose": Pose(*path.predicted[-1].tolist())._asdict(),
-        "frechet_distance": path.frechet_distance,
-    }
-    with open(os.path.join(folder, "report.json"), "w", encoding="ascii") as file:
-        json.dump(content, file, indent=2, allow_nan=False)
-        file.write("\n")
-
     write_trajectory(folder, path, judgement.recorded.plan.start)
     try:
         # matplotlib is slow to import

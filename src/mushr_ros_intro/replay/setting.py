@@ -5,7 +5,7 @@ import json
 import os
 import shlex
 from itertools import islice
-from typing import Any, Dict, Iterator, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, Sequence, Tuple
 
 import roslib.packages
 import rospkg
@@ -24,23 +24,20 @@ MAX_PARAMETERS = 1000
 """Limit of the number of parameters of a file; aliases can repeat a value without end."""
 
 
-def read_setting(
-    package: str, car: str, map_name: str, seed: Optional[int], **others: Any
-) -> Setting:
+def read_setting(package: str, car: str, map_name: str, **others: Any) -> Setting:
     """Return the setting with a car and a map of this package.
 
     Args:
         package: the folder of this package.
         car: the name of a profile.
         map_name: the name or the path of a map, or "none".
-        seed: drive with the noise of the profile and with this seed; None: without noise.
         others: the other fields.
 
     Raises:
         UserError: there is no such car or map.
     """
     config = os.path.join(package, "config")
-    parameters = read_parameters(car, config, seed)
+    parameters = read_parameters(car, config)
     mux = read_mapping(os.path.join(config, "ackermann_cmd_mux.yaml"), "inputs")
     grid = None
     if map_name != "none":

@@ -40,8 +40,11 @@ def compare(pose: Pose, wanted: Pose, position: float, angle: Optional[float]) -
 
 
 def unequal(value: float, limit: float) -> Tuple[str, str]:
-    """Return two numbers as texts, which differ if the value exceeds the limit."""
-    texts = (f"{value:.3g}", f"{limit:.3g}")
+    """Return two numbers as texts, which differ if the value exceeds the limit.
+
+    A value below 1e-9, such as 4.4e-15 m, is a rounding error, and shown as 0.
+    """
+    texts = (f"{round(value, 9):.3g}", f"{limit:.3g}")
     return texts if value <= limit or texts[0] != texts[1] else (f"{value:.9g}", f"{limit:.9g}")
 
 

@@ -1,8 +1,12 @@
-"""Check the defaults of the command line of grade.py."""
+"""Check the defaults of the command line of grade.py, and what a results folder remembers."""
 
 import os
 
+import pytest
+
 from mushr_ros_intro.classroom.arguments import parse_arguments
+from mushr_ros_intro.classroom.store import Store
+from mushr_ros_intro.errors import UserError
 
 
 def test_replays_at_the_same_time(monkeypatch):
@@ -10,3 +14,43 @@ def test_replays_at_the_same_time(monkeypatch):
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {5, 7, 8})
     words = ["plan.txt", "--node", "my_ros_intro", "path_publisher.py"]
     assert parse_arguments(words, "").jobs == 6
+
+
+def remembered(folder, *words):
+    """Save the settings of a run with some words in a results folder."""
+    arguments = parse_arguments(["class", "--plans", "circle", "--out", "none", *words], "")
+    Store(str(folder)).save_settings(arguments.settings)
+
+
+def test_a_later_run_uses_the_options_of_the_earlier_one(tmp_path, capsys):
+    """Without them, all pages and tables would be written again with other points."""
+    points, out = tmp_path / "points.yaml", tmp_path / "out"
+    points.write_text("default: {path: 3}")
+    remembered(out, "--points", str(points), "--path-tolerance", "0.25", "--remap", "a:=b")
+    points.unlink()
+    words = ["class", "--plans", "circle", "--out", str(out)]
+    capsys.readouterr()
+    for _ in range(2):
+        found = parse_arguments(words, "")
+        said = capsys.readouterr().err
+        assert "--path-tolerance 0.25" in said and "--remap a:=b" in said
+        assert f"--points {out}/data/points.yaml" in said and "--map" not in said
+        assert (found.path_tolerance, found.remap) == (0.25, ["a:=b"])
+        with open(found.points) as file:
+            assert file.read() == "default: {path: 3}"
+        Store(str(out)).save_settings(found.settings)
+    found = parse_arguments([*words, "--path-tolerance", "0.5"], "")
+    assert (found.path_tolerance, found.timeout, found.map) == (0.5, 15.0, "sandbox")
+    remembered(out)
+    capsys.readouterr()
+    assert parse_arguments(words, "").points is None and not capsys.readouterr().err
+
+
+def test_folders_with_other_options_are_not_merged(tmp_path):
+    """Their results cannot be compared, until the command line says which option counts."""
+    for name, value in (("1", "0.25"), ("2", "0.5")):
+        remembered(tmp_path / name, "--path-tolerance", value)
+    words = ["--merge", str(tmp_path / "1"), str(tmp_path / "2"), "--out", str(tmp_path / "all")]
+    with pytest.raises(UserError, match="different values of --path-tolerance"):
+        parse_arguments(words, "")
+    assert parse_arguments([*words, "--path-tolerance", "1"], "").path_tolerance == 1.0

@@ -14,19 +14,22 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from mushr_ros_intro.classroom import grading
-from mushr_ros_intro.classroom.store import Store, describe_error, load_all
+from mushr_ros_intro.classroom.store import Store, describe_error, from_json, load_all, to_json
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.own_process import ReplayError
 from mushr_ros_intro.replay.setting import read_setting
-from support.grades import graded, store, submission
+from support.grades import store
 from support.paths import PACKAGE
-from support.recorded import replay, reported
+from support.recorded import map_of, replay, reported
 from support.submissions import XML, fill
 
 FILES = {"package.xml": XML, "src/path_publisher.py": b"#!/usr/bin/python3\n"}
@@ -38,19 +41,19 @@ class Course:
     """A class of three submissions; ``driven`` lists the replays of the last run."""
 
     def __init__(self, folder, monkeypatch):
-        self.folder, self.out, self.driven, self.drawn = folder, folder / "out", [], 0
+        self.folder, self.out, self.driven = folder, folder / "out", []
         for name in ("ann", "bob", "eve"):
             fill(folder / "class" / name, FILES)
         (folder / "plan.txt").write_text(TEXT)
-        self.options = {"jobs": 1, "drives_again": False, "judges_again": False}
+        self.options = {"jobs": 1, "drives_again": False}
         self.options["isolation"] = ""
-        self.setting = {"seed": None, "tolerances": {}}
+        self.setting = {"timeout": 9.0, "tolerances": {}}
         self.fail = {}
         monkeypatch.setattr(grading, "probe", lambda plan, setting: None)
         monkeypatch.setattr(grading, "build", lambda submission, setting: "")
         monkeypatch.setattr(grading, "run_job", self.run_job)
-        monkeypatch.setattr(grading, "draw", self.draw)
-        monkeypatch.setattr(grading, "ProcessPoolExecutor", lambda *_: ThreadPoolExecutor(1))
+        monkeypatch.setattr(grading, "judges", lambda: ThreadPoolExecutor(1))
+        monkeypatch.setattr(grading, "judge_and_draw", self.judge)
 
     def run_job(self, job):
         self.driven.append(job.name)
@@ -60,19 +63,17 @@ class Course:
         error = f"FileNotFoundError: {job.folder}/a.txt (path_publisher.py, line 3)"
         return reported(replay(job.plan, grid=None, output=output, error=error))
 
-    def draw(self, drive):
-        self.drawn += 1
-        return {"thumbnail": f"<svg>{len(drive.times)}</svg>"}
+    def judge(self, recorded, tolerances):
+        return judge_drive(recorded, tolerances), 1.0, {"locations": "<svg/>"}
 
     def run(self, only=(), stop_after=None):
         """Grade; return the results by name, and the names of those that are new."""
         self.driven.clear()
-        self.drawn = 0
         gc.collect()  # the store of the last run, with its lock
         workspace = pathlib.Path(tempfile.mkdtemp(dir=self.folder))
         found = collect([str(self.folder / "class")], str(workspace))
         plans = {"plan": read_plan(str(self.folder / "plan.txt"))}
-        others = {"remap": (), "timeout": 9.0, "sandbox": Sandbox(), "ros": {}}
+        others = {"remap": (), "sandbox": Sandbox(), "ros": {}}
         setting = read_setting(PACKAGE, "ideal", "none", **self.setting, **others)
         options = grading.Options(**self.options)
         store = Store(str(self.out))
@@ -95,19 +96,20 @@ def test_only_what_has_changed_is_driven(course, monkeypatch):
     assert sorted(course.driven) == sorted(new) == ["ann", "bob", "eve"]
     assert all(each.passed for each in results.values())
     again, new = course.run()
-    assert course.driven == new == [] and course.drawn == 0 and again == results
-    assert list(results["ann"].plans[0].pictures) == ["thumbnail"]
+    assert course.driven == new == [] and all(each.passed for each in again.values())
+    assert list(again["ann"].plans[0].pictures) == ["locations"]
     with open(course.folder / "class" / "bob" / "src" / "path_publisher.py", "a") as file:
         file.write("# changed\n")
     assert (course.run()[1], course.driven) == (["bob"], ["bob"])
     (course.folder / "class" / "eve" / "extra.txt").touch()
     assert course.run()[1] == ["eve"]
-    course.setting["seed"] = 3
+    course.setting["timeout"] = 3.0
     assert len(course.run()[1]) == 3
     (course.folder / "plan.txt").write_text(f"# a comment\n{TEXT}")
     course.run()
     assert len(course.driven) == 3
-    monkeypatch.setattr(grading, "_LIBRARY", str(course.folder / "class"))
+    (course.folder / "package.xml").write_text("<package><version>9.9.9</version></package>")
+    monkeypatch.setattr(grading, "package_folder", lambda name: str(course.folder / name))
     course.run()
     assert len(course.driven) == 3
     course.options["isolation"] = "not isolated"
@@ -115,27 +117,29 @@ def test_only_what_has_changed_is_driven(course, monkeypatch):
     assert len(course.driven) == 3
 
 
-def test_tolerances_are_judged_without_a_drive(course):
-    results, _ = course.run()
+def test_drives_are_judged_again(course):
+    course.run()
     course.setting["tolerances"] = {"path": -1.0}
     strict, new = course.run()
-    assert course.driven == [] and len(new) == 3
+    assert course.driven == new == []
     assert not any(each.passed for each in strict.values())
     course.setting["tolerances"] = {}
-    assert course.run()[0] == results
+    assert course.run()[0]["ann"].passed
 
 
-def test_judge_again(course):
-    """Without a drive, whatever has changed besides the submission and the plan."""
-    results, _ = course.run()
-    course.options["judges_again"], course.setting["seed"] = True, 3
-    course.setting["tolerances"] = {"path": -1.0}
-    fill(course.folder / "class" / "eve", {"new.txt": b"new"})
-    strict, _ = course.run()
-    assert course.driven == []
-    assert [strict[name].passed for name in ("ann", "bob")] == [False, False]
-    assert strict["eve"].error.startswith("plan: there is no stored drive of this submission")
-    assert results["ann"].plans[0].driven == strict["ann"].plans[0].driven
+def test_a_stored_drive(course):
+    """It is equal to the recorded one, but for paths of the machine, and the cells of the map."""
+    course.run()
+    (stored,) = load_all(str(course.out))[0].drives
+    recorded = replay(read_plan(str(course.folder / "plan.txt")), grid=None)
+    for name, value in recorded._asdict().items():
+        if name not in ("plan", "output", "error"):
+            np.testing.assert_array_equal(getattr(stored.recorded, name), value)
+    assert stored.recorded.plan == recorded.plan._replace(path=stored.recorded.plan.path)
+    assert stored.recorded.output == "src/path_publisher.py: hello"
+    grid = map_of(20, 30, Pose(-5.0, -4.0, 0.1))
+    seen = from_json(json.loads(json.dumps(to_json(grid))))
+    assert (seen.cells.shape, seen.origin, seen.resolution) == ((30, 20), grid.origin, 1.0)
 
 
 def test_only_some(course):
@@ -212,7 +216,6 @@ def test_a_damaged_file_is_graded_again(course):
 
 
 def test_paths_are_short(course):
-    assert course.run()[0]["ann"].plans[0].output == "src/path_publisher.py: hello"
     shorten = grading.shortener("/tmp/x.y", {"/home/ta": "~/", "/home/ta/plans": "", "/": "no"})
     text = (
         "/tmp/x.y/ann/src/a.py /tmp/submissions/ann/b /tmp/plans/c.txt /home/ta/d /tmpx /car/odom"
@@ -227,9 +230,9 @@ def test_merge(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("ROS_HOSTNAME", "localhost")
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     folders = [str(tmp_path / name) for name in ("one", "two", "all")]
-    store(folders[0], submission(graded(), name="ann"), time=2.0)
-    failed = submission(graded(failed=["path"]), name="ann")
-    store(folders[1], failed, submission(graded(), name="bob"), time=1.0)
+    store(folders[0], "ann", time=2.0)
+    store(folders[1], "ann", "bob", time=1.0)
+    store(folders[1], "ann", time=1.0, outcome="it crashed")
     monkeypatch.setattr("sys.argv", ["grade.py", "--merge", *folders[:-1], "--out", folders[-1]])
     assert main() == 0
     printed = capsys.readouterr()
@@ -255,8 +258,7 @@ def test_results_belong_to_the_user_of_sudo(course, monkeypatch):
     assert len(files) == 8
     assert {(each.stat().st_uid, each.stat().st_gid) for each in files} == {(1234, 1235)}
     assert course.folder.stat().st_uid == 0
-    with open(course.out / "data" / "ann.json") as file:
-        assert json.load(file)["name"] == "ann"
+    assert load_all(str(course.out))[0].grade.name == "ann"
 
 
 def test_a_defect_is_no_verdict(monkeypatch, capsys):

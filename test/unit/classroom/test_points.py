@@ -2,10 +2,13 @@
 
 import pytest
 
+from mushr_ros_intro.classroom.grader import judge_and_draw
+from mushr_ros_intro.classroom.grades import PlanGrade
 from mushr_ros_intro.classroom.points import PlanPoints, Points, read_points
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support.grades import graded, submission
+from support.recorded import ROWS, STOP, commands, replay
 
 PLANS = ("circle", "secret")
 ALL = len(CHECK_NAMES)
@@ -49,12 +52,9 @@ def test_points_of_plans(tmp_path, text, circle, secret):
 
 
 def test_checks_that_are_not_judged():
-    """They cost nothing, unless there is no command to drive."""
+    """They cost nothing."""
     crashed = graded("circle", ["node", "path"], unjudged=["rate"])
     assert Points().plan_score(crashed) == ALL - 2 and not crashed.passed
-    silent = graded("circle", ["node"], unjudged=CHECK_NAMES[1:])
-    stopping = graded("circle", ["commands"], unjudged={*CHECK_NAMES} - {"node", "commands"})
-    assert Points().plan_score(silent) == Points().plan_score(stopping) == 0
     strict = Points(plans={"circle": PlanPoints(all_or_nothing=True)})
     assert strict.plan_score(crashed) == 0
     assert strict.loss(crashed).endswith("because a check failed: node, path.")
@@ -110,3 +110,33 @@ def test_bad_files(tmp_path, text, said):
     with pytest.raises(UserError) as error:
         read(tmp_path, text)
     assert said in str(error.value) and "points.yaml" in str(error.value)
+
+
+def sent_by(rows):
+    """Return the points of a right node that sends other rows than those of the plan."""
+    return Points().plan_score(
+        PlanGrade("circle", *judge_and_draw(replay(sent=commands(rows)), {}))
+    )
+
+
+@pytest.mark.parametrize(
+    ("rows", "low", "high"),
+    [
+        ([*ROWS, STOP], ALL, ALL),
+        ([(0.001, 0.0, 0.1)], 0, 0),
+        ([(0.0, 0.0, 3.0)], 0, 0),
+        ([(speed, -angle, seconds) for speed, angle, seconds in ROWS], 0, 0),
+        ([(2.0, 0.1, 0.1)], 0.01, 0.06 * ALL),
+        ([*ROWS[:1], (1.0, 0.1, 0.75)], 0.2 * ALL, 0.58 * ALL),
+        ([(2.0, 0.1, 60.0)], 0.2 * ALL, 0.58 * ALL),
+    ],
+)
+def test_a_node_that_does_not_drive_the_plan(rows, low, high):
+    """It gets the points of its other checks by the share of the plan that it has driven."""
+    assert low <= sent_by(rows) <= high
+
+
+def test_the_share_is_explained():
+    part = graded("circle", ["commands"], share=0.17)
+    assert Points().plan_score(part) == pytest.approx(0.17 * (ALL - 1))
+    assert "17 %" in Points().loss(part) and Points().loss(graded("circle", ["path"])) == ""

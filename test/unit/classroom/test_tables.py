@@ -3,22 +3,23 @@
 import base64
 import csv
 import json
-import math
 import re
 import sys
 from html.parser import HTMLParser
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from mushr_ros_intro.classroom import progress
-from mushr_ros_intro.classroom.grader import draw
-from mushr_ros_intro.classroom.grades import Student
+from mushr_ros_intro.classroom.grader import judge_and_draw
+from mushr_ros_intro.classroom.grades import PlanGrade, Student
 from mushr_ros_intro.classroom.gradescope import gradescope
 from mushr_ros_intro.classroom.points import PlanPoints, Points
 from mushr_ros_intro.classroom.tables import write_results
 from mushr_ros_intro.replay.judge import CHECK_NAMES
-from support.grades import graded, submission
+from support.grades import changed, graded, submission
+from support.recorded import replay
 
 PLANS = ("circle", "secret")
 POINTS = Points(
@@ -44,7 +45,7 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.tags.append((tag, dict(attrs)))
-        if tag not in ("meta", "br", "img"):
+        if tag not in ("meta", "input", "img"):
             self.open.append(tag)
 
     def handle_endtag(self, tag):
@@ -83,7 +84,7 @@ def test_results_that_are_not_graded_yet_are_not_unchanged(capsys):
     for result in (BROKEN, GOOD, BROKEN):
         shown.add(result, False)
     shown.end()
-    assert capsys.readouterr().out == "1 result is unchanged since an earlier run\n"
+    assert capsys.readouterr().out == "drives of an earlier run used: 1 submission\n"
 
 
 def test_the_time_left(monkeypatch):
@@ -97,50 +98,54 @@ def test_the_time_left(monkeypatch):
 
 
 def test_the_caption_of_a_controller(tmp_path):
-    plan = graded("wave", count=2)
+    plan = graded("wave", count=2, offset=4.4e-15)
     more = (*plan.checks, plan.checks[0]._replace(name="cross_track"))
     for checks, found in ((plan.checks, False), (more, True)):
-        _, pages = written(tmp_path, submission(plan._replace(checks=checks)))
+        _, pages = written(tmp_path, submission(changed(plan, checks=checks)))
         text = pages["ann.html"].text
-        assert ("the nearest point of the path; the largest is" in text) == found
+        assert ("the nearest point of the path; the largest is 0 m at" in text) == found
         assert ("the predicted position at the same time" in text) != found
 
 
+def words(page):
+    """Return the text of a page with one blank between words."""
+    return " ".join(page.text.split())
+
+
 def test_the_index(tmp_path):
+    """The class comes first; then one line for each submission."""
     index, pages = written(tmp_path, GOOD, BAD._replace(name="a b/c%"), FAULTY, BROKEN)
-    assert "4 submissions: 1 passed, 1 failed, 1 could not be run, 1 not graded." in index.text
-    assert "secret (hidden)" in index.text and "pass 5 / 5" in index.text
-    assert "fail 2 / 5" in index.text and "fail 0 / 10" in index.text and "path, map" in index.text
-    assert index.text.count("\u2717 not run") == index.text.count("? not graded") == 2
+    text = words(index)
+    assert "4 submissions: 1 passed, 1 failed, 1 could not be run, 1 not graded." in text
+    assert text.index("Scores of 15") < text.index("Show only rows with")
+    assert "secret (hidden)" in text and "\u2713 pass 5" in text and "\u2717 fail 0 path" in text
+    assert "\u2717 fail 2 path, map" in text and "no file" in text and "of this name" not in text
+    assert text.count("\u2717 not run") == text.count("\u2013 not graded") == 2
     keys = index.all("td", "data-key")
-    assert keys[:5] == ["ann", "Ann", "5", "10", "15"] and keys[7:10] == ["2", "0", "2"]
-    assert keys[-3:] == ["-1", "-1", "-1"]
+    assert keys[:5] == ["ann", "Ann", "5", "10", "15"] and keys[8:11] == ["2", "0", "2"]
+    assert keys[-4:-1] == ["-1", "-1", "-1"]
     links = [link for link in index.all("a", "href") if "#" not in link]
     assert links[1] == "submissions/a%20b%252Fc%2525.html" and len(links) == 4
+    assert "submissions/ann.html#2" in index.all("a", "href")
     assert sorted(pages) == ["a b%2Fc%25.html", "ann.html", "bob.html", "eve.html"]
-    assert not index.all("link") and not index.all("script", "src")
-
-
-def test_the_notes_of_the_index(tmp_path):
-    index, _ = written(tmp_path, FAULTY, submission(name="zoe", fault=150 * "x" + 100 * "y"))
-    assert "no file\nof this name ..." not in index.text and "no file\nof this name" in index.text
-    assert 150 * "x" + 50 * "y" + " ..." in index.text
+    assert not index.all("link") and not index.all("script", "src") and not index.all("img")
 
 
 def test_a_page(tmp_path):
     circle, secret = graded("circle", ["path", "map"], count=9), BAD.plans[1]
-    circle = circle._replace(verdict="ok   node: fine\nnote: the car ignored it")
-    apart = [0.0, 0.0, 0.0, 0.8, *4 * [0.0], 0.2]
-    circle = circle._replace(
-        predicted=[(x + d, y, 0.0) for (x, y, _), d in zip(circle.driven, apart)]
+    apart = np.array([0.0, 0.0, 0.0, 0.8, *4 * [0.0], 0.2])
+    drive = circle.judgement.drive
+    predicted = drive.driven + np.outer(apart, [1.0, 0.0, 0.0])
+    circle = changed(
+        circle, drive=drive._replace(predicted=predicted), notes=["the car ignored it"]
     )
     ann = submission(circle, secret, source="print('hello')")
     _, pages = written(tmp_path, ann, FAULTY, BROKEN)
-    text = pages["ann.html"].text
-    names = re.findall(r"^(\w+)\u2717 fail|^(\w+)\u2713 pass", text, re.MULTILINE)
+    text = words(pages["ann.html"])
+    names = re.findall(r"(\w+) ?\u2717 fail \d|(\w+) ?\u2713 pass \d", text)
     order = ["path", "map"] + [name for name in CHECK_NAMES if name not in ("path", "map")]
     assert ["".join(each) for each in names[: len(order)]] == order
-    assert "path\u2717 fail0 / 3path: as expected" in text and "the output: as expected" in text
+    assert "0 / 3 path: as expected" in text and "the output: as expected" in text
     assert "Note: the car ignored it" in text and "print('hello')" in text
     assert "secret (hidden): \u2717 fail, 0 of 10 points" in text
     assert "This plan gives 0 points, because a check failed: path." in text
@@ -149,14 +154,27 @@ def test_a_page(tmp_path):
     assert "did not start" in pages["eve.html"].text and "15 points" not in pages["eve.html"].text
 
 
+def test_what_to_do_next(tmp_path):
+    """A failed plan is shown, so that a student can drive it; long messages are folded."""
+    long = graded("circle", ["path"], message=400 * "x")
+    _, pages = written(tmp_path, submission(long, graded("secret")))
+    text = words(pages["ann.html"])
+    assert text.count("What to do next") == 1
+    assert "grade.py circle.txt --node PACKAGE" in text and "1.0, 2.0, 0.5" in text
+    details = pages["ann.html"].all("details")
+    assert len(details) == len(CHECK_NAMES) + 4  # two plans, two outputs
+    assert f"path: {194 * 'x'} ... The whole messagepath: {400 * 'x'}" in text
+
+
 def test_not_judged(tmp_path):
-    """It is grey, counts as no failure, and costs no points."""
+    """It is grey, counts as no failure, costs no points, and is explained."""
     points = POINTS._replace(default=PlanPoints({"path": 3.0, "rate": 2.0}))
     write_results(str(tmp_path), [submission(OPEN)], points, ["circle"])
-    text = Page(tmp_path / "submissions" / "ann.html").text
-    assert "rate\u2013 not judged2 / 2rate: as expected" in text and "2 of 5 points" in text
-    index = Page(tmp_path / "index.html").text
-    assert "fail 2 / 5" in index and "no drivepath, map" in index
+    page = Page(tmp_path / "submissions" / "ann.html")
+    text = words(page)
+    assert "\u2013 not judged 2 / 2 rate: as expected" in text and "2 of 5 points" in text
+    assert text.count("needs what another check did not find") == 1
+    assert "fail 2 path, map" in words(Page(tmp_path / "index.html"))
     report = gradescope(submission(OPEN), points, 1.0)
     (rate,) = (each for each in report["tests"] if "rate" in each["name"])
     assert report["output"] == "circle: 2 checks failed: path, map, 1 not judged (2 of 5)"
@@ -165,26 +183,27 @@ def test_not_judged(tmp_path):
 
 def test_the_class(tmp_path):
     index, _ = written(tmp_path, GOOD, BAD, submission(OPEN), FAULTY, BROKEN)
-    assert "Scores: lowest 0, median 2, mean 4.75, highest 15." in index.text
-    assert "\npath1 passed, 2 failed1 passed, 1 failed\n" in index.text
-    assert "\nrate2 passed, 1 not judged2 passed\n" in index.text
+    assert "Scores of 15: lowest 0, median 2, mean 4.75, highest 15." in words(index)
+    assert "path1 passed, 2 failed1 passed, 1 failed" in index.text
+    assert "rate2 passed, 1 not judged2 passed" in index.text
     assert "Scores" not in written(tmp_path, BROKEN)[0].text
 
 
 def test_the_pages_for_students(tmp_path):
     """No hidden plan, no other submission, no error of the grading."""
-    write_results(str(tmp_path), [BAD, FAULTY, BROKEN], POINTS, PLANS)
+    zoe = BAD._replace(name="Zoe-3f2a1b", students=(Student("Zo\u00eb", "", ""),))
+    write_results(str(tmp_path), [BAD, FAULTY, BROKEN, zoe], POINTS, PLANS)
     pages = {path.stem: Page(path) for path in (tmp_path / "students").iterdir()}
-    ann, bob, eve = (pages[name].text for name in ("ann", "bob", "eve"))
-    assert "\u2717 fail, 2 of 5 points\n" in ann
+    ann, bob, eve = (words(pages[name]) for name in ("ann", "bob", "eve"))
+    assert "\u2717 fail, 2 of 5 points" in ann
     assert "Other plans, which this page does not show, give up to 10 points." in ann
     assert "circle: \u2717 fail, 2 of 5 points" in ann and "the output: as expected" in ann
     assert "could not be run" in bob and "no file" in bob and "did not start" not in eve
     assert "not a fault of the submission" in eve
+    assert words(pages["Zoe-3f2a1b"]).startswith("Zo\u00eb Zo\u00eb")  # title and heading
     for page in pages.values():
         assert "secret" not in page.text and "leaked" not in page.text and not page.all("a")
-    course = Page(tmp_path / "submissions" / "ann.html").text
-    assert "2 of 15 points" in course
+    assert "2 of 15 points" in words(Page(tmp_path / "submissions" / "ann.html"))
 
 
 def pictures(page):
@@ -197,30 +216,24 @@ def pictures(page):
 
 
 @pytest.mark.parametrize(
-    ("plan", "count"),
-    [
-        (graded(count=500), 2),
-        (graded(count=1, radius=0.0, offset=0.0), 2),
-        (graded(count=2)._replace(driven=2 * ((math.nan, 0.0, 0.0),)), 0),
-        (graded(count=0), 0),
-    ],
+    ("changes", "count"), [({}, 2), ({"sent": ()}, 2), ({"poses": np.full((1, 3), np.nan)}, 0)]
 )
-def test_pictures(tmp_path, plan, count):
-    plan = plan._replace(pictures=draw(plan.drive))
-    index, pages = written(tmp_path, submission(plan))
-    thumbnail, large = list(pictures(index)), list(pictures(pages["ann.html"]))
-    assert (len(thumbnail), len(large)) == (min(count, 1), count)
-    assert all({"#1f77b4", "#ff7f0e"} <= colors for colors in thumbnail + large)
-    assert bool(count) == ("no drive" not in index.text + pages["ann.html"].text)
+def test_pictures(tmp_path, changes, count):
+    seen = replay(**changes)
+    seen = seen._replace(stamps=seen.stamps[: len(seen.poses)])
+    plan = PlanGrade("circle", *judge_and_draw(seen, {}))
+    _, pages = written(tmp_path, submission(plan))
+    found = list(pictures(pages["ann.html"]))
+    assert len(found) == count and all({"#1f77b4", "#ff7f0e"} <= each for each in found)
 
 
 def test_without_matplotlib(tmp_path, monkeypatch):
     """An autograder has none; its pages are not seen, but it must grade."""
     monkeypatch.setitem(sys.modules, "mushr_ros_intro.replay.pictures", None)
-    plan = graded(count=2)
-    assert draw(plan.drive) == plan.pictures == {}
-    index, _ = written(tmp_path, submission(plan))
-    assert "no picture: matplotlib was missing when this was graded" in index.text
+    plan = PlanGrade("circle", *judge_and_draw(replay(), {}))
+    assert plan.passed and plan.pictures == {}
+    _, pages = written(tmp_path, submission(plan))
+    assert "no picture: matplotlib is missing" in pages["ann.html"].text
 
 
 def test_text_of_a_submission_is_escaped(tmp_path):
