@@ -85,7 +85,8 @@ def faults_of(
         yield from _first_line_faults(name, typed, text, is_python, search_path, not place)
     if is_python or b"python" in line:
         yield from _text_faults(name, text)
-    if is_program and not os.access(path, os.X_OK):
+    # grade.py has made a submission executable; if it cannot run, the machine refuses it (noexec).
+    if is_program and not place and not os.access(path, os.X_OK):
         yield f"{name} is not executable", f"Type: chmod +x {typed}"
 
 

@@ -32,7 +32,7 @@ from mushr_ros_intro.classroom.store import (
 from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
-from mushr_ros_intro.replay.job import Job, Setting, run_job
+from mushr_ros_intro.replay.job import Job, Setting, record
 from mushr_ros_intro.replay.reference import Exercise
 from mushr_ros_intro.replay.setting import parameter_words
 
@@ -219,9 +219,7 @@ class Grading:
         except UserError as error:
             return StoredDrive(name, key, self._shorten(str(error)), None)
         plan, folder, packages = progress.task.plans[name], submission.folder, submission.packages
-        recorded = run_job(
-            Job(submission.name, command, plan, self._setting, folder, packages)
-        ).recorded
+        recorded = record(Job(submission.name, command, plan, self._setting, folder, packages))
         texts: Dict[str, Any] = {each: self._shorten(getattr(recorded, each)) for each in _TEXTS}
         plan = recorded.plan._replace(path=self._shorten(recorded.plan.path))
         return StoredDrive(name, key, "", recorded._replace(plan=plan, **texts))

@@ -17,6 +17,7 @@ from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.replay.mistakes import printed_error
 from mushr_ros_intro.replay.own_process import KilledError, in_own_process
+from mushr_ros_intro.replay.recording import Recorded
 from mushr_ros_intro.replay.reference import Exercise, Reference
 from mushr_ros_intro.replay.watch import deadline, watch
 from mushr_ros_intro.replay.world import ReplayWorld
@@ -71,23 +72,30 @@ class Job(NamedTuple):
 
 
 def run_job(job: Job) -> Judgement:
-    """Run a replay in a process of its own, and return the verdict.
+    """Run a replay, and return the verdict; errors as in `record`."""
+    verb = "follows" if isinstance(job.plan, Reference) else "drives"
+    title = f"{job.name} {verb} {job.plan.path} with the car {job.setting.car}:"
+    return judge_drive(record(job), job.setting.tolerances)._replace(title=title)
+
+
+def record(job: Job) -> Recorded:
+    """Run a replay in a process of its own, and return what was recorded.
 
     If this process or the node is killed, perhaps for lack of memory, the replay is repeated once.
 
     Raises:
-        ReplayError: there is no verdict, because the replay itself failed.
+        ReplayError: the replay itself failed.
     """
     seconds = MAX_SLOWDOWN * deadline(job.plan) + MAX_OVERHEAD
     with contextlib.suppress(KilledError):
-        judgement: Judgement = in_own_process(_run_here, job, seconds=seconds)
-        if not judgement.recorded.outcome.startswith(WAS_KILLED):
-            return judgement
+        recorded: Recorded = in_own_process(_run_here, job, seconds=seconds)
+        if not recorded.outcome.startswith(WAS_KILLED):
+            return recorded
     return in_own_process(_run_here, job, seconds=seconds)
 
 
-def _run_here(job: Job) -> Judgement:
-    """Run a replay in this process, which can do it only once; return the verdict.
+def _run_here(job: Job) -> Recorded:
+    """Run a replay in this process, which can do it only once; return what was recorded.
 
     Raises:
         UserError: the node cannot be started, or a parameter of the car is invalid.
@@ -106,12 +114,9 @@ def _run_here(job: Job) -> Judgement:
             process.end()
             sandbox.end_processes()
     world.wait_until_rest(car.command_timeout)
-    recorded = world.recording(job.plan, car, outcome)._replace(
+    return world.recording(job.plan, car, outcome)._replace(
         output=process.output, error=error, seconds=time.monotonic() - began
     )
-    verb = "follows" if isinstance(job.plan, Reference) else "drives"
-    title = f"{job.name} {verb} {job.plan.path} with the car {setting.car}:"
-    return judge_drive(recorded, setting.tolerances)._replace(title=title)
 
 
 def interpreter_of(path: str) -> List[str]:

@@ -29,7 +29,7 @@ from mushr_ros_intro.replay.own_process import ReplayError
 from mushr_ros_intro.replay.setting import read_setting
 from support.grades import store
 from support.paths import PACKAGE
-from support.recorded import map_of, replay, reported
+from support.recorded import map_of, replay
 from support.submissions import XML, fill
 
 FILES = {"package.xml": XML, "src/path_publisher.py": b"#!/usr/bin/python3\n"}
@@ -51,17 +51,17 @@ class Course:
         self.fail = {}
         monkeypatch.setattr(grading, "probe", lambda plan, setting: None)
         monkeypatch.setattr(grading, "build", lambda submission, setting: "")
-        monkeypatch.setattr(grading, "run_job", self.run_job)
+        monkeypatch.setattr(grading, "record", self.record)
         monkeypatch.setattr(grading, "judges", lambda: ThreadPoolExecutor(1))
         monkeypatch.setattr(grading, "judge_and_draw", self.judge)
 
-    def run_job(self, job):
+    def record(self, job):
         self.driven.append(job.name)
         if job.name in self.fail:
             raise self.fail[job.name]
         output = f"{job.folder}/src/path_publisher.py: hello"
         error = f"FileNotFoundError: {job.folder}/a.txt (path_publisher.py, line 3)"
-        return reported(replay(job.plan, grid=None, output=output, error=error))
+        return replay(job.plan, grid=None, output=output, error=error)
 
     def judge(self, recorded, tolerances):
         return judge_drive(recorded, tolerances), 1.0, {"locations": "<svg/>"}
@@ -173,10 +173,10 @@ def test_an_interrupted_run_is_continued(course):
 def test_an_interruption_also_ends_the_repetition_of_a_killed_replay(course, monkeypatch):
     codes, has_begun = [], threading.Event()
 
-    def run_job(job):
+    def record(job):
         if job.name == "ann":
             assert has_begun.wait(10.0)
-            return course.run_job(job)
+            return course.record(job)
         for _ in range(2):
             process = multiprocessing.get_context("fork").Process(target=signal.pause)
             process.start()
@@ -186,7 +186,7 @@ def test_an_interruption_also_ends_the_repetition_of_a_killed_replay(course, mon
         raise ReplayError("killed")
 
     course.options["jobs"] = 2
-    monkeypatch.setattr(grading, "run_job", run_job)
+    monkeypatch.setattr(grading, "record", record)
     assert list(course.run(stop_after=1)[0]) == ["ann"]
     assert codes[1:] and set(codes) == {-signal.SIGKILL}
 

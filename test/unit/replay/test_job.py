@@ -6,13 +6,13 @@ import pytest
 
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.replay import job
-from mushr_ros_intro.replay.job import Job, run_job
+from mushr_ros_intro.replay.job import Job, record
 from mushr_ros_intro.replay.own_process import KilledError, ReplayError
-from support.recorded import PLAN, replay, reported
+from support.recorded import PLAN, replay
 
-RIGHT = reported(replay())
-KILLED = reported(replay(outcome="the node was killed by signal SIGKILL; it printed nothing"))
-CRASHED = reported(replay(outcome="the node was killed by signal SIGSEGV; it printed nothing"))
+RIGHT = replay()
+KILLED = replay(outcome="the node was killed by signal SIGKILL; it printed nothing")
+CRASHED = replay(outcome="the node was killed by signal SIGSEGV; it printed nothing")
 DIED, FAILED = KilledError("its process ended"), ReplayError("no space left on device")
 
 
@@ -42,10 +42,10 @@ def test_a_killed_replay_is_repeated_once(monkeypatch, results, expected):
     replayed = Job("node", ("node",), PLAN, None)
     if isinstance(expected, Exception):
         with pytest.raises(type(expected)) as raised:
-            run_job(replayed)
+            record(replayed)
         assert raised.value is expected
     else:
-        assert run_job(replayed) is expected
+        assert record(replayed) is expected
     assert left == []
 
 
