@@ -366,12 +366,20 @@ class Process:
             os.killpg(self._process.pid, number)
 
     def wait(self, patience=PATIENCE):
-        """Wait for the end of the process; return its exit status."""
-        try:
-            status = self._process.wait(patience)
-        except subprocess.TimeoutExpired:
-            self.end()
-            raise LoggedAssertionError(f"no end of {self.command} after {patience:g} s") from None
+        """Wait for the end of the process; return its exit status.
+
+        The time limit begins again while output arrives: on a busy machine, grading takes longer.
+        """
+        seen, status = 0, None
+        while status is None:
+            try:
+                status = self._process.wait(patience)
+            except subprocess.TimeoutExpired:
+                if len(self._lines) == seen:
+                    self.end()
+                    what = f"no end and no output of {self.command} for {patience:g} s"
+                    raise LoggedAssertionError(what) from None
+                seen = len(self._lines)
         self._reader.join(5.0)
         return status
 

@@ -136,7 +136,7 @@ commands = st.dictionaries(
 )
 
 
-@given(commands, st.randoms(use_true_random=False), st.integers(3, 90))
+@given(commands, st.randoms(), st.integers(3, 90))
 def test_late_repeated_and_shuffled_commands_and_queries_change_nothing(commands, dice, interval):
     """The states equal those of commands that arrive in order, to the last bit."""
     in_order = [(offset, *commands[offset]) for offset in sorted(commands)]

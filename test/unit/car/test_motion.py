@@ -189,7 +189,7 @@ commands = st.dictionaries(
 )
 
 
-@given(commands, st.randoms(use_true_random=False))
+@given(commands, st.randoms())
 def test_late_repeated_and_shuffled_commands_have_the_same_noise(commands, dice):
     start = at_rest(BEGIN, Pose(1.0, 2.0, 3.0))
     events = [(offset, *values) for offset, values in sorted(commands.items())]
