@@ -1,14 +1,20 @@
 """Check the points of results, and the messages about a bad points.yaml."""
 
+import json
+
+import numpy as np
 import pytest
 
 from mushr_ros_intro.classroom.grader import judge_and_draw
 from mushr_ros_intro.classroom.grades import PlanGrade
 from mushr_ros_intro.classroom.points import PlanPoints, Points, read_points
+from mushr_ros_intro.classroom.store import from_json, to_json
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.replay.judge import CHECK_NAMES
+from mushr_ros_intro.replay.reference import read_references, resampled
 from support.grades import graded, submission
-from support.recorded import ROWS, STOP, commands, replay
+from support.paths import CHECKOUT
+from support.recorded import BEGIN, ROWS, STOP, commands, replay
 
 PLANS = ("circle", "secret")
 ALL = len(CHECK_NAMES)
@@ -140,3 +146,15 @@ def test_the_share_is_explained():
     part = graded("circle", ["commands"], share=0.17)
     assert Points().plan_score(part) == pytest.approx(0.17 * (ALL - 1))
     assert "17 %" in Points().loss(part) and Points().loss(graded("circle", ["path"])) == ""
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.0])
+def test_a_controller_that_stops_on_the_way(share):
+    """It gets the points by the share of the path that the car has followed."""
+    (path,) = read_references(["wave"], f"{CHECKOUT}/plans").values()
+    poses = resampled(np.array(path.poses), 0.04)
+    poses = poses[: max(1, round(share * len(poses)))]
+    stamps = BEGIN + 20_000_000 * np.arange(len(poses))
+    seen = replay(grid=None, stamps=stamps, poses=poses)._replace(plan=path, start=path.start)
+    seen = from_json(json.loads(json.dumps(to_json(seen))))  # as it is stored
+    assert PlanGrade("wave", *judge_and_draw(seen, {})).share == pytest.approx(share, abs=0.02)
