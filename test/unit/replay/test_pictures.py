@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.replay.pictures import distances, locations, thumbnail
+from mushr_ros_intro.replay.pictures import distances, locations
 from mushr_ros_intro.replay.recording import Drive
 from mushr_ros_intro.world.grid import Grid
 
@@ -59,14 +59,5 @@ def test_distances():
 @pytest.mark.parametrize("poses", [STILL, 1e6 * ARC, 1e-6 * ARC, ARC * (1.0, 0.0, 0.0)])
 def test_unusual_drives(poses):
     drive = Drive(np.arange(float(len(poses))), poses, poses, 0.0)
-    for draw in (locations, distances, thumbnail):
+    for draw in (locations, distances):
         draw(drive).savefig(io.BytesIO(), format="svg")
-
-
-def test_a_thumbnail_is_to_scale():
-    figure = thumbnail(DRIVE)
-    (axes,) = figure.axes
-    figure.savefig(io.BytesIO(), format="svg")  # applies the aspect
-    pixels = axes.transData.transform(ARC[:, :2])
-    radii = np.hypot(*(pixels - axes.transData.transform((0.0, 0.0))).T)
-    assert radii == pytest.approx(np.full(30, radii[0]))
