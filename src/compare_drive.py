@@ -39,7 +39,7 @@ def main() -> int:
 
 
 def run() -> int:
-    """Compare the drives, and print the result; return 0.
+    """Compare the drives, and print the result; return 0, or 2 if nothing known explains a drive.
 
     Raises:
         UserError: the program was called wrongly, or there is no drive to compare.
@@ -59,8 +59,7 @@ def run() -> int:
         result = fit(log, car)
         fits.append(result)
         found = compare(log, car, result.delay)
-        fitted = compare(log, result.car, result.delay)
-        drives.append(diagnosis.as_json(found, result, fitted, car_name))
+        drives.append(diagnosis.as_json(found, result, car_name))
         show(*diagnosis.as_text(found, car_name), "")
         if arguments.out:
             from mushr_ros_intro.comparison import error_plot  # matplotlib is slow to import
@@ -69,16 +68,15 @@ def run() -> int:
             folder = os.path.join(user_path(arguments.out), name)
             error_plot.write_files(folder, found)
             show(f"written: {folder}", "")
-        if arguments.fit:
-            show("with the fitted car:", *diagnosis.errors_text(fitted), "")
         show(*diagnosis.fit_text(result, car), "")
     both = combined(fits, car)
-    if len(fits) > 1:
+    is_certain = all(each.is_certain for each in fits)
+    is_profile = all(each.is_profile for each in fits)
+    if len(fits) > 1 and is_certain:
         show(*diagnosis.combined_text(both, car), "")
-    useless = [each["drive"] for each in drives if not each["fits"]]
-    if (arguments.fit or arguments.vesc) and not useless:
+    if (arguments.fit or arguments.vesc) and is_certain:
         show(*vesc_text(both.car, arguments.vesc and user_path(arguments.vesc)), "")
-    if arguments.fit and not useless:
+    if arguments.fit and is_profile:
         path = user_path(arguments.fit)
         write_profile(path, both, profile, arguments.bags)
         show(f"written: {path}", "")
@@ -86,10 +84,12 @@ def run() -> int:
     if arguments.json:
         json.dump({"drives": drives}, sys.stdout, allow_nan=False)
         print()
-    if arguments.fit and useless:
-        expected = "expected drives that a car of this model can drive"
-        raise UserError(f"--fit: no profile, because of {', '.join(useless)}; {expected}")
-    return 0
+    expected = "expected drives of one cause that a correction of the gains leaves"
+    if arguments.vesc and not is_certain:
+        raise UserError(f"--vesc: no values, because of what was found; {expected}")
+    if arguments.fit and not is_profile:
+        raise UserError(f"--fit: no profile, because no profile describes this car; {expected}")
+    return 0 if all(each.is_found for each in fits) else 2
 
 
 def read_logs(arguments: argparse.Namespace, options: Parameters, car: Car) -> List[DriveLog]:
@@ -117,7 +117,7 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="compare_drive.py",
         description="Compare recorded drives with their prediction, and fit the parameters of the "
-        "car. The exit status is 0 if there is a result, 2 if there is none.",
+        "car. The exit status is 0 if there is a result, 2 if nothing known explains a drive.",
         epilog=as_typed(
             "Example: rosrun mushr_ros_intro compare_drive.py drive.bag --plan figure_8"
         ),

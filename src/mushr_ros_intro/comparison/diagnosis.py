@@ -6,105 +6,115 @@ from typing import Any, Dict, Iterator, List
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.comparison.comparison import Comparison, compare
+from mushr_ros_intro.comparison.comparison import Comparison
 from mushr_ros_intro.comparison.fitted_car import (
+    DEAD,
     OF_CAR,
-    PARAMETERS,
     RATES,
     Combined,
     Fit,
-    Parameter,
     Value,
 )
+from mushr_ros_intro.comparison.hypotheses import PARAMETERS, Number
 from mushr_ros_intro.plan.plan import shortest_decimal
 from mushr_ros_intro.preview.text import SHOWN_ROWS
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.wording import counted
 
 _SHARE = 0.05
-"""A fitted parameter is named if the error grows by this share of its size without it."""
-
-_SMALL_ERROR, _SMALL_SHARE = 0.02, 0.2
-"""A fit is useful if it leaves less than this of the error, in [m], or as a share."""
+"""A fitted parameter is named if it explains this share of the error."""
 
 _NO_NOISE = 1e-3
 """Smaller random errors of the positions are not those of a localisation [m]."""
 
 
-def sentence(found: Comparison, fit: Fit, fitted: Comparison) -> str:
-    """Return what dominates the error of a drive.
+def sentence(found: Comparison, fit: Fit) -> str:
+    """Return what makes a drive differ from its prediction, and what to do.
 
     Args:
         found: the drive beside the prediction.
         fit: to the drive.
-        fitted: the same drive beside the prediction for the fitted car.
     """
-    misfit = fit.misfit
-    if is_useless(found, fit, fitted):
-        name = f"{found.log.unit} {found.log.number(misfit.row)} ({misfit.what})"
+    if fit.moves_before:
         return (
-            f"no car of this model drives like that: {name} is {misfit.size:.1f} standard errors "
-            "away from the best fit. Do not use the fit. Perhaps the tyres slip, the car touches "
-            "something, or the poses are wrong"
+            "the car moves already before its first command, so commands are missing; expected a "
+            "recording of the commands that begins before the drive"
         )
-    names = causes(found, fit, fitted) if fitted.rms < (1.0 - _SHARE) * found.rms else []
-    texts = [_cause(name, fit.values[name], found) for name in names]
+    if not fit.is_explained:
+        misfit, log = fit.misfit, found.log
+        return (
+            f"nothing known explains this drive: {log.unit} {log.number(misfit.row)} "
+            f"({misfit.what}) is {misfit.size:.1f} standard errors away from the best fit. Perhaps "
+            "the tyres slip, the car touches something, or the poses are wrong"
+        )
+    texts = [_change(name, fit, found) for name in _names(fit)]
+    texts += [" or ".join(each.text for each in (cause, *cause.as_good)) for cause in fit.causes]
+    rest = [f"the delay from a command to its effect is {fit.delay:.3f} s"]
+    if not fit.values["delay"].is_fitted:
+        rest = ["the drive does not determine the delay"]
     unknown = [name for name, value in fit.values.items() if not value.is_fitted]
-    rest = f"; the drive does not determine {' and '.join(unknown)}" if unknown else ""
+    unknown = [name for name in unknown if name != "delay"]
+    if unknown:
+        rest.append(f"the drive does not determine {' and '.join(unknown)}")
     if not texts:
-        return (
-            f"the drive is {found.rms:.3f} m (rms) from the prediction, and the fit explains none "
-            f"of it: only random errors and small errors of the model are left{rest}"
+        text = (
+            f"the drive is {fit.profile_error:.3f} m (rms) from the prediction, and no known cause "
+            "explains more than random errors"
         )
+        return "; ".join([text, *rest])
     *most, last = texts
     joined = f"{', '.join(most)} and {last}" if most else last
-    return (
-        f"the car {joined}; a prediction with this car is {fitted.rms:.3f} m (rms) from the drive, "
-        f"instead of {found.rms:.3f} m{rest}"
+    text = (
+        f"the car {joined}; a prediction with this car is {fit.path_error:.3f} m (rms) from the "
+        f"drive, instead of {fit.profile_error:.3f} m"
     )
+    return "; ".join([text, *_advice(fit), *rest])
 
 
-def is_useless(found: Comparison, fit: Fit, fitted: Comparison) -> bool:
-    """Return whether a drive differs from its fitted car, and not by small errors of the model.
-
-    Poses with little noise show every small difference between the car and its model.
-    """
-    small = max(_SMALL_ERROR, _SMALL_SHARE * found.rms)
-    return fit.misfit.is_found and fitted.rms > small
+def _names(fit: Fit) -> List[str]:
+    """Return the changed parameters that explain the error, the most important one first."""
+    least = _SHARE * fit.profile_error
+    effects = sorted(((size, name) for name, size in fit.effects.items()), reverse=True)
+    return [name for size, name in effects if size > least or name in fit.confused]
 
 
-def causes(found: Comparison, fit: Fit, fitted: Comparison) -> List[str]:
-    """Return the fitted parameters that explain the error, the most important one first.
+def _advice(fit: Fit) -> Iterator[str]:
+    """Yield what to do about the causes."""
+    for cause in fit.causes:
+        yield f"to mend it: {cause.fault.remedy}"
+        if cause.as_good:
+            tests = {each.fault.test for each in (cause, *cause.as_good)}
+            yield f"to tell them apart: {', or '.join(sorted(tests))}"
+    for name, causes in fit.confused.items():
+        yield (
+            f"instead of another {name}, it may be that the car "
+            f"{' or '.join(each.text for each in causes)}; to tell them apart: "
+            f"{', or '.join(sorted({each.fault.test for each in causes}))}"
+        )
 
-    The error is that of the fitted car with one parameter set back.
-    """
-    effects = []
-    for name, value in fit.values.items():
-        if name != "delay" and value.is_change_from(getattr(found.car, name)):
-            car = fit.car._replace(**{name: getattr(found.car, name)})
-            rms = compare(found.log, car, found.delay).rms
-            if rms > fitted.rms + _SHARE * found.rms:
-                effects.append((rms, name))
-    return [name for _, name in sorted(effects, reverse=True)]
 
-
-def _cause(name: str, value: Value, found: Comparison) -> str:
-    """Return the text of one cause."""
-    before = getattr(found.car, name)
+def _change(name: str, fit: Fit, found: Comparison) -> str:
+    """Return the text of one changed parameter."""
+    before, now = getattr(found.car, name), getattr(fit.car, name)
     of = "predicted" if found.limited_rows or before != getattr(Car(), name) else "commanded"
     if name == "steering_offset":
-        change = value.value - before
-        return f"steers {abs(change):.3f} rad to the {'left' if change > 0.0 else 'right'}"
+        return f"steers {abs(now - before):.3f} rad to the {'left' if now > before else 'right'}"
     if name in RATES:
         what = "changes its speed" if name == "acceleration" else "turns its front wheels"
         unit = next(each.unit for each in PARAMETERS if each.name == name)
-        now, then = (
-            "at once" if math.isinf(each) else f"at {each:.3g} {unit}"
-            for each in (value.value, before)
+        after, then = (
+            "at once" if math.isinf(each) else f"at {each:.3g} {unit}" for each in (now, before)
         )
-        return f"{what} {now} and not {then}"
-    change = 100.0 * (value.value / before - 1.0)
-    if name == "speed_gain":
+        return f"{what} {after} and not {then}"
+    is_speed = name == "speed_gain"
+    if abs(now) < DEAD:
+        return "hardly drives" if is_speed else "hardly steers: check the servo and its cable"
+    if now < 0.0:
+        if is_speed:
+            return f"drives backwards (the motor is reversed) at {-now:.0%} of the speed {of}"
+        return f"steers to the other side (the servo is reversed) by {-now:.0%} of the angle {of}"
+    change = 100.0 * (now / before - 1.0)
+    if is_speed:
         return f"is {abs(change):.1f} % {'faster' if change > 0.0 else 'slower'} than {of}"
     return f"steers {abs(change):.1f} % {'more' if change > 0.0 else 'less'} than {of}"
 
@@ -128,10 +138,6 @@ def as_text(found: Comparison, car_name: str) -> Iterator[str]:
             f"{log.number(found.limited_rows[0])}, exceed the limits of the {car_name} car; "
             "predicted is what it does within its limits"
         )
-    yield (
-        f"delay from a command to its effect on the pose: {found.delay:.3f} s (with the difference "
-        "of the clocks, so it may be negative)"
-    )
     yield ""
     yield (
         f"{log.unit:>5}   speed steering     end  distance [m]    turn [rad]     driven to [m, rad]"
@@ -178,10 +184,13 @@ def errors_text(found: Comparison) -> Iterator[str]:
 
 
 def fit_text(fit: Fit, car: Car) -> Iterator[str]:
-    """Yield the lines of a fit."""
+    """Yield the lines of a fit; it has none if the drive is not explained."""
+    if not fit.is_found:
+        return
     yield "parameter            before     fitted   standard error   95 % range"
     for each in PARAMETERS:
         yield _value_line(each, getattr(car, each.name, 0.0), fit.values[each.name])
+    yield "the delay contains the difference of the clocks, so it may be negative"
     if fit.misfit.is_found:
         yield (
             "note: the drive differs from the fitted car by more than random errors, so the true "
@@ -206,7 +215,7 @@ def combined_text(both: Combined, car: Car) -> Iterator[str]:
         yield f"standard deviation between the drives: {name[:-7]} {spread:.4f}"
 
 
-def _value_line(parameter: Parameter, before: float, value: Value) -> str:
+def _value_line(parameter: Number, before: float, value: Value) -> str:
     """Return the line of a parameter in the table."""
     begin = f"{parameter.name:17}{before:10.4g} "
     if value.is_fitted:
@@ -219,14 +228,14 @@ def _value_line(parameter: Parameter, before: float, value: Value) -> str:
     return f"{begin}   unknown   this drive says too little about it"
 
 
-def as_json(found: Comparison, fit: Fit, fitted: Comparison, car_name: str) -> Dict[str, Any]:
+def as_json(found: Comparison, fit: Fit, car_name: str) -> Dict[str, Any]:
     """Return a comparison as values for JSON; lengths in m, angles in rad, times in s.
 
-    For the arguments see `sentence`.
+    For the arguments see `sentence`. Without a known cause, there are no fitted values.
     """
     return {
-        "result": sentence(found, fit, fitted),
-        "fits": not is_useless(found, fit, fitted),
+        "result": sentence(found, fit),
+        "is_explained": fit.is_found,
         "drive": found.log.name,
         "notes": list(found.log.notes),
         "car": car_name,
@@ -242,8 +251,14 @@ def as_json(found: Comparison, fit: Fit, fitted: Comparison, car_name: str) -> D
         "largest_error": float(found.sizes.max()),
         "final_error": float(found.sizes[-1]),
         "rms_error": found.rms,
+        "causes": [
+            {"name": each.fault.number.name, "value": each.value, "text": each.text}
+            for each in fit.causes
+            if fit.is_found
+        ],
         "fit": {
             name: {key: None if each == math.inf else each for key, each in value._asdict().items()}
             for name, value in fit.values.items()
+            if fit.is_found
         },
     }

@@ -60,6 +60,11 @@ class DriveLog(NamedTuple):
         """Return the number of a row: its line in the plan's file, or its place from 1."""
         return self.plan.rows[index].line or index + 1
 
+    def until(self, stamp: int) -> "DriveLog":
+        """Return the drive with the poses until an instant [ns]."""
+        count = int(np.searchsorted(self.stamps, stamp))
+        return self._replace(stamps=self.stamps[:count], poses=self.poses[:count])
+
 
 class Received(NamedTuple):
     """The messages of one topic."""

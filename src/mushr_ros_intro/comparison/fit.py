@@ -1,247 +1,215 @@
-"""Fit the parameters of a car to a recorded drive.
+"""Fit the parameters of a car to a recorded drive, and find what else is wrong with it.
 
 Least squares (scipy.optimize.least_squares) on the errors of the steps from pose to pose, with the
 model of the simulated car. See `step_errors` for why not on the whole path.
+
+A fault of FAULTS is found if it explains the steps better, by the Bayesian information criterion
+(Schwarz, "Estimating the dimension of a model", 1978), and the whole path not worse. With the steps
+alone, a fault can explain a part of the drive at the cost of the path.
 """
 
-import math
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.stats import norm
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.drive_log import DriveLog
-from mushr_ros_intro.comparison.fitted_car import (
-    OF_CAR,
-    PARAMETERS,
-    Fit,
-    Misfit,
-    Value,
-    car_with,
-    fitted_value,
-    numbers_of,
-)
-from mushr_ros_intro.comparison.step_errors import Steps, Whitening, noise_of, step_errors, steps_of
-from mushr_ros_intro.plan.plan import Plan
-from mushr_ros_intro.preview.side_by_side import paths
-from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
+from mushr_ros_intro.comparison.fitted_car import DEAD, Cause, Fit, Value, car_with, fitted_value
+from mushr_ros_intro.comparison.hypotheses import FAULTS, JUMP, NUMBERS, PARAMETERS, Fault
+from mushr_ros_intro.comparison.problem import DELAY, JUMP_COLUMNS, Problem
+from mushr_ros_intro.stamps import NANOSECONDS
 
-MISFIT_PROBABILITY = 1e-3
-"""Probability that a drive with random errors only counts as a misfit."""
+_MIN_GAIN = 15.0
+"""A fault is found if it improves the criterion by more. With healthy cars it is at most 12."""
 
-DELAYS = np.arange(-1.0, 1.55, 0.1)
-"""The delays with which the fit begins [s]; the best one is used. Clocks may differ by a second."""
+_AS_GOOD = 6.0
+"""Two faults explain a drive equally well if their criteria differ by less."""
 
-_MIN_SEGMENT = NANOSECONDS
-"""Duration of the shortest part of a drive that is tested on its own [ns]."""
+_SAME = 0.002
+"""A fault explains a drive as a parameter does if this share of the parameter's effect differs."""
 
-_TOGETHER = 4
-"""Every so many segments are tested together; see `_Problem.misfit`."""
+_MAX_CAUSES = 2
 
-_MEDIAN_SQUARE = 0.455
-"""The median of the square of a standard normal number."""
+_BEGIN = 60 * NANOSECONDS
+"""This part of a long drive gives the delay with which the fit begins [ns]."""
 
-_DELAY = len(PARAMETERS) - 1
+_COLUMNS = {each.name: index for index, each in enumerate(NUMBERS)}
 
-_MAX_ERRORS = np.array([each.max_error for each in PARAMETERS])
+
+class _Candidate(NamedTuple):
+    """A fault, and what the fit with it has found."""
+
+    fault: Fault
+    columns: Tuple[int, ...]
+    """Its numbers."""
+    vector: np.ndarray
+    gain: float
+    """Of the criterion, over the fit without it."""
+    jump: Optional[int]
+    """The step in which the localisation jumps."""
 
 
 def fit(log: DriveLog, car: Car) -> Fit:
     """Fit a car to its drive; `car` is the car before the fit."""
-    problem = _Problem(log, car)
-    vector = problem.best_delay(problem.default)
-    unknown = problem.unknown(vector)
+    problem = Problem(log, car)
+    begin = Problem(log.until(_BEGIN), car)
+    vector = begin.best_delay(begin.default)
+    base = list(range(len(PARAMETERS)))
+    unknown = problem.unknown(vector, base)
     for _ in range(2):  # the covariance of the steps depends on the motion
         problem.whiten(vector)
-        vector = problem.solve(vector, list(unknown))
-    unknown = problem.unknown(vector)
+        vector = problem.solve(vector, [each for each in base if each not in unknown])
+    unknown = problem.unknown(vector, base)
     vector[list(unknown)] = problem.default[list(unknown)]
-    vector = problem.solve(vector, list(unknown))
-    errors = np.sqrt(np.diag(problem.covariance(vector, list(unknown))))
+    free = [each for each in base if each not in unknown]
+    vector = problem.solve(vector, free)
+
+    causes: List[Cause] = []
+    while len(causes) < _MAX_CAUSES:
+        found = _found(problem, vector, free, [each.fault for each in causes])
+        if not found:
+            break
+        best = found[0]
+        vector, problem.jump = best.vector, best.jump
+        free += [each for each in best.columns if NUMBERS[each].step]
+        as_good = [_cause(problem, each) for each in found[1:] if best.gain - each.gain < _AS_GOOD]
+        causes.append(_cause(problem, best)._replace(as_good=tuple(as_good)))
+
+    errors = problem.errors(vector, free, list(unknown))
     values: Dict[str, Value] = {}
-    for column, (each, number) in enumerate(zip(PARAMETERS, vector.tolist())):
+    for column, each in enumerate(PARAMETERS):
         if column in unknown:
-            confused = tuple(PARAMETERS[other].name for other in unknown[column])
+            names = tuple(PARAMETERS[other].name for other in unknown[column])
             before = getattr(car, each.name, 0.0)
-            values[each.name] = Value(before, is_fitted=False, confused_with=confused)
+            values[each.name] = Value(before, is_fitted=False, confused_with=names)
         else:
-            values[each.name] = fitted_value(each.name, number, float(errors[column]))
-    found: Dict[str, Any] = {each.name: values[each.name].value for each in OF_CAR}
-    return Fit(car._replace(**found), values, problem.noise.position, problem.misfit(vector))
+            before = float(problem.default[column])
+            number = float(vector[column])
+            values[each.name] = fitted_value(each.name, number, errors[column], before)
+    changed = [
+        column for column, each in enumerate(PARAMETERS[:DELAY]) if values[each.name].is_change
+    ]
+    same = [each for each in range(DELAY) if each not in changed]
+    vector[same] = problem.default[same]
+    vector = problem.solve(vector, [each for each in free if each not in same])
+    confused = {
+        PARAMETERS[column].name: _mimics(problem, vector, free, column, causes)
+        for column in changed
+        if abs(vector[column]) > DEAD
+    }
+    path_error = problem.path_error(vector)
+    profile = problem.default.copy()
+    profile[DELAY] = vector[DELAY]
+    effects = {}
+    for column in changed:
+        without = vector.copy()
+        without[column] = problem.default[column]
+        effects[PARAMETERS[column].name] = problem.path_error(without) - path_error
+    return Fit(
+        _car(car, vector, causes),
+        values,
+        tuple(causes),
+        {name: faults for name, faults in confused.items() if faults},
+        effects,
+        problem.path_error(profile),
+        path_error,
+        problem.noise.position,
+        problem.misfit(vector),
+        problem.moves_before(vector),
+    )
 
 
-class _Problem:
-    """The least-squares problem of a drive. A vector has the numbers of PARAMETERS."""
-
-    def __init__(self, log: DriveLog, car: Car) -> None:
-        self._plan = log.plan
-        self._car = car._replace(speed_noise=0.0, steering_noise=0.0)
-        self._stamps = log.stamps
-        self._seconds = np.diff(log.stamps) / NANOSECONDS
-        self._ends, self._first_rows = _segments(log.plan)
-        self._measured = steps_of(log.poses)
-        self.noise = noise_of(log.poses, car)
-        self.default = np.array(numbers_of(car))
-        self.whiten(self.default)
-
-    def steps(self, vectors: np.ndarray) -> Steps:
-        """Return the steps of cars, one for each vector."""
-        cars = [car_with(self._car, numbers) for numbers in vectors[:, :_DELAY].tolist()]
-        instants = self._stamps / NANOSECONDS - vectors[:, _DELAY, None]
-        return steps_of(paths(self._plan, cars, instants))
-
-    def whiten(self, vector: np.ndarray) -> None:
-        """Take the covariance of the steps from the motion of a car."""
-        steps = self.steps(vector[None])
-        one = Steps(steps.moves[0], steps.turns[0])
-        self._whitening = Whitening(one, self._seconds, self._car.wheelbase, self.noise)
-
-    def residuals(self, vectors: np.ndarray) -> np.ndarray:
-        """Return the residuals of cars, (cars, residuals)."""
-        return self._whitening(step_errors(self.steps(vectors), self._measured))
-
-    def jacobian(self, vector: np.ndarray, free: Sequence[int]) -> np.ndarray:
-        """Return the derivatives of the residuals, (residuals, free numbers)."""
-        larger, smaller = (np.repeat(vector[None], len(free), axis=0) for _ in range(2))
-        for row, column in enumerate(free):
-            each = PARAMETERS[column]
-            larger[row, column] += each.step
-            smaller[row, column] = max(each.low, smaller[row, column] - each.step)
-        changes = (larger - smaller)[range(len(free)), free]
-        high, low = np.split(self.residuals(np.concatenate([larger, smaller])), 2)
-        return ((high - low) / changes[:, None]).T
-
-    def best_delay(self, vector: np.ndarray) -> np.ndarray:
-        """Return `vector` with the best delay among DELAYS, the other numbers adapted to each."""
-        others = [each for each in range(len(vector)) if each != _DELAY]
-        best: Optional[np.ndarray] = None
-        lowest = math.inf
-        for delay in DELAYS:
-            tried = vector.copy()
-            tried[_DELAY] = delay
-            here = self.residuals(tried[None])[0]
-            # One weakly bounded step of Gauss and Newton, so that a wrong gain hides no delay.
-            system = np.vstack([self.jacobian(tried, others), np.diag(0.1 / _MAX_ERRORS[others])])
-            right = np.append(here, np.zeros(len(others)))
-            change = np.linalg.lstsq(system, -right, rcond=None)[0]
-            cost = float(np.sum((system @ change + right) ** 2))
-            if cost < lowest:
-                lowest, best = cost, tried
-        assert best is not None
-        return best
-
-    def solve(self, vector: np.ndarray, fixed: Sequence[int]) -> np.ndarray:
-        """Return the numbers that fit best, from `vector` on."""
-        free = [each for each in range(len(vector)) if each not in fixed]
-        if not free:
-            return vector
-
-        def full(part: np.ndarray) -> np.ndarray:
-            whole = vector.copy()
-            whole[free] = part
-            return whole
-
-        result = least_squares(
-            lambda part: self.residuals(full(part)[None])[0],
-            vector[free],
-            lambda part: self.jacobian(full(part), free),
-            bounds=(
-                [PARAMETERS[each].low for each in free],
-                [PARAMETERS[each].high for each in free],
-            ),
-            x_scale=_MAX_ERRORS[free],
-            xtol=1e-6,
-            ftol=1e-6,
-            max_nfev=30,
-        )
-        return full(result.x)
-
-    def scale(self, vector: np.ndarray) -> float:
-        """Return by which factor the squares of the residuals are larger than expected.
-
-        The median does not count what happens in a small part of the drive.
-        """
-        squares = self.residuals(vector[None])[0] ** 2
-        return max(1.0, float(np.median(squares) / _MEDIAN_SQUARE))
-
-    def covariance(self, vector: np.ndarray, fixed: Sequence[int]) -> np.ndarray:
-        """Return the covariance of all numbers; it is 0 for the fixed ones.
-
-        Each number is weakly known before the drive. Residuals that are larger than the random
-        errors make it larger.
-        """
-        free = [each for each in range(len(vector)) if each not in fixed]
-        covariance = np.zeros((len(vector), len(vector)))
-        if not free:
-            return covariance
-        scale = self.scale(vector)
-        jacobian = self.jacobian(vector, free)
-        weak = np.diag((10.0 * _MAX_ERRORS[free]) ** -2)
-        covariance[np.ix_(free, free)] = np.linalg.inv(jacobian.T @ jacobian / scale + weak)
-        return covariance
-
-    def unknown(self, vector: np.ndarray) -> Dict[int, List[int]]:
-        """Return the numbers that the drive does not determine.
-
-        The one with the largest standard error is fixed, until all others are small enough. For
-        each of them, also return those that cannot be told from it.
-        """
-        unknown: Dict[int, List[int]] = {}
-        while len(unknown) < len(vector):
-            covariance = self.covariance(vector, list(unknown))
-            errors = np.sqrt(np.diag(covariance))
-            worst = int(np.argmax(errors / _MAX_ERRORS))
-            if errors[worst] <= _MAX_ERRORS[worst]:
-                break
-            unknown[worst] = [
-                each
-                for each in range(len(vector))
-                if each != worst
-                and abs(covariance[worst, each]) > 0.9 * errors[worst] * errors[each] > 0.0
-            ]
-        return unknown
-
-    def misfit(self, vector: np.ndarray) -> Misfit:
-        """Return where a drive differs most from the fitted car.
-
-        For each segment, this is the score test for an additional constant velocity in it. Such a
-        velocity also shows in some residuals after its segment, so those of every fourth segment
-        are tested together.
-        """
-        residuals = self.residuals(vector[None])[0]
-        stamps = self._stamps[1:] - from_seconds(vector[_DELAY])
-        segments = np.where(stamps < 0, -1, np.searchsorted(self._ends, stamps, side="right"))
-        limit = float(norm.isf(0.5 * MISFIT_PROBABILITY / (3 * len(self._first_rows))))
-        found = Misfit(0, "distance", 0.0, limit)
-        for first in range(_TOGETHER):
-            is_inside = (segments >= 0) & (segments % _TOGETHER == first)
-            groups = np.maximum((segments - first) // _TOGETHER, 0).repeat(3)
-            for part, what in enumerate(("distance", "sideways", "turn")):
-                units = np.zeros((1, len(segments), 3))
-                units[0, is_inside, part] = self._seconds[is_inside]
-                white = self._whitening(units)[0]
-                scores = np.bincount(groups, white * residuals)
-                information = np.bincount(groups, white**2)
-                sizes = np.abs(scores) / np.sqrt(np.maximum(information, 1e-30))
-                worst = int(np.argmax(sizes))
-                if sizes[worst] > found.size:
-                    row = self._first_rows[first + _TOGETHER * worst]
-                    found = Misfit(row, what, float(sizes[worst]), limit)
-        return found
+def _cause(problem: Problem, found: _Candidate) -> Cause:
+    """Return the cause that a candidate describes."""
+    value = float(found.vector[found.columns[-1]])
+    time = 0.0 if found.jump is None else problem.time_of(found.jump, found.vector)
+    return Cause(found.fault, value, time if found.fault is JUMP else 0.0)
 
 
-def _segments(plan: Plan) -> Tuple[List[int], List[int]]:
-    """Return when the segments of a plan end [ns], and the first row of each.
+def _car(car: Car, vector: np.ndarray, causes: Sequence[Cause]) -> Car:
+    """Return a car with fitted numbers, and with the limits that were found."""
+    car = car_with(car, vector[:DELAY].tolist())
+    limits = {
+        "speed_cap": ("speed_limit", 0.0, car.speed_gain),
+        "left_stop": ("steering_limit_left", car.steering_offset, car.steering_gain),
+        "right_stop": ("steering_limit_right", -car.steering_offset, car.steering_gain),
+    }
+    for each in causes:
+        name, offset, gain = limits.get(each.fault.number.name, ("", 0.0, 0.0))
+        if gain > 0.0:
+            limit: Any = max(0.0, (float(vector[_COLUMNS[each.fault.number.name]]) - offset) / gain)
+            car = car._replace(**{name: limit})
+    return car
 
-    A segment is a row, or several short ones. The time after the last row is one, too.
-    """
-    ends: List[int] = []
-    rows, now = [0], 0
-    for index, row in enumerate(plan.rows, 1):
-        now += row.duration
-        if now - (ends[-1] if ends else 0) >= _MIN_SEGMENT:
-            ends.append(now)
-            rows.append(min(index, len(plan.rows) - 1))
-    return ends, rows
+
+def _found(
+    problem: Problem, vector: np.ndarray, free: Sequence[int], used: Sequence[Fault]
+) -> List[_Candidate]:
+    """Return the faults that explain a drive better than the fit without them, the best first."""
+    path_error = problem.path_error(vector, aligned=True)
+    found = []
+    for each in _tried(problem, vector, free, used):
+        is_large = abs(each.vector[each.columns[-1]]) >= each.fault.least
+        if each.gain > _MIN_GAIN and is_large:
+            jump, problem.jump = problem.jump, each.jump
+            if problem.path_error(each.vector, aligned=True) <= path_error:
+                found.append(each)
+            problem.jump = jump
+    return sorted(found, key=lambda each: -each.gain)
+
+
+def _tried(
+    problem: Problem, vector: np.ndarray, free: Sequence[int], used: Sequence[Fault]
+) -> List[_Candidate]:
+    """Return the fits with each fault that is not used yet."""
+    candidates = []
+    for fault in FAULTS:
+        column = _COLUMNS[fault.number.name]
+        tried = None if fault in used else _with_fault(problem, vector, free, fault)
+        if tried is not None:
+            gain = problem.gain(vector, tried, 1)
+            candidates.append(_Candidate(fault, (column,), tried, gain, problem.jump))
+    for index in problem.largest_steps(vector) if problem.jump is None else ():
+        problem.jump = index
+        tried = problem.solve(vector, [*free, *JUMP_COLUMNS])
+        gain = problem.gain(vector, tried, len(JUMP_COLUMNS) + 1)
+        candidates.append(_Candidate(JUMP, JUMP_COLUMNS, tried, gain, index))
+        problem.jump = None
+    return candidates
+
+
+def _with_fault(
+    problem: Problem, vector: np.ndarray, free: Sequence[int], fault: Fault
+) -> Optional[np.ndarray]:
+    """Return the best fit with a fault; None if the drive cannot show it, or is no better."""
+    column = _COLUMNS[fault.number.name]
+    starts = problem.starts(fault, vector)
+    if not len(starts):
+        return None
+    tried = np.repeat(vector[None], len(starts), axis=0)
+    tried[:, column] = starts
+    best = tried[int(np.argmin(problem.costs(tried)))]
+    columns = [*free, column] if fault.number.step else list(free)
+    return problem.solve(best, columns) if problem.may_improve(vector, best, columns) else None
+
+
+def _mimics(
+    problem: Problem,
+    vector: np.ndarray,
+    free: Sequence[int],
+    column: int,
+    causes: Sequence[Cause],
+) -> Tuple[Cause, ...]:
+    """Return the faults that explain a drive as well as the change of a parameter."""
+    found = []
+    used = [each.fault for each in causes]
+    before = vector.copy()
+    before[column] = problem.default[column]
+    effect = problem.difference(vector, before)
+    others = [each for each in free if each != column]
+    for fault in FAULTS:
+        if fault.mimics == PARAMETERS[column].name and fault not in used:
+            tried = _with_fault(problem, before, others, fault)
+            if tried is not None and problem.difference(vector, tried) < _SAME * effect:
+                found.append(Cause(fault, float(tried[_COLUMNS[fault.number.name]])))
+    return tuple(found)

@@ -5,40 +5,26 @@ import statistics
 from typing import Any, Dict, List, NamedTuple, Sequence, Tuple
 
 from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.comparison.hypotheses import PARAMETERS, Fault
+
+DEAD = 0.2
+"""A car with a smaller gain hardly follows its commands."""
 
 Z_95 = 1.96
 """Half of the 95 % range, in standard errors."""
 
-
-class Parameter(NamedTuple):
-    """A parameter of a car that can be fitted."""
-
-    name: str
-    unit: str
-    max_error: float
-    """The drive determines the fitted number if its standard error is at most this."""
-    step: float
-    """For the numerical derivative."""
-    low: float
-    high: float
-
-
-PARAMETERS = (
-    # A negative gain is that of a car that is wired the wrong way round.
-    Parameter("speed_gain", "", 0.05, 1e-3, -5.0, 5.0),
-    Parameter("steering_gain", "", 0.1, 1e-3, -5.0, 5.0),
-    Parameter("steering_offset", "rad", 0.02, 1e-4, -0.4, 0.4),
-    # Fitted are the inverses of the next two, which are 0 for a car that follows at once.
-    Parameter("acceleration", "m/s^2", 0.1, 1e-3, 0.0, 10.0),
-    Parameter("steering_rate", "rad/s", 0.1, 1e-3, 0.0, 10.0),
-    Parameter("delay", "s", 0.1, 1e-3, -3.0, 3.0),
-)
 
 OF_CAR = PARAMETERS[:-1]
 """The parameters without the delay, which is that of a drive."""
 
 RATES = ("acceleration", "steering_rate")
 """The parameters of which the inverse is fitted."""
+
+_SIGNIFICANT = 3.0
+"""A value that has changed by less is no correction [standard errors]."""
+
+_SMALL_ERROR = 0.02
+"""A fit explains a drive in any case if it leaves less than this of the error [m]."""
 
 _AT_ONCE = 1e-3
 """A smaller inverse of a rate means no limit."""
@@ -56,12 +42,15 @@ class Value(NamedTuple):
     """Upper end. The range of a rate is not symmetric, and infinite if there may be no limit."""
     is_fitted: bool = True
     """Otherwise the value is the one before the fit, because the drive does not determine it."""
+    change: float = 0.0
+    """The difference from the value before the fit, in standard errors."""
     confused_with: Tuple[str, ...] = ()
     """If it is not fitted: the parameters with the same effect on this drive."""
 
-    def is_change_from(self, before: float) -> bool:
-        """Return whether the 95 % range does not contain the value before the fit."""
-        return self.is_fitted and not self.low <= before <= self.high
+    @property
+    def is_change(self) -> bool:
+        """Whether the value differs from the one before the fit by more than random errors."""
+        return abs(self.change) > _SIGNIFICANT
 
 
 class Misfit(NamedTuple):
@@ -82,21 +71,81 @@ class Misfit(NamedTuple):
         return self.size > self.limit
 
 
+class Cause(NamedTuple):
+    """A fault that was found."""
+
+    fault: Fault
+    value: float
+    time: float = 0.0
+    """When the localisation jumps [s]."""
+    as_good: Tuple["Cause", ...] = ()
+    """Other faults that explain the drive equally well."""
+
+    @property
+    def text(self) -> str:
+        """What the car does."""
+        sides = ("left", "right")
+        if self.fault.number.name == "point":
+            sides = ("in front of", "behind")
+        of_value = sides[self.value < 0.0]
+        detail = f"{self.time:.1f}" if self.time else of_value
+        return self.fault.sentence.format(abs(self.value), detail)
+
+
 class Fit(NamedTuple):
     """The result of a fit to one drive."""
 
     car: Car
-    """The car before the fit with the fitted values."""
+    """The car before the fit with those fitted values whose range does not contain the old one."""
     values: Dict[str, Value]
     """By the names of the parameters."""
+    causes: Tuple[Cause, ...]
+    confused: Dict[str, Tuple[Cause, ...]]
+    """Faults that explain the drive as well as the change of a parameter, by its name."""
+    effects: Dict[str, float]
+    """By how much each changed parameter reduces `path_error` [m]."""
+    profile_error: float
+    """The distance of the drive from the path of the car before the fit [m] (rms)."""
+    path_error: float
+    """The distance of the drive from the path that the fit predicts [m] (rms)."""
     position_noise: float
     """Standard deviation of x and of y of a measured pose [m]."""
     misfit: Misfit
+    moves_before: bool
+    """Whether the car moves before its first command, so commands are missing."""
 
     @property
     def delay(self) -> float:
         """From a command to its effect on the pose [s]."""
         return self.values["delay"].value
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether the fitted car drives like that, but for random and small errors."""
+        return not self.misfit.is_found or self.path_error < _SMALL_ERROR
+
+    @property
+    def is_found(self) -> bool:
+        """Whether the drive is complete, and explained."""
+        return self.is_explained and not self.moves_before
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the fitted gains and the offset are right."""
+        gains = (self.car.speed_gain, self.car.steering_gain)
+        return (
+            self.is_found
+            and not self.confused
+            and all(each.fault.leaves_gains and not each.as_good for each in self.causes)
+            and min(map(abs, gains)) > DEAD
+        )
+
+    @property
+    def is_profile(self) -> bool:
+        """Whether a profile can describe the car."""
+        is_forward = min(self.car.speed_gain, self.car.steering_gain) > 0.0
+        known = all(each.fault.is_in_profile for each in self.causes)
+        return self.is_certain and is_forward and known
 
 
 class Combined(NamedTuple):
@@ -118,23 +167,27 @@ def combined(fits: Sequence[Fit], car: Car) -> Combined:
     """
     values: Dict[str, Value] = {}
     deviations: Dict[str, float] = {}
-    for name in (each.name for each in OF_CAR):
+    for each in OF_CAR:
+        name = each.name
         of_drives = [fit.values[name] for fit in fits if fit.values[name].is_fitted]
         count = len(of_drives)
         if count < 2:
             values[name] = of_drives[0] if count else fits[0].values[name]
             continue
-        numbers = [1.0 / each.value if name in RATES else each.value for each in of_drives]
-        errors = [each.error / each.value**2 if name in RATES else each.error for each in of_drives]
+        numbers = [1.0 / one.value if name in RATES else one.value for one in of_drives]
+        errors = [one.error / one.value**2 if name in RATES else one.error for one in of_drives]
         deviations[name] = statistics.stdev(numbers)
-        error = max(deviations[name] ** 2, statistics.fmean(each**2 for each in errors)) / count
-        values[name] = fitted_value(name, statistics.fmean(numbers), math.sqrt(error))
+        error = max(deviations[name] ** 2, statistics.fmean(one**2 for one in errors)) / count
+        before = numbers_of(car)[OF_CAR.index(each)]
+        values[name] = fitted_value(name, statistics.fmean(numbers), math.sqrt(error), before)
     spreads = {
         f"{name}_spread": deviations[name]
         for name in ("speed_gain", "steering_offset")
         if name in deviations
     }
-    found: Dict[str, Any] = {name: value.value for name, value in values.items()}
+    found: Dict[str, Any] = {name: value.value for name, value in values.items() if value.is_change}
+    for name in ("speed_limit", "steering_limit_left", "steering_limit_right"):
+        found[name] = statistics.fmean(getattr(fit.car, name) for fit in fits)
     return Combined(car._replace(**{**found, **spreads}), values, spreads)
 
 
@@ -153,12 +206,20 @@ def car_with(car: Car, numbers: Sequence[float]) -> Car:
     return car._replace(**values)
 
 
-def fitted_value(name: str, number: float, error: float) -> Value:
-    """Return the value of a parameter with a fitted number and its standard error."""
+def fitted_value(name: str, number: float, error: float, before: float) -> Value:
+    """Return the value of a parameter.
+
+    Args:
+        name: of the parameter.
+        number: the fitted number.
+        error: its standard error.
+        before: the number before the fit.
+    """
+    change = (number - before) / error
     low, high = number - Z_95 * error, number + Z_95 * error
     if name not in RATES:
-        return Value(number, error, low, high)
+        return Value(number, error, low, high, change=change)
     rate, highest, lowest = (
         1.0 / each if each > _AT_ONCE else math.inf for each in (number, low, high)
     )
-    return Value(rate, error * rate**2, lowest, highest)
+    return Value(rate, error * rate**2, lowest, highest, change=change)

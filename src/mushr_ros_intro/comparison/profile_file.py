@@ -45,9 +45,12 @@ def _lines(combined: Combined, profile: str, drives: Sequence[str]) -> Iterator[
             source = f"Standard deviation between {len(drives)} drives."
         elif name in combined.values:
             value = combined.values[name]
-            source = f"Fitted; 95 % range {value.low:.5g} to {value.high:.5g}."
-            if not value.is_fitted:
-                source = f"{profile}; the drives do not determine it."
+            source = f"{profile}; the drives do not determine it."
+            if value.is_fitted:
+                kept = (
+                    "Fitted" if car[name] == value.value else f"{profile}, which is in the fitted"
+                )
+                source = f"{kept}; 95 % range {value.low:.5g} to {value.high:.5g}."
         ends = f"{low:g} to {'.inf (none)' if math.isinf(high) else f'{high:g}'}"
         yield ""
         yield f"# {meaning[0].upper()}{meaning[1:]} [{unit or '1'}], {ends}."
@@ -66,6 +69,9 @@ def vesc_text(car: Car, path: str) -> Iterator[str]:
     Raises:
         UserError: the file cannot be read, or lacks a parameter.
     """
+    if (car.speed_gain, car.steering_gain, car.steering_offset) == (1.0, 1.0, 0.0):
+        yield "MuSHR's vesc.yaml needs no correction"
+        return
     if not path:
         yield "to correct the car, change MuSHR's vesc.yaml (--vesc FILE computes the new values):"
         yield f"  {_VESC[0]}: divide by {car.speed_gain:.4f}"

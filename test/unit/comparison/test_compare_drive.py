@@ -23,18 +23,26 @@ import compare_drive  # noqa: E402
 NANO = CARS["mushr_nano"]
 
 
+CAR = ("--car", "mushr_nano")
+
+
 @pytest.fixture
 def run(monkeypatch, capsys):
     """Return a function that runs the program, and returns its exit status and its outputs.
 
-    The bags contain the same drive of a car that is 10 % slow.
+    The bags contain the same drive of a car that is 10 % slow; if it slips, it drives at half of
+    this speed in one row.
     """
-    plan = plan_of("0, 0, 0\n0.5, 0, 2")
+    plan = plan_of("0, 0, 0\n0.5, 0, 2\n0.3, 0, 2\n0.5, 0, 2\n0.3, 0, 2")
     slow = NANO._replace(speed_gain=0.9)
-    messages = received(plan, slow, random.Random(1), rate=6.0)
-
-    def read(path, source, timeout):
-        return drive_log(path, *messages, timeout)
+    rows = [
+        row._replace(speed=0.5 * row.speed) if i == 2 else row for i, row in enumerate(plan.rows)
+    ]
+    options = {"rate": 6.0, "position": 0.005, "heading": 0.005}
+    messages, slipping = (
+        received(each, slow, random.Random(1), **options)
+        for each in (plan, plan._replace(rows=tuple(rows)))
+    )
 
     def call(*arguments):
         monkeypatch.setattr("signal.signal", lambda *_: None)  # SIGPIPE would end pytest
@@ -42,7 +50,15 @@ def run(monkeypatch, capsys):
         status = compare_drive.main()
         return (status, *capsys.readouterr())
 
-    call.read = lambda: monkeypatch.setattr(compare_drive, "read_bag", read)
+    def use(slips=False):
+        poses = (slipping if slips else messages)[1]
+        monkeypatch.setattr(
+            compare_drive,
+            "read_bag",
+            lambda path, _, timeout: drive_log(path, messages[0], poses, timeout),
+        )
+
+    call.read = use
     return call
 
 
@@ -50,7 +66,7 @@ def test_text(run):
     run.read()
     status, text, errors = run("a.bag", "--car", "mushr_nano")
     assert (status, errors) == (0, "")
-    assert text.startswith("a.bag: 1 row, ")
+    assert text.startswith("a.bag: 4 rows, ")
     assert "% slower than commanded" in text.splitlines()[-1]
 
 
@@ -80,7 +96,7 @@ def test_files(run, tmp_path):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
     _, first, *_, last = (folder / "trajectory.csv").read_text().splitlines()
     assert [*map(float, first.split(",")[1:4])] == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
-    assert [*map(float, last.split(",")[4:7])] == pytest.approx([1.0, 0.0, 0.0], abs=0.1)
+    assert [*map(float, last.split(",")[4:7])] == pytest.approx([3.2, 0.0, 0.0], abs=0.1)
     assert "% slower than commanded" in text.splitlines()[-1]
     car = car_from(Parameters({**read_profile(str(profile)), "noise": True}))
     assert car.speed_gain == pytest.approx(0.9, abs=0.05)
@@ -97,15 +113,19 @@ def test_files(run, tmp_path):
     assert re.search(r"# Fitted; 95 % range 0.\d+ to 0.\d+.\nspeed_gain: ", sources)
 
 
-def test_the_profile_of_a_misfit_is_not_written(run, tmp_path, monkeypatch):
-    run.read()
-    monkeypatch.setattr(compare_drive.diagnosis, "is_useless", lambda *_: True)
-    path = tmp_path / "my_car.yaml"
-    status, text, errors = run("a.bag", "--fit", str(path))
-    assert status == 2
-    assert "no car of this model" in text.splitlines()[-1]
-    assert errors.startswith("compare_drive.py: --fit: no profile, because of a.bag; expected")
-    assert not path.exists()
+def test_a_drive_that_nothing_known_explains_writes_nothing(run, tmp_path):
+    run.read(slips=True)
+    vesc, profile = tmp_path / "vesc.yaml", tmp_path / "my_car.yaml"
+    options = ("--car", "mushr_nano")
+    status, text, errors = run("a.bag", *options)
+    assert (status, errors) == (2, "")
+    assert text.splitlines()[-1].startswith("a.bag: nothing known explains this drive: row ")
+    assert "speed_gain" not in text
+    for option, path in (("--fit", profile), ("--vesc", vesc)):
+        status, text, errors = run("a.bag", *options, option, str(path))
+        assert status == 2
+        assert errors.startswith(f"compare_drive.py: {option}: no ")
+        assert not path.exists()
 
 
 def test_new_values_for_a_car_that_steers_too_much_and_to_the_left():
@@ -133,9 +153,11 @@ def test_json(run):
         (("none.bag",), "compare_drive.py: none.bag: the bag cannot be read (No such file"),
         (("a.bag", "--plan", "figure8"), "figure8: no such file; did you mean figure_8"),
         (("a.bag", "--car", "nano"), "nano: no such file"),
-        (("a.bag", "--vesc", "v.yaml", "--fit", "/none/a.yaml"), "v.yaml: the file cannot be read"),
-        (("a.bag", "--vesc", "v.yaml"), "v.yaml: the file cannot be read"),
-        (("a.bag", "--fit", "/none/a.yaml"), "--fit: /none/a.yaml cannot be written (No such"),
+        (("a.bag", *CAR, "--vesc", "v.yaml"), "v.yaml: the file cannot be read"),
+        (
+            ("a.bag", *CAR, "--fit", "/none/a.yaml"),
+            "--fit: /none/a.yaml cannot be written (No such",
+        ),
         (("a.bag", "--out", "/proc/out"), "--out: /proc/out cannot be written ("),
         (("a.bag", "--pose_offset", "far"), "parameter --pose_offset is 'far'; expected a number"),
     ],

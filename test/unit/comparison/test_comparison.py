@@ -10,7 +10,6 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.comparison import compare
 from mushr_ros_intro.comparison.drive_log import with_rows_of
-from mushr_ros_intro.comparison.fitted_car import Value
 from mushr_ros_intro.stamps import NANOSECONDS
 from support.cars import plan_of
 from support.geometry import closed_form
@@ -115,20 +114,6 @@ def test_headings_may_differ_by_whole_turns():
     log.poses[0, 2] -= math.tau
     found = compare(log, Car(), 0.0)
     assert abs(found.driven - found.predicted).max() < NEAR
-
-
-@pytest.mark.parametrize(
-    ("car", "expected"),
-    [
-        (Car(), "is 10.0 % slower than commanded"),
-        (Car(speed_gain=0.8), "is 12.5 % faster than predicted"),
-        (Car(speed_limit=0.8), "is 10.0 % slower than predicted"),
-    ],
-)
-def test_a_cause_names_what_the_car_was_expected_to_do(car, expected):
-    log = driven(plan_of("0, 0, 0\n1, 0, 2"), car, random.Random(1), **EXACT)
-    found = compare(log, car, 0.0)
-    assert diagnosis._cause("speed_gain", Value(0.9), found) == expected
 
 
 def test_rows_beyond_the_limits_are_noted():

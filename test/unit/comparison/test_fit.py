@@ -2,6 +2,7 @@
 
 import math
 import random
+import re
 import statistics
 
 import pytest
@@ -12,6 +13,7 @@ from mushr_ros_intro.comparison.fit import fit
 from mushr_ros_intro.comparison.fitted_car import Z_95, combined, fitted_value
 from support.cars import CARS, plan_named, plan_of
 from support.recorded_drive import driven
+from support.true_car import TrueCar, recorded
 
 NANO = CARS["mushr_nano"]
 NOISE = {"speed_noise": 0.013, "steering_noise": 0.01}
@@ -23,8 +25,7 @@ HIDDEN = {"speed_gain": 0.94, "steering_gain": 1.08, "steering_offset": 0.021}
 
 
 def verdict(log, result, car=NANO):
-    found, fitted = (compare(log, each, result.delay) for each in (car, result.car))
-    return diagnosis.sentence(found, result, fitted), found, fitted
+    return diagnosis.sentence(compare(log, car, result.delay), result)
 
 
 @pytest.fixture(scope="module")
@@ -51,16 +52,24 @@ def test_hidden_parameters_are_found(identified):
 
 
 def test_the_sentence_names_what_dominates(identified):
-    text, found, fitted = verdict(*identified)
+    text, result = verdict(*identified), identified[1]
     assert "steers 0.02" in text
     assert "rad to the left" in text
     assert "% slower than commanded" in text
-    assert fitted.rms < 0.2 * found.rms
+    assert "the delay from a command to its effect is 0.4" in text
+    assert result.path_error < 0.2 * result.profile_error
+    assert (result.causes, result.is_certain, result.is_profile) == ((), True, True)
+
+
+def test_a_change_is_that_from_the_profile(identified):
+    log, _ = identified
+    before = NANO._replace(speed_gain=0.8)
+    assert re.search(r"is 1[67].\d % faster than predicted", verdict(log, fit(log, before), before))
 
 
 def test_the_values_of_several_drives_are_the_means_of_their_fits():
     """The gains and offsets of the drives are chosen, so their standard deviations are known."""
-    gains, offsets = (0.88, 0.96, 1.0), (0.02, -0.01, 0.04)
+    gains, offsets = (0.86, 0.92, 0.88), (0.02, 0.03, 0.04)
     plan = plan_of("0, 0, 0\n0.6, 0.2, 2\n0.6, -0.2, 2")
     logs = [
         driven(
@@ -68,6 +77,8 @@ def test_the_values_of_several_drives_are_the_means_of_their_fits():
             NANO._replace(speed_gain=gain, steering_offset=offset, seed=seed, **NOISE),
             random.Random(seed),
             delay=0.1 * seed,
+            position=0.005,
+            heading=0.005,
         )
         for seed, (gain, offset) in enumerate(zip(gains, offsets))
     ]
@@ -87,7 +98,7 @@ def test_a_straight_line_says_nothing_about_the_steering_gain():
     assert result.values["speed_gain"].is_fitted
     assert not result.values["steering_gain"].is_fitted
     assert result.car.steering_gain == NANO.steering_gain
-    assert "the drive does not determine steering_gain" in verdict(log, result)[0]
+    assert "the drive does not determine" in verdict(log, result)
     text = "\n".join(diagnosis.fit_text(result, NANO))
     assert "identification.txt" in text
 
@@ -95,8 +106,9 @@ def test_a_straight_line_says_nothing_about_the_steering_gain():
 def test_a_car_as_in_its_profile_has_random_errors():
     plan = plan_of("0, 0, 0\n0.5, 0.2, 2\n0.5, -0.2, 2")
     log = driven(plan, NANO._replace(seed=2, **NOISE), random.Random(2), rate=5.0)
-    text, _, _ = verdict(log, fit(log, NANO))
-    assert "the fit explains none of it" in text
+    result = fit(log, NANO)
+    assert "no known cause explains more than random errors" in verdict(log, result)
+    assert result.car[:12] == NANO[:12]
 
 
 def test_a_drive_that_no_car_of_the_model_drives_is_a_misfit():
@@ -111,11 +123,12 @@ def test_a_drive_that_no_car_of_the_model_drives_is_a_misfit():
     log = driven(slipping, NANO._replace(seed=3, **NOISE), random.Random(3), rate=5.0)
     log = log._replace(plan=plan)
     result = fit(log, NANO)
-    text, _, _ = verdict(log, result)
-    assert text.startswith("no car of this model drives like that: line 4 (distance)")
-    note = "note: the drive differs from the fitted car by more than random errors"
-    assert note in "\n".join(diagnosis.fit_text(result, NANO))
-    assert "random errors" not in text
+    text = verdict(log, result)
+    assert text.startswith("nothing known explains this drive: line 4 (distance)")
+    assert not [*diagnosis.fit_text(result, NANO)]
+    values = diagnosis.as_json(compare(log, NANO, result.delay), result, "")
+    assert (values["fit"], values["causes"]) == ({}, [])
+    assert not result.is_certain
 
 
 def test_a_drive_that_tells_nothing():
@@ -124,15 +137,15 @@ def test_a_drive_that_tells_nothing():
     result = fit(log, NANO)
     assert not any(value.is_fitted for value in result.values.values())
     assert result.car[:12] == NANO[:12]
-    assert "the fit explains none of it" in verdict(log, result)[0]
+    assert "no known cause explains" in verdict(log, result)
 
 
 def test_the_range_of_a_rate_is_not_symmetric():
     """The inverse is fitted."""
-    value = fitted_value("acceleration", 0.3, 0.2 / Z_95)
+    value = fitted_value("acceleration", 0.3, 0.2 / Z_95, 0.25)
     assert (value.value, value.low, value.high) == pytest.approx((1.0 / 0.3, 2.0, 10.0))
-    assert fitted_value("acceleration", 0.3, 0.31 / Z_95).high == math.inf
-    none = fitted_value("acceleration", 1e-9, 0.2 / Z_95)
+    assert fitted_value("acceleration", 0.3, 0.31 / Z_95, 0.25).high == math.inf
+    none = fitted_value("acceleration", 1e-9, 0.2 / Z_95, 0.25)
     assert (none.value, none.low, none.high) == pytest.approx((math.inf, 5.0, math.inf))
 
 
@@ -140,3 +153,63 @@ def test_poses_without_noise_may_be_computed_from_the_commands():
     plan = plan_of("0, 0, 0\n0.5, 0.2, 3")
     log = driven(plan, NANO, random.Random(4), rate=8.0, position=0.0, heading=0.0, delay=0.0)
     assert "cannot show a wrong gain" in "\n".join(diagnosis.fit_text(fit(log, NANO), NANO))
+
+
+FAULTS = [
+    ({"speed_cap": 0.45}, "drives at most 0.4", True, True),
+    ({"left_stop": 0.09}, r"steers at most 0.\d+ rad to the left or has .* play", False, False),
+    ({"imbalance": 0.08}, r"steers \d+% more to the left", False, False),
+    ({"fading": 0.02}, r"loses \d.\d% of its speed", False, False),
+    ({"play": 0.08}, r"has 0.0\d\d rad of play", True, False),
+    ({"speed_dead_band": 0.4}, "does not move at commands up to 0.30 m/s", False, False),
+    ({"steering_dead_band": 0.12}, "does not steer at commands up to 0.100 rad", True, False),
+    ({"speed_lag": 0.3}, r"follows a speed with a lag of 0.[23]\d s", True, False),
+    ({"steering_lag": 0.3}, r"follows a steering angle with a lag of 0.[23]\d s", True, False),
+    ({"point": 0.2}, r"reports the pose of a point 0.(19|2\d) m in front of", True, True),
+    ({"understeer": 0.8}, "turns less the faster it drives", False, False),
+    (
+        {"jump": (0.2, 0.1, 0.05), "jump_time": 5.0},
+        "a localisation that jumps at 5.[01] s",
+        True,
+        True,
+    ),
+    ({"speed_gain": -0.95}, "drives backwards", True, False),
+    ({"steering_gain": -1.05}, "steers to the other side", True, False),
+    ({"steering_gain": 0.0}, "hardly steers", False, False),
+]
+"""Numbers of the true car, what is said, and whether the gains and a profile are right."""
+
+
+@pytest.mark.parametrize(
+    ("numbers", "expected", "is_certain", "is_profile"),
+    [*FAULTS[:3], *(pytest.param(*each, marks=pytest.mark.full) for each in FAULTS[3:])],
+    ids=str,
+)
+def test_the_fault_of_a_car_is_named(numbers, expected, is_certain, is_profile):
+    car = TrueCar(**{"speed_gain": 0.96, "steering_offset": 0.01, **numbers})
+    log = recorded(plan_named("identification"), car, random.Random(3), 20.0)
+    result = fit(log, NANO)
+    assert re.search(expected, verdict(log, result))
+    assert (result.is_certain, result.is_profile) == (is_certain, is_profile)
+    if is_certain:
+        for name in ("speed_gain", "steering_gain", "steering_offset"):
+            value = result.values[name]
+            assert abs(value.value - getattr(car, name)) < STANDARD_ERRORS * value.error, name
+
+
+def test_a_drive_at_one_speed_does_not_tell_a_slow_car_from_a_limited_one():
+    car = TrueCar(speed_gain=0.8)
+    log = recorded(plan_of("0, 0, 0\n0.5, 0.1, 3\n0.5, -0.1, 3"), car, random.Random(1), 20.0)
+    result = fit(log, NANO)
+    assert "instead of another speed_gain, it may be that the car drives at most 0.4" in verdict(
+        log, result
+    )
+    assert not result.is_certain
+
+
+def test_commands_that_are_missing_at_the_beginning():
+    log = recorded(plan_named("identification"), TrueCar(), random.Random(1), 20.0, missing=0.85)
+    result = fit(log, NANO)
+    assert "commands are missing" in verdict(log, result)
+    assert not [*diagnosis.fit_text(result, NANO)]
+    assert not result.is_certain
