@@ -31,6 +31,12 @@ MAX_THREADS = 250
 """A node that starts more has failed."""
 
 
+_NOT_OF_THE_NODE = re.compile(
+    r'^ +File "<(?:string|frozen \w+)>", line \d+, in .*\n(?:    (?! *File ).*\n)*', re.MULTILINE
+)
+"""The lines of a traceback about the program that runs the node in simulated time."""
+
+
 def _memory_of(process: int) -> int:
     """Return the memory that a process uses, without that of files [bytes]; raise OSError.
 
@@ -118,7 +124,8 @@ class NodeProcess:
     def output(self) -> str:
         """The end of the node's output, without control characters, which XML must not contain."""
         self._read()  # not to the end of the pipe, which a child process may hold
-        lines = self._output.decode(errors="replace").splitlines()
+        text = _NOT_OF_THE_NODE.sub("", self._output.decode(errors="replace"))
+        lines = text.splitlines()
         return "\n".join("".join(c for c in line if c.isprintable()) for line in lines)
 
     @property
@@ -159,6 +166,8 @@ class NodeProcess:
             how = f"was killed by signal {signal.Signals(-status).name}"
         if status in (126, 127):  # of env
             how += " (does its first line name an existing interpreter, and is it executable?)"
+        if status == 1 and self._output and b"Traceback" not in self._output:
+            how += " (sys.exit with a text means status 1)"
         shown = self.output.splitlines()[-SHOWN_LINES:]
         output = "; its last output:\n" + "\n".join(shown) if shown else "; it printed nothing"
         return f"the node {how}{output}"

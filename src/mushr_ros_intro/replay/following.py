@@ -5,7 +5,7 @@ the nearest point that is not far from the one before along the path. So a path 
 """
 
 from itertools import groupby
-from typing import Any, Callable, Dict, Iterable, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, Mapping, NamedTuple, Tuple
 
 import numpy as np
 
@@ -37,8 +37,8 @@ class FollowTolerances(NamedTuple):
     """Root mean square of the distance from the path [m]."""
     time: float = 1.5
     """Duration of the drive, as a multiple of that of the path; EXTRA_TIME is added."""
-    steering_rate: float = 15.0
-    """Mean rate of the commanded steering angle [rad/s]; 9 for a good controller that samples."""
+    steering_rate: float = 8.0
+    """Mean rate of the commanded steering angle [rad/s]; full lock left and right has 8.1."""
 
 
 TOLERANCE_UNITS = {
@@ -66,9 +66,27 @@ def judge_drive(recorded: Recorded, changes: Dict[str, float]) -> Judgement:
     """Return the verdict on a replay, given the tolerances that differ from the default."""
     if not isinstance(recorded.plan, Reference):
         return judge(recorded, default_tolerances(recorded.plan, recorded.car)._replace(**changes))
-    notes = (f"the car ignored {recorded.ignored}",) if recorded.ignored else ()
+    notes = tuple(_notes(recorded))
     judgement = Judgement(recorded, _drive(recorded), FollowTolerances(**changes), notes=notes)
     return judgement._replace(checks=tuple(checked(judgement, _CHECKS)))
+
+
+def _notes(recorded: Recorded) -> Iterator[str]:
+    """Yield which common mistakes of a controller explain failures."""
+    if recorded.ignored:
+        yield f"the car ignored {recorded.ignored}"
+    sent, valid = recorded.sent, recorded.car.command_timeout
+    periods = np.diff([each.arrived for each in sent if each.speed])
+    if len(periods) and np.median(periods) > valid:
+        yield (
+            f"the commands come every {np.median(periods) / NANOSECONDS:.3g} s, but each is valid "
+            f"for {valid / NANOSECONDS:g} s: the car stops in between"
+        )
+    angles = np.array([each.steering_angle for each in sent])
+    if len(angles) and np.percentile(np.abs(angles), 90) > 1.0:
+        yield "most steering angles are larger than 1; expected radians, not degrees"
+    if sent and not any(each.speed for each in sent):
+        yield "the node sent only stops"
 
 
 def _drive(recorded: Recorded) -> Drive:

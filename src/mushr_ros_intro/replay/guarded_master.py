@@ -4,8 +4,10 @@ import threading
 import time
 import xmlrpc.client
 from contextlib import suppress
+from functools import partialmethod
 from http.client import HTTPException
 from typing import Any, Callable, Dict, FrozenSet, Iterable, List, Optional, Tuple
+from xmlrpc.server import SimpleXMLRPCRequestHandler
 
 import rosgraph.xmlrpc
 from rosgraph.names import resolve_name
@@ -19,6 +21,9 @@ MAX_NAMES = 100
 
 MAX_TEXT = 200
 """Limit of the length of their descriptions [characters]."""
+
+MAX_REQUEST = 10_000_000
+"""Limit of the length of a call of a node [bytes]; the server reads a call as a whole."""
 
 WAKE_UP_PERIOD = 0.02
 """Period of the calls to a node that has left ROS [s of wall-clock time]."""
@@ -48,9 +53,13 @@ class GuardedMaster(ROSMasterHandler):
     def serve(self, port: int) -> str:
         """Start to serve at a port, or at a free one if `port` is 0; return the address.
 
+        From now on, no server of this process reads a call that is longer than MAX_REQUEST.
+
         Raises:
             OSError: the port is in use.
         """
+        handler = rosgraph.xmlrpc.SilenceableXMLRPCRequestHandler
+        handler.do_POST = partialmethod(_answer, self.record)
         server = rosgraph.xmlrpc.XmlRpcNode(port, self)
         server._run_init()  # in this thread, so that an error is raised here
         threading.Thread(target=server.server.serve_forever, daemon=True).start()
@@ -80,6 +89,12 @@ class GuardedMaster(ROSMasterHandler):
     def count_publishers(self, topic: str) -> int:
         """Return the number of publishers of a topic."""
         return len(self.publishers.get_apis(topic))
+
+    def unpublished(self) -> List[str]:
+        """Return the topics to which the node under test subscribes, and nobody publishes."""
+        publishers, subscribers, _ = self.getSystemState("/")[2]
+        published = {topic for topic, _ in publishers}
+        return [t for t, nodes in subscribers if t not in published and set(nodes) != {self._owner}]
 
     def notify(self) -> bool:
         """Tell the owner about new publishers of its topics; return whether there were any.
@@ -149,6 +164,17 @@ class GuardedMaster(ROSMasterHandler):
         if method == "registerService" and name.startswith(f"{self._owner}/"):
             return f"offers the service {name}"
         return ""
+
+
+def _answer(request: SimpleXMLRPCRequestHandler, record: Callable[[str], None]) -> None:
+    """Answer a call, or refuse it if it is too long; `record` then gets a description."""
+    length = request.headers.get("content-length", "")
+    if length.isdigit() and int(length) <= MAX_REQUEST:
+        SimpleXMLRPCRequestHandler.do_POST(request)
+        return
+    record(f"sends a call of {length or 'unknown'} bytes; the limit is {MAX_REQUEST} bytes")
+    request.send_error(413)
+    request.close_connection = True
 
 
 def _wake_up(address: str) -> None:

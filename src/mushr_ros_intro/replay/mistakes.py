@@ -52,7 +52,8 @@ def start_topic_mistake(topics: Mapping[str, str]) -> str:
     """
     if INITIAL_POSES not in topics:
         others = _listed(topics) or "nothing there"
-        return f"sent no start pose on {INITIAL_POSES}; it publishes {others}"
+        only = "only this node is run, no other node of a launch file"
+        return f"sent no start pose on {INITIAL_POSES} ({only}); it publishes {others}"
     if topics[INITIAL_POSES] != POSE_TYPE:
         return f"published {topics[INITIAL_POSES]} on {INITIAL_POSES}, not {POSE_TYPE}"
     return ""
@@ -142,6 +143,10 @@ def command_mistake(
             elif abs(angle - 1.0) > _SAME:
                 mistakes.append(f"All steering angles are {angle:.4g} times those of the plan")
             return "".join(f". {mistake}" for mistake in mistakes)
+        first = next((i for i, pair in enumerate(zip(got, wanted)) if not np.allclose(*pair)), 0)
+        flipped = [(v, -delta) for v, delta in got[first:]]
+        if np.allclose(flipped, wanted[first:], rtol=_SAME):
+            return ". From this row on, all steering angles have the wrong sign"
     rows = [command for command in got if command[0]]  # without the stop at the end
     if rows and len(rows) < len(wanted):
         if rows == list(wanted[-len(rows) :]):

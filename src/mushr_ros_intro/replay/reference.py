@@ -1,11 +1,13 @@
 """The path that a controller follows: a CSV file, or the predicted path of a plan.
 
-Each line of a CSV file is a pose and a speed: x [m], y [m], heading [rad], speed [m/s]. The first
-line may name the columns; comments begin with ``#``. The path is straight between the poses.
+Each line of a CSV file is a pose and a speed: x [m], y [m], heading [rad], speed [m/s]. A header,
+also behind ``#``, names other columns. Commas or semicolons separate them, and comments begin with
+``#``. The path is straight between the poses.
 """
 
 import math
 import os
+import re
 from contextlib import suppress
 from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
 
@@ -25,8 +27,16 @@ from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.world.footprint import Footprint, free_distance
 from mushr_ros_intro.world.grid import Grid
 
-COLUMNS = ("x", "y", "heading", "speed")
-"""Of a CSV file [m, m, rad, m/s]."""
+COLUMNS = {
+    "x": ("x", "x_m"),
+    "y": ("y", "y_m"),
+    "heading": ("heading", "heading_rad", "theta", "theta_rad", "yaw", "yaw_rad", "psi_rad"),
+    "speed": ("speed", "speed_mps", "v", "v_mps", "vx_mps"),
+}
+"""The columns of a CSV file [m, m, rad, m/s], and their names in a header."""
+
+MAX_TURN = 0.5
+"""If the heading differs more from the direction to the next point, at most points, it is wrong."""
 
 MIN_SPEED = 0.1
 """A lower speed counts as this one when the duration of a path is computed [m/s]."""
@@ -178,29 +188,69 @@ def _from_plan(path: str) -> Reference:
 def _from_csv(path: str) -> Reference:
     """Return the path in a CSV file."""
     rows: List[List[float]] = []
+    places: Sequence[int] = range(len(COLUMNS))
     with open(path, encoding="utf-8-sig", errors="replace") as file:
         for number, line in enumerate(map(str.strip, file), 1):
-            cells = line.split(",")
-            if not line or line.startswith("#"):
+            cells = [each.strip() for each in re.split("[,;]", line.lstrip("# "))]
+            names = [each.lower() for each in cells]
+            if not rows and {"x", "x_m"} & set(names) and {"y", "y_m"} & set(names):
+                places = _places(names, f"{path}:{number}")
                 continue
-            if not rows and [cell.strip().lower() for cell in cells] == [*COLUMNS]:
+            if not line or line.startswith("#"):
                 continue
             try:
                 values = [float(cell) for cell in cells]
-            except ValueError:
+                values = [values[place] for place in places]
+            except (ValueError, IndexError):
                 values = []
-            if len(values) != len(COLUMNS) or not all(abs(v) <= MAX_COORDINATE for v in values):
+            is_row = len(cells) == len(COLUMNS) or places != range(len(COLUMNS))
+            if not values or not is_row or not all(abs(v) <= MAX_COORDINATE for v in values):
                 raise UserError(
                     f"{path}:{number}: found {line[:80]!r}; expected four numbers: "
                     "x [m], y [m], heading [rad], speed [m/s]"
                 )
             rows.append(values)
+    _check_headings(path, rows)
     poses, seconds = [Pose(*row[:3]) for row in rows], 0.0
     stamps = [0] if rows else []
     for (before, pose), row in zip(zip(poses, poses[1:]), rows[1:]):
         seconds += before.distance_to(pose) / max(MIN_SPEED, abs(row[3]))
         stamps.append(from_seconds(seconds))
     return _checked(path, poses, stamps)
+
+
+def _places(names: Sequence[str], place: str) -> List[int]:
+    """Return the places of COLUMNS in a header; raise UserError if it does not have one of them."""
+    places = []
+    for column, known in COLUMNS.items():
+        found = [index for index, name in enumerate(names) if name in known]
+        if len(found) != 1:
+            raise UserError(
+                f"{place}: the columns are {', '.join(names)[:80]}; expected one column {column} "
+                f"({', '.join(known)})"
+            )
+        places += found
+    return places
+
+
+def _check_headings(path: str, rows: Sequence[Sequence[float]]) -> None:
+    """Raise UserError if the headings of a path are not those of a car that drives along it."""
+    if any(abs(row[2]) > math.tau for row in rows):
+        raise UserError(f"{path}: a heading is larger than 2 pi; expected radians, not degrees")
+    moves = np.diff(np.array(rows).reshape(-1, len(COLUMNS)), axis=0)
+    backward = math.pi * (np.array([row[3] for row in rows[1:]]) < 0.0)
+    away = np.arctan2(moves[:, 1], moves[:, 0]) + backward
+    turns = [
+        np.abs(np.remainder(away - [row[2] for row in ends] + math.pi, math.tau) - math.pi)
+        for ends in (rows[:-1], rows[1:])
+    ]
+    is_move = np.hypot(moves[:, 0], moves[:, 1]) > 0.0
+    turn = np.median(np.minimum(*turns)[is_move]) if is_move.any() else 0.0
+    if turn > MAX_TURN:
+        raise UserError(
+            f"{path}: the headings differ by {turn:.2g} rad from the direction to the next point; "
+            "expected the columns x [m], y [m], heading [rad], speed [m/s], or a header with them"
+        )
 
 
 def _checked(path: str, poses: Sequence[Pose], stamps: Sequence[int]) -> Reference:

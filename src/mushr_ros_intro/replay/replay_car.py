@@ -3,15 +3,17 @@
 import math
 from collections import deque
 from typing import Any, Deque, Dict, List, Sequence, Tuple
+from xml.etree import ElementTree
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from tf2_msgs.msg import TFMessage
 
 from mushr_ros_intro.car.model import Car, State
 from mushr_ros_intro.car.odometry import Odometry
 from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.simulator.ackermann_cmd_mux import MuxTopics
 from mushr_ros_intro.simulator.car_core import CarCore
@@ -31,6 +33,8 @@ class ReplayCar:
         """Place the car at `start`; it appends the initial poses that it receives to `poses`."""
         self._core = CarCore(car, start, now, rospy.logwarn_throttle)
         self.publisher = StatePublisher(car, now, True, "car/", True)
+        frames = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
+        frames.publish(_fixed_frames(package_folder("urdf/mushr_car.urdf")))
         self._corrected: List[State] = []
         self._reported: Deque[int] = deque()  # instants whose states late commands may still change
 
@@ -81,6 +85,20 @@ class ReplayCar:
         if self._reported:
             self._correct(self._reported[-1])
         return list(self._corrected)
+
+
+def _fixed_frames(path: str) -> TFMessage:
+    """Return the transforms that robot_state_publisher has on /tf_static, from a URDF file."""
+    msg = TFMessage()
+    for joint in ElementTree.parse(path).getroot().findall("joint[@type='fixed']"):
+        values = {each.tag: each.attrib for each in joint}
+        frame = TransformStamped(child_frame_id="car/" + values["child"]["link"])
+        frame.header.frame_id = "car/" + values["parent"]["link"]
+        place = frame.transform.translation
+        place.x, place.y, place.z = map(float, values["origin"]["xyz"].split())
+        frame.transform.rotation.w = 1.0
+        msg.transforms.append(frame)
+    return msg
 
 
 class ReplayMux:

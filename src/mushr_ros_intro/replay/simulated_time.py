@@ -21,10 +21,26 @@ TCP collected small ones, all threads would wait while a message is on its way.
 This file is a program of its own, which a node in a sandbox can run without this package.
 """
 
+# ruff: noqa: E402
+
 import sys
 
+STARTED_WITH = set(sys.modules)
+"""The modules that a file of the program cannot hide: Python has loaded them before."""
+
+import os
+import runpy
+
 if __name__ == "__main__":
-    del sys.path[0]  # the current directory, whose modules the program does not import
+    folder = os.path.dirname(os.path.realpath(sys.argv[2]))
+    sys.path[0] = folder  # instead of the current directory, as if Python had started the program
+    import rospy  # and the modules that it imports: files of the program hide them as in rosrun
+
+    if not hasattr(rospy, "__path__"):  # it is such a file
+        sys.argv = sys.argv[2:]
+        runpy.run_path(sys.argv[0], run_name="__main__")
+        sys.exit()
+    del sys.path[0]
 
 import contextlib
 import datetime
@@ -32,10 +48,8 @@ import heapq
 import http.server
 import itertools
 import multiprocessing
-import os
 import queue
 import random
-import runpy
 import select
 import selectors
 import signal
@@ -462,11 +476,20 @@ def simulate() -> None:
     simulate_files()
 
 
+def is_hidden(module: str) -> bool:
+    """Return whether a file of the program has the name of a module that comes from elsewhere."""
+    path = os.path.join(folder, module)
+    origin = getattr(sys.modules.get(module), "__file__", None) or ""
+    exists = os.path.isfile(f"{path}.py") or os.path.isfile(os.path.join(path, "__init__.py"))
+    return exists and not origin.startswith(os.path.join(folder, ""))
+
+
 def main() -> None:
     """Run the program."""
     simulate()
     sys.excepthook = show_exception
-    random.seed(0)
+    with contextlib.suppress(AttributeError):  # of a file of the program
+        random.seed(0)
     with contextlib.suppress(ImportError):
         import numpy
 
@@ -474,7 +497,10 @@ def main() -> None:
     sleepers.file = int(sys.argv[1])
     os.set_inheritable(sleepers.file, False)
     sys.argv = sys.argv[2:]
-    sys.path.insert(0, os.path.dirname(os.path.realpath(sys.argv[0])))
+    sys.path.insert(0, folder)
+    for name in set(sys.modules) - STARTED_WITH - set(sys.builtin_module_names):
+        if is_hidden(name.partition(".")[0]):
+            del sys.modules[name]  # of this file only; rospy does not need it
     runpy.run_path(sys.argv[0], run_name="__main__")
 
 

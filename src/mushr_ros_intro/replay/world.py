@@ -154,9 +154,12 @@ class ReplayWorld:
     @property
     def topic_mistake(self) -> str:
         """What the node did instead of sending commands."""
-        return command_topic_mistake(
+        mistake = command_topic_mistake(
             self._master.published, CONTROL, self.received.start is not None
         )
+        if missing := self._master.unpublished():
+            mistake += f" It waits for messages on {', '.join(missing)}, where nobody publishes"
+        return mistake
 
     @property
     def silence(self) -> float:

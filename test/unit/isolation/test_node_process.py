@@ -65,6 +65,33 @@ def test_the_last_output(monkeypatch):
     process.end()
 
 
+TRACEBACK = """Traceback (most recent call last):
+  File "/s/node.py", line 3, in <module>
+    rospy.sleep("a")
+  File "<string>", line 280, in sleep_in_ros
+    duration = genpy.Duration.from_sec(duration)
+    ^^^^
+  File "<frozen runpy>", line 88, in _run_code
+  File "/usr/lib/genpy.py", line 5, in from_sec
+TypeError: a
+"""
+
+
+def test_a_traceback_has_no_lines_of_the_grader():
+    process = NodeProcess(["sh", "-c", f"echo '{TRACEBACK}'; exit 1"])
+    shown = process.describe_failure()
+    process.end()
+    expected = [line for i, line in enumerate(TRACEBACK.splitlines()) if i not in (3, 4, 5, 6)]
+    assert shown.splitlines()[1:] == expected
+    assert "sys.exit" not in shown
+
+
+def test_an_exit_with_a_text():
+    """Python prints the text, and the exit status is 1."""
+    shown = run(sys.executable, "-c", "import sys; sys.exit('done')")
+    assert "exit status 1 (sys.exit with a text means status 1); its last output:\ndone" in shown
+
+
 def test_too_much_output():
     process = NodeProcess(["head", "-c", str(MAX_OUTPUT + 1), "/dev/zero"])
     fault = wait_for(process.excess, "all output")

@@ -1,10 +1,13 @@
 """Check what a node sees and gets; test/system/test_grade_class.py runs nodes in the sandbox."""
 
+import errno
 import os
+import subprocess
+import sys
 
 import pytest
 
-from mushr_ros_intro.isolation import sandbox
+from mushr_ros_intro.isolation import sandbox, system_calls
 from mushr_ros_intro.isolation.sandbox import Sandbox, make_sandbox
 
 ENVIRONMENT = {"PATH": "/usr/bin", "ROS_PACKAGE_PATH": "/home/ann/.ros/0:/usr/share"}
@@ -57,3 +60,26 @@ def test_a_folder_for_locks_that_cannot_be_written(monkeypatch):
     monkeypatch.setattr("os.access", lambda path, _: path != "/dev/shm")
     with pytest.raises(OSError, match="chmod 1777 /dev/shm"):
         make_sandbox([], "/tmp")
+
+
+CALLS = """
+import ctypes, errno
+from mushr_ros_intro.isolation.system_calls import FORBIDDEN, make_filter, number_of
+numbers = {name: number_of(name) for names in FORBIDDEN.values() for name in names}
+make_filter(has_locks=False).load()
+for error, names in FORBIDDEN.items():
+    for name in names:
+        ctypes.set_errno(0)
+        ctypes.CDLL(None, use_errno=True).syscall(numbers[name], *6 * [0])
+        if ctypes.get_errno() != error:
+            print(name, ctypes.get_errno())
+"""
+
+
+def test_forbidden_system_calls():
+    """Also those that say which pages of a file are in memory."""
+    done = subprocess.run([sys.executable, "-c", CALLS], capture_output=True, text=True)
+    assert (done.stdout, done.stderr, done.returncode) == ("", "", 0)
+    assert {"fadvise64", "preadv2", "mincore", "cachestat", "readahead"} <= {
+        *system_calls.FORBIDDEN[errno.ENOSYS]
+    }

@@ -1,11 +1,19 @@
 """Check which calls of the master a node under test may make."""
 
+import http.client
 import threading
 import xmlrpc.server
+from urllib.parse import urlsplit
 
 import pytest
 
-from mushr_ros_intro.replay.guarded_master import MAX_NAMES, MAX_TEXT, REFUSED, GuardedMaster
+from mushr_ros_intro.replay.guarded_master import (
+    MAX_NAMES,
+    MAX_REQUEST,
+    MAX_TEXT,
+    REFUSED,
+    GuardedMaster,
+)
 from support.helpers import wait_for
 
 CAR = "/car/car_sim"
@@ -157,3 +165,16 @@ def test_a_node_that_has_left_ros_is_woken_up(master):
         node.handle_request()
     assert calls and calls[0] == ("/master", "/ended", [api])
     wait_for(lambda: threading.active_count() == count, "the calls to end")
+
+
+@pytest.mark.parametrize("length", ["6000000000", str(MAX_REQUEST + 1), "x"])
+def test_a_call_that_is_too_long(length):
+    """It is refused before it is read; the memory of the replay would be full."""
+    master = GuardedMaster()
+    connection = http.client.HTTPConnection(urlsplit(master.serve(0)).netloc, timeout=20.0)
+    connection.putrequest("POST", "/")
+    connection.putheader("Content-Length", length)
+    connection.endheaders()
+    assert connection.getresponse().status == 413
+    connection.close()
+    assert master.actions == [f"sends a call of {length} bytes; the limit is 10000000 bytes"]

@@ -104,7 +104,7 @@ def test_a_node_that_was_not_loaded_could_not_read_the_plan():
                 "published": ((CONTROL, COMMANDS_TYPE), ("/rosout", "rosgraph_msgs/Log")),
             },
             "start_pose",
-            f"no start pose on /initialpose; it publishes {CONTROL}; expected (1.0000 m, 2.0000",
+            f"no other node of a launch file); it publishes {CONTROL}; expected (1.0000 m, 2.0000",
         ),
         (
             {"start": None, "published": (("/initialpose", "geometry_msgs/PoseStamped"),)},
@@ -437,6 +437,10 @@ def without_reverse(rows):
         (lambda rows: rows[2:], ". The first rows are missing"),
         (lambda rows: rows[:-1], ". The last rows are missing"),
         (mirrored, ". All steering angles have the wrong sign; positive turns left"),
+        (
+            lambda rows: [*rows[:2], *mirrored(rows[2:])],
+            ". From this row on, all steering angles have the wrong sign",
+        ),
         (in_degrees, ". All steering angles are in degrees; expected radians"),
         (swapped, ". Speed and steering angle are swapped in all commands"),
         (without_reverse, "row 4 (1 s): received 1 m/s, 0.3 rad; expected -1 m/s, 0.3 rad"),

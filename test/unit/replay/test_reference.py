@@ -60,6 +60,41 @@ def test_a_bad_file(tmp_path, text, message):
         read(tmp_path, text)
 
 
+HEADINGS = "expected the columns x"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "# x_m, y_m, w_tr_right_m, w_tr_left_m\n0,0,1,1\n1,0,1,1\n",
+            "expected one column heading",
+        ),
+        ("0,0,1.1,1.2\n1,0,1.1,1.2\n2,0,1.1,1.2\n", f"differ by 1.1 rad .*{HEADINGS}"),
+        ("0,0,90,1\n0,1,90,1\n", "expected radians, not degrees"),
+        ("x,y,theta,yaw,v\n0,0,0,0,1\n1,0,0,0,1\n", "expected one column heading"),
+        ("0,0,0,1\n-2,0,0,1\n", "differ by 3.1 rad"),
+    ],
+)
+def test_a_file_with_other_columns(tmp_path, text, message):
+    with pytest.raises(UserError, match=message):
+        read(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# s_m; x_m; y_m; psi_rad; kappa_radpm; vx_mps\n0;1;2;1.5;9;3\n1;1;4;1.6;9;3\n",
+        "# The track of x and y.\nspeed,heading,y,x\n3,1.5,2,1\n3,1.6,4,1\n",
+    ],
+)
+def test_a_header(tmp_path, text):
+    """Also behind #; the columns are found by their names."""
+    reference = read(tmp_path, text)
+    assert reference.poses == (Pose(1, 2, 1.5), Pose(1, 4, 1.6))
+    assert reference.speed == pytest.approx(3.0)
+
+
 def test_a_long_line(tmp_path):
     with pytest.raises(UserError, match="path.csv:2: found '1{80}'; expected four numbers"):
         read(tmp_path, "0,0,0,1\n" + 200_000 * "1")

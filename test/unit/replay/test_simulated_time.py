@@ -405,3 +405,39 @@ def test_what_is_replaced():
     count = "assert s.rospy.Publisher.get_num_connections is s.count_connections"
     subprocess.run([sys.executable, "-c", f"{code}; {check}; {hooks}; {count}"], check=True)
     assert queue.time is not simulated_time.wait
+
+
+HIDING = {
+    "rospy": ("rospy.py", "print(1)", "import rospy\nrospy.Duration(1)"),
+    "random": ("random.py", "print(1)", "import rospy"),
+    "tempfile": ("tempfile.py", "print(1)", "import rospy"),
+    "a message": ("geometry_msgs/__init__.py", "", "from geometry_msgs.msg import Pose"),
+    "an unused one": ("queue2.py", "answer = 3", "import queue2\nprint(queue2.answer)"),
+    "one of the grader": ("runpy.py", "answer = 3", "import rospy, runpy\nprint(runpy.answer)"),
+    "one that Python has loaded": ("os.py", "answer = 3", "import os\nprint(os.sep)"),
+}
+
+
+@pytest.mark.parametrize("name", HIDING)
+def test_a_file_that_hides_a_module(tmp_path, name):
+    """Imports have the same result as without the grader: the last line of the output."""
+    file, text, program = HIDING[name]
+    (tmp_path / file).parent.mkdir(exist_ok=True)
+    (tmp_path / file).write_text(text)
+    node = tmp_path / "node.py"
+    node.write_text(program)
+    with open(simulated_time.__file__) as source, open(os.devnull, "wb") as due:
+        hook = ["-c", source.read(), str(due.fileno())]
+        runs = [
+            subprocess.run(
+                ["/usr/bin/python3", *before, node],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                pass_fds=[due.fileno()],
+                text=True,
+            )
+            for before in ([], hook)
+        ]
+    right, replayed = (run.stdout.splitlines()[-1:] for run in runs)
+    assert replayed == right, runs[1].stdout
+    assert runs[0].returncode == runs[1].returncode
