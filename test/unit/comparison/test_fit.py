@@ -157,7 +157,7 @@ def test_poses_without_noise_may_be_computed_from_the_commands():
 
 FAULTS = [
     ({"speed_cap": 0.45}, "drives at most 0.4", True, True),
-    ({"left_stop": 0.12}, r"at most 0.1\d\d rad to the left or has 0.\d+ rad of play", False, False),
+    ({"left_stop": 0.12}, r"at most 0.1\d\d rad to the left or has 0.\d+ rad", False, False),
     ({"imbalance": 0.08}, r"steers \d+% more to the left", False, False),
     ({"fading": 0.02}, r"loses \d.\d% of its speed", False, False),
     ({"play": 0.08}, r"has 0.0\d\d rad of play", True, False),
