@@ -89,10 +89,12 @@ def test_hooks_and_modules(parts):
 
 
 def test_gradescope(parts, tmp_path):
+    """A node gets its drawn plan, too."""
     path = tmp_path / "results.json"
-    command = (parts / "zipped", "--plans", parts / "plan.txt", "--out", tmp_path)
-    assert_status(0, *command, "--gradescope", path)
-    assert sum(test["score"] for test in json.loads(path.read_text())["tests"]) == len(CHECK_NAMES)
+    plans = ("--plans", parts / "plan.txt", "drawn", "--secret", "7", "--out", tmp_path)
+    assert_status(0, parts / "zipped", *plans, "--gradescope", path)
+    tests = json.loads(path.read_text())["tests"]
+    assert sum(test["score"] for test in tests) == 2 * len(CHECK_NAMES)
 
 
 @PRIVILEGED
