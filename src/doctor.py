@@ -24,11 +24,14 @@ try:
 
     from mushr_ros_intro.doctor.facts import Facts, Finding
     from mushr_ros_intro.doctor.listener import sign_off
-    from mushr_ros_intro.doctor.network import network_findings
+    from mushr_ros_intro.doctor.network import advertised_findings, network_findings
     from mushr_ros_intro.doctor.observation import Observer
+    from mushr_ros_intro.doctor.processes import masters
     from mushr_ros_intro.doctor.programs import no_program, program_findings
     from mushr_ros_intro.doctor.rules import diagnose, health, hints, left_parameters
+    from mushr_ros_intro.paths import package_folder
     from mushr_ros_intro.ros.commands import as_typed
+    from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER
     from mushr_ros_intro.wording import similar
 
     missing = ""
@@ -76,10 +79,12 @@ def package_findings(package: str) -> List["Finding"]:
     """Return what is wrong with this package and `package`, and with their programs."""
     rospack = rospkg.RosPack()
     found = []
-    for name in dict.fromkeys((PACKAGE, package)):
+    for name in filter(None, dict.fromkeys((PACKAGE, package))):
         try:
             folder = rospack.get_path(name)
         except rospkg.ResourceNotFound:
+            if name != package and "mushr_sim" in rospack.list():
+                continue  # a student's workspace has the tools under this name
             problem = f"ROS does not find the package {name}: it is not in ROS_PACKAGE_PATH"
             remedy = "In its workspace, type: catkin_make && source devel/setup.bash"
             if hint := similar(name, rospack.list()).rstrip("?"):
@@ -89,19 +94,20 @@ def package_findings(package: str) -> List["Finding"]:
                 remedy = f"Type: source {_setup_file()}"
             found.append(Finding(problem, remedy))
             continue
-        parts = ("src",) if name == PACKAGE else ("", "bin", "nodes", "scripts", "src")
+        parts = ("src",) if _is_this(folder) else ("", "bin", "nodes", "scripts", "src")
         before = len(found)
         for part in (*parts, f"../../lib/{name}"):  # the last one if it is installed
             found += program_findings(folder, part, partial(roslib.packages.find_node, name))
         built = find_in_workspaces(["libexec"], project=name)
-        if len(found) == before and not any(map(os.listdir, built)):
+        has_programs = any(map(os.listdir, built)) or _is_this(folder)
+        if len(found) == before and not has_programs:
             found += no_program(folder)
     return list(dict.fromkeys(found))
 
 
-def package_of_user(name: str) -> str:
-    """Return the name of a package; "" if it is this one, or if ROS does not find it."""
-    return name if name != PACKAGE and name in rospkg.RosPack().list() else ""
+def _is_this(folder: str) -> bool:
+    """Return whether a folder is that of this package; a student's can have the same name."""
+    return os.path.realpath(folder) == package_folder(".")
 
 
 def observe(car: str) -> "Facts":
@@ -110,7 +116,8 @@ def observe(car: str) -> "Facts":
     with tempfile.TemporaryDirectory() as folder:
         os.environ["ROS_LOG_DIR"] = folder
         try:
-            return Observer(car, rosgraph.get_master_uri()).observe()
+            places = [DEFAULT_MASTER, *masters()]
+            return Observer(car, rosgraph.get_master_uri(), masters=places).observe()
         finally:
             sign_off()
 
@@ -143,7 +150,7 @@ def main() -> int:
     parser.add_argument(
         "--package",
         metavar="PKG",
-        default=PACKAGE,
+        default="",
         help="also check whether the programs of this package can be started",
     )
     arguments = parser.parse_args()
@@ -159,8 +166,10 @@ def main() -> int:
         facts = observe(arguments.car)
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
+    if not facts.moves:
+        network = network or advertised_findings(facts.master.uri)
     found = [*package_findings(arguments.package), *network]
-    found += diagnose(facts, package_of_user(arguments.package))
+    found += diagnose(facts, arguments.package)
     lines = [str(each) for each in found] or [health(facts), *hints(facts)]
     for line in [*lines, *left_parameters(facts)]:
         print(as_typed(line))

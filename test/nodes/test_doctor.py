@@ -258,19 +258,19 @@ class TestDoctor(RosTestCase):
     def test_masters(self):
         running, self.uri = self.uri, "http://nosuch.invalid:11311"
         problem = "its host name cannot be resolved"
-        self.expect(f"{problem}; a master runs on this machine", default_master=running)
-        self.expect(f"{problem}. Check the network", default_master=NOWHERE)
+        self.expect(f"{problem}; a master runs on this machine", masters=[running])
+        self.expect(f"{problem}. Check the network", masters=[NOWHERE])
         self.uri = "localhost:11311"
         self.expect("expected is an address such as http://localhost:11311")
         with HTTPServer(("localhost", 0), BaseHTTPRequestHandler) as server:
             threading.Thread(target=server.serve_forever, daemon=True).start()
             self.uri = f"http://localhost:{server.server_port}"
-            self.expect("the program there is not a ROS master", default_master=NOWHERE)
+            self.expect("the program there is not a ROS master", masters=[NOWHERE])
             server.shutdown()
         with socket.create_server(("localhost", 0)) as stopped:
             self.uri = f"http://localhost:{stopped.getsockname()[1]}"
             problem = "the master there does not respond"
-            self.expect(problem, default_master=NOWHERE, call_timeout=0.3)
+            self.expect(problem, masters=[NOWHERE], call_timeout=0.3)
 
     def test_a_node_of_an_earlier_master(self):
         port = free_port()
@@ -284,7 +284,7 @@ class TestDoctor(RosTestCase):
             wait_for(rosgraph.Master("/doctor_test", self.uri).is_online, "the master")
             with Process(*node, ROS_MASTER_URI=self.uri):  # it may still register
                 problem = "/car/rviz (process "
-                self.expect(problem, "the car 'car' is not running", default_master=NOWHERE)
+                self.expect(problem, "the car 'car' is not running", masters=[NOWHERE])
 
     def test_no_master(self):
         with node("doctor.py", ROS_MASTER_URI=NOWHERE) as doctor:

@@ -179,6 +179,7 @@ class TestMushrInterface(RosTestCase):
         self.assertTrue(self.reposition("car", 1.0, 2.0, 0.0).success)
         odometry = Recording("/mushr_sim/car/odom", Odometry).connected()
         motor = Recording("/car/vesc/sensors/core", VescStateStamped).connected()
+        from_vesc = Recording("/car/vesc/odom", Odometry).connected()
         joints = Recording("/car/joint_states", JointState).connected()
         servo = Recording("/car/vesc/sensors/servo_position_command", Float64).connected()
         commands = publisher(OUTPUT, AckermannDriveStamped)
@@ -198,6 +199,14 @@ class TestMushrInterface(RosTestCase):
         self.assertGreater(msg.pose.pose.position.x, 1.1)
         self.assertAlmostEqual(msg.twist.twist.linear.x, 1.0)
         self.assertAlmostEqual(max(each.state.speed for each in motor.messages), 4614.0)
+        same = wait_for(
+            lambda: next(
+                (m for m in from_vesc.messages if m.header.stamp == msg.header.stamp), None
+            ),
+            "vesc/odom at this instant",
+        )
+        self.assertEqual((same.header.frame_id, same.child_frame_id), ("odom", "base_link"))
+        self.assertAlmostEqual(same.twist.twist.linear.x, 1.0)
         self.assert_rates_are_those_of_the_angles(joints.messages)
         limit = 0.2472  # of mushr_tx2, to the left
         self.assertAlmostEqual(min(each.data for each in servo.messages), 0.5304 - 1.2135 * limit)

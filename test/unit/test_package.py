@@ -185,6 +185,22 @@ def test_courses_may_leave_the_start_pose_to_the_simulator():
     assert pose == [0, -1.5, 0]
 
 
+def test_arguments_of_mushrs_launch_files():
+    """Courses include these files with MuSHR's arguments; an unknown one would be an error."""
+    for name, arguments in {
+        "mushr_base/launch/teleop.launch": ["car_name:=nine", "racecar_version:=racecar-uw-nano"],
+        "mushr_base/launch/includes/racecar_state.launch": ["tf_prefix:=car", "use_mocap:=false"],
+        "mushr_sim/launch/multi_teleop.launch": ["car1_name:=nine", "car2_name:=ten"],
+    }.items():
+        path = os.path.join(PACKAGE, "underlay", name)
+        with open(path) as file:
+            declared = re.findall(r'<arg name="(\w+)" default', file.read())
+        assert {each.partition(":=")[0] for each in arguments} <= {*declared}
+        found = parameters_of(f"underlay/{name}", arguments)
+        assert ("/nine/car_sim/wheelbase" in found or not found) and name
+        assert ("/ten/car_sim/y" in found) == ("car2_name:=ten" in arguments)
+
+
 def test_package_xml_names_what_the_code_needs():
     """The packages of ROS that it imports, and whose commands its messages advise."""
     needed = set()

@@ -1,6 +1,7 @@
 """Derive findings from facts about commands and start poses, and about the nodes that send them."""
 
 import math
+from difflib import get_close_matches
 from typing import List
 
 from mushr_ros_intro.doctor.facts import MANUAL_INPUTS, Facts, Finding, Publisher, listed, names
@@ -26,7 +27,8 @@ def command_findings(facts: Facts, package: str, has_cause: bool) -> List[Findin
     """
     found = _ineffective(facts) if facts.senders else _strays(facts)
     if not (facts.senders or found or has_cause):
-        found = [_no_commands(facts, package)]
+        found = [*_unpublished(facts), *_past_strays(facts)]
+        found = found or [_no_commands(facts, package)]
     for sender in facts.senders:
         found += _wrong_stamps(sender, facts) + _wrong_values(sender) + _wrong_rate(sender, facts)
     return found + _stray_poses(facts)
@@ -49,12 +51,39 @@ def _strays(facts: Facts) -> List[Finding]:
     return [
         Finding(
             f"the commands of {listed(nodes)} have no effect: no node subscribes to {topic}",
-            f"Send them to the car '{facts.car}': correct the name of the topic in the node. To "
-            "connect it without a change, add to its <node> in the launch file: "
-            f'<remap from="{topic}" to="{facts.control_topic}" />; with rosrun, add the argument '
-            f"{topic}:={facts.control_topic}",
+            f"Send them to the car '{facts.car}': in the node, correct the topic to "
+            f"{_closest(topic, facts)}. To connect it without a change, add to its <node> in the "
+            f'launch file: <remap from="{topic}" to="{_closest(topic, facts)}" />; with rosrun, '
+            f"add the argument {topic}:={_closest(topic, facts)}",
         )
         for topic, nodes in facts.strays.items()
+    ]
+
+
+def _past_strays(facts: Facts) -> List[Finding]:
+    return [
+        Finding(
+            f"a node that has ended published commands on {topic}, to which no node subscribes",
+            f"Correct the name of the topic in the node: {_closest(topic, facts)}",
+        )
+        for topic in facts.past_strays
+    ]
+
+
+def _closest(topic: str, facts: Facts) -> str:
+    """Return the topic of commands with the name that is most like `topic`."""
+    topics = [each.name for each in facts.inputs.values() if each.name != facts.output.name]
+    return next(iter(get_close_matches(topic, topics, 1)), facts.control_topic)
+
+
+def _unpublished(facts: Facts) -> List[Finding]:
+    return [
+        Finding(
+            f"{listed(nodes)} subscribes to {topic}, which no node publishes, and may wait for it",
+            "Start the node that publishes it, or correct the name; to see the topics that are "
+            "published, type: rostopic list -p",
+        )
+        for topic, nodes in facts.unpublished.items()
     ]
 
 
@@ -110,10 +139,10 @@ def _no_commands(facts: Facts, package: str) -> Finding:
     own += "plan_file:=figure_8"
     if f"/{facts.car}/car_sim" not in facts.output.subscribers:  # maybe an actual car
         own = "roslaunch mushr_ros_intro real_car.launch plan_file:=my_plan.txt (see car.md)"
-    remedy = "Start your node, and read its terminal. To find out why it does not start, type: "
-    remedy += "rosrun mushr_ros_intro doctor.py --package THE_PACKAGE_OF_YOUR_NODE"
-    if package:
-        remedy = f"Start the node of {package}, and read its terminal"
+    remedy = f"Start the node of {package}, and read its terminal"
+    if not package:
+        remedy = "Start your node, and read its terminal. To find out why it does not start, type: "
+        remedy += "rosrun mushr_ros_intro doctor.py --package THE_PACKAGE_OF_YOUR_NODE"
     if people:
         remedy += f". To drive with {names(people)}, hold a key down in its window or page, or on "
         remedy += "MuSHR's joystick hold LB"

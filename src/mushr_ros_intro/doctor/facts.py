@@ -30,7 +30,7 @@ class Master(NamedTuple):
     is_local: bool = True
     """Whether its address is one of this machine."""
     other: str = ""
-    """The address of another master that runs on this machine, at the default port."""
+    """The address of another master that runs on this machine."""
 
 
 class Publisher(NamedTuple):
@@ -111,10 +111,16 @@ class Facts:
     """The publishers of each other topic of commands that has no subscriber."""
     stray_poses: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
     """The same for topics of initial poses; only those whose name is like that of the car's."""
+    past_strays: Tuple[str, ...] = ()
+    """Topics of commands with a name like that of an input, whose publishers have ended."""
+    unpublished: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
+    """The subscribers of each topic of the car that no node publishes."""
     lacks_map: bool = False
     """Whether the car was started with a map, but no node publishes it."""
     left_parameters: Dict[str, Dict[str, Any]] = field(default_factory=dict)
     """By node: the parameters of a node started by hand that are not in its command line."""
+    mistyped: Dict[str, Dict[str, str]] = field(default_factory=dict)
+    """By node: the arguments NAME:=VALUE with the name of such a parameter."""
     other_cars: Tuple[str, ...] = ()
     """The names of the other cars that run."""
     active: str = IDLE

@@ -66,6 +66,43 @@ def is_local(addresses: Sequence[str]) -> bool:
     return bool(addresses) and all(each in here or each.startswith("127.") for each in addresses)
 
 
+def address_towards(host: str) -> str:
+    """Return the address of this machine in the network of a host; "" if there is no way to it."""
+    with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as connection:
+        connection.connect((host, 9))  # sends nothing
+        return str(connection.getsockname()[0])
+    return ""
+
+
+def advertised_findings(uri: str) -> List[Finding]:
+    """Return that nodes of this machine advertise a name which the master's machine cannot reach.
+
+    Args:
+        uri: the address of the master.
+    """
+    try:
+        host, _ = rosgraph.network.parse_http_host_and_port(uri)
+    except ValueError:
+        return []
+    addresses = resolve(host)
+    name = rosgraph.network.get_host_name()  # from ROS_HOSTNAME, ROS_IP, or the machine's own
+    if not addresses or is_local(addresses) or not all(map(_is_loopback, resolve(name))):
+        return []
+    address = address_towards(host) or "THE_ADDRESS_OF_THIS_MACHINE"
+    return [
+        Finding(
+            f"the master is on another machine, {host}, which cannot reach the nodes of this "
+            f"machine: they advertise the name '{name}'",
+            f"In every terminal here, type: unset ROS_HOSTNAME; export ROS_IP={address}, and start "
+            "the nodes again",
+        )
+    ]
+
+
+def _is_loopback(address: str) -> bool:
+    return address.startswith("127.") or address == "::1"
+
+
 def network_findings() -> List[Finding]:
     """Return what is wrong with ROS_HOSTNAME, or else with ROS_IP, on this machine."""
     variable = "ROS_HOSTNAME" if "ROS_HOSTNAME" in os.environ else "ROS_IP"

@@ -4,7 +4,7 @@ import re
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from difflib import SequenceMatcher
+from difflib import SequenceMatcher, get_close_matches
 from typing import AbstractSet, Any, Dict, Iterable, List, Sequence, Tuple
 
 import rosgraph.network
@@ -31,6 +31,9 @@ _CLOCK_TIMEOUT = 5.5
 _SECOND_COMMAND_TIMEOUT = 1.2
 """How much longer to listen to a node that has sent one command only [s]."""
 
+
+_VIEWERS = ("rviz", "rqt", "rostopic", "record", "web_view", "car_sim", "doctor")
+"""How the names of nodes begin that subscribe to topics which may have no publisher."""
 
 _MUX_INPUTS = ("safety", "teleop", "navigation", "default")
 """The inputs of MuSHR's mux, for a mux without parameters."""
@@ -60,7 +63,7 @@ class Observer:
         uri: the address of the master.
         listening_time: how long to listen to topics [s].
         call_timeout: for each call to the master or to a node [s].
-        default_master: the address at which to look for another master.
+        masters: the addresses at which to look for another master.
     """
 
     def __init__(
@@ -69,9 +72,9 @@ class Observer:
         uri: str,
         listening_time: float = 1.5,
         call_timeout: float = 2.0,
-        default_master: str = DEFAULT_MASTER,
+        masters: Sequence[str] = (DEFAULT_MASTER,),
     ) -> None:
-        self._car, self._uri, self._default_master = car, uri, default_master
+        self._car, self._uri, self._masters = car, uri, masters
         self._listening_time, self._call_timeout = listening_time, call_timeout
         mux = f"/{car}/mux/ackermann_cmd_mux"
         self._mux, self._output, self._active = mux, f"{mux}/output", f"{mux}/active"
@@ -97,11 +100,12 @@ class Observer:
             return Master(self._uri, CallFault.MALFORMED)
         addresses = resolve(host)
         master = Master(self._uri, is_local=is_local(addresses))
-        default = rosgraph.network.parse_http_host_and_port(self._default_master)
-        if not master.is_local or port != default[1]:
-            with suppress(CallError):
-                self._ask(self._default_master, "getPid")
-                master = master._replace(other=self._default_master)
+        for each in self._masters:
+            _, its_port = rosgraph.network.parse_http_host_and_port(each)
+            if not master.other and not (master.is_local and port == its_port):
+                with suppress(CallError):
+                    self._ask(each, "getPid")
+                    master = master._replace(other=each)
         if not addresses:
             return master._replace(fault=CallFault.UNKNOWN_HOST)
         try:
@@ -125,7 +129,7 @@ class Observer:
         inputs = self._read_inputs()
         uses_clock = bool(self._parameter("/use_sim_time"))
         commands = [*inputs.values(), self._output, self._initial_pose]
-        strays, stray_poses, other_cars = self._read_other_topics(graph, commands)
+        strays, stray_poses, other_cars, past = self._read_other_topics(graph, commands)
         heard = self._listen(graph, commands, uses_clock)
         clock = None
         if uses_clock:
@@ -143,7 +147,9 @@ class Observer:
         contacts = [msg.poses for _, msg, _ in heard.messages(self._collision, PoseArray)]
         touches = bool(contacts and contacts[-1])
         senders = {each.node for topic in topics.values() for each in topic.publishers}
-        abandoned, left = self._read_processes(facts, graph, senders.union(*strays.values()))
+        abandoned, left, mistyped = self._read_processes(
+            facts, graph, senders.union(*strays.values())
+        )
         return replace(
             facts,
             inputs={"output": output._replace(publishers=bypassing), **topics},
@@ -153,7 +159,10 @@ class Observer:
             abandoned=abandoned,
             strays=strays,
             stray_poses=stray_poses,
+            past_strays=past,
+            unpublished=self._read_unpublished(graph, commands),
             left_parameters=left,
+            mistyped=mistyped,
             lacks_map=f"/{self._car}/car_sim" in output.subscribers
             and bool(self._parameter(f"/{self._car}/car_sim/expects_map"))
             and not graph.live(graph.publishers, "/map"),
@@ -188,22 +197,24 @@ class Observer:
 
     def _read_processes(
         self, facts: Facts, graph: _Graph, nodes: AbstractSet[str]
-    ) -> Tuple[Tuple[str, ...], Dict[str, Dict[str, Any]]]:
+    ) -> Tuple[Tuple[str, ...], Dict[str, Dict[str, Any]], Dict[str, Dict[str, str]]]:
         """Return the abandoned nodes of this machine, and the left parameters of each of `nodes`.
 
-        Nothing is known about them if the master runs on another machine.
+        Also return their arguments that should set one. Nothing is known about them if the master
+        runs on another machine.
         """
         if not facts.master.is_local:
-            return (), {}
+            return (), {}, {}
         pid = self._ask(self._uri, "getPid")
         abandoned = abandoned_nodes(self._uri, pid, graph.pids.values())
-        found = {}
+        found, mistyped = {}, {}
         for node in sorted(nodes & graph.pids.keys()):
             parameters = self._parameter(node)
             if isinstance(parameters, dict):
-                left = left_parameters(graph.pids[node], self._uri, parameters)
+                left, wrong = left_parameters(graph.pids[node], self._uri, parameters)
                 found.update({node: left} if left else {})
-        return tuple(abandoned), found
+                mistyped.update({node: wrong} if wrong else {})
+        return tuple(abandoned), found, mistyped
 
     def _read_inputs(self) -> Dict[str, str]:
         """Return the topics of the mux's inputs by name, by falling priority."""
@@ -215,12 +226,18 @@ class Observer:
 
     def _read_other_topics(
         self, graph: _Graph, known: Sequence[str]
-    ) -> Tuple[Dict[str, Tuple[str, ...]], Dict[str, Tuple[str, ...]], Tuple[str, ...]]:
+    ) -> Tuple[
+        Dict[str, Tuple[str, ...]],
+        Dict[str, Tuple[str, ...]],
+        Tuple[str, ...],
+        Tuple[str, ...],
+    ]:
         """Return the publishers of commands that no node receives, and those of initial poses.
 
-        Also return the names of other cars.
+        Also return the names of other cars, and topics like those in `known` whose publishers of
+        commands have ended: the master remembers their type.
         """
-        strays, stray_poses, cars = {}, {}, []
+        strays, stray_poses, cars, past = {}, {}, [], []
         for topic, kind in sorted(self._ask(self._uri, "getTopicTypes")):
             if topic in known:
                 continue
@@ -232,12 +249,24 @@ class Observer:
                     cars += [match[1]] if match else []
                 elif publishers and not match:
                     strays[topic] = publishers
+                elif topic.startswith(f"/{self._car}/") and get_close_matches(topic, known, 1, 0.9):
+                    past.append(topic)
             elif kind == PoseWithCovarianceStamped._type and not subscribers:
                 # Other estimates of a pose have this type, too, and may have no subscriber.
                 senders = tuple(each for each in publishers if "rviz" not in each)
                 if senders and _is_like_initial_pose(topic.rpartition("/")[2]):
                     stray_poses[topic] = senders
-        return strays, stray_poses, tuple(cars)
+        return strays, stray_poses, tuple(cars), tuple(past)
+
+    def _read_unpublished(self, graph: _Graph, known: Sequence[str]) -> Dict[str, Tuple[str, ...]]:
+        """Return the subscribers of each topic of the car that no node publishes."""
+        found = {}
+        for topic, nodes in sorted(graph.subscribers.items()):
+            waiting = [each for each in nodes if not each.rpartition("/")[2].startswith(_VIEWERS)]
+            is_of_car = topic.startswith(f"/{self._car}/") and topic not in known
+            if is_of_car and waiting and not graph.live(graph.publishers, topic):
+                found[topic] = tuple(waiting)
+        return found
 
     def _listen(self, graph: _Graph, commands: Sequence[str], uses_clock: bool) -> Listener:
         """Return what the live publishers send.

@@ -3,7 +3,7 @@
 import glob
 import os
 from contextlib import suppress
-from typing import Any, Container, Dict, List, Mapping
+from typing import Any, Container, Dict, List, Mapping, Tuple
 
 from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER
 
@@ -33,8 +33,23 @@ def abandoned_nodes(uri: str, master: int, registered: Container[int]) -> List[s
     return found
 
 
-def left_parameters(pid: int, uri: str, parameters: Mapping[str, Any]) -> Dict[str, Any]:
+def masters() -> List[str]:
+    """Return the addresses of the masters that run on this machine."""
+    found = []
+    for path in sorted(glob.glob("/proc/[0-9]*/cmdline")):
+        with suppress(OSError):
+            words = _strings(path)
+            if any(os.path.basename(each) == "rosmaster" for each in words[:2]) and "-p" in words:
+                found.append(f"http://localhost:{words[words.index('-p') + 1]}")
+    return found
+
+
+def left_parameters(
+    pid: int, uri: str, parameters: Mapping[str, Any]
+) -> Tuple[Dict[str, Any], Dict[str, str]]:
     """Return the parameters of a node that are not in its command line.
+
+    Also return the arguments without an underscore that have the name of one of them.
 
     There are none if it was not started by hand: if roslaunch has started it with a name, if it
     is no process of this user, or if it has another ROS_MASTER_URI.
@@ -48,9 +63,11 @@ def left_parameters(pid: int, uri: str, parameters: Mapping[str, Any]) -> Dict[s
     with suppress(OSError):
         words = _strings(f"{folder}/cmdline")
         if _has_master(folder, uri) and not any(word.startswith("__name:=") for word in words):
-            given = {word[1:].split(":=")[0].split("/")[0] for word in words if ":=" in word}
-            return {name: value for name, value in parameters.items() if name not in given}
-    return {}
+            given = dict(word.split(":=", 1) for word in words if ":=" in word)
+            typed = {name[1:].split("/")[0] for name in given}
+            left = {name: value for name, value in parameters.items() if name not in typed}
+            return left, {name: value for name, value in given.items() if name in left}
+    return {}, {}
 
 
 def _node_name(folder: str, uri: str) -> str:

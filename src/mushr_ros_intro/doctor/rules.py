@@ -66,6 +66,11 @@ def hints(facts: Facts) -> List[str]:
     """Return what could be better in a system without findings."""
     past = [each.node for each in facts.inputs["output"].senders] if _has_mux(facts) else []
     found = [f"hint: {each}" for each in _dead_nodes(facts)]  # the car moves without them
+    if facts.clock:
+        found.append(
+            "hint: use_sim_time is true on this master, so the time is simulated. If it was left "
+            "from an earlier run, stop all nodes, and type: rosparam set use_sim_time false"
+        )
     found += [
         f"hint: {node} sends commands past the mux, so nobody can take over with the keyboard or "
         f"the joystick. Publish on {facts.control_topic}"
@@ -83,12 +88,18 @@ def hints(facts: Facts) -> List[str]:
 
 def left_parameters(facts: Facts) -> List[str]:
     """Return a hint for each node that may use parameters of an earlier run."""
-    return [
-        f"hint: {node} also has parameters that are not in its command line, from an earlier run "
-        f"or from rosparam: {', '.join(f'{name} = {value}' for name, value in left.items())}. "
-        f"To delete them, stop the node, type: rosparam delete {node}, and start it again"
-        for node, left in facts.left_parameters.items()
-    ]
+    hints = []
+    for node, left in facts.left_parameters.items():
+        values = ", ".join(f"{name} = {value}" for name, value in left.items())
+        text = f"hint: {node} also has parameters that are not in its command line, from an "
+        text += f"earlier run or from rosparam: {values}. To delete them, stop the node, type: "
+        text += f"rosparam delete {node}, and start it again"
+        for name, value in facts.mistyped.get(node, {}).items():
+            text = f"hint: {node} uses {name} = {left[name]}, which was set before. Its argument "
+            text += f"{name}:={value} sets no parameter: stop the node, and start it with "
+            text += f"_{name}:={value}"
+        hints.append(text)
+    return hints
 
 
 def _doubles(facts: Facts) -> List[Finding]:
@@ -142,7 +153,9 @@ def _dead_nodes(facts: Facts) -> List[Finding]:
 def _dead_node(node: str, fault: CallFault) -> Finding:
     if fault is CallFault.NO_RESPONSE:
         return Finding(
-            f"{node} does not respond: it is stopped, or its machine cannot be reached", _CONTINUE
+            f"{node} does not respond: it is stopped, or its machine cannot be reached",
+            f"{_CONTINUE}. On another machine, set ROS_IP to its IP address in the terminal of the "
+            "node, and start the node again",
         )
     if fault is CallFault.UNKNOWN_HOST:
         return Finding(
@@ -183,16 +196,19 @@ def _not_running(facts: Facts) -> Finding:
     if len(facts.pose_publishers) > 1:
         remedy = "Two simulations of this car were started, and their muxes have ended each other. "
         return Finding(problem, f"{remedy}Stop all nodes of both, and start one of them again")
-    remedies = [f"Type: roslaunch mushr_ros_intro sim.launch{facts.car_argument}"]
+    remedies = [
+        f"For the simulated car, type: roslaunch mushr_ros_intro sim.launch{facts.car_argument}",
+        "for an actual car, start MuSHR's teleop.launch of mushr_base, and never sim.launch",
+    ]
     if facts.output.subscribers:
         remedies = ["End the launch file of the car (Ctrl-C in its terminal), and start it again"]
     if facts.other_cars:
         problem += f"; running: {listed(facts.other_cars)}"
-        remedies.append(f"doctor.py --car {facts.other_cars[0]}")
+        remedies.append(f"for that car, type: doctor.py --car {facts.other_cars[0]}")
     if facts.master.other:
         problem += f"; another master runs at {facts.master.other}"
-        remedies.append(f"export ROS_MASTER_URI={facts.master.other}")
-    return Finding(problem, ", or ".join(remedies))
+        remedies.append(f"for that master, type: export ROS_MASTER_URI={facts.master.other}")
+    return Finding(problem, "; ".join(remedies))
 
 
 def _wrong_types(facts: Facts) -> List[Finding]:

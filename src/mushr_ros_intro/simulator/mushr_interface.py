@@ -42,7 +42,7 @@ class MushrInterface:
     """The interface of MuSHR's simulator to one car.
 
     Publishes ``/mushr_sim/CAR/odom``, with the true pose in the map, and in the car's namespace
-    ``vesc/sensors/core`` and ``vesc/sensors/servo_position_command``. Subscribes to
+    ``vesc/odom``, ``vesc/sensors/core`` and ``vesc/sensors/servo_position_command``. Subscribes to
     /mushr_sim/reposition and to ``clicked_point``, which place the car, and offers the service
     /mushr_sim/reposition.
     """
@@ -66,6 +66,7 @@ class MushrInterface:
         self._reported = threading.Condition()
         self._stamp = 0  # of the newest published state [ns]
         publisher.add(f"/mushr_sim/{self._name}/odom", Odometry, self._true_odometry)
+        publisher.add("vesc/odom", Odometry, self._vesc_odometry)
         publisher.add("vesc/sensors/core", VescStateStamped, self._motor_state)
         publisher.add("vesc/sensors/servo_position_command", Float64, self._servo_position)
         for topic, kind, read in (
@@ -87,6 +88,10 @@ class MushrInterface:
         msg = conversions.odometry_to_msg(exact, *self._frames)
         msg.pose.pose = conversions.pose_to_msg(state.pose)
         return msg
+
+    def _vesc_odometry(self, _: State, measured: Measured) -> Odometry:
+        """Return the odometry of MuSHR's vesc_to_odom, from the speed and the steering angle."""
+        return conversions.odometry_to_msg(measured, *self._frames)
 
     def _motor_state(self, state: State, measured: Measured) -> VescStateStamped:
         """Return the state of the motor controller: the electrical speed of the motor."""

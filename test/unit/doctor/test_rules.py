@@ -145,7 +145,7 @@ def test_master(master, problem, remedy):
         (
             {"output": OUTPUT._replace(subscribers=())},
             f"the car 'car' is not running: no node subscribes to {MUX}/output",
-            "Type: roslaunch mushr_ros_intro sim.launch",
+            "type: roslaunch mushr_ros_intro sim.launch; for an actual car",
         ),
         (
             {"inputs": without_mux()},
@@ -167,7 +167,7 @@ def test_master(master, problem, remedy):
             },
             f"the car 'car2' is not running: no node subscribes to {MUX}/output; running: "
             f"car and car3; another master runs at {LOCAL}",
-            "sim.launch car_name:=car2, or doctor.py --car car, or export ROS_MASTER_URI=" + LOCAL,
+            "type: doctor.py --car car; for that master, type: export ROS_MASTER_URI=" + LOCAL,
         ),
         (
             {**NO_PUBLISHER, "strays": {"/cmd": ("/student",)}},
@@ -342,6 +342,42 @@ def test_parameters_of_earlier_runs():
     (hint,) = left_parameters(replace(HEALTHY, left_parameters=left))
     assert "an earlier run or from rosparam: control_topic = /nav, loop = True. To delete" in hint
     assert "type: rosparam delete /path_publisher, and start it again" in hint
+
+
+def test_an_argument_that_sets_no_parameter():
+    left = {"/own": {"plan_file": "old.txt"}}
+    facts = replace(HEALTHY, left_parameters=left, mistyped={"/own": {"plan_file": "new.txt"}})
+    (hint,) = left_parameters(facts)
+    assert "/own uses plan_file = old.txt" in hint and hint.endswith("_plan_file:=new.txt")
+
+
+def test_simulated_time_that_was_left():
+    (hint,) = hints(replace(HEALTHY, clock=RUNNING))
+    assert "use_sim_time is true" in hint and hint.endswith("rosparam set use_sim_time false")
+
+
+def test_a_topic_that_no_node_publishes():
+    waits = {"unpublished": {"/car/vesc/odom": ("/own",)}}
+    (finding,) = findings(**NO_PUBLISHER, **waits)
+    assert finding.startswith("/own subscribes to /car/vesc/odom, which no node publishes")
+    assert findings(**waits) == []
+
+
+def test_a_misspelt_topic_of_a_node_that_has_ended():
+    topic = f"{MUX}/input/navigaton"
+    (finding,) = findings(**NO_PUBLISHER, past_strays=(topic,))
+    assert topic in finding and finding.endswith(NAVIGATION)
+
+
+def test_the_advice_is_not_the_command_that_was_typed():
+    (finding,) = map(str, diagnose(replace(HEALTHY, **NO_PUBLISHER), "student"))
+    assert "Start the node of student" in finding and "--package" not in finding
+
+
+def test_on_an_actual_car_no_simulation_is_started():
+    nothing = Topic(OUTPUT.name, TYPE, MD5)
+    (finding,) = findings(output=nothing, inputs=without_mux(), moves=None)
+    assert "actual car" in finding and "never sim.launch" in finding
 
 
 def test_the_first_finding_is_a_second_node_that_drives_the_car():
