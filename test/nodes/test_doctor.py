@@ -253,7 +253,7 @@ class TestDoctor(RosTestCase):
     def test_another_car(self):
         problem = "the car 'car2' is not running: no node subscribes to /car2/mux/"
         self.expect(problem, car="car2")
-        self.expect("; running: car. Type", car="car2")
+        self.expect("; running: car. For", car="car2")
 
     def test_masters(self):
         running, self.uri = self.uri, "http://nosuch.invalid:11311"
