@@ -257,23 +257,32 @@ def frechet_distance(one: np.ndarray, other: np.ndarray) -> float:
 
     It is the length of the shortest leash that lets two walkers, one on each curve, go from point
     to point to the end without going back (Eiter and Mannila, "Computing Discrete Frechet
-    Distance", CD-TR 94/64). Each anti-diagonal of the recursion's table is computed at once.
+    Distance", CD-TR 94/64). Each anti-diagonal of the recursion's table is computed at once, and
+    only where the leash is not longer than that of two walkers who keep pace. So for near curves,
+    the time grows with their length, and not with its square.
 
     Args:
         one: points [m], N x 2, N at least 1.
         other: points [m], M x 2, M at least 1.
     """
     n, m = len(one), len(other)
-    outside = np.full((n, 2), np.inf)
-    backward = np.concatenate([outside, other[::-1], outside])
-    # Index i + 1 holds the shortest leash to (i, k - i), for anti-diagonal k and the two before.
-    last = np.full(n + 1, np.inf)
-    before = np.append(-np.inf, last[1:])  # any leash lets the walkers begin at (0, 0)
+    steps, count = np.arange(max(n, m)), max(1, n - 1, m - 1)
+    pairs = one[steps * (n - 1) // count] - other[steps * (m - 1) // count]
+    longest = float(np.max(np.hypot(*pairs.T)))
+    # Of anti-diagonal k and the one before: the first i, and the shortest leash to each (i, k - i).
+    before, last = (-1, np.array([-np.inf])), (0, np.empty(0))
     for k in range(n + m - 1):
-        ends = backward[n + m - 1 - k :][:n]
-        leash = np.hypot(*(one - ends).T)
-        shortest = np.minimum(np.minimum(last[1:], last[:-1]), before[:-1])
-        following = np.full(n + 1, np.inf)
-        np.maximum(leash, shortest, out=following[1:])
-        before, last = last, following
-    return float(last[-1])
+        begin = max(k - m + 1, 0, min(before[0] + 1, last[0]))
+        end = min(k + 1, n, max(before[0] + len(before[1]), last[0] + len(last[1])) + 1)
+        shortest = np.full(max(0, end - begin), np.inf)
+        for start, leashes in ((before[0] + 1, before[1]), last, (last[0] + 1, last[1])):
+            low, high = max(begin, start), min(end, start + len(leashes))
+            if low < high:
+                part = shortest[low - begin : high - begin]
+                np.minimum(part, leashes[low - start : high - start], out=part)
+        rows = np.arange(begin, begin + len(shortest))
+        leashes = np.maximum(shortest, np.hypot(*(one[rows] - other[k - rows]).T))
+        near = np.nonzero(leashes <= longest)[0]
+        first, stop = (int(near[0]), int(near[-1]) + 1) if len(near) else (0, 0)
+        before, last = last, (begin + first, leashes[first:stop])
+    return float(last[1][-1])

@@ -130,6 +130,17 @@ def test_frechet_distance(n, m):
     assert frechet_distance(one, other) == pytest.approx(frechet_by_definition(one, other))
 
 
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 9), (30, 7), (40, 40), (25, 50)])
+@pytest.mark.parametrize("error", [0.01, 1.0])
+def test_frechet_distance_of_near_curves(n, m, error):
+    """Only a part of the table is computed then; the distance is the same."""
+    dice = np.random.default_rng(n)
+    one = np.cumsum(dice.normal(size=(n, 2)), axis=0)
+    other = one[np.sort(dice.integers(0, n, m))] + dice.normal(scale=error, size=(m, 2))
+    expected = frechet_by_definition(one, other)
+    assert frechet_distance(one, other) == pytest.approx(expected, rel=1e-12)
+
+
 def test_frechet_distance_depends_on_the_direction():
     line = np.column_stack([np.linspace(0.0, 10.0, 101), np.zeros(101)])
     assert frechet_distance(line, line) == 0.0
