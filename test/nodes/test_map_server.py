@@ -2,15 +2,13 @@
 
 import os
 
-import pytest
 import rospy
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from nav_msgs.srv import GetMap
 
-from support.cars import CARS
 from support.geometry import yaw_of
-from support.helpers import PATIENCE, ForkedProcess, Process, Recording, RosTestCase, node, wait_for
-from support.paths import CHECKOUT, FIXTURES
+from support.helpers import PATIENCE, Process, Recording, RosTestCase, node, wait_for
+from support.paths import FIXTURES
 
 CELLS = (100, 100, 0, -1, 0, 100, 0, 0, 0, 0, 0, 0, 100, 0, -1)
 """The cells of test/fixtures/maps/asymmetric.png, row by row from the bottom."""
@@ -95,36 +93,3 @@ class TestMapServer(RosTestCase):
                 self.assertEqual(second.wait(), 1)
             self.assertIn("did you mean rooms?", second.output)
             self.assertTrue(running.running)
-
-    def check_refused(self, kind, file, argument, message):
-        """Check that roslaunch stops before it starts a node."""
-        with kind("roslaunch", "mushr_ros_intro", file, argument) as launch:
-            self.assertEqual(launch.wait(), 1, launch.output)
-            self.assertIn(f"\n{file}: {message}", launch.output)
-            self.assertNotIn("process[", launch.output)
-
-    def test_wrong_names_in_launch_files(self):
-        message = (
-            f"car:=nano: no such car; expected one of {', '.join(sorted(CARS))}; "
-            "did you mean mushr_nano?\n"
-        )
-        self.check_refused(ForkedProcess, "sim.launch", "car:=nano", message)
-        # This check reads the command line of roslaunch, so that it is no fork.
-        message = "there is no argument plan;"
-        self.check_refused(Process, "path_publisher.launch", "plan:=figure_8", message)
-
-    @pytest.mark.full
-    def test_more_wrong_names_in_launch_files(self):
-        car = self.ending(node("car_sim.py", "__ns:=fifth"))
-        wait_for(lambda: "command timeout" in car.output, "the car")
-        message = "map:=sandbx: no such file; did you mean sandbox? ("
-        self.check_refused(ForkedProcess, "sim.launch", "map:=sandbx", message)
-        message = "/fifth/car_sim is running already; end it first (Ctrl-C in its"
-        self.check_refused(Process, "sim.launch", "car_name:=fifth", message)
-        # roslaunch --nodes starts nothing, and other programs, such as rostest, have own masters.
-        launch = ("mushr_ros_intro", "sim.launch", "car_name:=fifth")
-        program = os.path.join(CHECKOUT, "launch", "check_names.py")
-        check = ("/usr/bin/python3", program, "ideal", "none", "/fifth/car_sim")
-        for command in (("roslaunch", "--nodes", *launch), check):
-            with Process(*command) as process:
-                self.assertEqual(process.wait(), 0, process.output)

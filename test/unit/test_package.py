@@ -3,7 +3,6 @@
 import glob
 import os
 import re
-import runpy
 import stat
 import xml.etree.ElementTree as ElementTree
 
@@ -97,67 +96,6 @@ def test_launch_files_clear_the_parameters_of_earlier_runs():
             if node.find("param") is not None or node.find("rosparam") is not None:
                 is_ours = node.get("type").endswith(".py")
                 assert not is_ours or node.get("clear_params") == "true", (path, node.get("name"))
-
-
-REFUSE_UNKNOWN = runpy.run_path(f"{PACKAGE}/launch/check_arguments.py")["refuse_unknown"]
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["mushr_ros_intro", "path_publisher.launch"],
-        ["--screen", f"{PACKAGE}/launch/path_publisher.launch"],
-    ],
-)
-def test_unknown_arguments_of_launch_files_are_refused(words):
-    REFUSE_UNKNOWN(["/usr/bin/roslaunch", *words, "plan_file:=a", "__log:=b"])
-    with pytest.raises(SystemExit, match="there is no argument plan; .* did you mean plan_file?"):
-        REFUSE_UNKNOWN(["/usr/bin/roslaunch", *words, "plan:=a"])
-
-
-def test_arguments_of_all_launch_files_are_known(tmp_path):
-    (tmp_path / "own.launch").write_text('<launch><arg name="mine" /></launch>')
-    words = ["mushr_ros_intro", "sim.launch", f"{PACKAGE}/launch/web.launch"]
-    command = ["/usr/bin/roslaunch", *words, str(tmp_path / "own.launch"), "noise:=1", "port:=2"]
-    REFUSE_UNKNOWN([*command, "mine:=3"])
-    with pytest.raises(SystemExit, match="there is no argument mime; .* did you mean mine?"):
-        REFUSE_UNKNOWN([*command, "mime:=3"])
-
-
-def test_other_launch_files_may_have_any_arguments():
-    """That of a course may have the name of one of this package, and include it."""
-    REFUSE_UNKNOWN(["/usr/bin/roslaunch", "my_ros_intro", "path_publisher.launch", "plan:=a"])
-    REFUSE_UNKNOWN(["/usr/bin/roslaunch", "/home/ann/sim.launch", "plan:=a"])
-
-
-@pytest.mark.parametrize("path", glob.glob(os.path.join(PACKAGE, "launch", "*.launch")))
-def test_launch_files_refuse_unknown_arguments(path):
-    """Only view.launch does not, because it drives nothing."""
-    params = ElementTree.parse(path).iter("param")
-    is_checked = any("$(dirname)/check_" in each.get("command", "") for each in params)
-    assert is_checked != path.endswith("view.launch"), "expected check_arguments.py, see web.launch"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        ([], {}),
-        (["loop:=true", "send_init_pose:=false"], {"loop": True, "send_init_pose": False}),
-        (["strict:=True"], {"strict": True}),
-        (
-            ["control_topic:=/cmd", "init_pose_topic:=/p"],
-            {"control_topic": "/cmd", "init_pose_topic": "/p"},
-        ),
-        (["car_name:=car2"], {"car_name": "car2"}),
-    ],
-)
-def test_path_publisher_launch_leaves_no_defaults(arguments, expected):
-    """The parameters stay for the next node of this name, such as a student's own."""
-    parameters = parameters_of("launch/path_publisher.launch", ["plan_file:=a", *arguments])
-    name = "/car2/path_publisher" if "car2" in expected.values() else "/path_publisher"
-    expected = {"plan_file": "a", **expected}
-    given = {f"{name}/{key}": value for key, value in expected.items()}
-    assert parameters == given, "expected only what the user gives"
 
 
 @pytest.mark.parametrize(
