@@ -4,12 +4,10 @@ import functools
 import math
 from typing import Any, Callable, Iterable, Sequence, Tuple, TypeVar, Union
 
-import genpy
 import numpy as np
 import rospy
 from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 from geometry_msgs.msg import (
-    Point,
     PointStamped,
     PoseArray,
     PoseStamped,
@@ -21,9 +19,8 @@ from geometry_msgs.msg import (
 from geometry_msgs.msg import Pose as PoseMsg
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Odometry, Path
 from sensor_msgs.msg import JointState, LaserScan
-from std_msgs.msg import ColorRGBA, Header
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
-from visualization_msgs.msg import Marker, MarkerArray
 
 from mushr_ros_intro.car.model import (
     Car,
@@ -37,6 +34,7 @@ from mushr_ros_intro.car.model import (
 from mushr_ros_intro.car.odometry import Odometry as Measured
 from mushr_ros_intro.geometry import MAX_COORDINATE, Pose
 from mushr_ros_intro.plan.plan import MAX_SPEED
+from mushr_ros_intro.ros.ros_time import time_from
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.grid import Grid, as_travelled
 from mushr_ros_intro.world.laser import Beams
@@ -44,10 +42,6 @@ from mushr_ros_intro.world.laser import Beams
 F = TypeVar("F", bound=Callable[..., None])
 
 MAP_FRAME = "map"
-
-_ELLIPSE_COLOUR = (0.85, 0.15, 0.15, 1.0)
-_ELLIPSE_WIDTH = 0.03  # [m] of the line
-_ELLIPSE_SIDES = 36
 
 
 class MessageError(ValueError):
@@ -69,11 +63,6 @@ def ignore_bad_messages(callback: F) -> F:
             rospy.logwarn_throttle_identical(1.0, f"ignored a message on {topic}: {error}")
 
     return call  # type: ignore
-
-
-def time_from(stamp: int) -> genpy.Time:
-    """Return the ROS time of a stamp [ns]."""
-    return genpy.Time(*divmod(stamp, NANOSECONDS))
 
 
 def _header(stamp: int, frame: str = MAP_FRAME) -> Header:
@@ -197,27 +186,6 @@ def path_to_msg(states: Iterable[State], begin: int) -> Path:
 def poses_to_msg(poses: Iterable[Pose], stamp: int) -> PoseArray:
     """Return poses in the map, with a stamp [ns]."""
     return PoseArray(_header(stamp), [pose_to_msg(pose) for pose in poses])
-
-
-def ellipses_to_msg(ellipses: Iterable[Tuple[Pose, float, float]], stamp: int) -> MarkerArray:
-    """Return the outlines of ellipses in the map, which replace all ellipses shown before.
-
-    Args:
-        ellipses: of each, the middle, with the direction of its longer axis, and half its longer
-            and half its shorter axis [m].
-        stamp: of the markers [ns].
-    """
-    markers = [Marker(header=_header(stamp), action=Marker.DELETEALL)]
-    angles = [2.0 * math.pi * side / _ELLIPSE_SIDES for side in range(_ELLIPSE_SIDES + 1)]
-    for number, (middle, major, minor) in enumerate(ellipses):
-        marker = Marker(
-            header=_header(stamp), type=Marker.LINE_STRIP, id=number, pose=pose_to_msg(middle)
-        )
-        marker.points = [Point(major * math.cos(a), minor * math.sin(a), 0.0) for a in angles]
-        marker.scale.x = _ELLIPSE_WIDTH
-        marker.color = ColorRGBA(*_ELLIPSE_COLOUR)
-        markers.append(marker)
-    return MarkerArray(markers)
 
 
 def odometry_to_msg(measured: Measured, odom_frame: str, base_frame: str) -> Odometry:

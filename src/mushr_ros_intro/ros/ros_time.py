@@ -3,6 +3,7 @@
 import time
 from typing import Callable, TypeVar
 
+import genpy
 import rospy
 
 from mushr_ros_intro.errors import UserError
@@ -25,6 +26,11 @@ SHUTDOWN_POLL_PERIOD = 0.5
 def now() -> int:
     """Return the current ROS time [ns]."""
     return rospy.get_rostime().to_nsec()
+
+
+def time_from(stamp: int) -> genpy.Time:
+    """Return the ROS time of a stamp [ns]."""
+    return genpy.Time(*divmod(stamp, NANOSECONDS))
 
 
 def is_simulated() -> bool:

@@ -14,7 +14,6 @@ from mushr_sim.srv import CarPose
 from nav_msgs.msg import MapMetaData, OccupancyGrid
 from rospy.numpy_msg import numpy_msg
 from vesc_msgs.msg import VescState, VescStateStamped
-from visualization_msgs.msg import Marker
 
 from mushr_ros_intro.car.model import Car, Command, InitialPose, Wheels, at_rest
 from mushr_ros_intro.car.motion import advance, apply
@@ -170,26 +169,6 @@ def test_a_path_counts_its_stamps_from_its_beginning():
     assert (path.header.frame_id, path.header.stamp.to_nsec()) == ("map", STAMP)
     assert [pose.header.stamp.to_nsec() - STAMP for pose in path.poses] == [0, 10**8, 2 * 10**8]
     assert conversions.pose_from_msg(path.poses[1].pose)[:2] == moving().pose[:2]
-
-
-def test_ellipses():
-    """Outlines that take the place of what was shown before."""
-    ellipses = [(Pose(1.0, 2.0, 0.5), 3.0, 0.25), (Pose(-1.0, 0.0, -1.5), 0.5, 0.0)]
-    clear, *markers = conversions.ellipses_to_msg(iter(ellipses), STAMP).markers
-    assert clear.action == Marker.DELETEALL
-    assert [marker.id for marker in markers] == [0, 1]
-    for marker, (middle, major, minor) in zip(markers, ellipses):
-        assert (marker.type, marker.action) == (Marker.LINE_STRIP, Marker.ADD)
-        assert conversions.pose_from_msg(marker.pose) == pytest.approx(middle)
-        outline = [(point.x, point.y) for point in marker.points]
-        assert max(outline) == (major, 0.0)
-        assert outline[0] == pytest.approx(outline[-1])  # it is closed
-        for x, y in outline:
-            assert (x / major) ** 2 * minor**2 + y**2 == pytest.approx(minor**2)
-        assert marker.scale.x > 0.0 and marker.color.a > 0.0
-    for marker in (clear, *markers):
-        assert (marker.header.frame_id, marker.header.stamp.to_nsec()) == ("map", STAMP)
-        marker.serialize(io.BytesIO())
 
 
 def test_pose_odometry_and_transforms_tell_the_same():
