@@ -98,7 +98,7 @@ class WebView:
 
         rospy.on_shutdown(lambda: self._bridge.call_soon(end))
         # Otherwise a drive that starts elsewhere would be known up to a second later.
-        self._bridge.listen(f"{self._prefix}/path_publisher/start", lambda _: wake.set())
+        self._bridge.listen(f"{car}/drive_monitor/start", lambda _: wake.set())
         program = os.path.join(os.path.dirname(os.path.abspath(__file__)), "path_publisher.py")
         offer = partial(self._bridge.call_soon, self._offer_state)
         self._drive = PlanDrive(program, self._prefix or "/", offer)

@@ -18,6 +18,7 @@ import {
   listPlans,
   onOutput,
   onStart,
+  onVerdict,
   stopPlan,
   updateDrive,
 } from "./plan.js";
@@ -128,11 +129,12 @@ function subscribe(car, mux, prefix) {
     `${mux}/output`,
     (msg) => {
       hand.onOutput();
-      onOutput(msg, owner);
+      onOutput(msg);
     },
     100,
   );
-  ros.subscribe(`${prefix}/path_publisher/start`, onStart);
+  ros.subscribe(`${car}/drive_monitor/start`, onStart);
+  ros.subscribe(`${car}/drive_monitor/verdict`, onVerdict);
   ros.subscribe(`${prefix}/click_planner/path`, (msg) =>
     view.set({ clicked: path(msg) }),
   );

@@ -22,8 +22,8 @@ let ends = []; // of the rows in the table, from the start of the drive [s]
 let drive; // that of the server's state; undefined if it is not known
 let begun; // when the latest drive began, which tells drives apart; null if there was none
 let start = NaN; // when the first row of the running drive or lap began [s]; before that, NaN
-let isDriven = false; // whether the mux has passed on a speed of a drive that started elsewhere
 let errors = []; // of path_publisher
+let verdict = ""; // of drive_monitor, on the latest drive that has ended
 let refusal = ""; // the server's answer to the last press of a button in this drive
 let beside = ""; // the version of the chosen plan when the latest drive ended in this page
 export let isRead = true; // whether the last reading of the plan has succeeded
@@ -139,8 +139,8 @@ export function updateDrive(next) {
   // A plan that another page or a terminal drives.
   const isOther = begun !== undefined && next?.plan && next.plan !== plan.name;
   if (isNew) {
-    isDriven = false;
     errors = [];
+    verdict = "";
     refusal = "";
     beside = "";
     begun = next?.begun ?? null;
@@ -175,16 +175,18 @@ function result() {
     : (drive.plan ?? "a plan that is not in the list");
   const states = running
     ? [
-        `${stopped ? "stopping" : start >= 0 || isDriven ? "driving" : "starting"} ${name}`,
+        `${stopped ? "stopping" : start >= 0 ? "driving" : "starting"} ${name}`,
       ]
     : stopped
       ? [`${name} was stopped`]
       : status === 0
-        ? [`${name} ended successfully`]
+        ? [`all commands of ${name} have been sent`]
         : status === null // it was started elsewhere
           ? [`the drive of ${name} has ended`]
           : [`${name} ended with an error, exit status ${status}`];
-  return [...states, ...errors].join("\n");
+  return [...states, ...errors, running ? "" : verdict]
+    .filter(Boolean)
+    .join("\n");
 }
 
 export function addError(text) {
@@ -192,20 +194,18 @@ export function addError(text) {
   errors.push(text);
   updateDrive(drive);
 }
-/** path_publisher publishes when the first row begins, in each lap. */
+/** drive_monitor publishes when the first row begins, in each lap; 0 if no plan is driven. */
 export function onStart({ data }) {
-  start = seconds(data);
+  start = seconds(data) || NaN;
+  updateDrive(drive);
+}
+/** How a drive has ended, or an empty text while one is running. */
+export function onVerdict({ data }) {
+  verdict = data;
   updateDrive(drive);
 }
 /** A command for the car, of any input of the mux: its stamp shows which row is driven. */
-export function onOutput({ header, drive: command }, owner) {
-  // A student's own node does not publish when its first row begins. In a drive of the server, the
-  // speed may be that of another node.
-  const isOwn = drive?.running && drive.elsewhere && owner === "navigation";
-  if (isOwn && !isDriven && command.speed) {
-    isDriven = true;
-    updateDrive(drive);
-  }
+export function onOutput({ header }) {
   if (!drive?.running || !isOfPlan()) return;
   const time = seconds(header.stamp) - start + TOLERANCE;
   // The line below the rows stands for the others.

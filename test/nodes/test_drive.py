@@ -31,11 +31,16 @@ def read(name):
     return start, [(*row, 1.0)[:3] for row in rows]
 
 
+monitors = {}
+
+
 def start_world():
     """Run a car for each plan."""
     started = []
     for name in NAMES:
-        started += launch("sim.launch", car_name=name, laser=False, model=False)
+        nodes = launch("sim.launch", car_name=name, laser=False, model=False)
+        (monitors[name],) = (each for each in nodes if "drive_monitor" in each.command)
+        started += nodes
     return started
 
 
@@ -60,13 +65,15 @@ class TestDrive(RosTestCase):
             wait_for(lambda: len(longest.messages) > count, "the plans to be driven")
         for name, process in processes.items():
             assert process.wait() == 0, process.output
-            cls.outputs[name] = process.output
+            wait_for(lambda n=name: "difference" in monitors[n].output, "the result")
+            cls.outputs[name] = monitors[name].output
 
     @staticmethod
     def start(name):
         """Start the publisher of a plan as a user does, with roslaunch."""
-        arguments = ("path_publisher.launch", f"car_name:={name}", f"plan_file:={name}")
-        return ForkedProcess("roslaunch", "mushr_ros_intro", *arguments)
+        topic = f"init_pose_topic:=/{name}/initialpose"
+        arguments = (f"car_name:={name}", topic, f"plan_file:={name}", f"__ns:={name}")
+        return ForkedProcess("roslaunch", "mushr_ros_intro", "path_publisher.launch", *arguments)
 
     def setUp(self):
         super().setUp()

@@ -1,4 +1,4 @@
-"""Check how path_publisher starts, ends, is interrupted, and refuses bad input."""
+"""Check how path_publisher and drive_monitor start, end, are interrupted, and refuse bad input."""
 
 import contextlib
 import math
@@ -13,7 +13,7 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from std_srvs.srv import Trigger
 
-from mushr_ros_intro.drive.car_pose import CarPose
+from mushr_ros_intro.drive.start_pose import StartPose
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.ros.connections import wait_for_subscriber
@@ -26,26 +26,27 @@ from support.helpers import (
     RosTestCase,
     driver,
     kill,
+    monitor,
     node,
     publisher,
     wait_for,
 )
-from support.messages import COMMAND_TIMEOUT, NAVIGATION, OUTPUT, at, command, is_stop
+from support.messages import COMMAND_TIMEOUT, MUX, NAVIGATION, OUTPUT, is_stop
 from support.paths import FIXTURES
 from support.world import LOCK_STEP, launch, load
 
-RELAYED = "/relayed/input/navigation"
+nodes = []
 
 
 def start_world():
-    return launch("sim.launch", map="none", laser=False, model=False, **LOCK_STEP)
+    nodes.extend(launch("sim.launch", map="none", laser=False, model=False, **LOCK_STEP))
+    return nodes
 
 
 class TestPathPublisher(RosTestCase):
-    relays, sent = [], []
-
     def setUp(self):
         super().setUp()
+        self.sent, self.is_held = 0, False
         self.commands = Recording(NAVIGATION, AckermannDriveStamped)
         self.placements = Recording("/initialpose", PoseWithCovarianceStamped)
         self.poses = Recording("/car/car_pose", PoseStamped).connected()
@@ -55,48 +56,54 @@ class TestPathPublisher(RosTestCase):
         self.assertTrue(rospy.ServiceProxy(f"/car/car_sim/{service}", Trigger)().success)
 
     @contextlib.contextmanager
-    def driving(self, path, *arguments):
-        """Yield a node, after five commands. It drives on when the clock is released."""
-        # The relay stays: rospy of Debian 11 may not connect a publisher that comes a second time.
-        if not self.relays:
-            self.relays.append(Relay(RELAYED, NAVIGATION, AckermannDriveStamped, self.on_command))
-        self.sent.clear()
+    def driving(self, path, car="car", *arguments):
+        """Yield a node and its monitor while the clock is held, after five commands or some more.
+
+        The clock is released at the stop of an interrupted drive. Another car shares the mux.
+
+        Args:
+            path: of the plan.
+            car: the name of the car.
+            arguments: of the monitor.
+        """
+        held = Recording(NAVIGATION, AckermannDriveStamped, self.on_command)
         self.addCleanup(self.control, "resume")
-        with driver(path, f"_control_topic:={RELAYED}", *arguments) as process:
-            wait_for(lambda: len(self.commands.messages) >= 5, "five commands")
-            yield process
+        self.addCleanup(held.end)
+        name, own = f"_car_name:={car}", MUX.replace("/car/", f"/{car}/")
+        shared = [f"{own}/{each}:={MUX}/{each}" for each in ("output", "active")]
+        with monitor(path, name, *(shared if car != "car" else []), *arguments) as watching:
+            with driver(path, name, f"_control_topic:={NAVIGATION}") as process:
+                wait_for(lambda: self.is_held, "five commands")
+                yield process, watching
 
     def on_command(self, message):
-        """Hold the clock at the fifth command. Release it at the stop of an interrupted drive."""
-        self.sent.append(message)
-        if len(self.sent) == 5:
+        self.sent += 1
+        if self.sent == 5:
             self.control("pause")
-        elif len(self.sent) == 6 and is_stop(message):
+            self.is_held = True
+        elif self.is_held and is_stop(message):
             # A stop that is not ahead of the clock lets it go on, so the car reports its rest.
             self.control("resume")
-            stamp = message.header.stamp
-            self.poses.first(lambda pose: pose.header.stamp >= stamp, "the pose before the stop")
 
     def assert_rests_at(self, expected):
         last = self.commands.last.header.stamp
         self.assert_pose(self.poses.pose_at_rest(last + rospy.Duration(COMMAND_TIMEOUT)), expected)
 
     def test_interrupted(self):
-        """After Ctrl-C the last message is a stop; the node prints where the car stopped."""
+        """After Ctrl-C the last message is a stop; the monitor prints where the car stopped."""
         path = self.plan("0,0,0\n1.0,0.2,60\n")
-        with self.driving(path) as process:
+        with self.driving(path) as (process, watching):
             process.send_signal(signal.SIGINT)
             self.assertEqual(process.wait(), 1)
+            self.assertEqual(watching.wait(), 1)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         first, *_, last = self.commands.messages
         seconds = (last.header.stamp - first.header.stamp).to_sec()
         end = closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)])
         self.assert_rests_at(end)
-        stopped = r"stopped in line 2 of 2 at \((.*) m, (.*) m, (.*) rad\)"
-        if printed := re.search(stopped, process.output):
-            self.assert_pose(tuple(map(float, printed.groups())), end, 1e-4)
-        else:  # the car has not reported its rest for 1 s, see test_drive_monitor.py
-            self.assertIn("the drive ended in line 2 of 2; the last reported", process.output)
+        ended = r"/path_publisher ended in line 2 of 2; the car stopped at \((.*) m, (.*) m, (.*) rad\)"
+        printed = re.search(ended, watching.output)
+        self.assert_pose(tuple(map(float, printed.groups())), end, 1e-4)
 
     def test_loop(self):
         """Each lap is a drive of its own, placed after the end of the last one."""
@@ -106,11 +113,11 @@ class TestPathPublisher(RosTestCase):
             "roslaunch", "mushr_ros_intro", "path_publisher.launch", *options
         ) as process:
             wait_for(lambda: len(self.placements.messages) >= 4, "four laps")
-            line = r"lap (?!1,)\d+, line 3 of 3: -1 m/s, 0.1 rad; 0.30 s left"  # not in each lap
-            wait_for(lambda: re.search(line, process.output), "the line of the third row")
+            (watching,) = (each for each in nodes if "drive_monitor" in each.command)
+            wait_for(lambda: watching.output.count("the car drove 0.55 m") > 1, "two results")
             process.send_signal(signal.SIGINT)
             process.wait()
-        self.assertIn("plan.txt: 2 rows, 0.55 s, 0.55 m", process.output)
+        self.assertIn(f"/path_publisher: {path}, 2 rows, 0.55 s, 0.55 m", watching.output)
         self.assertNotIn("earlier run", process.output)  # roslaunch has set the parameters
         commands = [m.header.stamp.to_nsec() for m in self.commands.messages]
         lap = [0, 100, 200, 250, 350, 450, 550]  # [ms], the last one is the stop
@@ -124,23 +131,22 @@ class TestPathPublisher(RosTestCase):
 
     def test_another_node_drives_the_car(self):
         """The message contains the name of the other publisher, even if it has ended."""
-        path = self.plan("0,0,0\n1.0,0.2,4\n")
-        with self.driving(path) as process:
-            other = publisher(RELAYED, AckermannDriveStamped)
+        path = self.plan("0,0,0\n1.0,0.2,60\n")
+        with self.driving(path) as (process, watching):
             passed = self.ending(Recording(OUTPUT, AckermannDriveStamped).connected())
-            name = rospy.get_name()
-            wait_for(lambda: f"{name} also publishes on" in process.output, "a warning")
-            # Half a period after those of the node, which does not replace them immediately.
-            begin = self.commands.last.header.stamp
-            for number in range(10):
-                other.publish(command(at(begin, 0.1 * number + 0.05), -1.0, 0.0))
-            wait_for(lambda: passed.last and passed.last.drive.speed == -1.0, "its commands")
-            other.unregister()
-            self.control("resume")
-            self.assertEqual(process.wait(), 1)
-        self.assertIn(f"{name} also published on {RELAYED}", process.output)
-        self.assertIn("after the plan, the car was at (", process.output)
-        self.assertNotIn("has been driven", process.output)
+            pub = ("rostopic", "pub", "-r", "50", NAVIGATION, "ackermann_msgs/AckermannDriveStamped")
+            with ForkedProcess(*pub, "{drive: {speed: -1.0}}", "__name:=other") as other:
+                warning = "/other also publishes commands"
+                wait_for(lambda: warning in watching.output, "a warning")
+                self.control("resume")
+                wait_for(lambda: passed.last and passed.last.drive.speed == -1.0, "its commands")
+                other.send_signal(signal.SIGINT)
+                other.wait()
+            self.assertEqual(process.wait(), 0)
+            self.assertEqual(watching.wait(), 1)
+        self.assertIn("/other also published commands", watching.output)
+        self.assertIn("after the plan, the car was at (", watching.output)
+        self.assertNotIn("has been driven", watching.output)
 
     def test_parameters_of_an_earlier_run(self):
         """The node prints those that its command line does not set."""
@@ -161,47 +167,41 @@ class TestPathPublisher(RosTestCase):
             self.assertEqual(master.lookupNode("/path_publisher"), address)
 
     def test_the_car_dies(self):
-        """The node warns, and ends with exit status 1."""
-        path = self.plan("0,0,0\n1.0,0.2,2\n")
+        """The monitor warns, and ends with exit status 1."""
+        path = self.plan("0,0,0\n1.0,0.2,60\n")
         car = node("car_sim.py", "__ns:=/second")
         self.addCleanup(car.end)
-        with self.driving(path, "_loop:=false", "_car_name:=second") as process:
+        with self.driving(path, "second") as (process, watching):
             kill("/second/car_sim", car.pid)
             warning = "the car no longer reports its pose on /second/car_pose"
-            wait_for(lambda: warning in process.output, "a warning")
+            wait_for(lambda: warning in watching.output, "a warning")
             self.control("resume")
-            self.assertEqual(process.wait(), 1)
-        self.assertIn("/second/car_pose since line 2 of 2, so it is not known", process.output)
-        self.assertNotIn("has been driven", process.output)
+            self.assertEqual(process.wait(), 0)
+            self.assertEqual(watching.wait(), 1)
+        self.assertIn("has not reported its pose since line 2 of 2, so it is not", watching.output)
+        self.assertNotIn("has been driven", watching.output)
 
     def test_the_car_is_restarted(self):
-        """The node warns twice and drives on; the new car ends at another pose."""
-        arguments = ("__ns:=/third", f"mux/ackermann_cmd_mux/output:={OUTPUT}")
-        car = self.ending(node("car_sim.py", *arguments))
-        path = self.plan("0,0,0\n1.0,0.2,4\n")
-        with self.driving(path, "_car_name:=third", "_car:=ideal") as process:
+        """The monitor warns twice; the node drives on, and the new car ends at another pose."""
+        output = f"mux/ackermann_cmd_mux/output:={OUTPUT}"
+        car = self.ending(node("car_sim.py", "__ns:=/third", output))
+        path = self.plan("0,0,0\n1.0,0.2,60\n")
+        with self.driving(path, "third", "_car:=ideal") as (process, watching):
             kill("/third/car_sim", car.pid)
             lost = "the car no longer reports its pose on /third/car_pose"
-            wait_for(lambda: lost in process.output, "a warning")
+            wait_for(lambda: lost in watching.output, "a warning")
             # The reports of another car replace a start; test_faults_nodes restarts the car.
             reported = []
             relay = Relay("/car/car_pose", "/third/car_pose", PoseStamped, reported.append)
             self.ending(relay)
             wait_for(lambda: self.control("step") or reported, "a report")
-            wait_for(lambda: "the car has been restarted" in process.output, "another warning")
+            wait_for(lambda: "the car has been restarted" in watching.output, "another warning")
             self.control("resume")
-            self.assertEqual(process.wait(), 1)
+            self.assertEqual(process.wait(), 0)
+            self.assertEqual(watching.wait(), 1)
         self.assertEqual(self.commands.last.drive.speed, 0.0)
-        self.assertEqual(len(self.commands.messages), 41)
-        self.assertIn("the car did not report its pose, or it was restarted", process.output)
-
-    def test_the_parameters_of_a_car_that_has_ended(self):
-        """They do not count: the plan is not checked against their limits."""
-        rospy.set_param("/ended/car_sim/speed_limit", 0.01)
-        self.addCleanup(rospy.delete_param, "/ended")
-        path = self.plan("0,0,0\n0.02,0,0.1\n")
-        arguments = ("_car_name:=ended", "_send_init_pose:=false", f"_control_topic:={NAVIGATION}")
-        self.assertNotIn("at most", self.drive_plan(path, *arguments))
+        self.assertEqual(len(self.commands.messages), 601)
+        self.assertIn("the car did not report its pose, or it was restarted", watching.output)
 
     def test_tutorial_listing(self):
         """Only the bends of the path are checked, because the durations of its rows are not exact.
@@ -227,16 +227,17 @@ class TestPathPublisher(RosTestCase):
         self.assertLess(bends.index(max(bends)), bends.index(min(bends)))
 
     def test_the_name_of_a_file_in_the_users_directory(self):
-        """It comes before the plan of the package; the first line of the node shows its path."""
+        """It comes before the plan of the package, also for the monitor."""
         rospy.set_param("/path_publisher/send_init_pose", False)  # as if from an earlier drive
         # The car is slow, so a late message does not change the printed digits.
         path = self.plan("3,4,1\n0.02,0.1,1\n", "figure_8.txt")
         launch = ("roslaunch", "mushr_ros_intro", "path_publisher.launch", "plan_file:=figure_8")
         with ForkedProcess(*launch, PWD=self.folder) as process:
             self.assertEqual(process.wait(), 0)
-        first = next(line for line in process.output.splitlines() if "[INFO]" in line)
-        self.assertIn(f"plan {path}: 1 row, 1 s, 0.02 m", first)
-        self.assertIn("the car drove 0.02 m", process.output)
+        self.assertIn(f"all commands of {path} have been sent", process.output)
+        (watching,) = (each for each in nodes if "drive_monitor" in each.command)
+        wait_for(lambda: f"{path}, 1 row, 1 s, 0.02 m" in watching.output, "the plan")
+        wait_for(lambda: "the car drove 0.02 m" in watching.output, "the result")
         self.assert_rests_at(closed_form((3.0, 4.0, 1.0), [(0.02, 0.1, 1.0)]))
 
     def test_refuses_and_publishes_nothing(self):
@@ -308,7 +309,7 @@ class TestPathPublisher(RosTestCase):
             wait_for_subscriber(told_late, 0.0)
         for car in ("car", "ghost"):
             with self.assertRaisesRegex(UserError, r"was not at the start pose \(90.0000 m"):
-                CarPose(car).wait_until_at(Pose(90.0, 0.0, 0.0), 0, 0.0)
+                StartPose(car, Pose(90.0, 0.0, 0.0)).wait_until_reported(0, 0.0)
 
     def test_the_car_starts_after_the_mux(self):
         """On a busy machine, click_planner, which subscribes to the start pose, can be first."""
@@ -323,14 +324,13 @@ class TestPathPublisher(RosTestCase):
             )
             self.ending(node("car_sim.py", "__ns:=/late"))
             self.assertEqual(plan.wait(), 0, plan.output)
-        self.assertIn("the car drove 0.30 m", plan.output)
 
     def test_the_car_of_mushrs_branch_noetic(self):
         """It is placed on another topic; the message contains the command that places it."""
         reposition = Recording("/mushr_sim/reposition", PoseStamped)
         self.addCleanup(reposition.subscriber.unregister)
         with self.assertRaises(UserError) as raised:
-            CarPose("car").wait_until_at(Pose(5.0, 6.0, 0.5), 0, 0.0)
+            StartPose("car", Pose(5.0, 6.0, 0.5)).wait_until_reported(0, 0.0)
         command = re.search("Type: (.*) and then start", str(raised.exception))[1]
         with ForkedProcess(*shlex.split(command)) as place:
             self.assertEqual(place.wait(), 0)

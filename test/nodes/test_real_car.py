@@ -1,4 +1,4 @@
-"""Check what path_publisher does before it drives, and how it drives a real car."""
+"""Check what path_publisher and drive_monitor do before a drive, and drives of a real car."""
 
 import contextlib
 import math
@@ -13,15 +13,14 @@ from std_msgs.msg import String
 
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.ros.connections import registered_nodes
 from support.cars import CARS
 from support.geometry import closed_form, planar
 from support.helpers import (
     ForkedProcess,
     Recording,
-    Relay,
     RosTestCase,
     driver,
+    monitor,
     publisher,
     wait_for,
 )
@@ -54,18 +53,15 @@ class TestRealCar(RosTestCase):
         self.commands = Recording(NAVIGATION, AckermannDriveStamped)
         self.placements = Recording("/initialpose", PoseWithCovarianceStamped)
         self.paths = Recording("/car/predicted_path", Path)
-        # An earlier node sends its latched message until it has ended.
-        path = self.paths.subscriber.resolved_name
-        wait_for(
-            lambda: not registered_nodes(path, "publishers"),
-            "the end of the earlier node",
-        )
-        self.paths.clear()
         self.addCleanup(self.forget)
 
-    def wait_for_prediction(self, _=None):
-        """Return the predicted path; it comes before the countdown and the start pose."""
-        return wait_for(lambda: self.paths.last, "the predicted path")
+    def wait_for_prediction(self, *start):
+        """Return the predicted path with a start pose."""
+
+        def is_found(path):
+            return math.dist(planar(path.poses[0].pose), start) < FOUND
+
+        return wait_for(lambda: next(filter(is_found, self.paths.messages), None), "the path")
 
     @staticmethod
     def forget():
@@ -77,10 +73,7 @@ class TestRealCar(RosTestCase):
 
     def test_faults_are_warnings_and_the_prediction_ends_at_the_wall(self):
         plan = self.plan("47,0,0\n0.9,0\n2.0, 0.0, 3\n")
-        # The node ends at once, so it waits for the start pose until the path has arrived.
-        held, topic = "/held/initialpose", "/initialpose"
-        self.ending(Relay(held, topic, PoseWithCovarianceStamped, self.wait_for_prediction))
-        output = self.drive_plan(plan, f"_init_pose_topic:={held}", status=1)
+        output = self.drive_plan(plan, status=1)
         fast = "line 3 asks for 2 m/s; the car does 0.9286 m/s at most"
         wall = "the car hits a wall at t = 2.3 s, (49.0, 0.0); it stops there"
         warnings = WARNINGS.findall(output)
@@ -90,26 +83,16 @@ class TestRealCar(RosTestCase):
             r"FATAL.* the car stopped at a wall in line 3 of 3 at \((.*) m, 0.0000 m, 0.0000 rad\)"
         )
         self.assertAlmostEqual(float(at_wall.search(output)[1]), AT_WALL, delta=1e-4)
-        end = planar(self.paths.last.poses[-1].pose)
+        end = planar(self.wait_for_prediction(47.0, 0.0, 0.0).poses[-1].pose)
         self.assertLess(math.dist(end, (AT_WALL, 0.0, 0.0)), FOUND)
-
-    def test_strict_refuses_faults_and_publishes_nothing(self):
-        rows = "".join(f"{speed}, 0\n" for speed in 30 * (0.5, 1.5))
-        plan = self.plan(f"0,0,0\n{rows}")
-        output = self.drive_plan(plan, "_strict:=true", status=1)
-        self.assertEqual(output.count("FATAL"), 1)
-        self.assertIn("~strict is set and the plan has faults", output)
-        self.assertEqual(output.count(f"{plan}:"), 20 + 1, output)  # and once when it is read
-        self.assertIn("... and 10 more", output)
-        for recording in (self.commands, self.placements, self.paths):
-            self.assertEqual(recording.messages, [], recording.topic)
 
     def test_refusals(self):
         """Each fault is one message and exit status 1."""
         name, circle = "path_publisher.py", "_plan_file:=circle"
         self.assert_refused(
             (name, [circle, "_max_speed:=0.0"], "parameter ~max_speed is 0.0; expected a number"),
-            (name, [circle, "_car:=tx2"], f"{max(CARS)}; did you mean mushr_tx2?"),
+            ("drive_monitor.py", ["_car:=tx2"], f"{max(CARS)}; did you mean mushr_tx2?"),
+            ("drive_monitor.py", ["_plan_file:=figure_9"], "circle, closed_figure_8, figure_8"),
         )
         # In this process: in a node, an earlier wait could have the same timeout.
         unused = CommandPublisher("/unused", "/nobody")
@@ -123,11 +106,15 @@ class TestRealCar(RosTestCase):
         broken = rospy.Publisher("/broken_map", OccupancyGrid, queue_size=1, latch=True)
         self.addCleanup(broken.unregister)
         broken.publish(OccupancyGrid())
-        with driver(self.plan("49.4,0,0\n0.5,0.1\n"), "/map:=/broken_map") as process:
+        plan = self.plan("49.4,0,0\n0.5,0.1\n")
+        with monitor(plan, "/map:=/broken_map") as watching, driver(plan) as process:
             wait_for(lambda: self.placements.last, "the start pose")
+            said = "the map on /broken_map cannot be read: "
+            wait_for(lambda: said in watching.output, "the message")
             process.send_signal(signal.SIGINT)
             self.assertEqual(process.wait(), 1)
-        self.assertIn("the map on /broken_map cannot be read: ", process.output)
+            self.assertEqual(watching.wait(), 1)
+        self.assertIn("/path_publisher has ended, and has not moved the car", watching.output)
         self.assertEqual(self.commands.messages, [])
 
     # A real car
@@ -139,7 +126,7 @@ class TestRealCar(RosTestCase):
         arguments = (f"plan_file:={plan}", "countdown:=1", "car:=ideal")
         with ForkedProcess("roslaunch", "mushr_ros_intro", "real_car.launch", *arguments) as launch:
             launch.wait()
-        self.assertIn("process has finished cleanly", launch.output)
+        self.assertEqual(launch.output.count("process has finished cleanly"), 2, launch.output)
         warning = "lines 2 to 3 ask for -1.5 to 2 m/s; the largest speed allowed is 1 m/s"
         self.assertIn(f"{plan}:2:1: {warning}", launch.output)
         self.assertIn("the car starts to drive in 1 s", launch.output)
@@ -150,13 +137,14 @@ class TestRealCar(RosTestCase):
         self.assertEqual(speeds, [1.0] * 10 + [-1.0] * 5 + [0.5] * 10 + [0.0])
 
     def test_interrupted_countdown(self):
-        """Ctrl-C in the countdown: no command at all, and a clean end."""
+        """Ctrl-C in the countdown: no command at all, and a clean end; the path is shown before."""
         plan = self.plan("1,2,0.5\n0.5,0.3,2500\n")
-        with driver(plan, "_countdown:=60", "_car:=ideal") as process:
+        with monitor(plan, "_car:=ideal") as watching, driver(plan, "_countdown:=60") as process:
             wait_for(lambda: "the car starts to drive in 60 s" in process.output, "the countdown")
-            path = self.wait_for_prediction()
+            path = self.wait_for_prediction(1.0, 2.0, 0.5)
             process.send_signal(signal.SIGINT)
             self.assertEqual(process.wait(), 1)
+            self.assertEqual(watching.wait(), 1)
         self.assertEqual(self.commands.messages, [])
         self.assertEqual(self.placements.messages, [])
         stamps = [pose.header.stamp - path.header.stamp for pose in path.poses]
@@ -224,11 +212,14 @@ class TestRealCar(RosTestCase):
         self.addCleanup(timer.join)
         self.addCleanup(timer.shutdown)
         other = ("_car_name:=other", f"_control_topic:={NAVIGATION}", "_active_topic:=/killed")
-        with mux, driver(plan, "_send_init_pose:=false", *other) as process:
-            wait_for(lambda: self.commands.messages, "a command")
-            mux.send_signal(signal.SIGKILL)
-            self.assertEqual(process.wait(), 1)
+        moving = ("/car/car_pose:=/other/car_pose",)
+        with mux, monitor(plan, *moving) as watching:
+            with driver(plan, "_send_init_pose:=false", *other) as process:
+                wait_for(lambda: self.commands.messages, "a command")
+                mux.send_signal(signal.SIGKILL)
+                self.assertEqual(process.wait(), 1)
+            self.assertEqual(watching.wait(), 1)
         self.assertEqual(process.output.count("FATAL"), 1)
         self.assertIn("the node that published /killed is no longer connected", process.output)
-        self.assertIn("the drive ended in line 2 of 2; the last reported pose is", process.output)
+        self.assertIn("ended in line 2 of 2; the car was last reported at", watching.output)
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")

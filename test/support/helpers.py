@@ -2,6 +2,7 @@
 
 import contextlib
 import glob
+import itertools
 import math
 import os
 import random
@@ -35,6 +36,7 @@ LOG_LINES = 30
 """The number of lines of each log in the message of a failure."""
 
 _processes = weakref.WeakSet()
+_monitors = itertools.count()
 
 
 class LoggedAssertionError(AssertionError):
@@ -108,11 +110,16 @@ class RosTestCase(unittest.TestCase):
         return started
 
     def drive_plan(self, plan, *arguments, status=0):
-        """Run path_publisher with a plan, check its exit status, and return its output."""
-        with driver(plan, *arguments) as process:
-            self.assertEqual(process.wait(), status)
-        self.assertNotIn("Traceback", process.output)
-        return process.output
+        """Drive a plan with path_publisher and a monitor; return the output of both.
+
+        `status` is the exit status of the monitor. path_publisher ends without an error.
+        """
+        with driven(plan, *arguments) as (process, watching):
+            self.assertEqual(process.wait(), 0)
+            self.assertEqual(watching.wait(), status)
+        output = process.output + watching.output
+        self.assertNotIn("Traceback", output)
+        return output
 
     def assert_pose(self, got, expected, tolerance=POSITION_TOLERANCE):
         """Fail unless two (x, y, theta) differ by at most `tolerance` [m, rad]."""
@@ -139,9 +146,10 @@ class RosTestCase(unittest.TestCase):
 
 
 class Recording:
-    """Every message of a topic, in the order of arrival."""
+    """Every message of a topic, in the order of arrival; `act` is called with each."""
 
-    def __init__(self, topic, kind):
+    def __init__(self, topic, kind, act=lambda message: None):
+        self._act = act
         self.topic = rospy.resolve_name(topic)
         self._messages = []
         self._changed = threading.Condition()
@@ -151,6 +159,7 @@ class Recording:
         with self._changed:
             self._messages.append(message)
             self._changed.notify_all()
+        self._act(message)
 
     def clear(self):
         with self._changed:
@@ -420,9 +429,25 @@ def node(name, *arguments, **environment):
 
 
 def driver(plan, *arguments, **environment):
-    """Start path_publisher with the path or the name of a plan; it waits patiently for the car."""
-    common = (f"_plan_file:={plan}", f"_subscriber_timeout:={PATIENCE}")
-    return node("path_publisher.py", *common, *arguments, **environment)
+    """Start path_publisher with the path or the name of a plan."""
+    return node("path_publisher.py", f"_plan_file:={plan}", *arguments, **environment)
+
+
+def monitor(plan, *arguments, **environment):
+    """Start a drive_monitor for one drive of a plan; return it when it sees the car."""
+    name = f"monitor_{next(_monitors)}"
+    common = (f"_plan_file:={plan}", f"__name:={name}")
+    process = node("drive_monitor.py", *common, *arguments, **environment)
+    wait_for(lambda: "watching the drives" in process.output or not process.running, name)
+    return process
+
+
+@contextlib.contextmanager
+def driven(plan, *arguments, **environment):
+    """Yield a path_publisher with a plan, and a monitor of its drive."""
+    with monitor(plan, **environment) as watching:
+        with driver(plan, *arguments, **environment) as process:
+            yield process, watching
 
 
 @contextlib.contextmanager

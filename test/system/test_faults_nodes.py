@@ -22,7 +22,7 @@ from support.helpers import (
     PATIENCE,
     Process,
     Recording,
-    driver,
+    driven,
     kill,
     master,
     node,
@@ -86,7 +86,7 @@ class TestNodeFaults(DrivenCarTestCase):
         path = self.plan("1,-1,0.5\n1.0,0.2,60\n")
         sender = self.inputs["navigation"]
         old = connected_nodes(sender)
-        with driver(path) as plan:
+        with driven(path) as (plan, watching):
             for name in ("/car/car_sim", MUX):
                 self.wait_until_it_drives()
                 killed = pid_of(name)
@@ -95,7 +95,7 @@ class TestNodeFaults(DrivenCarTestCase):
                     self.assertEqual(plan.wait(), 1)
                 else:
                     restarted = "line 2 of 2: the car has been restarted"
-                    wait_for(lambda text=restarted: text in plan.output, "a warning")
+                    wait_for(lambda text=restarted: text in watching.output, "a warning")
                 wait_for(lambda n=name, k=killed: pid_of(n) not in (None, k), f"a new {name}")
             self.assertNotIn("Traceback", plan.output)
             self.assertEqual(plan.output.count("FATAL"), 1)
@@ -124,11 +124,11 @@ class TestNodeFaults(DrivenCarTestCase):
         wait_for(lambda: mux.last and mux.last.drive.speed == 0.0, "the stop")
 
     def test_a_node_stands_still_at_the_end(self):
-        """Late messages are applied at their stamps, and path_publisher waits for the result."""
+        """Late messages are applied at their stamps, and the monitor waits for the result."""
         path = self.plan("1,-1,0.5\n0.5,0.2,1\n")
         for name in ("/path_publisher", MUX, "/car/car_sim"):
             self.output.clear()
-            with driver(path) as plan:
+            with driven(path) as (plan, watching):
                 pid = plan.pid if name == "/path_publisher" else pid_of(name)
                 wait_for(lambda: self.count(0.5) >= 8, "eight commands")
                 os.kill(pid, signal.SIGSTOP)
@@ -136,10 +136,11 @@ class TestNodeFaults(DrivenCarTestCase):
                 wait_for(lambda resume=resume: rospy.Time.now() > resume, "the end of the plan")
                 os.kill(pid, signal.SIGCONT)
                 self.assertEqual(plan.wait(), 0)
-            driven, difference = map(float, COMPARISON.search(plan.output).groups())
+                self.assertEqual(watching.wait(), 0)
+            length, difference = map(float, COMPARISON.search(watching.output).groups())
             # Until the stop arrives, the car may report that it drives on, until its last command
             # expires. Then it reports the right pose again. The sum of the distances is too large.
-            self.assertEqual(driven, 0.5)
+            self.assertEqual(length, 0.5)
             self.assertLess(difference, POSITION_TOLERANCE)
         self.assert_recovered()
 
@@ -151,22 +152,24 @@ class TestNodeFaults(DrivenCarTestCase):
         """
         path = self.plan("1,-1,0.5\n" + "1.0,0.1,0.25\n1.0,-0.1,0.25\n" * 4)
         self.output.clear()
-        with driver(path) as plan:
+        with driven(path) as (plan, watching):
             wait_for(lambda: self.count(1.0) >= 5, "five commands")
             plan.send_signal(signal.SIGSTOP)
             wait_for(lambda: self.output.last.drive.speed == 0.0, "the stop of the mux")
             plan.send_signal(signal.SIGCONT)
             self.assertEqual(plan.wait(), 0, plan.output)
-        _, difference = map(float, COMPARISON.search(plan.output).groups())
+            self.assertEqual(watching.wait(), 0)
+        _, difference = map(float, COMPARISON.search(watching.output).groups())
         self.assertLess(difference, POSITION_TOLERANCE)
 
     def test_the_master_dies(self):
         """The plan is driven to its end, and Ctrl-C works, in a home that cannot be written."""
-        with self.other_master(1.5) as (core, plan, _):
+        with self.other_master(1.5) as (core, plan, watching, _):
             core.send_signal(signal.SIGKILL)
             self.assertEqual(plan.wait(), 0)
-        driven, difference = map(float, COMPARISON.search(plan.output).groups())
-        self.assertEqual(driven, 0.03)
+            self.assertEqual(watching.wait(), 0)
+        length, difference = map(float, COMPARISON.search(watching.output).groups())
+        self.assertEqual(length, 0.03)
         self.assertLess(difference, POSITION_TOLERANCE)
 
     def test_the_master_answers_late(self):
@@ -174,23 +177,25 @@ class TestNodeFaults(DrivenCarTestCase):
         slow = self.ending(SlowMaster())
         path = self.plan("1,-1,0.5\n0.5,0.2,6\n")
         self.output.clear()
-        with driver(path, ROS_MASTER_URI=slow.uri) as plan:
-            wait_for(lambda: "line 2 of 2" in plan.output, "the plan to be driven")
+        with driven(path, ROS_MASTER_URI=slow.uri) as (plan, watching):
+            wait_for(lambda: "line 2 of 2" in watching.output, "the plan to be driven")
             slow.delay = 3.0
             wait_for(lambda: slow.late_answers, "a late answer")
             slow.delay = 0.0  # at its end, a node calls the master some ten times
             self.assertEqual(plan.wait(), 0, plan.output)
-        _, difference = map(float, COMPARISON.search(plan.output).groups())
+            self.assertEqual(watching.wait(), 0)
+        _, difference = map(float, COMPARISON.search(watching.output).groups())
         self.assertLess(difference, POSITION_TOLERANCE)
 
     def test_the_master_does_not_answer(self):
         """The drive ends, no node starts, and Ctrl-C works, as on a cut network."""
-        with self.other_master(60.0) as (core, plan, environment):
+        with self.other_master(60.0) as (core, plan, watching, environment):
             core.send_signal(signal.SIGSTOP)
             with node("car_sim.py", "__name:=late", **environment) as late:
                 self.assertEqual(plan.wait(), 1)
+                self.assertEqual(watching.wait(), 1)
                 self.assertEqual(late.wait(), 1)
-            for each in (plan, late):
+            for each in (plan, watching, late):
                 self.assertNotIn("Traceback", each.output)
         self.assertIn("the network to the master is cut. The drive ends", plan.output)
         self.assertIn("car_sim: no master answers", late.output)
@@ -205,9 +210,9 @@ class TestNodeFaults(DrivenCarTestCase):
             nodes = list(map(self.ending, start_car(**environment)))
             # The car is slow, so a late message does not change the printed digits.
             path = self.plan(f"1,-1,0.5\n0.02,0.2,{seconds}\n")
-            with driver(path, **environment) as plan:
-                wait_for(lambda: "line 2 of 2" in plan.output, "the plan to be driven")
-                yield core, plan, environment
+            with driven(path, **environment) as (plan, watching):
+                wait_for(lambda: "line 2 of 2" in watching.output, "the plan to be driven")
+                yield core, plan, watching, environment
             for each in nodes:
                 each.send_signal(signal.SIGINT)
             for each in nodes:

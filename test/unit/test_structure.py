@@ -17,7 +17,7 @@ FLOORS = (
     {"browser"},
     {"classroom"},
     {"comparison"},
-    {"replay", "drive", "authoring", "doctor"},
+    {"replay", "drive", "monitor", "authoring", "doctor"},
     {"simulator", "isolation"},
     {"preview", "ros"},
     {"car"},
@@ -44,7 +44,8 @@ WITH_ROS = {
         "world",
     },
     "comparison": {"bag_file"},
-    "drive": {"car_pose", "command_publisher", "drive_monitor", "preview_publisher", "timetable"},
+    "drive": {"command_publisher", "start_pose"},
+    "monitor": {"car_watch", "expectation", "senders", "watched_drive"},
     "doctor": {"listener", "network", "observation"},
     "isolation": {"workspace"},
     "simulator": {

@@ -1,1 +1,1 @@
-"""Send the commands of a plan to a car, and watch what happens to them."""
+"""Send the commands of a plan to a car, and stop it."""

@@ -4,17 +4,55 @@ import math
 import threading
 import time
 from contextlib import suppress
-from typing import Any, Dict, Optional, Set, Tuple
+from typing import Any, Dict, NamedTuple, Optional, Set, Tuple
 
 import rosgraph
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
-from mushr_ros_intro.car.model import Command
-from mushr_ros_intro.drive.takeover import NOBODY, TakeoverMonitor
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.ros import connections, conversions, node, ros_time, rospy_fixes
+from mushr_ros_intro.ros import connections, node, ros_time, rospy_fixes
+from mushr_ros_intro.ros.xmlrpc_client import CallError, CallFault, ask
+from mushr_ros_intro.stamps import CALL_TIMEOUT
+
+MASTER_PERIOD = 0.4
+"""Period at which the master is called during a drive [s of wall-clock time]."""
+
+CLOCK_TIMEOUT = 10.0
+"""Simulated time may stand still for this time if no live node publishes it [s]."""
+
+NOBODY = ("idle", "default")
+"""The active inputs, in lower case, if no input drives: MuSHR's `default` gets only stops."""
+
+
+class TakeoverMonitor(NamedTuple):
+    """The monitor of a node that sends commands to one input of the mux.
+
+    The car is taken over if another input drives. It also counts as taken over if no input drives
+    after the sender's input has driven, because then the commands arrived too late. This does not
+    change any more, even if the sender's input drives again.
+    """
+
+    input: str
+    """The name of the sender's input, such as navigation; case does not matter."""
+    has_driven: bool = False
+    """Whether the sender's input has driven the car in this plan."""
+    taken_over_by: str = ""
+    """The active input at the takeover; empty if there was none."""
+
+    def on_active(self, active: str, is_sending: bool) -> "TakeoverMonitor":
+        """Return the state after the mux published the name `active` of the input that drives."""
+        name = active.strip().lower()
+        if name == self.input.lower():
+            return self._replace(has_driven=self.has_driven or is_sending)
+        if self.taken_over_by or not self.has_driven and name in NOBODY:
+            return self
+        return self._replace(taken_over_by=active.strip() or "idle")
+
+    def plan_ended(self) -> "TakeoverMonitor":
+        """Return the state after the stop of a plan; the mux may then be idle."""
+        return self._replace(has_driven=False)
 
 
 class CommandPublisher:
@@ -92,6 +130,7 @@ class CommandPublisher:
         if self._active_topic:
             fault = f"the node that published {self._active_topic} is no longer connected"
             self._mux[fault] = self._active, set(connections.connected_nodes(self._active))
+        threading.Thread(target=self._call_master, daemon=True).start()
         end = time.monotonic() + countdown
         for left in range(math.ceil(countdown), 0, -1):
             rospy.loginfo("the car starts to drive in %d s; Ctrl-C cancels", left)
@@ -133,6 +172,32 @@ class CommandPublisher:
                 rospy_fixes.flush(self._publisher, self._written)
             self._is_stopped = True
 
+    def _call_master(self) -> None:
+        """End the drive if the master does not answer, in a thread: a call takes up to 5 s.
+
+        If the network is cut, no command arrives, and TCP reports no error for minutes. In
+        simulated time, also end it if the node that publishes the clock has died.
+        """
+        seen, since = 0, time.monotonic()
+        while not self._is_stopped:
+            time.sleep(MASTER_PERIOD)
+            now = ros_time.now()
+            if now != seen:
+                seen, since = now, time.monotonic()
+            try:
+                ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), "getPid")
+                if time.monotonic() > since + CLOCK_TIMEOUT and connections.is_dead("/clock"):
+                    text = "simulated time stands still, because the node has died that published it"
+                    node.end_with_error(UserError(f"{text}. The drive ends"))
+                    return
+            except CallError as error:
+                if error.fault is CallFault.REFUSED:
+                    continue  # the master has ended; the nodes remain connected
+                if not self._is_stopped:
+                    text = f"{error}. The master is suspended, or the network to the master is cut"
+                    node.end_with_error(UserError(f"{text}. The drive ends"))
+                return
+
     def _publish(self, msg: AckermannDriveStamped) -> None:
         """Publish a command; needs the lock."""
         self._last = msg
@@ -168,4 +233,6 @@ class CommandPublisher:
 
 def _stop_after(last: AckermannDriveStamped, stamp: int) -> AckermannDriveStamped:
     """Return a stop with the stamp `stamp` [ns], in the frame of the last command."""
-    return conversions.command_to_msg(Command(stamp, 0.0, 0.0), last.header.frame_id)
+    msg = AckermannDriveStamped()
+    msg.header.stamp, msg.header.frame_id = ros_time.time_from(stamp), last.header.frame_id
+    return msg

@@ -76,7 +76,8 @@ class AckermannCmdMux:
     The parameters below its name are the configuration, and its topics are below its name: the
     input ``input/navigation`` of /car/mux/ackermann_cmd_mux is the topic
     /car/mux/ackermann_cmd_mux/input/navigation. Publishes the name of the input that drives on
-    ``active`` below its name, and a stop when the last live input expires.
+    ``active`` below its name, the name of the node that sends the commands on ``driver``, and a
+    stop when the last live input expires.
 
     Example: ``roslaunch mushr_ros_intro sim.launch`` starts it with config/ackermann_cmd_mux.yaml
     """
@@ -90,6 +91,8 @@ class AckermannCmdMux:
         self._is_live = threading.Event()
         self._core = Mux(ros_time.is_simulated(), rospy.logwarn)
         self._topics = MuxTopics(rospy.get_name(), config.publisher)
+        self._driver = ""
+        self._driver_pub = rospy.Publisher("~driver", String, queue_size=100, latch=True)
         self._topics.subscribe(config.inputs, self._on_command)
 
     def run(self) -> None:
@@ -120,6 +123,13 @@ class AckermannCmdMux:
             stop, passes = self._core.add(source, command.stamp, ros_time.now(), time.monotonic())
             self._stop(stop)
             if passes:
+                self._announce_driver(msg._connection_header["callerid"])
                 self._topics.send(msg)
                 self._topics.announce(self._core.active)
             self._is_live.set()
+
+    def _announce_driver(self, name: str) -> None:
+        """Publish the name of the node that sends the commands if it has changed."""
+        if name != self._driver:
+            self._driver = name
+            self._driver_pub.publish(String(data=name))

@@ -85,23 +85,3 @@ def test_a_clock_that_jumps_ends_the_plan(offset, words, set_clock):
     set_clock(timetable.due - COMMAND_PERIOD + offset)
     with pytest.raises(UserError, match=words):
         next(timetable.instants(PLAN.rows[0]))
-
-
-def test_the_position_names_the_lap_and_the_line_of_the_file(set_clock):
-    timetable = Timetable(PLAN, has_laps=True)
-    for lap in (1, 2):
-        timetable.begin()
-        timetable.start_after(BEGIN)
-        set_clock(timetable.end)
-        instants = [250 * MS - 1, 250 * MS, 350 * MS, 500 * MS]
-        positions = [timetable.position(timetable.start + instant) for instant in instants]
-        assert positions == [f"lap {lap}, line {line} of 5" for line in (3, 4, 5, 5)]
-
-
-def test_the_position_of_a_node_that_was_suspended(set_clock):
-    timetable = Timetable(PLAN)
-    timetable.start_after(BEGIN)
-    set_clock(timetable.due)
-    next(timetable.instants(PLAN.rows[0]))
-    set_clock(timetable.end + STAMP_TOLERANCE)
-    assert timetable.stop_position() == "line 3 of 5"

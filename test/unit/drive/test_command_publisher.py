@@ -2,7 +2,7 @@
 
 import pytest
 
-from mushr_ros_intro.drive.takeover import TakeoverMonitor
+from mushr_ros_intro.drive.command_publisher import TakeoverMonitor
 
 
 def after(names, monitor=None, is_sending=True):

@@ -1,13 +1,13 @@
-"""Test the prediction of a drive before it begins."""
+"""Test the prediction of a drive."""
 
 import numpy as np
 import pytest
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.drive import preview_publisher
-from mushr_ros_intro.drive.preview_publisher import predict, read_walls, receive_map
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.monitor import expectation
+from mushr_ros_intro.monitor.expectation import predict, read_walls, receive_map
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
@@ -73,35 +73,30 @@ NO_MAP = "no node publishes a map on /map"
     ],
 )
 def test_walls_that_cannot_be_checked(monkeypatch, simulated, is_placed, problem, level):
-    """A warning, and a refusal with strict, unless the car is known to have no walls."""
+    """A warning, unless the car is known to have no walls."""
 
     def read_no_map(is_expected):
         assert is_expected == (simulated is WITH_MAP)
         raise UserError(NO_MAP)
 
     logged = []
-    monkeypatch.setattr(preview_publisher, "receive_map", read_no_map)
+    monkeypatch.setattr(expectation, "receive_map", read_no_map)
     for each in ("info", "warn"):
         log = lambda text, *values, each=each: logged.append((each, text % values))  # noqa: E731
-        monkeypatch.setattr(preview_publisher.rospy, f"log{each}", log)
-    assert read_walls(simulated, is_placed, is_strict=False) is None
+        monkeypatch.setattr(expectation.rospy, f"log{each}", log)
+    assert read_walls(simulated, is_placed) is None
     assert logged == [(level, f"walls are not checked: {problem}")]
-    if level == "info":
-        assert read_walls(simulated, is_placed, is_strict=True) is None
-    else:
-        with pytest.raises(UserError, match=f"walls cannot be checked: {problem}; the plan is not"):
-            read_walls(simulated, is_placed, is_strict=True)
 
 
 def test_a_map_that_can_be_read(monkeypatch):
-    monkeypatch.setattr(preview_publisher, "receive_map", lambda is_expected: ROOM)
-    assert read_walls(WITH_MAP, is_placed=True, is_strict=True) is ROOM
+    monkeypatch.setattr(expectation, "receive_map", lambda is_expected: ROOM)
+    assert read_walls(WITH_MAP, is_placed=True) is ROOM
 
 
 def test_a_map_whose_node_starts_with_the_car(monkeypatch):
     msg = conversions.grid_to_msg(ROOM, 0, "map")
-    monkeypatch.setattr(preview_publisher, "is_published", lambda topic: False)
-    monkeypatch.setattr(preview_publisher.rospy, "wait_for_message", lambda *_: msg)
+    monkeypatch.setattr(expectation, "is_published", lambda topic: False)
+    monkeypatch.setattr(expectation.rospy, "wait_for_message", lambda *_: msg)
     assert np.array_equal(receive_map(is_expected=True).cells, ROOM.cells)
     with pytest.raises(UserError, match="no node publishes a map on /map"):
         receive_map(is_expected=False)

@@ -1,0 +1,1 @@
+"""Watch the drives of any node, and report how each of them ended."""

@@ -1,0 +1,63 @@
+"""Watch whether a car reports its pose."""
+
+import time
+from typing import List, Optional
+
+from geometry_msgs.msg import PoseStamped
+
+from mushr_ros_intro.monitor.drive import Report
+from mushr_ros_intro.ros import conversions, ros_time
+from mushr_ros_intro.ros.connections import is_dead
+
+MAX_SILENCE = 0.4
+"""If no report comes for this time, it is checked whether the car responds [s of wall-clock time].
+
+A simulated car also is silent while its clock is held.
+"""
+
+
+class CarWatch:
+    """The reports of a car."""
+
+    def __init__(self, topic: str) -> None:
+        self.topic = topic
+        self.last: Optional[Report] = None
+        self.lost_since: Optional[float] = None
+        """When the car was found to be lost [s, monotonic]; None if it is not."""
+        self._arrival = 0.0
+        self._sequence = 0
+        self._is_new = False
+
+    def report(self, msg: PoseStamped, arrival: float) -> Report:
+        """Return the report in a message of the car that arrived at `arrival` [s, monotonic].
+
+        Raises:
+            conversions.MessageError: the pose is not valid.
+        """
+        pose = conversions.pose_from_msg(msg.pose)
+        self._arrival = arrival
+        # rospy numbers the messages of a publisher.
+        self._is_new |= msg.header.seq < self._sequence
+        self._sequence = msg.header.seq
+        self.last = Report(ros_time.received_stamp(msg.header.stamp.to_nsec()), pose)
+        return self.last
+
+    def changes(self) -> List[str]:
+        """Return what has happened to the car since the last call, for messages."""
+        was_lost, is_lost = self.lost_since is not None, self._is_lost()
+        is_new, self._is_new = self._is_new, False
+        if is_lost and not was_lost:
+            self.lost_since = time.monotonic()
+            text = f"the car no longer reports its pose on {self.topic}"
+            return [f"{text}. Is it still running (rosnode list)?"]
+        if was_lost and not is_lost:
+            self.lost_since = None
+        if is_new:
+            return ["the car has been restarted"]
+        return ["the car reports its pose again"] if was_lost and not is_lost else []
+
+    def _is_lost(self) -> bool:
+        """Return whether the reports have stopped, and no node that publishes them responds."""
+        if self.last is None or time.monotonic() < self._arrival + MAX_SILENCE:
+            return False
+        return is_dead(self.topic)

@@ -1,0 +1,195 @@
+"""One drive as a monitor sees it: the commands for the car, and the poses that the car reports.
+
+All instants are stamps [ns]. A command moves the car if its speed or its steering angle is not 0;
+a drive begins with the first such command.
+"""
+
+import itertools
+from bisect import bisect_right
+from collections import deque
+from typing import Deque, List, NamedTuple, Optional, Union
+
+from mushr_ros_intro.car.model import Command
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.plan.plan import Plan, shortest_decimal
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
+
+JUMP = 0.1
+"""If the pose changes by this distance more than the car can drive, the car was placed [m]."""
+
+KEPT = 2000
+"""Number of reports that are kept after the newest command."""
+
+
+class Report(NamedTuple):
+    """A pose that the car has reported."""
+
+    stamp: int
+    pose: Pose
+    """base_footprint in the map frame."""
+
+
+class Run(NamedTuple):
+    """Consecutive commands with the same speed and steering angle."""
+
+    speed: float
+    steering_angle: float
+    begin: int
+
+    @property
+    def moves(self) -> bool:
+        """Return whether these commands move the car."""
+        return bool(self.speed or self.steering_angle)
+
+
+class Section(NamedTuple):
+    """Consecutive rows of a plan with the same speed and steering angle."""
+
+    speed: float
+    steering_angle: float
+    begin: int
+    """Time from the begin of the plan [ns]."""
+    end: int
+    lines: str
+    """For messages, such as lines 2 to 12."""
+
+
+def sections_of(plan: Plan) -> List[Section]:
+    """Return the sections of a plan."""
+    sections, begin = [], 0
+    for (speed, angle), group in itertools.groupby(plan.rows, key=lambda row: row[:2]):
+        rows = list(group)
+        end = begin + sum(row.duration for row in rows)
+        first, last = rows[0].line, rows[-1].line
+        lines = f"line {first}" if first == last else f"lines {first} to {last}"
+        sections.append(Section(speed, angle, begin, end, lines))
+        begin = end
+    return sections
+
+
+class Drive:
+    """The commands of a drive since the first one, and the reports before and after them."""
+
+    def __init__(self, first: Command, before: Optional[Report]) -> None:
+        """Begin with the first command that moves the car, and the newest report before it."""
+        self.first = first.stamp
+        self.runs: List[Run] = []
+        self.newest = first.stamp
+        """The stamp of the newest command that moves the car."""
+        self.stop: Optional[int] = None
+        """The stamp of the first stop after it, None if there is none."""
+        self.before = before
+        """The newest report that is not newer than the first command."""
+        self.since: Optional[Report] = None
+        """The first report that is newer than the first command."""
+        self.reports: Deque[Report] = deque(maxlen=KEPT)
+        """The reports since the newest command that moves the car."""
+        self.placed: Optional[Report] = None
+        """The first report after another node has placed the car."""
+        self.add(first)
+
+    def add(self, command: Command) -> None:
+        """Add the next command."""
+        run = Run(command.speed, command.steering_angle, command.stamp)
+        if not self.runs or self.runs[-1][:2] != run[:2]:
+            self.runs.append(run)
+        if run.moves:
+            self.newest = max(self.newest, run.begin)
+            self.stop = None
+            self.reports.clear()
+        elif self.stop is None:
+            self.stop = run.begin
+
+    def report(self, report: Report) -> None:
+        """Add a report of the car."""
+        if report.stamp <= self.first:
+            self.before = report
+            return
+        last = self.reports[-1] if self.reports else self.since or self.before
+        self.since = self.since or report
+        if last and not self.placed:
+            fastest = max(abs(run.speed) for run in self.runs)
+            seconds = (report.stamp - last.stamp) / NANOSECONDS
+            if report.pose.distance_to(last.pose) > fastest * max(seconds, 0.0) + JUMP:
+                self.placed = report
+        self.reports.append(report)
+
+    @property
+    def stands(self) -> bool:
+        """Return whether the car has reported one pose twice since the newest command."""
+        poses = [report.pose for report in list(self.reports)[-2:]]
+        return len(poses) == 2 and poses[0] == poses[1]
+
+
+class PlannedDrive:
+    """A drive beside its plan."""
+
+    def __init__(self, plan: Plan, drive: Drive) -> None:
+        self.plan = plan
+        self.drive = drive
+        self._ends = list(itertools.accumulate(row.duration for row in plan.rows))
+        sections = sections_of(plan)
+        is_late = not (sections[0].speed or sections[0].steering_angle)
+        self._sections = sections[is_late:]
+        self.begin = drive.first - (sections[0].end if is_late else 0)
+        """When the plan begins; it may begin with a row in which the car stands."""
+        stops = [each for each in sections if not (each.speed or each.steering_angle)]
+        self.longest_stop = max((each.end - each.begin for each in stops), default=0)
+        """The longest time for which the car stands within the plan."""
+        is_stop = bool(stops) and stops[-1] is sections[-1]
+        self._moving_end = sections[-1].begin if is_stop else plan.duration
+
+    def time(self, instant: int) -> int:
+        """Return how much of the plan has been driven at an instant [ns].
+
+        A row may last longer in the drive than in the plan; then the next row begins later.
+        """
+        elapsed = instant - self.begin
+        index, run = len(self.drive.runs) - 1, self.drive.runs[-1]
+        if index < len(self._sections) and self._sections[index][:2] == run[:2]:
+            section = self._sections[index]
+            elapsed = min(section.begin + max(instant - run.begin, 0), section.end - 1)
+        return min(max(elapsed, 0), self.plan.duration)
+
+    def position(self, instant: int) -> str:
+        """Return the line of the plan's file at an instant, such as "line 4 of 23"."""
+        rows = self.plan.rows
+        index = min(bisect_right(self._ends, self.time(instant)), len(rows) - 1)
+        return f"line {rows[index].line} of {rows[-1].line}"
+
+    @property
+    def end(self) -> int:
+        """When the plan ends; if rows last longer in the drive than in the plan, the stop."""
+        return max(self.drive.stop or 0, self.begin + self.plan.duration)
+
+    @property
+    def is_complete(self) -> bool:
+        """Return whether the commands reach the end of the plan, and then stop."""
+        until = self.drive.newest + 2 * COMMAND_PERIOD
+        return self.drive.stop is not None and until >= self.begin + self._moving_end
+
+    def difference(self) -> str:
+        """Return how the commands of a complete drive differ from the plan; empty if they do not."""
+        runs = self.drive.runs
+        ends = [*(run.begin for run in runs[1:]), self.drive.stop or self.drive.newest]
+        for section, run, end in itertools.zip_longest(self._sections, runs, ends):
+            if run is None:
+                break
+            if section is None:
+                return f"{shown(run)} came after the end of the plan" if run.moves else ""
+            if section[:2] != run[:2]:
+                asked = f"the plan asks for {shown(section)} in {section.lines}"
+                return f"{asked}, but {shown(run)} came"
+            lasted, planned = end - run.begin, section.end - section.begin
+            if abs(lasted - planned) > COMMAND_PERIOD // 2:
+                return (
+                    f"the command of {section.lines} lasted {lasted / NANOSECONDS:.2f} s; the plan "
+                    f"asks for {planned / NANOSECONDS:g} s"
+                )
+        return ""
+
+
+def shown(command: "Union[Run, Section]") -> str:
+    """Return a speed and a steering angle for messages."""
+    speed, angle = map(shortest_decimal, command[:2])
+    return f"{speed:g} m/s, {angle:g} rad"

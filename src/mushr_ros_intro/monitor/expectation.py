@@ -1,0 +1,189 @@
+"""Check the plan of a drive, and predict the drive."""
+
+import math
+import os
+from typing import Any, NamedTuple, Optional, Sequence, Tuple
+
+import rosgraph
+import rospy
+from nav_msgs.msg import OccupancyGrid, Path
+from rospy.numpy_msg import numpy_msg
+
+from mushr_ros_intro.car.model import Car, State
+from mushr_ros_intro.car.profile import car_from, read_profile
+from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.monitor.senders import Sender, plan_of
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.paths import package_folder
+from mushr_ros_intro.plan.plan import Plan, fault_lines
+from mushr_ros_intro.preview import prediction
+from mushr_ros_intro.preview.limits import slowed
+from mushr_ros_intro.preview.report import Report, check
+from mushr_ros_intro.ros import conversions, ros_time
+from mushr_ros_intro.ros.connections import is_published
+from mushr_ros_intro.simulator.car_parameters import EXPECTS_MAP, simulated_car_parameters
+from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, NANOSECONDS
+from mushr_ros_intro.wording import counted
+from mushr_ros_intro.world.footprint import World
+from mushr_ros_intro.world.grid import Grid
+
+
+class Expectation(NamedTuple):
+    """What is expected of a drive."""
+
+    plan: Plan
+    """With its speeds limited to that of the node."""
+    states: Sequence[State]
+    """The predicted states, in the map frame if the car is placed at the start pose."""
+    distance: Optional[float]
+    """The driven distance, forward and in reverse [m]; None if noise or a wall changes it."""
+    is_placed: bool
+    """Whether the node places the car at the start pose."""
+    is_exact: bool
+    """Whether the parameters of the car are known, and it has no noise."""
+
+    @property
+    def pose(self) -> Pose:
+        """The predicted final pose."""
+        return self.states[-1].pose
+
+    @property
+    def rest(self) -> int:
+        """When the car comes to rest, counted from the first command [ns]."""
+        return self.states[-1].stamp
+
+
+class Expectations:
+    """What is expected of the drives of a car; it is shown on /CAR_NAME/predicted_path.
+
+    Args:
+        car_name: the name of the car.
+        profile: the name of its profile in config/cars; None: the simulated car.
+        plan: the plan of all drives; None: that of the node.
+    """
+
+    def __init__(self, car_name: str, profile: Optional[str], plan: Optional[Plan]) -> None:
+        self._car_name, self._profile, self._plan = car_name, profile, plan
+        self._key: Any = None
+        self._latest: Optional[Expectation] = None
+        self._publisher = rospy.Publisher(
+            f"/{car_name}/predicted_path", Path, queue_size=1, latch=True
+        )
+
+    def of(self, sender: Optional[Sender]) -> Tuple[Optional[Expectation], str]:
+        """Check, predict and show the drive of a node.
+
+        The check and the prediction are logged, unless they are the same as last time.
+
+        Returns:
+            What is expected; or None, and the reason.
+        """
+        name = sender.name if sender else "an unknown node"
+        try:
+            plan = self._plan or (plan_of(sender) if sender else None)
+            if plan is None:
+                return None, f"{name} has no parameter ~plan_file"
+            is_placed = sender is None or sender.places_car
+            max_speed = sender.max_speed if sender else math.inf
+            key = name, plan, is_placed, max_speed, rospy.get_param(f"/{self._car_name}/car_sim", {})
+            if self._latest is None or key != self._key:
+                size = f"{counted(len(plan.rows), 'row')}, {plan.duration / NANOSECONDS:g} s"
+                distance = prediction.length(plan)
+                rospy.loginfo("the plan of %s: %s, %s, %.2f m", name, plan.path, size, distance)
+                self._key = key
+                self._latest = self._foresee(plan, is_placed, max_speed)
+        except (UserError, OSError) as error:
+            rospy.logerr("the plan of %s cannot be driven or predicted: %s", name, error)
+            return None, f"the plan of {name} cannot be driven or predicted"
+        self._publisher.publish(conversions.path_to_msg(self._latest.states, ros_time.now()))
+        return self._latest, ""
+
+    def _foresee(self, plan: Plan, is_placed: bool, max_speed: float) -> Expectation:
+        """Check a plan, predict its drive, and log its faults.
+
+        Args:
+            plan: the plan.
+            is_placed: whether the node places the car at the start pose.
+            max_speed: the node slows faster rows down to it [m/s].
+
+        Raises:
+            UserError: the profile cannot be read, or a parameter of the car is invalid.
+        """
+        slow_plan, changes = slowed(plan, max_speed)
+        simulated = simulated_car_parameters(self._car_name, must_run=True)
+        parameters = simulated
+        if self._profile:
+            path = os.path.join(package_folder("config/cars"), f"{self._profile}.yaml")
+            parameters = Parameters(read_profile(path), "~car: ")
+        car = car_from(parameters)
+        grid = read_walls(simulated, is_placed)
+        report, states = predict(slow_plan, self._profile or "car", car, grid)
+        for line in fault_lines([*changes, *report.faults]):
+            rospy.logwarn("%s", line)
+        distance = report.length if states is report.states else None
+        is_exact = bool(parameters) and not car.has_command_noise
+        return Expectation(slow_plan, states, distance, is_placed, is_exact)
+
+
+def predict(
+    plan: Plan, car_name: str, car: Car, grid: Optional[Grid]
+) -> Tuple[Report, Sequence[State]]:
+    """Return the check of a plan, and the predicted states from the first command to the rest.
+
+    The check ignores noise, and ends at the first wall. The prediction contains the noise, which
+    depends on the seed only, and what the car does after it has hit a wall.
+
+    Args:
+        plan: the plan.
+        car_name: the name of the car in messages.
+        car: the car.
+        grid: the map, or None.
+    """
+    report = check(plan, car_name, car, grid=grid)
+    if not report.collision and not car.has_command_noise:
+        return report, report.states
+    world = World(grid) if grid and report.collision else None
+    return report, tuple(prediction.trajectory(plan, car, world))
+
+
+def read_walls(simulated: Parameters, is_placed: bool) -> Optional[Grid]:
+    """Return the map on /map; None, with a message in the log, if walls cannot be checked.
+
+    Args:
+        simulated: the parameters of the simulated car; empty if none runs.
+        is_placed: whether the car is placed at the start pose.
+    """
+    problem = "the car is not placed at the start pose of the plan"
+    expects_map = simulated.get(EXPECTS_MAP)
+    if is_placed:
+        try:
+            return receive_map(expects_map)
+        except UserError as error:
+            problem = str(error)
+    may_have_walls = expects_map if simulated else is_placed
+    log = rospy.logwarn if may_have_walls else rospy.loginfo
+    log("walls are not checked: %s", problem)
+    return None
+
+
+def receive_map(is_expected: bool) -> Grid:
+    """Return the map on /map.
+
+    Args:
+        is_expected: whether to wait for a node that publishes one; perhaps it starts with the car.
+
+    Raises:
+        UserError: no node publishes one that can be read.
+    """
+    topic = rospy.resolve_name("/map")
+    try:
+        if is_expected or is_published(topic):
+            msg = rospy.wait_for_message(topic, numpy_msg(OccupancyGrid), CONNECTION_TIMEOUT)
+            return conversions.grid_from_msg(msg)
+    except rospy.ROSInterruptException:
+        raise
+    except (rospy.ROSException, rosgraph.MasterException, conversions.MessageError) as error:
+        if is_published(topic):
+            raise UserError(f"the map on {topic} cannot be read: {error}") from None
+    raise UserError(f"no node publishes a map on {topic}; map_server.py does")

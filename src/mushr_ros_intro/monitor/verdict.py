@@ -1,0 +1,181 @@
+"""Judge a drive: what its node, its plan and the reports of the car say about its end."""
+
+from bisect import bisect_left
+from typing import List, NamedTuple, Optional, Set
+
+from mushr_ros_intro.geometry import Pose, compose, inverse
+from mushr_ros_intro.monitor.drive import PlannedDrive, Report
+from mushr_ros_intro.monitor.expectation import Expectation
+from mushr_ros_intro.stamps import NANOSECONDS, SETTLING, STAMP_TOLERANCE
+
+POSE_TOLERANCE = 1e-3
+"""A final pose that differs by less is the expected one; the car need not be watched longer."""
+
+TOLERANCE = 0.1
+"""A start pose or a final pose that differs by more is an error [m, rad]."""
+
+
+class Verdict(NamedTuple):
+    """The end of a drive."""
+
+    is_good: bool
+    """Whether the plan has been driven, as far as the monitor can see."""
+    lines: List[str]
+
+
+class Observed:
+    """What else was observed during a drive."""
+
+    def __init__(self) -> None:
+        self.wall = ""
+        """Where the car hit a wall."""
+        self.lost = ""
+        """Where the car was lost or restarted."""
+        self.others: Set[str] = set()
+        """Other nodes that published on the same input."""
+        self.inputs: Set[str] = set()
+        """Other inputs that drove the car."""
+
+
+def settled(planned: PlannedDrive, expected: Expectation) -> Optional[Report]:
+    """Return a report of the car at rest after the plan, None if there is none yet.
+
+    A late command is inserted into the car's history, and can still change the pose.
+    """
+    rest = planned.end + expected.rest - planned.plan.duration + SETTLING
+    for report in list(planned.drive.reports):
+        is_close = report.pose.is_close_to(expected.pose, POSE_TOLERANCE)
+        if report.stamp >= rest + (0 if is_close else STAMP_TOLERANCE):
+            return report
+    return None
+
+
+def start_fault(planned: PlannedDrive, expected: Expectation) -> str:
+    """Return a message if the car was not at the start pose when the plan began, or an empty one.
+
+    Without a report at that time, the first one after it is compared with the prediction.
+    """
+    drive, start = planned.drive, planned.plan.start
+    report, pose = drive.before, start
+    if not report or drive.first - report.stamp > NANOSECONDS // 2:
+        report = drive.since
+    if report and report.stamp > planned.begin:
+        stamps = [state.stamp for state in expected.states]
+        index = bisect_left(stamps, report.stamp - planned.begin)
+        pose = expected.states[min(index, len(stamps) - 1)].pose
+    if not report or report.pose.is_close_to(pose, TOLERANCE):
+        return ""
+    text = f"the car was not at the start pose {start} when the first command came: it was at "
+    text += str(report.pose)
+    if drive.placed and drive.placed.pose.is_close_to(start, TOLERANCE):
+        late = (drive.placed.stamp - drive.first) / NANOSECONDS
+        text += f", and was placed at the start pose {late:.2f} s later"
+    return text
+
+
+def verdict(
+    name: str,
+    planned: PlannedDrive,
+    expected: Expectation,
+    observed: Observed,
+    report: Optional[Report],
+    is_reported: bool,
+) -> Verdict:
+    """Judge a drive that has ended.
+
+    Args:
+        name: of the node that sent the commands.
+        planned: the drive, beside its plan.
+        expected: the prediction.
+        observed: what else was observed.
+        report: a report of the car at rest, None if there is none.
+        is_reported: whether the car has reported its pose during the drive.
+    """
+    if fault := _fault(name, planned, expected, observed, report, is_reported):
+        return Verdict(False, [fault])
+    if not expected.is_placed:
+        return Verdict(True, [f"all commands have been sent; {_move(planned.plan.start, expected)}"])
+    if not report:
+        text = f"all commands have been sent; the car should end at {expected.pose}. No node "
+        return Verdict(True, [f"{text}reports the car's pose, so it is not known where the car is"])
+    distance = report.pose.distance_to(expected.pose)
+    angle = report.pose.angle_to(expected.pose)
+    is_close = report.pose.is_close_to(expected.pose, TOLERANCE)
+    done = "the plan has been driven" if is_close else "all commands of the plan have been sent"
+    # The distances between the reported poses have a larger sum if a command arrived late.
+    driven = ""
+    if expected.distance is not None and report.pose.is_close_to(expected.pose, POSE_TOLERANCE):
+        driven = f"drove {expected.distance:.2f} m and "
+    return Verdict(
+        True,
+        [
+            f"{done}; the car should end at {expected.pose}",
+            f"the car {driven}stopped at {report.pose}; difference {distance:.1e} m, "
+            f"{angle:.1e} rad",
+        ],
+    )
+
+
+def _fault(
+    name: str,
+    planned: PlannedDrive,
+    expected: Expectation,
+    observed: Observed,
+    report: Optional[Report],
+    is_reported: bool,
+) -> str:
+    """Return the reason why the plan has not been driven, or an empty text; see `verdict`."""
+    cause = _cause(name, planned, observed)
+    if not planned.is_complete:
+        where = planned.position(planned.drive.newest)
+        last = planned.drive.reports[-1].pose if planned.drive.reports else None
+        how = "stopped at" if planned.drive.stands else "was last reported at"
+        stopped = f"; the car {how} {last}" if last else ""
+        wall = f". {observed.wall}" if observed.wall else ""
+        return f"the drive of {name} ended in {where}{stopped}{wall}"
+    if expected.is_placed and is_reported and not report:
+        where = observed.lost or "the end of the plan"
+        return (
+            f"the car has not reported its pose since {where}, so it is not known where it is. "
+            "If it has ended, start it again"
+        )
+    if expected.is_placed and (fault := start_fault(planned, expected)):
+        return f"{fault}. It stopped at {report.pose}" if report else fault
+    if observed.wall:
+        return f"{observed.wall}. {cause}" if observed.others else observed.wall
+    if not report or not expected.is_placed or not expected.is_exact:
+        return ""
+    if report.pose.is_close_to(expected.pose, TOLERANCE):
+        return ""
+    distance = report.pose.distance_to(expected.pose)
+    return (
+        f"after the plan, the car was at {report.pose}, but it should have ended at "
+        f"{expected.pose}, {distance:.2f} m and {report.pose.angle_to(expected.pose):.2f} rad from "
+        f"there. {cause}"
+    )
+
+
+def _cause(name: str, planned: PlannedDrive, observed: Observed) -> str:
+    """Return the likely cause of a wrong final pose."""
+    if observed.others:
+        return f"{', '.join(sorted(observed.others))} also published commands"
+    if observed.inputs:
+        return f"The input {', '.join(sorted(observed.inputs))} of the mux drove the car, too"
+    if observed.lost:
+        return f"In {observed.lost}, the car did not report its pose, or it was restarted"
+    if placed := planned.drive.placed:
+        where = planned.position(placed.stamp)
+        return f"In {where}, the car was placed at another pose: it was at {placed.pose}"
+    if difference := planned.difference():
+        return f"The commands for the car differ from the plan: {difference}"
+    return "The commands for the car were those of the plan. Did another node place it?"
+
+
+def _move(start: Pose, expected: Expectation) -> str:
+    """Return the predicted final pose, relative to the start."""
+    move = compose(inverse(start), expected.pose)
+    x, y, theta = (round(value, 2) + 0.0 for value in move)  # no negative zero
+    return (
+        f"the car should stand {abs(x):.2f} m {'ahead of' if x >= 0.0 else 'behind'} its start, "
+        f"{abs(y):.2f} m to the {'left' if y >= 0.0 else 'right'}, and turned by {theta:.2f} rad"
+    )

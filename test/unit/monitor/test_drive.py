@@ -1,0 +1,115 @@
+"""Test how a drive is followed beside its plan, by its commands and reports alone."""
+
+import pytest
+
+from mushr_ros_intro.car.model import Command
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.monitor.drive import Drive, PlannedDrive, Report
+from mushr_ros_intro.plan.parse import parse_plan
+from mushr_ros_intro.plan.plan import as_float32
+
+MS = 10**6
+BEGIN = 5000 * MS
+PLAN = parse_plan(b"0,0,0\n1,0.1\n1,0.1\n0,0,0.5\n-1,0.2\n", "plan.txt")
+"""The rows end after 1, 2, 2.5 and 3.5 s."""
+
+
+def sent(*rows, begin=BEGIN):
+    """Return commands at 10 Hz: of each row, its speed, steering angle and duration [ms]."""
+    commands = []
+    for speed, angle, duration in rows:
+        end = begin + duration * MS
+        stamps = range(begin, end, 100 * MS)
+        commands += [Command(s, as_float32(speed), as_float32(angle)) for s in stamps]
+        begin = end
+    return [*commands, Command(begin, 0.0, 0.0)]
+
+
+def driven(commands, plan=PLAN, before=None):
+    drive = Drive(commands[0], before)
+    for command in commands[1:]:
+        drive.add(command)
+    return PlannedDrive(plan, drive)
+
+
+EXACT = sent((1, 0.1, 2000), (0, 0, 500), (-1, 0.2, 1000))
+
+
+def test_an_exact_drive():
+    planned = driven(EXACT)
+    assert planned.is_complete and not planned.difference()
+    assert planned.end == BEGIN + PLAN.duration
+
+
+@pytest.mark.parametrize(
+    ("elapsed", "line"), [(0, 2), (999, 2), (1000, 3), (2000, 4), (2499, 4), (2500, 5), (9000, 5)]
+)
+def test_the_position_names_the_line_of_the_file(elapsed, line):
+    count = max(1, sum(command.stamp <= BEGIN + elapsed * MS for command in EXACT))
+    assert driven(EXACT[:count]).position(BEGIN + elapsed * MS) == f"line {line} of 5"
+
+
+def test_the_position_follows_rows_that_last_longer():
+    """The tutorial's listing sends eleven commands instead of ten in some rows."""
+    commands = sent((1, 0.1, 2300), (0, 0, 500), (-1, 0.2, 100))
+    assert driven(commands[:-1]).position(BEGIN + 2850 * MS) == "line 5 of 5"
+    assert driven(commands[:23]).position(BEGIN + 2200 * MS) == "line 3 of 5"
+
+
+def test_a_plan_that_begins_with_a_stop():
+    plan = parse_plan(b"0,0,0\n0,0,2\n1,0\n", "plan.txt")
+    planned = driven(sent((1, 0, 1000)), plan)
+    assert planned.begin == BEGIN - 2000 * MS
+    assert planned.is_complete and not planned.difference()
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [(1, 0.1, 700)],
+        [(1, 0.1, 2000)],
+        [(1, 0.1, 2000), (0, 0, 500), (-1, 0.2, 700)],
+    ],
+)
+def test_a_drive_that_ends_early_is_not_complete(rows):
+    assert not driven(sent(*rows)).is_complete
+
+
+def test_a_drive_is_not_complete_before_the_stop():
+    assert not driven(EXACT[:-1]).is_complete
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ([(1, -0.1, 2000), (0, 0, 500), (-1, 0.2, 1000)], ["lines 2 to 3", "1 m/s, -0.1 rad came"]),
+        ([(1, 0.1, 2300), (0, 0, 500), (-1, 0.2, 1000)], ["lines 2 to 3", "2.30 s", "for 2 s"]),
+        (
+            [(1, 0.1, 2000), (0, 0, 500), (-1, 0.2, 1000), (2, 0, 100)],
+            ["2 m/s, 0 rad", "after the end"],
+        ),
+    ],
+)
+def test_the_first_difference_is_named(rows, words):
+    difference = driven(sent(*rows)).difference()
+    for each in words:
+        assert each in difference
+
+
+def test_the_car_is_placed_during_the_drive():
+    """The pose changes by more than the car can drive; a skipped report does not."""
+    drive = driven(EXACT[:10]).drive
+    drive.report(Report(BEGIN, Pose(0.0, 0.0, 0.0)))
+    drive.report(Report(BEGIN + 500 * MS, Pose(0.5, 0.0, 0.0)))
+    assert not drive.placed
+    drive.report(Report(BEGIN + 600 * MS, Pose(3.0, 0.0, 0.0)))
+    assert drive.placed.pose.x == 3.0
+
+
+@pytest.mark.parametrize(("poses", "stands"), [([], False), ([1], False), ([1, 1.1], False),
+                                               ([1.1, 1, 1], True), ([1, 1, 1.1], False)])
+def test_when_the_car_stands(poses, stands):
+    drive = driven(EXACT).drive
+    for number, x in enumerate(poses):
+        drive.report(Report(EXACT[-1].stamp + number * 20 * MS, Pose(x, 0.0, 0.0)))
+    assert drive.stands is stands

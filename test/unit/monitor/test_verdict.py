@@ -1,0 +1,157 @@
+"""Test how a drive is judged, with commands and reports that a test makes."""
+
+import pytest
+
+from mushr_ros_intro.car.model import Car, Command
+from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.monitor.drive import Drive, PlannedDrive, Report
+from mushr_ros_intro.monitor.expectation import Expectation
+from mushr_ros_intro.monitor.verdict import Observed, settled, start_fault, verdict
+from mushr_ros_intro.plan.parse import parse_plan
+from mushr_ros_intro.preview.prediction import trajectory
+
+MS = 10**6
+BEGIN = 5000 * MS
+PLAN = parse_plan(b"1,2,0.5\n1,0.1\n-0.5,0.2\n", "plan.txt")
+STATES = tuple(trajectory(PLAN, Car()))
+END = STATES[-1].pose
+AWAY = Pose(7.0, 8.0, 0.0)
+NAME = "/ann"
+
+
+def expected(is_placed=True, is_exact=True):
+    return Expectation(PLAN, STATES, 1.5, is_placed, is_exact)
+
+
+def planned(seconds=2.0, before=PLAN.start):
+    """Return a drive whose node sends the commands of the plan for some time, and then a stop."""
+    rows = [(BEGIN + i * 100 * MS, PLAN.rows[i // 10]) for i in range(round(10 * seconds))]
+    first, *others = [Command(stamp, row.speed, row.steering_angle) for stamp, row in rows]
+    drive = Drive(first, Report(BEGIN - 10 * MS, before) if before else None)
+    for each in others:
+        drive.add(each)
+    drive.add(Command(BEGIN + round(seconds * 1000) * MS, 0.0, 0.0))
+    return PlannedDrive(PLAN, drive)
+
+
+def judged(drive, at, observed=None, expectation=None):
+    report = Report(BEGIN + 2500 * MS, at) if at else None
+    observed = observed or Observed()
+    return verdict(NAME, drive, expectation or expected(), observed, report, is_reported=True)
+
+
+def test_a_plan_that_has_been_driven():
+    result = judged(planned(), END)
+    assert result.is_good
+    assert result.lines[0] == f"the plan has been driven; the car should end at {END}"
+    assert result.lines[1].startswith(f"the car drove 1.50 m and stopped at {END}; difference 0.0")
+
+
+def test_a_drive_that_ends_early():
+    """Its node is named, and the line; the car is not blamed."""
+    drive = planned(0.7)
+    for stamp in (800, 820):
+        drive.drive.report(Report(BEGIN + stamp * MS, AWAY))
+    result = judged(drive, None)
+    assert not result.is_good
+    assert result.lines == [f"the drive of {NAME} ended in line 2 of 3; the car stopped at {AWAY}"]
+
+
+@pytest.mark.parametrize(
+    ("is_placed", "is_exact", "is_good"), [(True, True, False), (True, False, True)]
+)
+def test_another_final_pose(is_placed, is_exact, is_good):
+    """It is an error if the parameters of the car are known, and it has no noise."""
+    result = judged(planned(), AWAY, expectation=expected(is_placed, is_exact))
+    assert result.is_good is is_good
+    if not is_good:
+        assert f"the car was at {AWAY}, but it should have ended at {END}" in result.lines[0]
+        assert "commands for the car were those of the plan" in result.lines[0]
+    else:
+        assert "has been driven" not in "".join(result.lines)
+
+
+def test_who_is_named_for_a_wrong_pose():
+    """What has been observed, before the commands of the node."""
+    facts = {"others": {"/bob"}, "inputs": {"teleop"}, "lost": "line 3 of 3"}
+    named = {"others": "/bob also published", "inputs": "teleop of the mux", "lost": "In line 3"}
+    while facts:
+        observed = Observed()
+        vars(observed).update(facts)
+        text = judged(planned(), AWAY, observed).lines[0]
+        name = next(iter(facts))
+        assert named[name] in text and "commands for the car" not in text
+        del facts[name]
+
+
+def test_a_car_that_was_placed_during_the_drive():
+    drive = planned()
+    drive.drive.placed = Report(BEGIN + 1200 * MS, AWAY)
+    assert f"In line 3 of 3, the car was placed at another pose: it was at {AWAY}" in (
+        judged(drive, AWAY).lines[0]
+    )
+
+
+def test_a_wall():
+    observed = Observed()
+    observed.wall = "the car stopped at a wall in line 3 of 3 at x"
+    assert judged(planned(), END, observed).lines == [observed.wall]
+
+
+def test_a_car_that_is_lost():
+    observed = Observed()
+    observed.lost = "line 2 of 3"
+    result = judged(planned(), None, observed)
+    assert not result.is_good and "since line 2 of 3, so it is not known" in result.lines[0]
+
+
+def test_without_a_start_pose_the_end_is_relative_to_the_start():
+    result = judged(planned(), None, expectation=expected(is_placed=False))
+    assert result.is_good
+    assert "the car should stand 0.4" in result.lines[0] and "ahead of its start" in result.lines[0]
+
+
+@pytest.mark.parametrize(
+    ("before", "since", "fault"),
+    [
+        (Report(BEGIN - 10 * MS, PLAN.start), None, False),
+        (Report(BEGIN - 10 * MS, AWAY), None, True),
+        # No report at the start: the next one is compared with the prediction.
+        (None, Report(BEGIN + 1000 * MS, STATES[100].pose), False),
+        (None, Report(BEGIN + 1000 * MS, PLAN.start), True),
+        (Report(BEGIN - 900 * MS, AWAY), Report(BEGIN + 1000 * MS, STATES[100].pose), False),
+        (None, None, False),
+    ],
+)
+def test_where_the_car_was_at_the_start(before, since, fault):
+    drive = planned()
+    drive.drive.before, drive.drive.since = before, since
+    text = start_fault(drive, expected())
+    assert bool(text) is fault
+    assert not fault or f"the car was not at the start pose {PLAN.start}" in text
+
+
+def test_a_start_pose_that_comes_late():
+    drive = planned(before=AWAY)
+    drive.drive.placed = Report(BEGIN + 250 * MS, PLAN.start)
+    text = judged(drive, END).lines[0]
+    assert f"it was at {AWAY}, and was placed at the start pose 0.25 s later" in text
+
+
+@pytest.mark.parametrize(
+    ("reports", "found"),
+    [
+        ([(2100, END)], None),
+        ([(2200, END)], 2200),
+        ([(2200, AWAY), (3100, AWAY)], None),
+        ([(2200, AWAY), (3200, AWAY)], 3200),
+        ([(2200, AWAY), (2500, END), (3200, AWAY)], 2500),
+    ],
+)
+def test_when_the_car_has_come_to_rest(reports, found):
+    """At the predicted pose 0.2 s after the end; elsewhere, late commands may still come for 1 s."""
+    drive = planned()
+    for stamp, pose in reports:
+        drive.drive.report(Report(BEGIN + stamp * MS, pose))
+    report = settled(drive, expected())
+    assert (report and (report.stamp - BEGIN) // MS) == found
