@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """Watch the drives of any node, and report how each of them ended."""
 
+import sys
 import time
 from contextlib import suppress
 from queue import Empty, SimpleQueue
@@ -17,6 +18,7 @@ from mushr_ros_intro.car.profile import names_in
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.monitor.car_watch import CarWatch
 from mushr_ros_intro.monitor.expectation import Expectations
+from mushr_ros_intro.monitor.results import write_result
 from mushr_ros_intro.monitor.senders import Senders, fixed_plan
 from mushr_ros_intro.monitor.verdict import Verdict
 from mushr_ros_intro.monitor.watched_drive import WatchedDrive
@@ -37,7 +39,9 @@ EVENTS = 1000
 NOBODY = ("", "idle", "default")
 """The active input, in lower case, if no input drives; MuSHR's input default gets only stops."""
 
-PLAN = "watch one drive of this plan, whose result is the exit status; by default, the plans of nodes"
+PLAN = (
+    "watch one drive of this plan, whose result is the exit status; by default, the plans of nodes"
+)
 CAR = "car of the prediction, a name in config/cars; by default the simulated car"
 
 
@@ -65,7 +69,7 @@ class DriveMonitor:
         self._fixed = values["plan_file"]
         self._expectations = Expectations(name, values["car"], values["plan_file"])
         self._car_name = name
-        self._events: "SimpleQueue[Tuple[Callable[[Any], None], Any]]" = SimpleQueue()
+        self._events: SimpleQueue[Tuple[Callable[[Any], None], Any]] = SimpleQueue()
         self._car = CarWatch(f"/{name}/car_pose")
         mux = f"/{name}/mux/ackermann_cmd_mux"
         self._senders = Senders(f"{mux}/input/")
@@ -108,16 +112,18 @@ class DriveMonitor:
             rospy.loginfo("watching the drives of /%s", self._car_name)
         next_check = 0.0
         while not rospy.is_shutdown():
+            # Calls to the master can take seconds. Then take what has arrived before a judgement.
             self._take_events(TICK if self._watched else CHECK_PERIOD)
             if self._watched and not self._watched.is_identified:
                 self._identify(self._watched)
-            if time.monotonic() >= next_check:
-                next_check = time.monotonic() + CHECK_PERIOD
-                self._check()
+                continue
             if self._watched and (verdict := self._watched.ended()):
                 self._conclude(verdict)
             if self._fixed and self._verdict:
                 return self._result(self._verdict)
+            if time.monotonic() >= next_check:
+                next_check = time.monotonic() + CHECK_PERIOD
+                self._check()
         return 1 if self._fixed else 0
 
     # Events, in the thread of `run`
@@ -137,9 +143,9 @@ class DriveMonitor:
             self._is_judged = name.lower() in NOBODY
         self._active = name
         watched = self._watched
-        if watched and watched.sender and name.lower() not in NOBODY:
-            if not self._senders.is_input_of(watched.sender, name):
-                watched.note_input(name)
+        sender = watched.sender if watched and name.lower() not in NOBODY else None
+        if watched and sender and not self._senders.is_input_of(sender, name):
+            watched.note_input(name)
 
     def _on_driver(self, msg: String) -> None:
         self._driver = msg.data
@@ -217,7 +223,7 @@ class DriveMonitor:
         watched.identified(expected)
         if watched.planned:
             self._pub_verdict.publish(String(""))
-            self._pub_start.publish(Time(conversions.time_from(watched.planned.begin)))
+            self._pub_start.publish(Time(ros_time.time_from(watched.planned.begin)))
 
     # Ends
 
@@ -238,15 +244,21 @@ class DriveMonitor:
             (rospy.loginfo if verdict.is_good or not is_planned else rospy.logerr)("%s", line)
         self._watched, self._verdict = None, verdict
         self._pub_verdict.publish(String("\n".join(verdict.lines)))
-        self._pub_start.publish(Time(conversions.time_from(0)))
+        self._pub_start.publish(Time(ros_time.time_from(0)))
 
     @staticmethod
     def _result(verdict: Verdict) -> int:
         """Return the exit status; raise UserError with the reason of a failure."""
+        for each in RESULT_FILES:
+            write_result(each, verdict)
         if not verdict.is_good:
             raise UserError("\n".join(verdict.lines))
         return 0
 
 
+RESULT_FILES = [each.partition("xml:")[2] for each in sys.argv if each.startswith("--gtest_output")]
+"""The JUnit file, if rostest runs this node as a test."""
+
 if __name__ == "__main__":
+    sys.argv = [each for each in sys.argv if not each.startswith("--gtest_output")]
     node.main("drive_monitor", DriveMonitor)

@@ -55,11 +55,13 @@ class TestRealCar(RosTestCase):
         self.paths = Recording("/car/predicted_path", Path)
         self.addCleanup(self.forget)
 
-    def wait_for_prediction(self, *start):
-        """Return the predicted path with a start pose."""
+    def wait_for_prediction(self, *start, seconds=None):
+        """Return the predicted path with a start pose, and perhaps a duration."""
 
         def is_found(path):
-            return math.dist(planar(path.poses[0].pose), start) < FOUND
+            lasts = path.poses[-1].header.stamp - path.header.stamp
+            is_long = seconds is None or lasts == rospy.Duration(seconds)
+            return is_long and math.dist(planar(path.poses[0].pose), start) < FOUND
 
         return wait_for(lambda: next(filter(is_found, self.paths.messages), None), "the path")
 
@@ -141,7 +143,7 @@ class TestRealCar(RosTestCase):
         plan = self.plan("1,2,0.5\n0.5,0.3,2500\n")
         with monitor(plan, "_car:=ideal") as watching, driver(plan, "_countdown:=60") as process:
             wait_for(lambda: "the car starts to drive in 60 s" in process.output, "the countdown")
-            path = self.wait_for_prediction(1.0, 2.0, 0.5)
+            path = self.wait_for_prediction(1.0, 2.0, 0.5, seconds=2500)  # not with the mushr_nano
             process.send_signal(signal.SIGINT)
             self.assertEqual(process.wait(), 1)
             self.assertEqual(watching.wait(), 1)

@@ -445,9 +445,9 @@ def monitor(plan, *arguments, **environment):
 @contextlib.contextmanager
 def driven(plan, *arguments, **environment):
     """Yield a path_publisher with a plan, and a monitor of its drive."""
-    with monitor(plan, **environment) as watching:
-        with driver(plan, *arguments, **environment) as process:
-            yield process, watching
+    watching = monitor(plan, **environment)
+    with watching, driver(plan, *arguments, **environment) as process:
+        yield process, watching
 
 
 @contextlib.contextmanager

@@ -187,7 +187,7 @@ class CommandPublisher:
             try:
                 ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), "getPid")
                 if time.monotonic() > since + CLOCK_TIMEOUT and connections.is_dead("/clock"):
-                    text = "simulated time stands still, because the node has died that published it"
+                    text = "simulated time stands still: the node that published it has died"
                     node.end_with_error(UserError(f"{text}. The drive ends"))
                     return
             except CallError as error:

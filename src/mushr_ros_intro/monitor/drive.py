@@ -169,7 +169,7 @@ class PlannedDrive:
         return self.drive.stop is not None and until >= self.begin + self._moving_end
 
     def difference(self) -> str:
-        """Return how the commands of a complete drive differ from the plan; empty if they do not."""
+        """Return how the commands of a complete drive differ from the plan, or an empty text."""
         runs = self.drive.runs
         ends = [*(run.begin for run in runs[1:]), self.drive.stop or self.drive.newest]
         for section, run, end in itertools.zip_longest(self._sections, runs, ends):

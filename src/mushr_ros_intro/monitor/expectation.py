@@ -86,7 +86,8 @@ class Expectations:
                 return None, f"{name} has no parameter ~plan_file"
             is_placed = sender is None or sender.places_car
             max_speed = sender.max_speed if sender else math.inf
-            key = name, plan, is_placed, max_speed, rospy.get_param(f"/{self._car_name}/car_sim", {})
+            car = rospy.get_param(f"/{self._car_name}/car_sim", {})
+            key = name, plan, is_placed, max_speed, car
             if self._latest is None or key != self._key:
                 size = f"{counted(len(plan.rows), 'row')}, {plan.duration / NANOSECONDS:g} s"
                 distance = prediction.length(plan)

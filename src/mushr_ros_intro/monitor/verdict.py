@@ -94,7 +94,9 @@ def verdict(
     if fault := _fault(name, planned, expected, observed, report, is_reported):
         return Verdict(False, [fault])
     if not expected.is_placed:
-        return Verdict(True, [f"all commands have been sent; {_move(planned.plan.start, expected)}"])
+        return Verdict(
+            True, [f"all commands have been sent; {_move(planned.plan.start, expected)}"]
+        )
     if not report:
         text = f"all commands have been sent; the car should end at {expected.pose}. No node "
         return Verdict(True, [f"{text}reports the car's pose, so it is not known where the car is"])

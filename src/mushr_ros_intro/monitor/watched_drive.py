@@ -187,7 +187,9 @@ class WatchedDrive:
             )
         last = self._car.last
         where = f"; the car stopped at {last.pose}" if last else ""
-        return Verdict(False, [f"the drive of {self.name} has ended{where}. It is not judged: {self.why_not}"])
+        return Verdict(
+            False, [f"the drive of {self.name} has ended{where}. It is not judged: {self.why_not}"]
+        )
 
     def _log_progress(self, instant: int) -> None:
         """Log the row that is driven at an instant [ns], at most once per second."""

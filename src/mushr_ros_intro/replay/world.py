@@ -255,7 +255,7 @@ class ReplayWorld:
             yield from self._car.publisher.publish_each(states)
             if self._delivery:
                 yield from self._delivery.give(self.now)
-        self._clock.publish(Clock(clock=conversions.time_from(self.now)))
+        self._clock.publish(Clock(clock=ros_time.time_from(self.now)))
         yield self._clock.get_num_connections()
 
     def describe_end(self, process: NodeProcess) -> str:
@@ -338,7 +338,7 @@ class ReplayWorld:
 
 def stamp_of_controller(stamp: rospy.Time, now: int) -> rospy.Time:
     """Return the stamp of a command that arrives at `now` [ns]: the past has been reported."""
-    return max(stamp, conversions.time_from(now))
+    return max(stamp, ros_time.time_from(now))
 
 
 def wait_until_closed(is_open: Callable[[], Any], are_waiting: Callable[[], bool]) -> None:

@@ -18,7 +18,7 @@ from mushr_ros_intro.car.model import Car, Event, InitialPose, State
 from mushr_ros_intro.car.odometry import Odometry as Measured
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters, number
-from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.simulator.state_publisher import StatePublisher
 
 REPOSITION = "/mushr_sim/reposition"
@@ -96,7 +96,7 @@ class MushrInterface:
     def _motor_state(self, state: State, measured: Measured) -> VescStateStamped:
         """Return the state of the motor controller: the electrical speed of the motor."""
         speed = self._erpm_gain * measured.state.speed + self._erpm_offset
-        header = Header(stamp=conversions.time_from(state.stamp))
+        header = Header(stamp=ros_time.time_from(state.stamp))
         return VescStateStamped(header, VescState(speed=speed))
 
     def _servo_position(self, _: State, measured: Measured) -> Float64:

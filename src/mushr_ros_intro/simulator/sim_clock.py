@@ -10,7 +10,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger, TriggerResponse
 
 from mushr_ros_intro.car.model import Event, State
-from mushr_ros_intro.ros import conversions, ros_time
+from mushr_ros_intro.ros import ros_time
 from mushr_ros_intro.ros.connections import is_alive
 from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
 from mushr_ros_intro.simulator.clock import Stream, first_report
@@ -150,7 +150,7 @@ class OwnClock:
                 self._has_to_step = False
                 self._changed.notify_all()
             publish(states)
-            self.publisher.publish(Clock(clock=conversions.time_from(target)))
+            self.publisher.publish(Clock(clock=ros_time.time_from(target)))
 
     def _next_target(self) -> Optional[int]:
         """Return the instant to which the clock advances now [ns]; None after a wait.

@@ -106,8 +106,10 @@ def test_the_car_is_placed_during_the_drive():
     assert drive.placed.pose.x == 3.0
 
 
-@pytest.mark.parametrize(("poses", "stands"), [([], False), ([1], False), ([1, 1.1], False),
-                                               ([1.1, 1, 1], True), ([1, 1, 1.1], False)])
+@pytest.mark.parametrize(
+    ("poses", "stands"),
+    [([], False), ([1], False), ([1, 1.1], False), ([1.1, 1, 1], True), ([1, 1, 1.1], False)],
+)
 def test_when_the_car_stands(poses, stands):
     drive = driven(EXACT).drive
     for number, x in enumerate(poses):

@@ -26,7 +26,7 @@ def expected(is_placed=True, is_exact=True):
 def planned(seconds=2.0, before=PLAN.start):
     """Return a drive whose node sends the commands of the plan for some time, and then a stop."""
     rows = [(BEGIN + i * 100 * MS, PLAN.rows[i // 10]) for i in range(round(10 * seconds))]
-    first, *others = [Command(stamp, row.speed, row.steering_angle) for stamp, row in rows]
+    first, *others = (Command(stamp, row.speed, row.steering_angle) for stamp, row in rows)
     drive = Drive(first, Report(BEGIN - 10 * MS, before) if before else None)
     for each in others:
         drive.add(each)
@@ -87,8 +87,9 @@ def test_who_is_named_for_a_wrong_pose():
 def test_a_car_that_was_placed_during_the_drive():
     drive = planned()
     drive.drive.placed = Report(BEGIN + 1200 * MS, AWAY)
-    assert f"In line 3 of 3, the car was placed at another pose: it was at {AWAY}" in (
-        judged(drive, AWAY).lines[0]
+    assert (
+        f"In line 3 of 3, the car was placed at another pose: it was at {AWAY}"
+        in (judged(drive, AWAY).lines[0])
     )
 
 
@@ -149,7 +150,7 @@ def test_a_start_pose_that_comes_late():
     ],
 )
 def test_when_the_car_has_come_to_rest(reports, found):
-    """At the predicted pose 0.2 s after the end; elsewhere, late commands may still come for 1 s."""
+    """At the predicted pose 0.2 s after the end; elsewhere, late commands may come for 1 s."""
     drive = planned()
     for stamp, pose in reports:
         drive.drive.report(Report(BEGIN + stamp * MS, pose))
