@@ -108,6 +108,9 @@ class DriveMonitor:
         Returns the exit status: 1 if the plan has not been driven.
         """
         connected = [wait_until_connected(each, "publishers", minimum=1) for each in self._mux]
+        deadline = time.monotonic() + 1.0
+        while self._active is None and time.monotonic() < deadline:  # it is latched
+            self._take_events(TICK)
         if all(connected):
             rospy.loginfo("watching the drives of /%s", self._car_name)
         next_check = 0.0
