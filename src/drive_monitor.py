@@ -52,8 +52,8 @@ class DriveMonitor:
     drives of all nodes, and to ``active`` of the mux, car_pose and car_sim/collision of the car.
     The plan of a drive is in the parameter ``~plan_file`` of the node that sends the commands.
     Publishes ``/CAR_NAME/predicted_path`` (nav_msgs/Path), when the first row of the present drive
-    began on ``~start`` (std_msgs/Time; 0: no plan is driven), and how the last drive ended on
-    ``~verdict`` (std_msgs/String). All are latched.
+    began on ``~start`` (std_msgs/Time; 0: no plan is driven), and how the last drive of a plan
+    ended on ``~verdict`` (std_msgs/String). All are latched.
 
     Example: ``rosrun mushr_ros_intro drive_monitor.py _plan_file:=figure_8``
     """
@@ -246,7 +246,8 @@ class DriveMonitor:
         for line in verdict.lines if verdict.is_good or not self._fixed else ():
             (rospy.loginfo if verdict.is_good or not is_planned else rospy.logerr)("%s", line)
         self._watched, self._verdict = None, verdict
-        self._pub_verdict.publish(String("\n".join(verdict.lines)))
+        if is_planned:
+            self._pub_verdict.publish(String("\n".join(verdict.lines)))
         self._pub_start.publish(Time(ros_time.time_from(0)))
 
     @staticmethod

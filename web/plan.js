@@ -168,25 +168,15 @@ function result() {
   if (drive === undefined) return "not connected: the drive is not known";
   if (!drive || !(drive.running || isOfPlan() || beside === version()))
     return "";
-  const { running, stopped, exit_status: status } = drive;
+  const { running, stopped } = drive;
   const isChanged = drive.plan === plan.name && !isOfPlan();
   const name = isChanged
     ? `another version of ${drive.plan}`
     : (drive.plan ?? "a plan that is not in the list");
-  const states = running
-    ? [
-        `${stopped ? "stopping" : start >= 0 ? "driving" : "starting"} ${name}`,
-      ]
-    : stopped
-      ? [`${name} was stopped`]
-      : status === 0
-        ? [`all commands of ${name} have been sent`]
-        : status === null // it was started elsewhere
-          ? [`the drive of ${name} has ended`]
-          : [`${name} ended with an error, exit status ${status}`];
-  return [...states, ...errors, running ? "" : verdict]
-    .filter(Boolean)
-    .join("\n");
+  const action = stopped ? "stopping" : start >= 0 ? "driving" : "starting";
+  const end = stopped ? "was stopped" : "has ended";
+  const state = running ? `${action} ${name}` : `the drive of ${name} ${end}`;
+  return [state, ...errors, running ? "" : verdict].filter(Boolean).join("\n");
 }
 
 export function addError(text) {

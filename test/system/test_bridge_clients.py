@@ -268,7 +268,7 @@ def test_one_drive_at_a_time(sim):
     assert status == 409 and "long is being driven" in answer["error"]
     assert sim.delete("/drive") == (200, {})
     ended = client.state(lambda state: state["drive"] and not state["drive"]["running"], "an end")
-    assert ended["drive"]["plan"] == "long" and ended["drive"]["exit_status"] != 0
+    assert ended["drive"]["plan"] == "long"
     assert ended["drive"]["stopped"] is True, "a stop is not an error of the plan"
     last = "(stopped|the drive ended) in line 2"  # the second one if the car stops late
     wait_for(lambda: re.search(last, sim.launched.output), "the end of the output")

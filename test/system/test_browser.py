@@ -355,10 +355,10 @@ def test_stop(sim, page):
     red = page.run("return getComputedStyle(document.getElementById('stop')).backgroundColor")
     assert red == "rgb(179, 32, 10)"
     page.find("stop").click()
-    page.shows("drive-state", "long was stopped")
+    page.shows("drive-state", "the drive of long was stopped")
     at_rest(page)
     load(page, sim)
-    assert page.text("drive-state") == "long was stopped", "the same after a reload"
+    page.shows("drive-state", "the drive of long was stopped")  # also after a reload
 
 
 def test_stop_without_a_connection(sim, page):
@@ -371,7 +371,7 @@ def test_stop_without_a_connection(sim, page):
         page.find("stop").click()
     finally:
         os.kill(pid, signal.SIGCONT)
-    page.shows("drive-state", "long was stopped")
+    page.shows("drive-state", "the drive of long was stopped")
     at_rest(page)
 
 
@@ -451,7 +451,7 @@ def test_a_plan_with_many_rows(page):
     page.shows("rows", others)
     page.wait(lambda: page.run(CURRENT) == others, "the mark of the other rows")
     page.find("stop").click()
-    page.shows("drive-state", "many was stopped")
+    page.shows("drive-state", "the drive of many was stopped")
 
 
 def test_click_a_plan(page):
@@ -597,7 +597,7 @@ def test_a_drive_in_a_terminal(page, sim):
             assert page.find("plan").get_attribute("value") == "long"
             page.wait(lambda: page.run(CURRENT) == "3", "the mark of the second row")
             page.actions().send_keys(Keys.ESCAPE).perform()
-            page.shows("drive-state", "long was stopped")
+            page.shows("drive-state", "the drive of long was stopped")
             assert process.wait() == 1
         at_rest(page)
 
@@ -625,7 +625,7 @@ def test_a_plan_that_has_been_changed(sim, page):
         page.choose("plan", "circle")
         page.shows("drive-state", "driving changed")
         page.find("stop").click()
-        page.shows("drive-state", "changed was stopped")  # beside the plan circle
+        page.shows("drive-state", "the drive of changed was stopped")  # beside the plan circle
         page.choose("plan", "figure_8")
         page.wait(lambda: page.text("drive-state") == "", "no result beside another choice")
         page.choose("plan", "changed")
@@ -773,7 +773,7 @@ def test_a_drive_with_the_keyboard(page):
         page.shows("speed", "0.50 m/s")
         assert page.run(FOCUS) == "stop"
         page.actions().send_keys(Keys.ENTER).perform()
-        page.shows("drive-state", "long was stopped")
+        page.shows("drive-state", "the drive of long was stopped")
         assert page.run(FOCUS) == "drive"
         at_rest(page)
 
@@ -785,7 +785,7 @@ def test_a_drive_with_a_finger(page):
         tap(page, "drive")
         page.shows("speed", "0.50 m/s")
         tap(page, "stop")
-        page.shows("drive-state", "long was stopped")
+        page.shows("drive-state", "the drive of long was stopped")
         at_rest(page)
 
 

@@ -55,9 +55,7 @@ class PlanDrive:
             "plan": self._plan,
             "written": self._written,
             "begun": self._begun,
-            "elsewhere": self._process is None,
             "running": self._is_running() or self._is_elsewhere,
-            "exit_status": self._process.poll() if self._process else None,
             "stopped": self._is_stopped,
         }
 
