@@ -56,7 +56,7 @@ def _add_exercise_options(parser: argparse.ArgumentParser) -> None:
     add("--timeout", type=float, metavar="S", help="a node may send nothing so long; default 15")
     for name, unit in TOLERANCE_UNITS.items():
         option = f"--{name.replace('_', '-')}-tolerance"
-        add(option, type=tolerance, metavar=unit, help="see docs/grading.md")
+        add(option, type=tolerance, metavar=unit, help="see docs/checks.md")
 
 
 def words_of(options: Dict[str, Any]) -> List[str]:

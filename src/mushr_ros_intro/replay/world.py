@@ -63,7 +63,7 @@ class ReplayWorld:
     processed, initial poses first. At each instant, the car first reports its states, one topic
     after another, and then the node receives the time. Each message is sent when the node has
     processed the one before. So neither the speed nor the load of the machine has an effect. See
-    `Pace`, and docs/grading.md.
+    `Pace`, and docs/checks.md.
     """
 
     def __init__(
