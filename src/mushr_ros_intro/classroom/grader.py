@@ -146,15 +146,12 @@ def judge_and_draw(
 
     Returns:
         The verdict, the share of the plan or path that was driven right, and pictures as SVG by
-        name. There are none without a finite pose, or without matplotlib.
+        name. There are none without matplotlib.
     """
     judgement = judge_drive(recorded, tolerances)
     share = round(_share(judgement), 2)
     times, driven, predicted, _ = judgement.drive
     rows = np.column_stack([times, driven, predicted])
-    rows = rows[np.isfinite(rows).all(axis=1)]
-    if not len(rows):
-        return judgement, share, {}
     rows = rows[np.unique(np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int))]
     try:
         from mushr_ros_intro.replay.pictures import as_texts  # matplotlib is slow to import
