@@ -15,44 +15,48 @@ sys.path.append(SOURCE)
 import doctor  # noqa: E402
 
 
-def test_a_package_with_a_program_that_cannot_be_started(tmp_path, monkeypatch):
+@pytest.fixture
+def findings(monkeypatch):
+    """Return a function for the findings on a package; those on this one are tested once, below."""
+    monkeypatch.setattr(doctor, "PACKAGE", "student")
+    return lambda: list(map(str, doctor.package_findings("student")))
+
+
+def test_a_package_with_a_program_that_cannot_be_started(tmp_path, monkeypatch, findings):
     folder = tmp_path / "student"
     (folder / "scripts").mkdir(parents=True)
     (folder / "package.xml").write_text("<package><name>student</name></package>")
     program = folder / "scripts" / "drive.py"
     program.write_text("#!/usr/bin/python3\n")
     monkeypatch.setenv("ROS_PACKAGE_PATH", f"{folder}:{os.environ['ROS_PACKAGE_PATH']}")
-    (finding,) = map(str, doctor.package_findings("student"))
-    assert finding == f"{program} is not executable. Type: chmod +x {program}"
+    assert findings() == [f"{program} is not executable. Type: chmod +x {program}"]
     program.chmod(0o755)
-    assert doctor.package_findings("student") == []
+    assert findings() == []
 
 
-def test_a_package_without_a_program(tmp_path, monkeypatch):
+def test_a_package_without_a_program(tmp_path, monkeypatch, findings):
     (tmp_path / "package.xml").write_text("<package><name>student</name></package>")
     monkeypatch.setenv("ROS_PACKAGE_PATH", f"{tmp_path}:{os.environ['ROS_PACKAGE_PATH']}")
-    (finding,) = map(str, doctor.package_findings("student"))
+    (finding,) = findings()
     path = f"{tmp_path}/src/path_publisher.py"
     assert finding.startswith(f"there is no program in the package {tmp_path}. Save your node as ")
     assert finding.endswith(f"Save your node as {path}, and type: chmod +x {path}")
     built = tmp_path / "lib" / "student"  # of a workspace in which catkin has built a program
     built.mkdir(parents=True)
-    monkeypatch.setattr(doctor, "find_in_workspaces", lambda *_, **__: [str(built)])
-    assert len(doctor.package_findings("student")) == 1
-    (built / "drive").touch()
-    assert doctor.package_findings("student") == []
-    monkeypatch.undo()
-    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{tmp_path}:{os.environ['ROS_PACKAGE_PATH']}")
+    with monkeypatch.context() as patch:
+        patch.setattr(doctor, "find_in_workspaces", lambda *_, **__: [str(built)])
+        assert len(findings()) == 1
+        (built / "drive").touch()
+        assert findings() == []
     deep = tmp_path / "src" / "nodes" / "drive.py"  # rosrun searches all folders
     deep.parent.mkdir(parents=True)
     deep.write_text("#!/usr/bin/python3\n")
-    (finding,) = map(str, doctor.package_findings("student"))
-    assert finding == f"{deep} is not executable. Type: chmod +x {deep}"
+    assert findings() == [f"{deep} is not executable. Type: chmod +x {deep}"]
     deep.chmod(0o755)
-    assert doctor.package_findings("student") == []
+    assert findings() == []
 
 
-def test_two_programs_of_the_same_name(tmp_path, monkeypatch):
+def test_two_programs_of_the_same_name(tmp_path, monkeypatch, findings):
     """rosrun asks which one to start; a link is the same program."""
     (tmp_path / "package.xml").write_text("<package><name>student</name></package>")
     monkeypatch.setenv("ROS_PACKAGE_PATH", f"{tmp_path}:{os.environ['ROS_PACKAGE_PATH']}")
@@ -61,11 +65,11 @@ def test_two_programs_of_the_same_name(tmp_path, monkeypatch):
         path.parent.mkdir()
         path.write_text("#!/usr/bin/python3\n")
         path.chmod(0o755)
-    (finding,) = map(str, doctor.package_findings("student"))
+    (finding,) = findings()
     assert finding.startswith(f"the package has several programs of the same name: {one}, {two}. R")
     two.unlink()
     two.symlink_to(one)
-    assert doctor.package_findings("student") == []
+    assert findings() == []
 
 
 def test_packages_that_ros_does_not_find(monkeypatch):
@@ -78,6 +82,7 @@ def test_packages_that_ros_does_not_find(monkeypatch):
 
 
 def test_a_misspelt_package():
+    """There is no finding on this package."""
     (finding,) = map(str, doctor.package_findings("mushr_ros_into"))
     assert finding.endswith(
         "; did you mean mushr_ros_intro. Correct the name, or make and source its workspace"

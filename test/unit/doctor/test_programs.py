@@ -128,7 +128,6 @@ def test_a_program_that_catkin_has_installed(tmp_path):
 @pytest.mark.parametrize(
     "hiding, module",
     [
-        ("rospy.py", "rospy"),
         ("random.py", "random"),  # rospy imports it
         ("geometry_msgs/__init__.py", "geometry_msgs"),
     ],
