@@ -33,7 +33,7 @@ ROWS = [(1.0, 0.2, 0.25), (-1.0, 0.1, 0.3)]
 
 
 def start_world():
-    return launch("sim.launch", **LOCK_STEP, map="none", laser=False, model=False)
+    return launch("sim.launch", **LOCK_STEP, map="none", laser=False, model=False, watched=False)
 
 
 class AnyFactor:

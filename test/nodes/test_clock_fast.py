@@ -7,7 +7,7 @@ from support.world import launch
 
 
 def start_world():
-    arguments = {"map": "none", "laser": False, "model": False}
+    arguments = {"map": "none", "laser": False, "model": False, "watched": False}
     return launch("sim.launch", use_sim_time=True, real_time_factor=10.0, **arguments)
 
 

@@ -41,7 +41,7 @@ NOWHERE = "http://localhost:1/"
 
 
 def start_world():
-    return launch("sim.launch", laser=False, model=False)
+    return launch("sim.launch", laser=False, model=False, watched=False)
 
 
 class OtherCommand(AckermannDriveStamped):

@@ -42,7 +42,7 @@ def drives(messages):
 
 
 def start_world():
-    return launch("sim.launch", map="none", laser=False, model=False)
+    return launch("sim.launch", map="none", laser=False, model=False, watched=False)
 
 
 class Commands:

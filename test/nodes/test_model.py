@@ -21,7 +21,9 @@ STEERING_ANGLE = 0.34
 
 
 def start_world():
-    return launch("sim.launch") + launch("sim.launch", car_name="second")
+    return launch("sim.launch", watched=False) + launch(
+        "sim.launch", watched=False, car_name="second"
+    )
 
 
 class TestModel(unittest.TestCase):

@@ -64,7 +64,7 @@ EMPTY = (
 
 
 def start_world():
-    return launch("sim.launch", laser=False)
+    return launch("sim.launch", laser=False, watched=False)
 
 
 class TestRecording(RosTestCase):

@@ -65,7 +65,7 @@ CASES = [
 
 
 def start_world():
-    return launch("sim.launch", **LOCK_STEP, map="none", laser=False, model=False)
+    return launch("sim.launch", **LOCK_STEP, map="none", laser=False, model=False, watched=False)
 
 
 class Puppet(threading.Thread):

@@ -14,7 +14,7 @@ STOP = 49.4 - 0.38
 
 
 def start_world():
-    return launch("sim.launch", laser=False, model=False)
+    return launch("sim.launch", laser=False, model=False, watched=False)
 
 
 class TestWalls(CarTestCase):

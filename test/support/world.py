@@ -27,7 +27,7 @@ def serve_master():
     rosgraph.Master("/world").setParam("/run_id", "test")  # each roslaunch would set another one
 
 
-def launch(file, parameters=(), **arguments):
+def launch(file, parameters=(), watched=True, **arguments):
     """Start the nodes of a launch file of the package, as roslaunch does; return the processes.
 
     Python nodes of this package run in forks.
@@ -35,6 +35,7 @@ def launch(file, parameters=(), **arguments):
     Args:
         file: a name in launch/.
         parameters: pairs of names and values, which replace those of the launch file.
+        watched: whether the monitor of all drives is started, too.
         arguments: of the launch file.
     """
     values = [f"{name}:={value}" for name, value in arguments.items()]
@@ -48,6 +49,8 @@ def launch(file, parameters=(), **arguments):
         master.setParam(name, value)
     started = []
     for each in config.nodes:
+        if each.type == "drive_monitor.py" and not watched:
+            continue
         command = create_local_process_args(each, local_machine())
         environment = setup_env(each, local_machine(), os.environ["ROS_MASTER_URI"])
         kind = Process

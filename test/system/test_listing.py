@@ -62,7 +62,7 @@ FAULTS = {
 
 def start_world():
     """Run the simulated car in real time."""
-    return launch("sim.launch", map="none", laser=False, model=False)
+    return launch("sim.launch", map="none", laser=False, model=False, watched=False)
 
 
 @pytest.fixture(scope="module")
