@@ -5,7 +5,7 @@ import os
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mushr_ros_intro.car.history import History
@@ -136,6 +136,7 @@ commands = st.dictionaries(
 )
 
 
+@settings(max_examples=8)
 @given(commands, st.randoms(), st.integers(3, 90))
 def test_late_repeated_and_shuffled_commands_and_queries_change_nothing(commands, dice, interval):
     """The states equal those of commands that arrive in order, to the last bit."""

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.quiver import Quiver
@@ -91,9 +91,10 @@ def test_the_figures_of_figure_8():
     assert (right, bottom) == pytest.approx((x + radius, y - radius), abs=BOX)
 
 
+@settings(max_examples=10)
 @given(
     st.lists(
-        st.tuples(st.floats(-2, 2), st.floats(-0.6, 0.6), st.sampled_from([0.1, 0.25, 1, 2.3])),
+        st.tuples(st.floats(-2, 2), st.floats(-0.6, 0.6), st.sampled_from([0.1, 0.25, 1])),
         min_size=1,
         max_size=3,
     ),
@@ -457,7 +458,6 @@ def test_every_fault_of_broken_plans_is_printed(run):
         (["long.txt", "--runs", "100"], "so fewer --runs"),
         ([], "the following arguments are required: PLAN"),
         (["circle", "figure_9"], "figure_9: no such file; did you mean figure_8? (searched: "),
-        (["circle", "--car", "tank"], "tank: no such file"),
         (["circle", "--map", "moon"], "moon: no such file (searched: "),
         (["circle", "--map", os.path.join(PACKAGE, "package.xml")], "expected a map's yaml file"),
         (["circle", "--runs", "1"], "--runs is '1'; expected a whole number from 2 to 100000"),

@@ -79,24 +79,23 @@ def noise_map(seed, share, resolution=0.25, shape=(33, 41)):
 @pytest.mark.parametrize("share", [0.0, 0.003, 0.03, 0.3, 0.8, 1.0])
 def test_noise_against_the_traverse(share):
     judged = 0
-    for seed in range(24):
+    for seed in range(12):
         grid, dice = noise_map(seed, share)
         size = np.array([grid.width, grid.height]) * grid.resolution
         x, y = dice.uniform(-2.0, size + 2.0)
         pose = compose(grid.origin, Pose(x, y, dice.uniform(-9.0, 9.0)))
         judged += judge(grid, FEW, pose)[0]
-    assert judged > 0.99 * 24 * FEW.number
+    assert judged > 0.99 * 12 * FEW.number
 
 
 @pytest.mark.parametrize("name", ["sandbox", "race_loop", "rooms"])
 def test_the_shipped_maps_against_the_traverse(name):
     grid = read_map(os.path.join(PACKAGE, "maps", f"{name}.yaml"))
     dice = np.random.default_rng(3)
-    for _ in range(3):
-        x, y = dice.uniform(-2.0, 2.0, 2)
-        judged, hits = judge(grid, Beams(), Pose(x, 0.5 * y, dice.uniform(-4.0, 4.0)))
-        assert judged > 0.99 * Beams().number
-        assert hits
+    x, y = dice.uniform(-2.0, 2.0, 2)
+    judged, hits = judge(grid, Beams(), Pose(x, 0.5 * y, dice.uniform(-4.0, 4.0)))
+    assert judged > 0.99 * Beams().number
+    assert hits
 
 
 def test_the_default_beams_are_those_of_mushr():
