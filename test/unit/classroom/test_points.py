@@ -1,6 +1,7 @@
 """Check the points of results, and the messages about a bad points.yaml."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -118,6 +119,12 @@ def test_bad_files(tmp_path, text, said):
     assert said in str(error.value) and "points.yaml" in str(error.value)
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave the pictures out, which take most of the time."""
+    monkeypatch.setitem(sys.modules, "mushr_ros_intro.replay.pictures", None)
+
+
 def sent_by(rows):
     """Return the points of a right node that sends other rows than those of the plan."""
     return Points().plan_score(
@@ -137,7 +144,7 @@ def sent_by(rows):
         ([(2.0, 0.1, 60.0)], 0.2 * ALL, 0.58 * ALL),
     ],
 )
-def test_a_node_that_does_not_drive_the_plan(rows, low, high):
+def test_a_node_that_does_not_drive_the_plan(undrawn, rows, low, high):
     """It gets the points of its other checks by the share of the plan that it has driven."""
     assert low <= sent_by(rows) <= high
 
@@ -149,7 +156,7 @@ def test_the_share_is_explained():
 
 
 @pytest.mark.parametrize("share", [1.0, 0.5, 0.0])
-def test_a_controller_that_stops_on_the_way(share):
+def test_a_controller_that_stops_on_the_way(undrawn, share):
     """It gets the points by the share of the path that the car has followed."""
     (path,) = read_references(["wave"], f"{CHECKOUT}/plans").values()
     poses = resampled(np.array(path.poses), 0.04)

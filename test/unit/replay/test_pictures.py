@@ -56,7 +56,7 @@ def test_distances():
     assert apart == pytest.approx(np.full(30, 0.5)) and tolerance[0] == 0.2
 
 
-@pytest.mark.parametrize("poses", [STILL, 1e6 * ARC, 1e-6 * ARC, ARC * (1.0, 0.0, 0.0)])
+@pytest.mark.parametrize("poses", [STILL, 1e6 * ARC])
 def test_unusual_drives(poses):
     drive = Drive(np.arange(float(len(poses))), poses, poses, 0.0)
     for draw in (locations, distances):
