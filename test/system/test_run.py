@@ -178,19 +178,12 @@ def test_with_a_display(tmp_path):
         display.end()
 
 
-@pytest.mark.parametrize(
-    "plan, status, message",
-    [
-        ("figure_9", 2, "figure_9: no such file; did you mean figure_8?"),
-        ("bad.txt", 1, "bad.txt:2:1: speed is 'fast'"),
-    ],
-)
-def test_a_wrong_plan(tmp_path, plan, status, message):
+def test_a_wrong_plan(tmp_path):
     """The script starts nothing."""
     (tmp_path / "bad.txt").write_text("0,0,0\nfast,0\n")
-    command = [f"{CHECKOUT}/scripts/run", plan]
+    command = [f"{CHECKOUT}/scripts/run", "bad.txt"]
     output = subprocess.STDOUT
     script = subprocess.run(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=output, text=True)
-    assert script.returncode == status
-    assert message in script.stdout
+    assert script.returncode == 1
+    assert "bad.txt:2:1: speed is 'fast'" in script.stdout
     assert "starting" not in script.stdout
