@@ -36,8 +36,6 @@ class TrueCar:
     right_stop: float = math.inf
     imbalance: float = 0.0
     play: float = 0.0
-    speed_dead_band: float = 0.0
-    steering_dead_band: float = 0.0
     fading: float = 0.0
     speed_lag: float = 0.0
     steering_lag: float = 0.0
@@ -50,9 +48,7 @@ class TrueCar:
 
     def targets(self, speed, angle, now):
         """Return the speed [m/s] and the steering angle [rad] that a command leads to."""
-        speed = speed if abs(speed) > self.speed_dead_band else 0.0
         speed *= self.speed_gain * (1.0 - self.fading) ** now
-        angle = angle if abs(angle) > self.steering_dead_band else 0.0
         side = 1.0 + self.imbalance * ((angle > 0.0) - (angle < 0.0))
         angle = angle * self.steering_gain * side + self.steering_offset
         speed = max(-self.speed_cap, min(self.speed_cap, speed))

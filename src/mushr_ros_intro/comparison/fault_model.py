@@ -72,9 +72,7 @@ def _targets(plan: Plan, car: Car, numbers: Numbers) -> Tuple[np.ndarray, np.nda
     """Return the speeds and the steering angles that the rows lead to, (rows + 1, cars)."""
     commands = [car.within_limits(*row[:2]) for row in plan.rows]
     speed, angle = np.array([*commands, (0.0, 0.0)]).T[..., None]
-    speed = np.where(np.abs(speed) > numbers["speed_dead_band"], speed, 0.0)
     speed = np.clip(speed * numbers["speed_gain"], -numbers["speed_cap"], numbers["speed_cap"])
-    angle = np.where(np.abs(angle) > numbers["steering_dead_band"], angle, 0.0)
     gain = numbers["steering_gain"] * (1.0 + numbers["imbalance"] * np.sign(angle))
     angle = np.clip(
         angle * gain + numbers["steering_offset"], -numbers["right_stop"], numbers["left_stop"]

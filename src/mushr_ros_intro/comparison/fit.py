@@ -71,7 +71,7 @@ def fit(log: DriveLog, car: Car) -> Fit:
             break
         best = found[0]
         vector, problem.jump = best.vector, best.jump
-        free += [each for each in best.columns if NUMBERS[each].step]
+        free += best.columns
         as_good = [_cause(problem, each) for each in found[1:] if best.gain - each.gain < _AS_GOOD]
         causes.append(_cause(problem, best)._replace(as_good=tuple(as_good)))
 
@@ -189,7 +189,7 @@ def _with_fault(
     tried = np.repeat(vector[None], len(starts), axis=0)
     tried[:, column] = starts
     best = tried[int(np.argmin(problem.costs(tried)))]
-    columns = [*free, column] if fault.number.step else list(free)
+    columns = [*free, column]
     return problem.solve(best, columns) if problem.may_improve(vector, best, columns) else None
 
 

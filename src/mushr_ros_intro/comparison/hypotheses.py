@@ -17,7 +17,7 @@ class Number(NamedTuple):
     max_error: float
     """The drive determines the number if its standard error is at most this."""
     step: float
-    """For the numerical derivative; 0 if only the `starts` are tried."""
+    """For the numerical derivative."""
     low: float
     high: float
 
@@ -114,28 +114,6 @@ FAULTS = (
         "has {0:.3f} rad of play in the steering",
         "tighten the linkage of the steering and the horn of the servo",
         "a drive that comes to the same steering angle from both sides",
-    ),
-    Fault(
-        Number("speed_dead_band", "m/s", 0.0, _INF, 0.0, 0.0, _INF),
-        (),
-        0.0,
-        "speed_gain",
-        True,
-        False,
-        "does not move at commands up to {0:.2f} m/s",
-        "drive faster, or set up the motor driver for low speeds",
-        _TWO_SPEEDS,
-    ),
-    Fault(
-        Number("steering_dead_band", "rad", 0.0, _INF, 0.0, 0.0, _INF),
-        (),
-        0.0,
-        "steering_gain",
-        True,
-        False,
-        "does not steer at commands up to {0:.3f} rad",
-        "steer more, or check the servo",
-        _BOTH_SIDES,
     ),
     Fault(
         Number("fading", "1/s", 0.0, 0.05, 1e-4, 0.0, 0.5),

@@ -36,9 +36,6 @@ _TOGETHER = 4
 _MEDIAN_SQUARE = 0.455
 """The median of the square of a standard normal number."""
 
-_STARTS = 8
-"""So many commands are tried as the end of a dead band."""
-
 _JUMPS = 3
 """In so many steps, a jump of the localisation is tried."""
 
@@ -220,10 +217,6 @@ class Problem:
         """Return the values with which the fit of a fault begins; none if no row can show it."""
         commands = np.array([self._car.within_limits(*row[:2]) for row in self._log.plan.rows])
         speeds, angles = commands.T
-        if fault.number.name in ("speed_dead_band", "steering_dead_band"):
-            sizes = np.abs(speeds if fault.number.name == "speed_dead_band" else angles)
-            known = np.unique(sizes[sizes > 0.0])[:-1]
-            return known[:: 1 + len(known) // _STARTS].tolist()
         if fault.number.neutral < math.inf:
             return fault.starts
         speed_gain, gain, offset = vector[:3]
