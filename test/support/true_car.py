@@ -40,7 +40,6 @@ class TrueCar:
     speed_lag: float = 0.0
     steering_lag: float = 0.0
     point: float = 0.0
-    understeer: float = 0.0
     jump: Tuple[float, float, float] = (0.0, 0.0, 0.0)
     """x and y [m] and turn [rad] in the map, about the origin, ..."""
     jump_time: float = math.inf
@@ -88,7 +87,6 @@ def driven_path(commands, car, dice):
         lagged_angle = _lag(lagged_angle, angle, car.steering_lag)
         wheel = max(lagged_angle - car.play / 2, min(lagged_angle + car.play / 2, wheel))
         turn = lagged_speed * math.tan(wheel) / car.wheelbase / 1000.0
-        turn /= 1.0 + car.understeer * lagged_speed**2
         x += lagged_speed * math.cos(theta + turn / 2) / 1000.0
         y += lagged_speed * math.sin(theta + turn / 2) / 1000.0
         theta += turn

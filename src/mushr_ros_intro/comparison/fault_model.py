@@ -54,8 +54,7 @@ def paths(plan: Plan, car: Car, vectors: np.ndarray, instants: np.ndarray) -> np
 
     middles = times[:-1, None] + 0.5 * seconds
     speeds = speeds * np.exp(-numbers["fading"] * middles)
-    bend = 1.0 + numbers["understeer"] * speeds**2
-    chords, turns = arcs(speeds * seconds, np.arctan(np.tan(angles) / bend), car.wheelbase)
+    chords, turns = arcs(speeds * seconds, angles, car.wheelbase)
     headings = _sums(turns)
     moves = chords * np.exp(1j * (headings[:-1] + 0.5 * turns))
     places = _sums(moves) + numbers["point"] * np.exp(1j * headings)

@@ -159,17 +159,6 @@ FAULTS = (
         "use --pose_offset",
         "a drive with tighter curves",
     ),
-    Fault(
-        Number("understeer", "s^2/m^2", 0.0, 0.5, 1e-3, 0.0, 10.0),
-        (0.05, 0.2, 0.8),
-        0.03,
-        "steering_gain",
-        False,
-        False,
-        "turns less the faster it drives (the radius grows by {0:.0%} at 1 m/s)",
-        "drive slower, or check the tyres",
-        "a drive with the same steering angle at two speeds",
-    ),
 )
 
 JUMP = Fault(

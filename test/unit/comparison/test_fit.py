@@ -164,7 +164,6 @@ FAULTS = [
     ({"speed_lag": 0.3}, r"follows a speed with a lag of 0.[23]\d s", True, False),
     ({"steering_lag": 0.3}, r"follows a steering angle with a lag of 0.[23]\d s", True, False),
     ({"point": 0.2}, r"reports the pose of a point 0.(19|2\d) m in front of", True, True),
-    ({"understeer": 0.8}, "turns less the faster it drives", False, False),
     (
         {"jump": (0.2, 0.1, 0.05), "jump_time": 5.0},
         "a localisation that jumps at 5.[01] s",
