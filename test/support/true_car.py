@@ -37,7 +37,6 @@ class TrueCar:
     imbalance: float = 0.0
     play: float = 0.0
     fading: float = 0.0
-    speed_lag: float = 0.0
     steering_lag: float = 0.0
     point: float = 0.0
     jump: Tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -67,7 +66,7 @@ def commands_of(plan, corrected=lambda speed, angle: (speed, angle)) -> Commands
 
 def driven_path(commands, car, dice):
     """Return x [m], y [m] and theta [rad] every 1 ms, from _BEFORE until _AFTER."""
-    x = y = theta = speed = angle = lagged_speed = lagged_angle = wheel = 0.0
+    x = y = theta = speed = angle = lagged_angle = wheel = 0.0
     target, poses, todo = (0.0, 0.0), [], list(commands)
     noise = (0.0, 0.0)
     raw = (0.0, 0.0)
@@ -83,12 +82,11 @@ def driven_path(commands, car, dice):
         if now >= 0:  # the wheels stand straight until the first command
             reach = car.steering_rate / 1000.0
             angle += max(-reach, min(reach, target[1] - angle))
-        lagged_speed = _lag(lagged_speed, speed, car.speed_lag)
         lagged_angle = _lag(lagged_angle, angle, car.steering_lag)
         wheel = max(lagged_angle - car.play / 2, min(lagged_angle + car.play / 2, wheel))
-        turn = lagged_speed * math.tan(wheel) / car.wheelbase / 1000.0
-        x += lagged_speed * math.cos(theta + turn / 2) / 1000.0
-        y += lagged_speed * math.sin(theta + turn / 2) / 1000.0
+        turn = speed * math.tan(wheel) / car.wheelbase / 1000.0
+        x += speed * math.cos(theta + turn / 2) / 1000.0
+        y += speed * math.sin(theta + turn / 2) / 1000.0
         theta += turn
         poses.append((x, y, theta))
     return poses

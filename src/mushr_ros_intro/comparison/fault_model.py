@@ -48,7 +48,6 @@ def paths(plan: Plan, car: Car, vectors: np.ndarray, instants: np.ndarray) -> np
     speed_targets, angle_targets = _targets(plan, car, numbers)
     _, speeds = _follow(speed_targets, numbers["acceleration"], begins, of_step, times)
     angle_begins, angles = _follow(angle_targets, numbers["steering_rate"], begins, of_step, times)
-    _, speeds = _lagged(speeds, speeds, numbers["speed_lag"], seconds)
     angle_begins, angles = _lagged(angle_begins, angles, numbers["steering_lag"], seconds)
     angles = _with_play(angle_begins, angles, numbers["play"], of_step)
 

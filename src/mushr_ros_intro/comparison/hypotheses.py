@@ -127,17 +127,6 @@ FAULTS = (
         "a longer drive",
     ),
     Fault(
-        Number("speed_lag", "s", 0.0, 0.2, 1e-3, 0.0, 5.0),
-        (0.05, 0.15, 0.4),
-        0.03,
-        "",
-        True,
-        False,
-        "follows a speed with a lag of {0:.2f} s",
-        "give the car more time at each change of the speed; no number of vesc.yaml corrects it",
-        "a drive with more changes of the speed",
-    ),
-    Fault(
         Number("steering_lag", "s", 0.0, 0.2, 1e-3, 0.0, 5.0),
         (0.05, 0.15, 0.4),
         0.03,

@@ -161,7 +161,6 @@ FAULTS = [
     ({"imbalance": 0.08}, r"steers \d+% more to the left", False, False),
     ({"fading": 0.02}, r"loses \d.\d% of its speed", False, False),
     ({"play": 0.08}, r"has 0.0\d\d rad of play", True, False),
-    ({"speed_lag": 0.3}, r"follows a speed with a lag of 0.[23]\d s", True, False),
     ({"steering_lag": 0.3}, r"follows a steering angle with a lag of 0.[23]\d s", True, False),
     ({"point": 0.2}, r"reports the pose of a point 0.(19|2\d) m in front of", True, True),
     (
