@@ -75,7 +75,7 @@ def _names(fit: Fit) -> List[str]:
     """Return the changed parameters that explain the error, the most important one first."""
     least = _SHARE * fit.profile_error
     effects = sorted(((size, name) for name, size in fit.effects.items()), reverse=True)
-    return [name for size, name in effects if size > least or name in fit.confused]
+    return [name for size, name in effects if size > least or name in fit.uncertain]
 
 
 def _advice(fit: Fit) -> Iterator[str]:
@@ -85,11 +85,10 @@ def _advice(fit: Fit) -> Iterator[str]:
         if cause.as_good:
             tests = {each.fault.test for each in (cause, *cause.as_good)}
             yield f"to tell them apart: {', or '.join(sorted(tests))}"
-    for name, causes in fit.confused.items():
+    if fit.uncertain:
         yield (
-            f"instead of another {name}, it may be that the car "
-            f"{' or '.join(each.text for each in causes)}; to tell them apart: "
-            f"{', or '.join(sorted({each.fault.test for each in causes}))}"
+            f"{' and '.join(fit.uncertain)} may also be a limit of the car; to tell them apart: "
+            "drive plans/identification.txt, which has several speeds and steering angles"
         )
 
 

@@ -25,8 +25,8 @@ _MIN_GAIN = 15.0
 _AS_GOOD = 6.0
 """Two faults explain a drive equally well if their criteria differ by less."""
 
-_SAME = 0.002
-"""A fault explains a drive as a parameter does if this share of the parameter's effect differs."""
+_MIN_LEVELS = {"speed_gain": 2, "steering_gain": 3}
+"""With fewer different speeds or steering angles, a limit looks like another gain."""
 
 _MAX_CAUSES = 2
 
@@ -92,11 +92,6 @@ def fit(log: DriveLog, car: Car) -> Fit:
     same = [each for each in range(DELAY) if each not in changed]
     vector[same] = problem.default[same]
     vector = problem.solve(vector, [each for each in free if each not in same])
-    confused = {
-        PARAMETERS[column].name: _mimics(problem, vector, free, column, causes)
-        for column in changed
-        if abs(vector[column]) > DEAD
-    }
     path_error = problem.path_error(vector)
     profile = problem.default.copy()
     profile[DELAY] = vector[DELAY]
@@ -109,7 +104,11 @@ def fit(log: DriveLog, car: Car) -> Fit:
         _car(car, vector, causes),
         values,
         tuple(causes),
-        {name: faults for name, faults in confused.items() if faults},
+        tuple(
+            name
+            for name, commands in zip(("speed_gain", "steering_gain"), problem.levels)
+            if values[name].is_change and commands < _MIN_LEVELS[name]
+        ),
         effects,
         problem.path_error(profile),
         path_error,
@@ -191,25 +190,3 @@ def _with_fault(
     best = tried[int(np.argmin(problem.costs(tried)))]
     columns = [*free, column]
     return problem.solve(best, columns) if problem.may_improve(vector, best, columns) else None
-
-
-def _mimics(
-    problem: Problem,
-    vector: np.ndarray,
-    free: Sequence[int],
-    column: int,
-    causes: Sequence[Cause],
-) -> Tuple[Cause, ...]:
-    """Return the faults that explain a drive as well as the change of a parameter."""
-    found = []
-    used = [each.fault for each in causes]
-    before = vector.copy()
-    before[column] = problem.default[column]
-    effect = problem.difference(vector, before)
-    others = [each for each in free if each != column]
-    for fault in FAULTS:
-        if fault.mimics == PARAMETERS[column].name and fault not in used:
-            tried = _with_fault(problem, before, others, fault)
-            if tried is not None and problem.difference(vector, tried) < _SAME * effect:
-                found.append(Cause(fault, float(tried[_COLUMNS[fault.number.name]])))
-    return tuple(found)

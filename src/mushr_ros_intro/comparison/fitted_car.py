@@ -100,8 +100,8 @@ class Fit(NamedTuple):
     values: Dict[str, Value]
     """By the names of the parameters."""
     causes: Tuple[Cause, ...]
-    confused: Dict[str, Tuple[Cause, ...]]
-    """Faults that explain the drive as well as the change of a parameter, by its name."""
+    uncertain: Tuple[str, ...]
+    """The changed gains that may also be a limit, because the drive has too few commands."""
     effects: Dict[str, float]
     """By how much each changed parameter reduces `path_error` [m]."""
     profile_error: float
@@ -135,7 +135,7 @@ class Fit(NamedTuple):
         gains = (self.car.speed_gain, self.car.steering_gain)
         return (
             self.is_found
-            and not self.confused
+            and not self.uncertain
             and all(each.fault.leaves_gains and not each.as_good for each in self.causes)
             and min(map(abs, gains)) > DEAD
         )

@@ -42,8 +42,6 @@ class Fault(NamedTuple):
     """Values with which the fit begins; shares of the largest command if it limits commands."""
     least: float
     """A smaller value does not matter."""
-    mimics: str
-    """The parameter for which it may be taken; "" if none."""
     leaves_gains: bool
     """Whether the fitted gains and the offset are right beside this fault."""
     is_in_profile: bool
@@ -64,7 +62,6 @@ FAULTS = (
         Number("speed_cap", "m/s", _INF, 0.05, 1e-3, 0.01, _INF),
         (0.4, 0.6, 0.8, 0.9, 0.95),
         0.0,
-        "speed_gain",
         True,
         True,
         "drives at most {0:.2f} m/s",
@@ -75,7 +72,6 @@ FAULTS = (
         Number("left_stop", "rad", _INF, 0.03, 1e-4, 0.0, _INF),
         (0.3, 0.5, 0.7, 0.85, 0.95),
         0.0,
-        "steering_gain",
         True,
         True,
         "steers at most {0:.3f} rad to the left",
@@ -86,7 +82,6 @@ FAULTS = (
         Number("right_stop", "rad", _INF, 0.03, 1e-4, 0.0, _INF),
         (0.3, 0.5, 0.7, 0.85, 0.95),
         0.0,
-        "steering_gain",
         True,
         True,
         "steers at most {0:.3f} rad to the right",
@@ -97,7 +92,6 @@ FAULTS = (
         Number("imbalance", "", 0.0, 0.05, 1e-3, -0.9, 0.9),
         (-0.2, -0.08, 0.08, 0.2),
         0.015,
-        "steering_gain",
         False,
         False,
         "steers {0:.0%} more to the {1} than the mean of both sides",
@@ -108,7 +102,6 @@ FAULTS = (
         Number("play", "rad", 0.0, 0.05, 1e-4, 0.0, 0.5),
         (0.02, 0.05, 0.1),
         0.01,
-        "steering_gain",
         True,
         False,
         "has {0:.3f} rad of play in the steering",
@@ -119,7 +112,6 @@ FAULTS = (
         Number("fading", "1/s", 0.0, 0.05, 1e-4, 0.0, 0.5),
         (0.005, 0.02, 0.05),
         0.003,
-        "speed_gain",
         False,
         False,
         "loses {0:.1%} of its speed in each second",
@@ -130,7 +122,6 @@ FAULTS = (
         Number("steering_lag", "s", 0.0, 0.2, 1e-3, 0.0, 5.0),
         (0.05, 0.15, 0.4),
         0.03,
-        "",
         True,
         False,
         "follows a steering angle with a lag of {0:.2f} s",
@@ -141,7 +132,6 @@ FAULTS = (
         Number("point", "m", 0.0, 0.1, 1e-3, -3.0, 3.0),
         (-0.2, -0.05, 0.1, 0.3),
         0.02,
-        "",
         True,
         True,
         "reports the pose of a point {0:.2f} m {1} the rear axle",
@@ -154,7 +144,6 @@ JUMP = Fault(
     Number("jump_turn", "rad", 0.0, _INF, 1e-4, -4.0, 4.0),
     (),
     0.0,
-    "",
     True,
     True,
     "has a localisation that jumps at {1} s",

@@ -126,10 +126,11 @@ class Problem:
         """Return whether a fit from `start` on may be better than the fit `before`."""
         return self._cost_after_step(start, free) < self.costs(before[None])[0] - _MIN_CHANGE
 
-    def difference(self, vector: np.ndarray, other: np.ndarray) -> float:
-        """Return how much the motions of two cars differ, in squared standard deviations."""
-        here, there = self.residuals(np.array([vector, other]))
-        return float(np.sum((here - there) ** 2))
+    @property
+    def levels(self) -> Tuple[int, int]:
+        """How many speeds, without their signs, and steering angles are commanded in motion."""
+        rows = [row for row in self._log.plan.rows if row.speed]
+        return len({abs(row.speed) for row in rows}), len({row.steering_angle for row in rows})
 
     def solve(self, vector: np.ndarray, free: Sequence[int]) -> np.ndarray:
         """Return the numbers that fit best, from `vector` on."""
