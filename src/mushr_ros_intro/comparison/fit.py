@@ -8,15 +8,15 @@ A fault of FAULTS is found if it explains the steps better, by the Bayesian info
 alone, a fault can explain a part of the drive at the cost of the path.
 """
 
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Sequence
 
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.drive_log import DriveLog
 from mushr_ros_intro.comparison.fitted_car import DEAD, Cause, Fit, Value, car_with, fitted_value
-from mushr_ros_intro.comparison.hypotheses import FAULTS, JUMP, NUMBERS, PARAMETERS, Fault
-from mushr_ros_intro.comparison.problem import DELAY, JUMP_COLUMNS, Problem
+from mushr_ros_intro.comparison.hypotheses import FAULTS, JUMP, PARAMETERS, Fault, columns_of
+from mushr_ros_intro.comparison.problem import DELAY, Problem
 from mushr_ros_intro.stamps import NANOSECONDS
 
 _MIN_GAIN = 15.0
@@ -33,20 +33,14 @@ _MAX_CAUSES = 2
 _BEGIN = 60 * NANOSECONDS
 """This part of a long drive gives the delay with which the fit begins [ns]."""
 
-_COLUMNS = {each.name: index for index, each in enumerate(NUMBERS)}
-
 
 class _Candidate(NamedTuple):
     """A fault, and what the fit with it has found."""
 
     fault: Fault
-    columns: Tuple[int, ...]
-    """Its numbers."""
     vector: np.ndarray
     gain: float
     """Of the criterion, over the fit without it."""
-    jump: Optional[int]
-    """The step in which the localisation jumps."""
 
 
 def fit(log: DriveLog, car: Car) -> Fit:
@@ -70,8 +64,8 @@ def fit(log: DriveLog, car: Car) -> Fit:
         if not found:
             break
         best = found[0]
-        vector, problem.jump = best.vector, best.jump
-        free += best.columns
+        vector = best.vector
+        free += columns_of(best.fault)
         as_good = [_cause(problem, each) for each in found[1:] if best.gain - each.gain < _AS_GOOD]
         causes.append(_cause(problem, best)._replace(as_good=tuple(as_good)))
 
@@ -120,9 +114,8 @@ def fit(log: DriveLog, car: Car) -> Fit:
 
 def _cause(problem: Problem, found: _Candidate) -> Cause:
     """Return the cause that a candidate describes."""
-    value = float(found.vector[found.columns[-1]])
-    time = 0.0 if found.jump is None else problem.time_of(found.jump, found.vector)
-    return Cause(found.fault, value, time if found.fault is JUMP else 0.0)
+    value = float(found.vector[columns_of(found.fault)[-1]])
+    return Cause(found.fault, value, problem.jump_time(found.vector))
 
 
 def _car(car: Car, vector: np.ndarray, causes: Sequence[Cause]) -> Car:
@@ -136,7 +129,7 @@ def _car(car: Car, vector: np.ndarray, causes: Sequence[Cause]) -> Car:
     for each in causes:
         name, offset, gain = limits.get(each.fault.number.name, ("", 0.0, 0.0))
         if gain > 0.0:
-            limit: Any = max(0.0, (float(vector[_COLUMNS[each.fault.number.name]]) - offset) / gain)
+            limit: Any = max(0.0, (each.value - offset) / gain)
             car = car._replace(**{name: limit})
     return car
 
@@ -147,46 +140,17 @@ def _found(
     """Return the faults that explain a drive better than the fit without them, the best first."""
     path_error = problem.path_error(vector, aligned=True)
     found = []
-    for each in _tried(problem, vector, free, used):
-        is_large = abs(each.vector[each.columns[-1]]) >= each.fault.least
-        if each.gain > _MIN_GAIN and is_large:
-            jump, problem.jump = problem.jump, each.jump
-            if problem.path_error(each.vector, aligned=True) <= path_error:
-                found.append(each)
-            problem.jump = jump
+    for fault in (each for each in FAULTS if each not in used):
+        starts = problem.starts(fault, vector)
+        best = starts[int(np.argmin(problem.costs(starts)))]
+        columns = [*free, *columns_of(fault)]
+        if not problem.may_improve(vector, best, columns):
+            continue
+        tried = problem.solve(best, columns)
+        # The step of a jump is also a number that was chosen.
+        gain = problem.gain(vector, tried, len(columns) - len(free) + (fault is JUMP))
+        is_large = abs(tried[columns[-1]]) >= fault.least
+        is_near = problem.path_error(tried, aligned=True) <= path_error
+        if gain > _MIN_GAIN and is_large and is_near:
+            found.append(_Candidate(fault, tried, gain))
     return sorted(found, key=lambda each: -each.gain)
-
-
-def _tried(
-    problem: Problem, vector: np.ndarray, free: Sequence[int], used: Sequence[Fault]
-) -> List[_Candidate]:
-    """Return the fits with each fault that is not used yet."""
-    candidates = []
-    for fault in FAULTS:
-        column = _COLUMNS[fault.number.name]
-        tried = None if fault in used else _with_fault(problem, vector, free, fault)
-        if tried is not None:
-            gain = problem.gain(vector, tried, 1)
-            candidates.append(_Candidate(fault, (column,), tried, gain, problem.jump))
-    for index in problem.largest_steps(vector) if problem.jump is None else ():
-        problem.jump = index
-        tried = problem.solve(vector, [*free, *JUMP_COLUMNS])
-        gain = problem.gain(vector, tried, len(JUMP_COLUMNS) + 1)
-        candidates.append(_Candidate(JUMP, JUMP_COLUMNS, tried, gain, index))
-        problem.jump = None
-    return candidates
-
-
-def _with_fault(
-    problem: Problem, vector: np.ndarray, free: Sequence[int], fault: Fault
-) -> Optional[np.ndarray]:
-    """Return the best fit with a fault; None if the drive cannot show it, or is no better."""
-    column = _COLUMNS[fault.number.name]
-    starts = problem.starts(fault, vector)
-    if not len(starts):
-        return None
-    tried = np.repeat(vector[None], len(starts), axis=0)
-    tried[:, column] = starts
-    best = tried[int(np.argmin(problem.costs(tried)))]
-    columns = [*free, column]
-    return problem.solve(best, columns) if problem.may_improve(vector, best, columns) else None

@@ -76,20 +76,17 @@ class Cause(NamedTuple):
 
     fault: Fault
     value: float
-    time: float = 0.0
-    """When the localisation jumps [s]."""
+    time: float
+    """When the localisation jumps, if it does [s]."""
     as_good: Tuple["Cause", ...] = ()
     """Other faults that explain the drive equally well."""
 
     @property
     def text(self) -> str:
         """What the car does."""
-        sides = ("left", "right")
-        if self.fault.number.name == "point":
-            sides = ("in front of", "behind")
-        of_value = sides[self.value < 0.0]
-        detail = f"{self.time:.1f}" if self.time else of_value
-        return self.fault.sentence.format(abs(self.value), detail)
+        sides = ("in front of", "behind") if self.fault.number.unit == "m" else ("left", "right")
+        side = sides[self.value < 0.0]
+        return self.fault.sentence.format(abs(self.value), side, self.time)
 
 
 class Fit(NamedTuple):

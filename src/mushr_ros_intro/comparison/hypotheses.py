@@ -47,7 +47,7 @@ class Fault(NamedTuple):
     is_in_profile: bool
     """Whether a profile has a number for it, or needs none."""
     sentence: str
-    """What the car does; {0} is the value, {1} the side of a signed one."""
+    """What the car does; {0} is the value, {1} the side of a signed one, {2} the time."""
     remedy: str
     test: str
     """The drive that tells it from others."""
@@ -138,25 +138,38 @@ FAULTS = (
         "use --pose_offset",
         "a drive with tighter curves",
     ),
+    Fault(
+        Number("jump", "rad", 0.0, _INF, 1e-4, -4.0, 4.0),
+        (),
+        0.0,
+        True,
+        True,
+        "has a localisation that jumps at {2:.1f} s",
+        "repeat the drive, and set the pose of the localisation first",
+        "another drive",
+    ),
 )
 
-JUMP = Fault(
-    Number("jump_turn", "rad", 0.0, _INF, 1e-4, -4.0, 4.0),
-    (),
-    0.0,
-    True,
-    True,
-    "has a localisation that jumps at {1} s",
-    "repeat the drive, and set the pose of the localisation first",
-    "another drive",
-)
-"""The localisation jumps in one step; two more numbers are the move."""
+JUMP = FAULTS[-1]
+"""The localisation jumps and turns in one step; three more numbers are the step and the move."""
 
 NUMBERS = (
     *PARAMETERS,
-    *(each.number for each in FAULTS),
+    *(each.number for each in FAULTS[:-1]),
+    Number("jump_step", "", 0.0, _INF, 1.0, 0.0, _INF),
     Number("jump_x", "m", 0.0, _INF, 1e-3, -10.0, 10.0),
     Number("jump_y", "m", 0.0, _INF, 1e-3, -10.0, 10.0),
     JUMP.number,
 )
 """A vector has these numbers."""
+
+JUMP_STEP = len(NUMBERS) - 4
+
+_JUMP_COLUMNS = (JUMP_STEP + 1, JUMP_STEP + 2, JUMP_STEP + 3)
+
+
+def columns_of(fault: Fault) -> Tuple[int, ...]:
+    """Return the columns of a vector that are fitted for a fault."""
+    if fault is JUMP:
+        return _JUMP_COLUMNS
+    return ([each.name for each in NUMBERS].index(fault.number.name),)

@@ -1,7 +1,7 @@
 """The least-squares problem of a drive. A vector has the NUMBERS."""
 
 import math
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import Dict, List, Sequence, Tuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -11,7 +11,14 @@ from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.drive_log import DriveLog, start_pose
 from mushr_ros_intro.comparison.fault_model import paths
 from mushr_ros_intro.comparison.fitted_car import Misfit, numbers_of
-from mushr_ros_intro.comparison.hypotheses import NUMBERS, PARAMETERS, Fault
+from mushr_ros_intro.comparison.hypotheses import (
+    JUMP,
+    JUMP_STEP,
+    NUMBERS,
+    PARAMETERS,
+    Fault,
+    columns_of,
+)
 from mushr_ros_intro.comparison.step_errors import Steps, Whitening, noise_of, step_errors, steps_of
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
@@ -24,8 +31,6 @@ DELAYS = np.arange(-1.0, 1.55, 0.1)
 
 DELAY = len(PARAMETERS) - 1
 """The column of the delay."""
-
-JUMP_COLUMNS = tuple(range(len(NUMBERS) - 3, len(NUMBERS)))
 
 _MIN_SEGMENT = NANOSECONDS
 """Duration of the shortest part of a drive that is tested on its own [ns]."""
@@ -59,8 +64,6 @@ class Problem:
         self._ends, self._first_rows = _segments(log.plan)
         self._measured = steps_of(log.poses)
         self.noise = noise_of(log.poses, car)
-        self.jump: Optional[int] = None
-        """The step in which the localisation jumps."""
         faultless = [each.neutral for each in NUMBERS[len(PARAMETERS) :]]
         self.default = np.array([*numbers_of(car), *faultless])
         self.whiten(self.default)
@@ -69,10 +72,10 @@ class Problem:
         """Return the steps of cars, one for each vector."""
         instants = self._times - vectors[:, DELAY, None]
         steps = steps_of(paths(self._log.plan, self._car, vectors, instants))
-        if self.jump is not None:
-            east, north, turn = vectors[:, JUMP_COLUMNS].T
-            steps.moves[:, self.jump] += east + 1j * north
-            steps.turns[:, self.jump] += turn
+        cars = np.arange(len(vectors))
+        jump, ahead, left, turn = vectors[:, JUMP_STEP:].T
+        steps.moves[cars, jump.astype(int)] += ahead + 1j * left
+        steps.turns[cars, jump.astype(int)] += turn
         return steps
 
     def whiten(self, vector: np.ndarray) -> None:
@@ -164,15 +167,9 @@ class Problem:
         return max(1.0, float(np.median(squares) / _MEDIAN_SQUARE))
 
     def gain(self, before: np.ndarray, after: np.ndarray, numbers: int) -> float:
-        """Return by how much the Bayesian information criterion is better with more numbers.
-
-        `before` has no jump.
-        """
-        jump, self.jump = self.jump, self.jump if any(before[list(JUMP_COLUMNS)]) else None
-        (cost,) = self.costs(before[None])
-        self.jump = jump
-        change = (cost - self.costs(after[None])[0]) / self.scale(after)
-        return float(change - numbers * math.log(3 * len(self._seconds)))
+        """Return by how much the Bayesian information criterion is better with more numbers."""
+        change = -float(np.diff(self.costs(np.array([before, after])))) / self.scale(after)
+        return change - numbers * math.log(3 * len(self._seconds))
 
     def _information(self, vector: np.ndarray, free: List[int]) -> np.ndarray:
         jacobian = self.jacobian(vector, free)
@@ -214,29 +211,38 @@ class Problem:
             unknown[column] = [each for each, size in zip(free, correlations) if size > 0.9]
         return unknown
 
-    def starts(self, fault: Fault, vector: np.ndarray) -> Sequence[float]:
-        """Return the values with which the fit of a fault begins; none if no row can show it."""
+    def starts(self, fault: Fault, vector: np.ndarray) -> np.ndarray:
+        """Return the vectors with which the fit of a fault begins, (starts, numbers)."""
+        if fault is JUMP:
+            errors = step_errors(self.steps(vector[None]), self._measured)[0]
+            sizes = np.sum(self.residuals(vector[None])[0].reshape(-1, 3) ** 2, axis=1)
+            steps = np.argsort(sizes)[-_JUMPS:]
+            values = np.column_stack([steps, errors[steps]])
+            columns = [JUMP_STEP, *columns_of(fault)]
+        else:
+            values = np.array([fault.starts]).T * self._largest(fault, vector)
+            columns = list(columns_of(fault))
+        tried = np.repeat(vector[None], len(values), axis=0)
+        tried[:, columns] = values
+        return tried
+
+    def _largest(self, fault: Fault, vector: np.ndarray) -> float:
+        """Return the largest command that a fault limits, as a car drives it; 1 for no limit."""
+        if fault.number.neutral < math.inf:
+            return 1.0
         commands = np.array([self._car.within_limits(*row[:2]) for row in self._log.plan.rows])
         speeds, angles = commands.T
-        if fault.number.neutral < math.inf:
-            return fault.starts
         speed_gain, gain, offset = vector[:3]
         driven = {
             "speed_cap": np.abs(speeds * speed_gain),
             "left_stop": angles * gain + offset,
             "right_stop": -angles * gain - offset,
         }[fault.number.name]
-        largest = max(0.0, float(driven.max()))
-        return [largest * share for share in fault.starts if largest > 0.0]
+        return max(0.01, float(driven.max()))
 
-    def largest_steps(self, vector: np.ndarray) -> List[int]:
-        """Return the steps whose errors are the largest, in which a jump may be."""
-        sizes = np.sum(self.residuals(vector[None])[0].reshape(-1, 3) ** 2, axis=1)
-        return np.argsort(sizes)[-_JUMPS:].tolist()
-
-    def time_of(self, step: int, vector: np.ndarray) -> float:
-        """Return when a step ends, after the first command [s]."""
-        return float(self._times[step + 1] - vector[DELAY])
+    def jump_time(self, vector: np.ndarray) -> float:
+        """Return when the localisation jumps, after the first command [s]."""
+        return float(self._times[int(vector[JUMP_STEP]) + 1] - vector[DELAY])
 
     def path_error(self, vector: np.ndarray, aligned: bool = False) -> float:
         """Return the distance of the whole path from the drive [m] (rms).
