@@ -15,7 +15,7 @@ from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.bag_file import Source, read_bag, record
 from mushr_ros_intro.comparison.comparison import compare
 from mushr_ros_intro.comparison.drive_log import DriveLog, with_rows_of
-from mushr_ros_intro.comparison.fitted_car import Fit, combined
+from mushr_ros_intro.comparison.fit import Fit, combined, fit
 from mushr_ros_intro.comparison.profile_file import vesc_text, write_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import REQUIRED, Parameters, number
@@ -50,7 +50,6 @@ def run() -> int:
     profile, car_name, car = named_car(arguments.car, profiles)
     logs = read_logs(arguments, options, car)
 
-    from mushr_ros_intro.comparison.fit import fit  # scipy is slow to import
 
     show = (lambda *lines: None) if arguments.json else partial(print, sep="\n")
     drives: List[Dict[str, Any]] = []

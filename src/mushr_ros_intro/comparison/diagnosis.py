@@ -7,7 +7,7 @@ import numpy as np
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.comparison import Comparison
-from mushr_ros_intro.comparison.fitted_car import (
+from mushr_ros_intro.comparison.fit import (
     DEAD,
     OF_CAR,
     RATES,

@@ -1,7 +1,7 @@
 """The least-squares problem of a drive. A vector has the NUMBERS."""
 
 import math
-from typing import Dict, List, Sequence, Tuple
+from typing import Dict, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -10,7 +10,6 @@ from scipy.stats import norm
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.drive_log import DriveLog, start_pose
 from mushr_ros_intro.comparison.fault_model import paths
-from mushr_ros_intro.comparison.fitted_car import Misfit, numbers_of
 from mushr_ros_intro.comparison.hypotheses import (
     JUMP,
     JUMP_STEP,
@@ -25,6 +24,12 @@ from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 
 MISFIT_PROBABILITY = 1e-3
 """Probability that a drive with random errors only counts as a misfit."""
+
+OF_CAR = PARAMETERS[:-1]
+"""The parameters without the delay, which is that of a drive."""
+
+RATES = ("acceleration", "steering_rate")
+"""The parameters of which the inverse is fitted."""
 
 DELAYS = np.arange(-1.0, 1.55, 0.1)
 """The delays with which the fit begins [s]; the best one is used. Clocks may differ by a second."""
@@ -51,6 +56,30 @@ _MOVED = 0.05
 """A car that moves by more in the second before the first command moves already [m]."""
 
 _MAX_ERRORS = np.array([each.max_error for each in NUMBERS])
+
+
+class Misfit(NamedTuple):
+    """The row in which a drive differs most from the fitted car."""
+
+    row: int
+    """Index of the row."""
+    what: str
+    """"distance", "sideways" or "turn"."""
+    size: float
+    """The mean difference, in standard errors of it."""
+    limit: float
+    """Random errors exceed this size in 0.1 % of all drives."""
+
+    @property
+    def is_found(self) -> bool:
+        """Whether the drive does not fit the model of the car."""
+        return self.size > self.limit
+
+
+def numbers_of(car: Car) -> List[float]:
+    """Return the fitted numbers of a car, one for each of PARAMETERS; the delay is 0."""
+    values = [(each.name, getattr(car, each.name)) for each in OF_CAR]
+    return [*(1.0 / value if name in RATES else value for name, value in values), 0.0]
 
 
 class Problem:
@@ -168,8 +197,8 @@ class Problem:
 
     def gain(self, before: np.ndarray, after: np.ndarray, numbers: int) -> float:
         """Return by how much the Bayesian information criterion is better with more numbers."""
-        change = -float(np.diff(self.costs(np.array([before, after])))) / self.scale(after)
-        return change - numbers * math.log(3 * len(self._seconds))
+        old, new = self.costs(np.array([before, after])).tolist()
+        return (old - new) / self.scale(after) - numbers * math.log(3 * len(self._seconds))
 
     def _information(self, vector: np.ndarray, free: List[int]) -> np.ndarray:
         jacobian = self.jacobian(vector, free)

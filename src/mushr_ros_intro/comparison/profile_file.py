@@ -6,7 +6,7 @@ from typing import Iterator, Sequence
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import NUMBERS
-from mushr_ros_intro.comparison.fitted_car import Combined
+from mushr_ros_intro.comparison.fit import Combined
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import REQUIRED, Parameters, number
 from mushr_ros_intro.yaml_file import read_mapping

@@ -9,8 +9,7 @@ import pytest
 
 from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.comparison import compare
-from mushr_ros_intro.comparison.fit import fit
-from mushr_ros_intro.comparison.fitted_car import Z_95, combined, fitted_value
+from mushr_ros_intro.comparison.fit import Z_95, combined, fit, fitted_value
 from support.cars import CARS, plan_named, plan_of
 from support.recorded_drive import driven
 from support.true_car import TrueCar, recorded
