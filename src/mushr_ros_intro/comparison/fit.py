@@ -16,16 +16,14 @@ import numpy as np
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.drive_log import DriveLog
-from mushr_ros_intro.comparison.hypotheses import FAULTS, JUMP, PARAMETERS, Fault, columns_of
-from mushr_ros_intro.comparison.problem import DELAY, OF_CAR, RATES, Misfit, Problem, numbers_of
-from mushr_ros_intro.stamps import NANOSECONDS
+from mushr_ros_intro.comparison.faults import FAULTS, JUMP, PARAMETERS, Fault, columns_of
+from mushr_ros_intro.comparison.problem import DELAY, RATES, Misfit, Problem
 
 DEAD = 0.2
 """A car with a smaller gain hardly follows its commands."""
 
-Z_95 = 1.96
+_Z_95 = 1.96
 """Half of the 95 % range, in standard errors."""
-
 
 _SIGNIFICANT = 3.0
 """A value that has changed by less is no correction [standard errors]."""
@@ -47,31 +45,46 @@ _MIN_LEVELS = {"speed_gain": 2, "steering_gain": 3}
 
 _MAX_CAUSES = 2
 
-_BEGIN = 60 * NANOSECONDS
-"""This part of a long drive gives the delay with which the fit begins [ns]."""
-
 
 class Value(NamedTuple):
     """The fitted value of a parameter."""
 
-    value: float
+    name: str
+    before: float
+    """The number before the fit, which is the inverse of one of RATES."""
+    number: float
+    """The fitted number, likewise."""
     error: float = 0.0
-    """Its standard error."""
-    low: float = 0.0
-    """Lower end of its 95 % range."""
-    high: float = 0.0
-    """Upper end. The range of a rate is not symmetric, and infinite if there may be no limit."""
+    """The standard error of the number."""
     is_fitted: bool = True
-    """Otherwise the value is the one before the fit, because the drive does not determine it."""
-    change: float = 0.0
-    """The difference from the value before the fit, in standard errors."""
-    confused_with: Tuple[str, ...] = ()
-    """If it is not fitted: the parameters with the same effect on this drive."""
+    """Otherwise the number is the one before, because the drive does not determine it."""
 
     @property
     def is_change(self) -> bool:
         """Whether the value differs from the one before the fit by more than random errors."""
-        return abs(self.change) > _SIGNIFICANT
+        return self.is_fitted and abs(self.number - self.before) > _SIGNIFICANT * self.error
+
+    @property
+    def old(self) -> float:
+        """The value before the fit."""
+        return self._value(self.before)
+
+    @property
+    def new(self) -> float:
+        """The value after the fit."""
+        return self._value(self.number)
+
+    @property
+    def limits(self) -> Tuple[float, float]:
+        """The ends of the 95 % range; the upper one is infinite if a rate may have no limit."""
+        size = _Z_95 * self.error
+        low, high = sorted(self._value(self.number + each) for each in (-size, size))
+        return low, high
+
+    def _value(self, number: float) -> float:
+        if self.name not in RATES:
+            return number
+        return 1.0 / number if number > _AT_ONCE else math.inf
 
 
 class Cause(NamedTuple):
@@ -96,14 +109,12 @@ class Fit(NamedTuple):
     """The result of a fit to one drive."""
 
     car: Car
-    """The car before the fit with those fitted values whose range does not contain the old one."""
+    """The car before the fit with the values that have changed."""
     values: Dict[str, Value]
     """By the names of the parameters."""
     causes: Tuple[Cause, ...]
     uncertain: Tuple[str, ...]
     """The changed gains that may also be a limit, because the drive has too few commands."""
-    effects: Dict[str, float]
-    """By how much each changed parameter reduces `path_error` [m]."""
     profile_error: float
     """The distance of the drive from the path of the car before the fit [m] (rms)."""
     path_error: float
@@ -117,7 +128,7 @@ class Fit(NamedTuple):
     @property
     def delay(self) -> float:
         """From a command to its effect on the pose [s]."""
-        return self.values["delay"].value
+        return self.values["delay"].new
 
     @property
     def is_explained(self) -> bool:
@@ -148,38 +159,17 @@ class Fit(NamedTuple):
         return self.is_certain and is_forward and known
 
 
-class Combined(NamedTuple):
-    """The car that several drives were fitted to, each on its own."""
-
-    car: Car
-    """The car before the fit with the mean values, and how they differ between the drives."""
-    values: Dict[str, Value]
-    """The mean values by name, without the delay."""
-    spreads: Dict[str, float]
-    """Standard deviations between the drives, by the names in `Car`; empty for one drive."""
-
-
-class _Candidate(NamedTuple):
-    """A fault, and what the fit with it has found."""
-
-    fault: Fault
-    vector: np.ndarray
-    gain: float
-    """Of the criterion, over the fit without it."""
-
-
 def fit(log: DriveLog, car: Car) -> Fit:
     """Fit a car to its drive; `car` is the car before the fit."""
     problem = Problem(log, car)
-    begin = Problem(log.until(_BEGIN), car)
-    vector = begin.best_delay(begin.default)
+    vector = problem.best_delay(problem.default)
     base = list(range(len(PARAMETERS)))
     unknown = problem.unknown(vector, base)
     for _ in range(2):  # the covariance of the steps depends on the motion
         problem.whiten(vector)
         vector = problem.solve(vector, [each for each in base if each not in unknown])
     unknown = problem.unknown(vector, base)
-    vector[list(unknown)] = problem.default[list(unknown)]
+    vector[unknown] = problem.default[unknown]
     free = [each for each in base if each not in unknown]
     vector = problem.solve(vector, free)
 
@@ -188,81 +178,54 @@ def fit(log: DriveLog, car: Car) -> Fit:
         found = _found(problem, vector, free, [each.fault for each in causes])
         if not found:
             break
-        best = found[0]
-        vector = best.vector
-        free += columns_of(best.fault)
-        as_good = [_cause(problem, each) for each in found[1:] if best.gain - each.gain < _AS_GOOD]
-        causes.append(_cause(problem, best)._replace(as_good=tuple(as_good)))
+        gain, vector, cause = found[0]
+        free += columns_of(cause.fault)
+        as_good = tuple(each for other, _, each in found[1:] if gain - other < _AS_GOOD)
+        causes.append(cause._replace(as_good=as_good))
 
-    errors = problem.errors(vector, free, list(unknown))
-    values: Dict[str, Value] = {}
-    for column, each in enumerate(PARAMETERS):
-        if column in unknown:
-            names = tuple(PARAMETERS[other].name for other in unknown[column])
-            before = getattr(car, each.name, 0.0)
-            values[each.name] = Value(before, is_fitted=False, confused_with=names)
-        else:
-            before = float(problem.default[column])
-            number = float(vector[column])
-            values[each.name] = fitted_value(each.name, number, errors[column], before)
-    changed = [
-        column for column, each in enumerate(PARAMETERS[:DELAY]) if values[each.name].is_change
-    ]
-    same = [each for each in range(DELAY) if each not in changed]
+    errors = problem.errors(vector, free, unknown)
+    values = {
+        each.name: Value(
+            each.name,
+            float(problem.default[column]),
+            float(vector[column]),
+            errors[column],
+            column not in unknown,
+        )
+        for column, each in enumerate(PARAMETERS)
+    }
+    changed: Dict[str, Any] = {
+        name: each.new for name, each in values.items() if each.is_change and name != "delay"
+    }
+    same = [each for each in range(DELAY) if PARAMETERS[each].name not in changed]
     vector[same] = problem.default[same]
     vector = problem.solve(vector, [each for each in free if each not in same])
-    path_error = problem.path_error(vector)
     profile = problem.default.copy()
     profile[DELAY] = vector[DELAY]
-    effects = {}
-    for column in changed:
-        without = vector.copy()
-        without[column] = problem.default[column]
-        effects[PARAMETERS[column].name] = problem.path_error(without) - path_error
     return Fit(
-        _car(car, vector, causes),
+        car._replace(**changed),
         values,
         tuple(causes),
         tuple(
             name
-            for name, commands in zip(("speed_gain", "steering_gain"), problem.levels)
-            if values[name].is_change and commands < _MIN_LEVELS[name]
+            for name, commands in zip(_MIN_LEVELS, problem.levels)
+            if name in changed and commands < _MIN_LEVELS[name]
         ),
-        effects,
         problem.path_error(profile),
-        path_error,
+        problem.path_error(vector),
         problem.noise.position,
         problem.misfit(vector),
         problem.moves_before(vector),
     )
 
 
-def _cause(problem: Problem, found: _Candidate) -> Cause:
-    """Return the cause that a candidate describes."""
-    value = float(found.vector[columns_of(found.fault)[-1]])
-    return Cause(found.fault, value, problem.jump_time(found.vector))
-
-
-def _car(car: Car, vector: np.ndarray, causes: Sequence[Cause]) -> Car:
-    """Return a car with fitted numbers, and with the limits that were found."""
-    car = car_with(car, vector[:DELAY].tolist())
-    limits = {
-        "speed_cap": ("speed_limit", 0.0, car.speed_gain),
-        "left_stop": ("steering_limit_left", car.steering_offset, car.steering_gain),
-        "right_stop": ("steering_limit_right", -car.steering_offset, car.steering_gain),
-    }
-    for each in causes:
-        name, offset, gain = limits.get(each.fault.number.name, ("", 0.0, 0.0))
-        if gain > 0.0:
-            limit: Any = max(0.0, (each.value - offset) / gain)
-            car = car._replace(**{name: limit})
-    return car
-
-
 def _found(
     problem: Problem, vector: np.ndarray, free: Sequence[int], used: Sequence[Fault]
-) -> List[_Candidate]:
-    """Return the faults that explain a drive better than the fit without them, the best first."""
+) -> List[Tuple[float, np.ndarray, Cause]]:
+    """Return the faults that explain a drive better than the fit without them, the best first.
+
+    For each, also return the gain of the criterion and the vector of its fit.
+    """
     path_error = problem.path_error(vector, aligned=True)
     found = []
     for fault in (each for each in FAULTS if each not in used):
@@ -277,65 +240,46 @@ def _found(
         is_large = abs(tried[columns[-1]]) >= fault.least
         is_near = problem.path_error(tried, aligned=True) <= path_error
         if gain > _MIN_GAIN and is_large and is_near:
-            found.append(_Candidate(fault, tried, gain))
-    return sorted(found, key=lambda each: -each.gain)
+            cause = Cause(fault, float(tried[columns[-1]]), problem.jump_time(tried))
+            found.append((gain, tried, cause))
+    return sorted(found, key=lambda each: -each[0])
 
 
-def combined(fits: Sequence[Fit], car: Car) -> Combined:
-    """Return the car of some drives; `car` is the car before the fit.
+class Combined(NamedTuple):
+    """The car that several drives were fitted to, each on its own."""
+
+    car: Car
+    """The car before the fit with the mean values, and how they differ between the drives."""
+    values: Dict[str, Value]
+    """The mean values by name, without the delay."""
+    deviations: Dict[str, float]
+    """The standard deviations between the drives, by name; empty for one drive."""
+
+
+def combined(fits: Sequence[Fit]) -> Combined:
+    """Return the car of some drives.
 
     The range of a mean follows from the standard errors of the drives, or from how the drives
     differ if that is more.
     """
-    values: Dict[str, Value] = {}
+    values = dict(fits[0].values)
+    values.pop("delay")
     deviations: Dict[str, float] = {}
-    for each in OF_CAR:
-        name = each.name
-        of_drives = [fit.values[name] for fit in fits if fit.values[name].is_fitted]
-        count = len(of_drives)
-        if count < 2:
-            values[name] = of_drives[0] if count else fits[0].values[name]
-            continue
-        numbers = [1.0 / one.value if name in RATES else one.value for one in of_drives]
-        errors = [one.error / one.value**2 if name in RATES else one.error for one in of_drives]
-        deviations[name] = statistics.stdev(numbers)
-        error = max(deviations[name] ** 2, statistics.fmean(one**2 for one in errors)) / count
-        before = numbers_of(car)[OF_CAR.index(each)]
-        values[name] = fitted_value(name, statistics.fmean(numbers), math.sqrt(error), before)
-    spreads = {
-        f"{name}_spread": deviations[name]
-        for name in ("speed_gain", "steering_offset")
-        if name in deviations
+    for name in values:
+        of_drives = [each.values[name] for each in fits if each.values[name].is_fitted]
+        if of_drives:
+            values[name] = of_drives[0]
+        if len(of_drives) > 1:
+            deviations[name] = statistics.stdev(each.number for each in of_drives)
+            variance = statistics.fmean(each.error**2 for each in of_drives)
+            values[name] = of_drives[0]._replace(
+                number=statistics.fmean(each.number for each in of_drives),
+                error=math.sqrt(max(deviations[name] ** 2, variance) / len(of_drives)),
+            )
+    found: Dict[str, Any] = {
+        name: each.new if each.is_change else each.old for name, each in values.items()
     }
-    found: Dict[str, Any] = {name: value.value for name, value in values.items() if value.is_change}
-    for name in ("speed_limit", "steering_limit_left", "steering_limit_right"):
-        found[name] = statistics.fmean(getattr(fit.car, name) for fit in fits)
-    return Combined(car._replace(**{**found, **spreads}), values, spreads)
-
-
-def car_with(car: Car, numbers: Sequence[float]) -> Car:
-    """Return a car with fitted numbers, one for each of OF_CAR."""
-    values: Dict[str, Any] = {
-        each.name: (math.inf if number <= 0.0 else 1.0 / number) if each.name in RATES else number
-        for each, number in zip(OF_CAR, numbers)
-    }
-    return car._replace(**values)
-
-
-def fitted_value(name: str, number: float, error: float, before: float) -> Value:
-    """Return the value of a parameter.
-
-    Args:
-        name: of the parameter.
-        number: the fitted number.
-        error: its standard error.
-        before: the number before the fit.
-    """
-    change = (number - before) / error
-    low, high = number - Z_95 * error, number + Z_95 * error
-    if name not in RATES:
-        return Value(number, error, low, high, change=change)
-    rate, highest, lowest = (
-        1.0 / each if each > _AT_ONCE else math.inf for each in (number, low, high)
-    )
-    return Value(rate, error * rate**2, lowest, highest, change=change)
+    for name in ("speed_gain", "steering_offset"):
+        if name in deviations:
+            found[f"{name}_spread"] = deviations[name]
+    return Combined(fits[0].car._replace(**found), values, deviations)

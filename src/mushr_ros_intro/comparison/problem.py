@@ -1,7 +1,7 @@
 """The least-squares problem of a drive. A vector has the NUMBERS."""
 
 import math
-from typing import Dict, List, NamedTuple, Sequence, Tuple
+from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -9,14 +9,14 @@ from scipy.stats import norm
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.drive_log import DriveLog, start_pose
-from mushr_ros_intro.comparison.fault_model import paths
-from mushr_ros_intro.comparison.hypotheses import (
+from mushr_ros_intro.comparison.faults import (
     JUMP,
     JUMP_STEP,
     NUMBERS,
     PARAMETERS,
     Fault,
     columns_of,
+    paths,
 )
 from mushr_ros_intro.comparison.step_errors import Steps, Whitening, noise_of, step_errors, steps_of
 from mushr_ros_intro.plan.plan import Plan
@@ -24,9 +24,6 @@ from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 
 MISFIT_PROBABILITY = 1e-3
 """Probability that a drive with random errors only counts as a misfit."""
-
-OF_CAR = PARAMETERS[:-1]
-"""The parameters without the delay, which is that of a drive."""
 
 RATES = ("acceleration", "steering_rate")
 """The parameters of which the inverse is fitted."""
@@ -78,7 +75,7 @@ class Misfit(NamedTuple):
 
 def numbers_of(car: Car) -> List[float]:
     """Return the fitted numbers of a car, one for each of PARAMETERS; the delay is 0."""
-    values = [(each.name, getattr(car, each.name)) for each in OF_CAR]
+    values = [(each.name, getattr(car, each.name)) for each in PARAMETERS[:-1]]
     return [*(1.0 / value if name in RATES else value for name, value in values), 0.0]
 
 
@@ -216,28 +213,22 @@ class Problem:
             errors[columns] = np.sqrt(np.diag(np.linalg.inv(information)))
         return errors[: len(PARAMETERS)].tolist()
 
-    def unknown(self, vector: np.ndarray, columns: Sequence[int]) -> Dict[int, List[int]]:
+    def unknown(self, vector: np.ndarray, columns: Sequence[int]) -> List[int]:
         """Return the numbers among some that the drive does not determine.
 
-        The one with the largest standard error is fixed, until all others are small enough. For
-        each of them, also return those that cannot be told from it.
+        The one with the largest standard error is fixed, until all others are small enough.
         """
-        unknown: Dict[int, List[int]] = {}
+        unknown: List[int] = []
         free = list(columns)
         information = self._information(vector, free)
         information += np.diag((10.0 * _MAX_ERRORS[free]) ** -2.0)
         while free:
-            covariance = np.linalg.inv(information)
-            errors = np.sqrt(np.diag(covariance))
+            errors = np.sqrt(np.diag(np.linalg.inv(information)))
             worst = int(np.argmax(errors / _MAX_ERRORS[free]))
             if errors[worst] <= _MAX_ERRORS[free[worst]]:
                 break
-            correlations = np.abs(covariance[worst]) / errors / errors[worst]
-            correlations[worst] = 0.0
-            column = free.pop(worst)
+            unknown.append(free.pop(worst))
             information = np.delete(np.delete(information, worst, 0), worst, 1)
-            correlations = np.delete(correlations, worst)
-            unknown[column] = [each for each, size in zip(free, correlations) if size > 0.9]
         return unknown
 
     def starts(self, fault: Fault, vector: np.ndarray) -> np.ndarray:
@@ -267,7 +258,7 @@ class Problem:
             "left_stop": angles * gain + offset,
             "right_stop": -angles * gain - offset,
         }[fault.number.name]
-        return max(0.01, float(driven.max()))
+        return max(0.03, float(driven.max()))
 
     def jump_time(self, vector: np.ndarray) -> float:
         """Return when the localisation jumps, after the first command [s]."""
@@ -287,7 +278,7 @@ class Problem:
             path, driven = (each[is_drive] - each[is_drive].mean() for each in (path, driven))
             path = path * np.exp(1j * np.angle(np.vdot(path, driven)))
         else:
-            start, _ = start_pose(self._log, from_seconds(vector[DELAY]))
+            start = start_pose(self._log, from_seconds(vector[DELAY]))
             path = complex(*start[:2]) + path * np.exp(1j * start.theta)
             path, driven = path[is_drive], driven[is_drive]
         return float(np.sqrt(np.mean(np.abs(path - driven) ** 2)))

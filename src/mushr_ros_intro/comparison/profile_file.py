@@ -41,16 +41,14 @@ def _lines(combined: Combined, profile: str, drives: Sequence[str]) -> Iterator[
     car = combined.car._asdict()
     for name, unit, low, high, meaning in NUMBERS:
         source = f"{profile}."
-        if name in combined.spreads and len(drives) > 1:
+        value = combined.values.get(name)
+        if name[: -len("_spread")] in combined.deviations:
             source = f"Standard deviation between {len(drives)} drives."
-        elif name in combined.values:
-            value = combined.values[name]
+        elif value and not value.is_fitted:
             source = f"{profile}; the drives do not determine it."
-            if value.is_fitted:
-                kept = (
-                    "Fitted" if car[name] == value.value else f"{profile}, which is in the fitted"
-                )
-                source = f"{kept}; 95 % range {value.low:.5g} to {value.high:.5g}."
+        elif value:
+            kept = "Fitted" if value.is_change else f"{profile}, which is in the fitted"
+            source = "{}; 95 % range {:.5g} to {:.5g}.".format(kept, *value.limits)
         ends = f"{low:g} to {'.inf (none)' if math.isinf(high) else f'{high:g}'}"
         yield ""
         yield f"# {meaning[0].upper()}{meaning[1:]} [{unit or '1'}], {ends}."

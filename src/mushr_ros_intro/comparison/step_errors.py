@@ -45,7 +45,6 @@ class Noise(NamedTuple):
     """Of the speed, drawn anew for each COMMAND_PERIOD [m/s]."""
     steering_noise: float
     """Of the steering angle, likewise [rad]."""
-    slip: float = _SLIP
 
 
 class Steps(NamedTuple):
@@ -150,6 +149,6 @@ def _changes(steps: Steps, seconds: np.ndarray, wheelbase: float, noise: Noise) 
     # the step, and moves the car sideways.
     by_angle = turned * np.array([zero, half, zero + 1.0])
     sideways = turned * np.array([zero, half / np.sqrt(3.0), zero])
-    slip = noise.slip * np.sqrt(np.abs(distances)) * np.array([zero, zero + 1.0, zero])
+    slip = _SLIP * np.sqrt(np.abs(distances)) * np.array([zero, zero + 1.0, zero])
     parts = (by_speed, by_angle, sideways, slip)
     return sum(np.einsum("in,jn->nij", each, each) for each in parts)

@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 
-from mushr_ros_intro.comparison.fault_model import paths
+from mushr_ros_intro.comparison.faults import NUMBERS, PARAMETERS, paths
 from mushr_ros_intro.comparison.problem import numbers_of
-from mushr_ros_intro.comparison.hypotheses import NUMBERS, PARAMETERS
 from mushr_ros_intro.geometry import ORIGIN
 from mushr_ros_intro.preview.prediction import states_at
 from mushr_ros_intro.stamps import NANOSECONDS
