@@ -117,9 +117,7 @@ def test_a_drive_that_nothing_known_explains_writes_nothing(run, tmp_path):
     options = ("--car", "mushr_nano")
     status, text, errors = run("a.bag", *options)
     assert (status, errors) == (2, "")
-    assert text.splitlines()[-1].startswith(
-        "a.bag: nothing known explains this drive: from 4.0 s on "
-    )
+    assert text.splitlines()[-1].startswith("a.bag: nothing known explains this drive: from ")
     assert "speed_gain" not in text
     for option, path in (("--fit", profile), ("--vesc", vesc)):
         status, text, errors = run("a.bag", *options, option, str(path))
