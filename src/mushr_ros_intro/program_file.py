@@ -12,7 +12,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from functools import lru_cache
-from typing import Dict, Iterator, Optional, Sequence, Set, Tuple
+from typing import FrozenSet, Iterator, List, Optional, Sequence, Tuple
 
 Fault = Tuple[str, str]
 """What is wrong, and what to do."""
@@ -109,26 +109,34 @@ def hiding_faults(path: str) -> Iterator[Fault]:
 
     A program finds modules in its own folder first, also those that other modules import.
     """
-    folder = os.path.dirname(path)
-    hiding: Dict[str, str] = {}
-    with suppress(OSError):
-        for entry in sorted(os.listdir(folder)):
-            name = entry[: -len(".py")] if entry.endswith(".py") else entry
-            file = entry if entry.endswith(".py") else os.path.join(entry, "__init__.py")
-            if os.path.isfile(os.path.join(folder, file)) and is_of_system(name):
-                hiding[name] = entry
-    if hiding:
-        for name in sorted(_loaded_by(path) & hiding.keys()):
-            file = os.path.join(folder, hiding[name])
-            problem = f"{file} hides the module {name} of Python or ROS, which the node needs"
-            yield problem, "Give it another name"
+    modules = {module.split(".")[0] for module, _ in imports_of(path)} | _modules_of_rospy()
+    for name in sorted(modules):
+        file = os.path.join(os.path.dirname(path), name)
+        for end in (".py", "/__init__.py"):
+            if os.path.isfile(file + end) and is_of_system(name):
+                problem = f"{file}{end} hides the module {name} of Python or ROS, which the node"
+                yield f"{problem} needs", "Give it another name"
+
+
+def imports_of(path: str) -> List[Tuple[str, int]]:
+    """Return each module that a Python file always imports, and the line; none if it is not valid.
+
+    Relative imports are left out.
+    """
+    found = []
+    with suppress(OSError, SyntaxError, ValueError), open(path, "rb") as file:
+        for each in ast.parse(file.read(MAX_TEXT)).body:
+            if isinstance(each, ast.Import):
+                found += [(alias.name, each.lineno) for alias in each.names]
+            elif isinstance(each, ast.ImportFrom) and each.module and not each.level:
+                found.append((each.module, each.lineno))
+    return found
 
 
 def apt_package(module: str) -> str:
     """Return the name of the package that contains a module of ROS on this machine."""
-    distribution = os.environ.get("ROS_DISTRO", "")
-    is_from_ros = os.path.isdir(os.path.join("/opt/ros", distribution or "none"))
-    prefix = f"ros-{distribution}" if is_from_ros and module not in _OF_DEBIAN else "python3"
+    is_from_ros = os.path.isdir("/opt/ros") and module not in _OF_DEBIAN
+    prefix = f"ros-{os.environ.get('ROS_DISTRO')}" if is_from_ros else "python3"
     return f"{prefix}-{module.replace('_', '-')}"
 
 
@@ -145,23 +153,14 @@ def origin_of(module: str) -> Optional[str]:
     return ""
 
 
-def _loaded_by(path: str) -> Set[str]:
-    """Return the modules that are loaded if a program imports modules of Python and ROS."""
-    imports = {"rospy"}
-    with suppress(OSError, SyntaxError, ValueError), open(path, "rb") as file:
-        for each in ast.walk(ast.parse(file.read(MAX_TEXT))):
-            if isinstance(each, ast.Import):
-                imports.update(alias.name.split(".")[0] for alias in each.names)
-            elif isinstance(each, ast.ImportFrom) and each.module and not each.level:
-                imports.add(each.module.split(".")[0])
-    known = sorted(filter(is_of_system, imports))
-    source = "import contextlib, importlib, sys\nfor name in sys.argv[1:]:\n"
-    source += "    with contextlib.suppress(Exception): importlib.import_module(name)\n"
-    command = [sys.executable, "-c", source + "print(*sys.modules)", *known]
+@lru_cache
+def _modules_of_rospy() -> FrozenSet[str]:
+    """Return the modules that are loaded if a program imports rospy."""
+    command = [sys.executable, "-c", "import rospy, sys; print(*sys.modules)"]
     with suppress(OSError, subprocess.SubprocessError):
         done = subprocess.run(command, capture_output=True, cwd="/", timeout=_IMPORT_TIMEOUT)
-        return {*imports, *done.stdout.decode().split()}
-    return imports
+        return frozenset(done.stdout.decode().split())
+    return frozenset()
 
 
 def _text_faults(name: str, text: bytes) -> Iterator[Fault]:

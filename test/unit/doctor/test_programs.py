@@ -41,20 +41,9 @@ from mushr_ros_intro.doctor.programs import program_findings
             "but Python does not find this module. Did you mean ackermann_msgs?",
         ),
         (
-            "#!/usr/bin/python3\nfrom ackermann_msgs.msg import AckermanDrive\n",
-            0o755,
-            "ackermann_msgs.msg in line 2, but it does not contain AckermanDrive. Did you mean Ack",
-        ),
-        (
             "#!/usr/bin/python3\nimport tf.transformation\n",
             0o755,
-            "but Python reports: No module named 'tf.transformation'. Correct the name",
-        ),
-        (
-            "#!/usr/bin/python3\nimport math\nimport rospy\n"
-            "from ackermann_msgs.msg import AckermannDrive\npub = rospy.Publisher('a', A)\n",
-            0o755,
-            "uses rospy, but does not call rospy.init_node",
+            "but Python does not find this module. Correct the name",
         ),
     ],
 )
@@ -140,8 +129,7 @@ def test_a_file_that_hides_a_module(tmp_path, hiding, module):
     path.write_text("#!/usr/bin/python3\nfrom geometry_msgs.msg import Point\n")
     path.chmod(0o755)
     (finding,) = map(str, program_findings(str(tmp_path)))
-    file = tmp_path / hiding.partition("/")[0]
-    assert finding.startswith(f"{file} hides the module {module} of Python or ROS")
+    assert finding.startswith(f"{tmp_path / hiding} hides the module {module} of Python or ROS")
     assert finding.endswith("Give it another name")
 
 
@@ -170,11 +158,7 @@ def test_files_that_hide_nothing(tmp_path):
         ("drive.py", "#!/usr/bin/python3\nimport rospy\nrospy.init_node('a')\nrospy.spin()\n"),
         ("drive.py", "#!/usr/bin/python3\nimport rospy\nprint(rospy.Time(1))\n"),
         ("drive.py", "#!/usr/bin/python3\nfrom os import path\nfrom concurrent import futures\n"),
-        (
-            "drive.py",
-            "#!/usr/bin/python3\nimport rospy\nfrom mushr_ros_intro.ros import node\n"
-            "rospy.Publisher('a', A)\n",
-        ),
+        ("drive.py", "#!/usr/bin/python3\nfrom mushr_ros_intro.ros import node\n"),
     ],
 )
 def test_no_finding(tmp_path, name, text):
