@@ -166,7 +166,7 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
         nargs="+",
         default=[],
         metavar="NAME",
-        help="grade these submissions again; also names of students",
+        help="grade these submissions again",
     )
     add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")
     add("--gradescope", metavar="FILE", help="also write results.json of one submission")

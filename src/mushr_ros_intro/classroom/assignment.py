@@ -8,8 +8,7 @@ from typing import Dict, List, Optional, Sequence, Set
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.classroom.arguments import read_exercises
 from mushr_ros_intro.classroom.drawn_plans import DRAWN, draw_plan
-from mushr_ros_intro.classroom.grades import find_name, names_of
-from mushr_ros_intro.classroom.submissions import Submission, check_authors
+from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.parameters import Parameters
@@ -22,7 +21,7 @@ from mushr_ros_intro.replay.following import TOLERANCE_UNITS
 from mushr_ros_intro.replay.job import Setting
 from mushr_ros_intro.replay.reference import Exercise, refuse_walls
 from mushr_ros_intro.replay.setting import parameter_words, read_setting
-from mushr_ros_intro.wording import counted
+from mushr_ros_intro.wording import counted, similar
 
 
 class Plans:
@@ -45,7 +44,19 @@ class Plans:
             test_drive = read_plans(["test_drive"], package_folder("plans"))
             self._like = [*named, *test_drive.values()][0]
             self.names.append(DRAWN)
-        check_authors(self._named.values(), arguments.inputs)
+        self._refuse_plans_of_submissions(arguments.inputs)
+
+    def _refuse_plans_of_submissions(self, submissions: Sequence[str]) -> None:
+        """Raise UserError if a plan is in a submission, whose author may have written it.
+
+        The current directory, where a name such as figure_8 is searched, may be a submission.
+        """
+        known = package_folder("plans")
+        folders = tuple(os.path.join(os.path.realpath(each), "") for each in submissions)
+        for path in (os.path.realpath(plan.path) for plan in self._named.values()):
+            if os.path.dirname(path) != known and path.startswith(folders):
+                text = f"{path}: this plan is in a submission; expected the path of another one"
+                raise UserError(f"{text}, such as {known}/figure_8.txt")
 
     @property
     def folders(self) -> List[str]:
@@ -88,9 +99,11 @@ def names_to_grade(arguments: argparse.Namespace, found: Sequence[Submission]) -
     """
     if len(found) != 1 and arguments.gradescope:
         raise UserError(f"found {counted(len(found), 'submission')}; --gradescope needs one")
-    names = names_of({each.name: each.students for each in found})
-    only = {find_name(each, names, "--only: ") for each in arguments.only}
-    return only or set(names.values())
+    names = [each.name for each in found]
+    for each in arguments.only:
+        if each not in names:
+            raise UserError(f"--only: there is no submission {each}{similar(each, names)}")
+    return set(arguments.only or names)
 
 
 def tolerances_of(arguments: argparse.Namespace) -> Dict[str, float]:

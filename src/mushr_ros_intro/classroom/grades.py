@@ -3,12 +3,9 @@
 import hashlib
 import re
 import unicodedata
-from collections import Counter
-from typing import Dict, Iterable, Mapping, NamedTuple, Sequence, Tuple
+from typing import Mapping, NamedTuple, Sequence, Tuple
 
-from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.replay.judge import Check, Judgement
-from mushr_ros_intro.wording import similar
 
 
 class Student(NamedTuple):
@@ -85,36 +82,3 @@ def short_name(name: str) -> str:
         digest = hashlib.sha256(original.encode("utf-8", "surrogatepass")).hexdigest()
         base = f"{base}-{digest[:6]}"
     return base
-
-
-def names_of(all_students: Mapping[str, Iterable[Student]]) -> Dict[str, str]:
-    """Return the names of submissions by what a user may type: these names, and students' names.
-
-    A student of several submissions has none of them.
-
-    Args:
-        all_students: the students of each submission, by its name.
-    """
-    pairs = {
-        (unicodedata.normalize("NFC", each.name), name)
-        for name, students in all_students.items()
-        for each in students
-        if each.name
-    }
-    counts = Counter(student for student, _ in pairs)
-    found = {student: name for student, name in pairs if counts[student] == 1}
-    return {**found, **{name: name for name in all_students}}
-
-
-def find_name(text: str, names: Mapping[str, str], place: str) -> str:
-    """Return the name of the submission that a user means; raise UserError if there is none.
-
-    Args:
-        text: what the user typed.
-        names: see `names_of`.
-        place: where it was typed, for the message.
-    """
-    name = names.get(unicodedata.normalize("NFC", text))
-    if name is None:
-        raise UserError(f"{place}there is no submission {text}{similar(text, names)}")
-    return name

@@ -1,22 +1,17 @@
 """Check whether the node of a submission can be run. No file of the submission is run."""
 
-import difflib
-import filecmp
 import os
 import re
 import shlex
-from functools import partial
-from typing import Dict, List, NamedTuple, Sequence, Tuple
+from typing import List, NamedTuple, Sequence, Tuple
 from xml.etree import ElementTree
 
-from mushr_ros_intro.classroom.submission_files import Files, SubmissionError, show
+from mushr_ros_intro.classroom.submission_files import Files, SubmissionError
 from mushr_ros_intro.isolation.workspace import search_path
 from mushr_ros_intro.program_file import MAX_TEXT, faults_of, hiding_faults
 
 _TESTS = {"test", "tests"}
 """Folders with tests of nodes; these may have the name of the node."""
-
-_CPP = (".cc", ".cpp", ".cxx")
 
 _PURE_PYTHON = set(
     "add_rostest catkin_add_nosetests catkin_install_python catkin_metapackage catkin_package"
@@ -59,7 +54,8 @@ def check_submission(files: Files, node: str) -> Checked:
         if has_package:
             text = f"{place!r} is not executable. rosrun needs: chmod +x {shlex.quote(place)}"
             files.notes.append(text)
-    _check_program(path, place)
+    for problem, remedy in faults_of(path, place=place, search_path=search_path()):
+        raise SubmissionError(f"{problem}. {remedy}.")
     for problem, remedy in hiding_faults(path):
         files.notes.append(f"{problem}. {remedy}".replace(os.path.join(files.folder, ""), ""))
     folders = tuple(os.path.normpath(os.path.join(files.folder, each)) for each in packages)
@@ -86,58 +82,45 @@ def _choose(files: Files, places: Sequence[str], packages: Sequence[str], node: 
     """Return the place of the node.
 
     Raises:
-        SubmissionError: there is none, or there are several equal ones.
+        SubmissionError: there is none, or there are several.
     """
     named = [p for p in places if os.path.basename(p) == node and not _TESTS & {*p.split("/")}]
-    named = [p for p in named if not os.path.islink(os.path.join(files.folder, p))] or named
     if not named:
-        raise SubmissionError(_missing(places, packages, node))
+        programs_first = sorted(places, key=lambda place: not place.endswith(".py"))
+        found = f"found {_show(programs_first)}" if places else "there are no files"
+        text = f"There is no {node}; {found}. Hand in a package with src/{node}"
+        raise SubmissionError(f"{text}, a program in Python.")
     usual = {os.path.join(each, folder) for each in packages for folder in ("src", "scripts")}
     chosen = [each for each in named if os.path.dirname(each) in usual] if named[1:] else named
     chosen = chosen or named
-    if all(map(partial(_are_equal, files.folder, chosen[0]), chosen)):
+    if len({_content(files.folder, each) for each in chosen}) == 1:
         chosen = chosen[:1]
     if len(chosen) != 1:
-        text = f"There are several files {node}: {show(chosen)}"
+        text = f"There are several files {node}: {_show(chosen)}"
         raise SubmissionError(f"{text}. Keep one of them, in src/ or scripts/ of the package.")
     if named[1:]:
         others = [each for each in named if each not in chosen]
-        files.notes.append(f"{chosen[0]!r} is run, not {show(others)}")
+        files.notes.append(f"{chosen[0]!r} is run, not {_show(others)}")
     return chosen[0]
 
 
-def _are_equal(folder: str, one: str, other: str) -> bool:
-    """Return whether two files in a folder have the same content."""
-    return filecmp.cmp(os.path.join(folder, one), os.path.join(folder, other), shallow=False)
+def _content(folder: str, place: str) -> bytes:
+    """Return the content of a file in a folder."""
+    with open(os.path.join(folder, place), "rb") as file:
+        return file.read()
 
 
-def _missing(places: Sequence[str], packages: Sequence[str], node: str) -> str:
-    """Return the fault of a submission without a node."""
-    found = f"found {show(places)}" if places else "there are no files"
-    places = [each for each in places if not _TESTS & {*each.split("/")}]
-    compiled = [each for each in places if each.endswith(_CPP)]
-    if compiled and not any(each.endswith(".py") for each in places):
-        text = f"The node is in C++ ({show(compiled)}), but only programs in Python are graded."
-        return f"{text} Hand in a package with src/{node}."
-    # A notebook does not become a program by another name.
-    by_name = {os.path.basename(p).lower(): p for p in places if not p.endswith(".ipynb")}
-    similar = difflib.get_close_matches(node.lower(), by_name, 1, 0.8)
-    if similar:
-        return f"There is no {node}, but {by_name[similar[0]]!r}. Rename this file to {node}."
-    programs = [each for each in places if each.endswith(".py")]
-    if programs:
-        return f"There is no {node}; found {show(programs)}. Name your node {node}."
-    what = f"no {node} in the package" if packages else f"no package and no {node}"
-    return f"There is {what}; {found}. Hand in a package with src/{node}."
+def _show(names: Sequence[str]) -> str:
+    """Return the first few of some file names for a message."""
+    return ", ".join(map(repr, names[:5])) + (", ..." if len(names) > 5 else "")
 
 
 def _check_packages(folder: str, packages: Sequence[str]) -> None:
     """Check the package.xml files.
 
     Raises:
-        SubmissionError: one is not valid, or two packages have the same name.
+        SubmissionError: one is not valid, or has no name.
     """
-    places: Dict[str, str] = {}
     for package in packages:
         place = os.path.join(package, "package.xml")
         with open(os.path.join(folder, place), "rb") as file:
@@ -150,24 +133,9 @@ def _check_packages(folder: str, packages: Sequence[str]) -> None:
             root = ElementTree.fromstring(data)
         except (ElementTree.ParseError, LookupError, ValueError) as error:
             raise SubmissionError(f"{place!r} is not valid XML: {error}. Correct it.") from None
-        name = (root.findtext("name") or "").strip() if root.tag == "package" else ""
-        if not name:
+        if root.tag != "package" or not (root.findtext("name") or "").strip():
             text = f"{place!r} has no name; expected <package> with <name>my_ros_intro</name>."
             raise SubmissionError(text)
-        if name in places:
-            text = f"{places[name]!r} and {place!r} have the same name {name!r}. Remove one."
-            raise SubmissionError(text)
-        places[name] = place
-
-
-def _check_program(path: str, place: str) -> None:
-    """Check the first line and the text of the node.
-
-    Raises:
-        SubmissionError: the node cannot be run.
-    """
-    for problem, remedy in faults_of(path, place=place, search_path=search_path()):
-        raise SubmissionError(f"{problem}. {remedy}.")
 
 
 def _needs_build(package: str) -> bool:

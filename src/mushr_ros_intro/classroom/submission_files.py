@@ -15,16 +15,9 @@ MAX_FILES = 2_000
 MAX_SIZE = 50_000_000
 """A submission with more data is refused [bytes]."""
 
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
-
 
 class SubmissionError(Exception):
     """A submission cannot be run. The message is complete: it includes the remedy."""
-
-
-def show(names: Sequence[str]) -> str:
-    """Return the first few of some file names for a message."""
-    return ", ".join(map(repr, names[:5])) + (", ..." if len(names) > 5 else "")
 
 
 class Files:
@@ -71,13 +64,12 @@ class Files:
             with open(path, "rb") as file:
                 self._write(file, place, 0)
 
-    def add_zip(self, path: str, place: str, strict: bool = True) -> None:
+    def add_zip(self, path: str, place: str) -> None:
         """Unpack a zip.
 
         Args:
             path: the zip.
             place: the relative path of a folder for its files; "" is the top.
-            strict: whether links to other places are faults; otherwise they are left out.
 
         Raises:
             SubmissionError: the zip is damaged, not safe, or too large.
@@ -85,20 +77,17 @@ class Files:
         """
         try:
             with zipfile.ZipFile(path) as archive:
-                outside = self._unpack(archive, place)
+                self._unpack(archive, place)
         except SubmissionError:
             raise
-        except Exception as problem:  # zipfile raises errors of many classes for damaged files
+        except Exception as problem:  # zipfile raises errors of many classes
             if isinstance(problem, OSError) and problem.errno:
                 raise
-            text = f"The zip is damaged ({problem}). Make the zip again, and hand it in again."
+            text = f"The zip cannot be read ({problem}). Make it again, with the usual method."
             raise SubmissionError(text) from None
-        if outside and strict:
-            text = f"The zip has links that leave its folder: {show(outside)}."
-            raise SubmissionError(f"{text} Replace them by the files.")
 
-    def _unpack(self, archive: zipfile.ZipFile, top: str) -> List[str]:
-        """Unpack an open zip; return the links that leave the folder."""
+    def _unpack(self, archive: zipfile.ZipFile, top: str) -> None:
+        """Unpack an open zip."""
         links = []
         for info in archive.infolist():
             name = info.filename.replace("\\", "/")
@@ -109,13 +98,6 @@ class Files:
             if name.endswith("/") or any(map(is_junk, parts)):
                 continue
             self._count_one()
-            if info.flag_bits & 1:
-                text = f"{name!r} in the zip is encrypted. Make the zip without a password."
-                raise SubmissionError(text)
-            if info.compress_type not in _METHODS:
-                method = "Deflate64" if info.compress_type == 9 else f"method {info.compress_type}"
-                text = f"{name!r} in the zip is compressed with {method}, which Python cannot read."
-                raise SubmissionError(f"{text} Make the zip with the usual method, Deflate.")
             mode = info.external_attr >> 16 if info.create_system == 3 else 0
             place = os.path.join(top, *parts)
             with archive.open(info) as file:
@@ -125,7 +107,7 @@ class Files:
                     self._write(file, place, mode)
                 else:
                     self.notes.append(f"{place!r} is left out: it is not a regular file")
-        return self._add_links(links)
+        self._add_links(links)
 
     def _add_folder(self, source: str, top: str) -> None:
         links = []
@@ -145,8 +127,7 @@ class Files:
                         self._write(file, place, mode)
                 else:
                     self.notes.append(f"{place!r} is left out: it is not a regular file")
-        for place in self._add_links(links):
-            self.notes.append(f"the link {place!r} is left out: it leaves the submission")
+        self._add_links(links)
 
     def _count_one(self) -> None:
         self._count += 1
@@ -167,22 +148,20 @@ class Files:
                 copy.write(chunk)
         os.chmod(path, 0o755 if mode & 0o100 else 0o644)
 
-    def _add_links(self, links: Sequence[Tuple[str, str]]) -> List[str]:
-        """Create links when all files exist; return those that leave the folder.
+    def _add_links(self, links: Sequence[Tuple[str, str]]) -> None:
+        """Create links when all files exist; leave out those that leave the folder.
 
         Every new link points to an existing file or folder that is not a link. So no path
         through links leaves the folder, whatever the order of the links.
         """
-        outside = []
         for place, text in links:
             path = os.path.join(self.folder, place)
             target = os.path.realpath(os.path.join(os.path.dirname(path), text))
             if os.path.commonpath([target, self.folder]) != self.folder:
-                outside.append(place)
+                self.notes.append(f"the link {place!r} is left out: it leaves the submission")
             elif os.path.exists(target) and not os.path.lexists(path):
                 os.makedirs(os.path.dirname(path), exist_ok=True)
                 os.symlink(os.path.relpath(target, os.path.realpath(os.path.dirname(path))), path)
-        return outside
 
 
 def _fail(error: OSError) -> None:

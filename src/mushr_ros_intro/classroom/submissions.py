@@ -9,7 +9,7 @@ import re
 import shutil
 import sys
 import zipfile
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import yaml
 
@@ -18,16 +18,12 @@ from mushr_ros_intro.classroom.submission_check import check_submission
 from mushr_ros_intro.classroom.submission_files import Files, SubmissionError
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.workspace import is_junk
-from mushr_ros_intro.paths import package_folder
-from mushr_ros_intro.replay.reference import Exercise
 
 MAX_CLASS = 100_000, 10_000_000_000
 """Limits for a zip with the submissions of a whole class: files, bytes."""
 
 _METADATA = "submission_metadata.yml"
 _EXPECTED = "expected a package folder, a .zip, a .py, or a folder of these"
-_ARCHIVES = (".7z", ".bz2", ".gz", ".rar", ".tar", ".tgz", ".xz")
-_DOCUMENT = re.compile(r"(?P<who>.+?)\.(cpp|docx?|ipynb|odt|pdf|py\.txt|rtf)", re.IGNORECASE)
 _CANVAS = re.compile(r"(?P<who>.+?)(?P<late>_LATE)?_(?P<id>\d+)_(?P<upload>\d+)_(?P<file>[^.].*)")
 
 
@@ -57,10 +53,9 @@ class _Source(NamedTuple):
     """What was handed in as one submission."""
 
     name: str
-    files: Tuple[Tuple[str, str], ...]
-    """The path of each folder or file, and the name that it was handed in with."""
+    files: Dict[str, str]
+    """The path of each folder or file by the name that it was handed in with."""
     students: Tuple[Student, ...] = ()
-    fault: str = ""
     notes: Tuple[str, ...] = ()
 
 
@@ -86,8 +81,6 @@ def collect(
     found: List[Submission] = []
     taken: Dict[str, str] = {}
     for path in paths:
-        if os.path.commonpath([workspace, os.path.realpath(path)]) == os.path.realpath(path):
-            raise UserError(f"the workspace {workspace} is in {path}; expected it outside")
         try:
             sources = _sources(path, node, Files(unpacked, MAX_CLASS))
             if not sources:
@@ -105,29 +98,6 @@ def collect(
         finally:
             shutil.rmtree(unpacked, ignore_errors=True)
     return found
-
-
-def check_authors(plans: Iterable[Exercise], submissions: Iterable[str]) -> None:
-    """Refuse a plan in a submission, whose author may have written it.
-
-    The name figure_8 means figure_8.txt in the current directory, if there is one, and that
-    directory may be the checkout of a submission.
-
-    Args:
-        plans: the plans.
-        submissions: the paths of submissions, or of folders with submissions.
-
-    Raises:
-        UserError: a plan is in one of these folders, but not in the folder of this package's plans.
-    """
-    known = package_folder("plans")
-    folders = [os.path.join(os.path.realpath(each), "") for each in submissions]
-    for path in (os.path.realpath(plan.path) for plan in plans):
-        if os.path.dirname(path) != known and path.startswith(tuple(folders)):
-            raise UserError(
-                f"{path}: this plan is in a submission, whose author may have written it; expected "
-                f"the path of another plan, such as {known}/figure_8.txt"
-            )
 
 
 def _sources(path: str, node: str, unpacked: Files) -> List[_Source]:
@@ -149,9 +119,9 @@ def _sources(path: str, node: str, unpacked: Files) -> List[_Source]:
             raise UserError(f"{path} is not a submission; {_EXPECTED}")
         folder = _class_folder(path) if ending.lower() == ".zip" else None
         if folder is None:
-            return [_Source(base, ((path, name),))]
+            return [_Source(base, {name: path})]
         try:
-            unpacked.add_zip(path, "", strict=False)
+            unpacked.add_zip(path, "")
         except SubmissionError as fault:
             raise UserError(f"{typed}: {fault}") from None
         path = os.path.join(unpacked.folder, folder)
@@ -159,7 +129,7 @@ def _sources(path: str, node: str, unpacked: Files) -> List[_Source]:
     if _METADATA in entries:
         return _gradescope(path, entries, typed)
     if any(each in entries for each in ("package.xml", node, "src", "scripts")):
-        return [_Source(name, ((path, name),))]
+        return [_Source(name, {name: path})]
     return _class(path, entries)
 
 
@@ -180,68 +150,37 @@ def _class_folder(path: str) -> Optional[str]:
 def _class(folder: str, entries: Sequence[str]) -> List[_Source]:
     """Return the submissions in a folder; all files of a student in Canvas are one.
 
-    A document counts as one if students hand in files, and it is not of one of the others: beside
-    a package, it may be a report, and beside the folders of students, a text of the course.
+    Of the versions of a file in Canvas, the last upload counts.
     """
     found: Dict[str, _Source] = {}
-    others = []
-    for entry in entries:
-        path, (base, ending) = os.path.join(folder, entry), os.path.splitext(entry)
-        canvas = _CANVAS.fullmatch(entry)
-        if os.path.islink(path):
-            fault = f"{entry!r} is a symbolic link; expected the folder or the file itself."
-            found[entry] = _Source(entry, (), fault=fault)
-        elif not os.path.isdir(path) and not os.path.isfile(path):
-            others.append(entry)  # such as a FIFO
-        elif canvas:
-            name = f"{canvas['who']}_{canvas['id']}"
-            students = (Student(canvas["who"], "", "", canvas["id"]),)
-            source = found.get(name, _Source(name, ()))._replace(students=students)
-            original = re.sub(r"-\d+(\.\w+)$", r"\1", canvas["file"])  # Canvas counts attempts
-            found[name] = _with_upload(source, path, original)
-        elif os.path.isdir(path):
-            found[entry] = _Source(entry, ((path, entry),))
-        elif ending.lower() in (".zip", ".py"):
-            found[entry] = _Source(base, ((path, entry),))
-        elif ending.lower() in _ARCHIVES:
-            fault = f"{entry!r} is not a zip. Hand in a .zip file of the package."
-            found[entry] = _Source(base, (), fault=fault)
-        else:
-            others.append(entry)
-    of_files = [each for each in found if each.lower().endswith((".py", ".zip", *_ARCHIVES))]
-    names = {each.name for each in found.values()}
     left_out = []
-    for entry in others:
-        document = _DOCUMENT.fullmatch(entry)
-        if document and len(of_files) > 1 and document["who"] not in names:
-            fault = f"{entry!r} is not a node. Hand in a .py file, or a .zip file of the package."
-            found[entry] = _Source(document["who"], (), fault=fault)
-            names.add(document["who"])
+    for entry in sorted(entries, key=_upload):
+        path, (base, ending) = os.path.join(folder, entry), os.path.splitext(entry)
+        is_file = os.path.isfile(path)  # a FIFO, for example, is none
+        canvas = _CANVAS.fullmatch(entry)
+        if canvas and (is_file or os.path.isdir(path)):
+            name = f"{canvas['who']}_{canvas['id']}"
+            original = re.sub(r"-\d+(\.\w+)$", r"\1", canvas["file"])  # Canvas counts attempts
+            files = {**found[name].files, original: path} if name in found else {original: path}
+            students = (Student(canvas["who"], "", "", canvas["id"]),)
+            late = ("handed in late, as Canvas says",) if canvas["late"] else ()
+            found[name] = _Source(name, files, students, late)
+        elif os.path.isdir(path):
+            found[entry] = _Source(entry, {entry: path})
+        elif is_file and ending.lower() in (".zip", ".py"):
+            found[entry] = _Source(base, {entry: path})
         else:
             left_out.append(repr(entry))
     if left_out:
         text = f"{folder}: left out, not taken for submissions: {', '.join(left_out)}"
         print(f"{text}; {_EXPECTED}", file=sys.stderr)
-    return list(found.values())
+    return [found[name] for name in sorted(found)]
 
 
-def _with_upload(source: _Source, path: str, name: str) -> _Source:
-    """Return the submission of a student in Canvas with another file.
-
-    Of several files with the same original name, the one that was uploaded last is used.
-    """
-    paths = {known: each for each, known in source.files}
-    notes = source.notes
-    if name in paths:
-        # Canvas numbers the files in the order of their upload.
-        older, path = sorted(
-            (paths[name], path),
-            key=lambda each: int(_CANVAS.sub(r"\g<upload>", os.path.basename(each))),
-        )
-        text = f"{os.path.basename(older)!r} is left out: {os.path.basename(path)!r} is newer"
-        notes = (*notes, text)
-    paths[name] = path
-    return source._replace(files=tuple((paths[each], each) for each in paths), notes=notes)
+def _upload(entry: str) -> int:
+    """Return the number by which Canvas counts uploads; 0 if there is none."""
+    canvas = _CANVAS.fullmatch(entry)
+    return int(canvas["upload"]) if canvas else 0
 
 
 class _Loader(yaml.SafeLoader):
@@ -277,16 +216,11 @@ def _gradescope(folder: str, entries: Sequence[str], typed: str) -> List[_Source
         text = f"{typed}: {_METADATA}: {reason}; expected the metadata of Gradescope"
         raise UserError(text) from None
     paths = {each: os.path.join(folder, each) for each in entries}
-    folders = {each for each, path in paths.items() if os.path.isdir(path)}
-    found = []
-    for name in sorted({*students, *folders}):
-        known = students.get(name, ())
-        if name in folders and not os.path.islink(paths[name]):
-            found.append(_Source(name, ((paths[name], name),), known))
-        else:
-            fault = f"The export has no folder {name!r}. Download the submissions again."
-            found.append(_Source(name, (), known, fault))
-    return found
+    return [
+        _Source(name, {name: path}, students.get(name, ()))
+        for name, path in paths.items()
+        if os.path.isdir(path)
+    ]
 
 
 def _submission(source: _Source, name: str, files: Files, node: str) -> Submission:
@@ -297,14 +231,9 @@ def _submission(source: _Source, name: str, files: Files, node: str) -> Submissi
     """
     os.makedirs(files.folder)
     files.notes.extend(source.notes)
-    uploads = (_CANVAS.fullmatch(os.path.basename(path)) for path, _ in source.files)
-    if any(upload["late"] for upload in uploads if upload):
-        files.notes.append("handed in late, as Canvas says")
     if not source.students and name != source.name:
         source = source._replace(students=(Student(source.name, "", ""),))
     try:
-        if source.fault:
-            raise SubmissionError(source.fault)
         _copy(source, files, node)
         checked = check_submission(files, node)
         return Submission(name, source.students, "", tuple(files.notes), files.folder, *checked)
@@ -324,7 +253,7 @@ def _copy(source: _Source, files: Files, node: str) -> None:
         SubmissionError, OSError: a file is damaged, not safe, or too large, or cannot be copied.
     """
     try:
-        for path, name in source.files:
+        for name, path in source.files.items():
             base, ending = os.path.splitext(name)
             place = base if ending.lower() == ".zip" else name
             if len(source.files) == 1:  # the file names of the class folder are of no importance
