@@ -28,14 +28,13 @@ from mushr_ros_intro.classroom.assignment import Plans, names_to_grade, setting_
 from mushr_ros_intro.classroom.autograders import write_autograder
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.gradescope import gradescope
-from mushr_ros_intro.classroom.grading import Grading, Options, Task, judged, judges, shortener
+from mushr_ros_intro.classroom.grading import Grading, Options, Task, judged, judges
 from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.progress import grade_with_progress
 from mushr_ros_intro.classroom.store import (
     Store,
-    describe_error,
     give_to_user,
-    load_newest,
+    load_merged,
     make_folder,
     write_text,
 )
@@ -43,7 +42,6 @@ from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.isolation.workspace import temporary_folder
-from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
 from mushr_ros_intro.replay.job import run_job
 from mushr_ros_intro.replay.judge import CHECK_NAMES
@@ -60,10 +58,8 @@ PASSED, FAILED, USAGE, NOT_GRADED = range(4)
 def main() -> int:
     """Grade what the command line names; return the exit status."""
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end quietly if the output of --help is cut off
-    out = ""
     try:
         arguments = parse_arguments(sys.argv[1:], __doc__ or "")
-        out = arguments.out
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)
         os.environ["ROS_HOSTNAME"] = "localhost"  # works if the machine's name does not resolve
         signal.signal(signal.SIGINT, interrupt)
@@ -78,7 +74,7 @@ def main() -> int:
         print(f"grade.py: {error}", file=sys.stderr)
         return NOT_GRADED if isinstance(error, ReplayError) else USAGE
     except OSError as error:
-        print(f"grade.py: {describe_error(error, out)}", file=sys.stderr)
+        print(f"grade.py: {error}", file=sys.stderr)
     except KeyboardInterrupt:
         print("grade.py: interrupted", file=sys.stderr)
     except Exception:  # a defect of grading: 1 would mean that the node has failed
@@ -133,15 +129,9 @@ def grade_class(arguments: argparse.Namespace) -> int:
         found = collect(arguments.inputs, workspace, arguments.file)
         names_now = names_to_grade(arguments, found)
         tasks = [Task(each, plans.of(each, setting), each.name in names_now) for each in found]
-        store.set_aside(task.submission.name for task in tasks)
         store.save_settings(arguments.settings)
         options = Options(arguments.jobs, bool(arguments.only), missing, arguments.params)
-        places = {
-            **dict.fromkeys(plans.folders, ""),
-            package_folder("."): "mushr_ros_intro/",
-            os.path.expanduser("~"): "~/",
-        }
-        grading = Grading(setting, store, options, shortener(workspace, places))
+        grading = Grading(setting, store, options)
         began = time.monotonic()
         results = grade_with_progress(grading, tasks, points)
     if arguments.gradescope:
@@ -151,15 +141,14 @@ def grade_class(arguments: argparse.Namespace) -> int:
 
 
 def merge(arguments: argparse.Namespace) -> int:
-    """Put results of several runs together; of several results of a submission, use the newest."""
-    records = load_newest(arguments.merge)
+    """Put results of several runs together; of several results of a submission, use that of the last folder."""
+    records = load_merged(arguments.merge)
     store = Store(arguments.out)
-    store.set_aside(records)
     store.save_settings(arguments.settings)
-    for name in sorted(records):
-        store.save(records[name])
+    stored = [records[name] for name in sorted(records)]
+    for each in stored:
+        store.save(each)
     with judges() as pool:
-        stored = [records[name] for name in sorted(records)]
         results = judged(stored, tolerances_of(arguments), pool)
     drives = [plan for each in results for plan in each.plans]
     plans = list(dict.fromkeys(plan.plan for plan in drives))

@@ -45,9 +45,9 @@ def submission(*plans, name="ann", students=(ANN,), **values):
     return Grade(name, tuple(students), **{"fault": "", "error": "", **values}, plans=plans)
 
 
-def store(folder, *names, time=0.0, **changes):
+def store(folder, *names, **changes):
     """Store a drive of each submission as grade.py does, with `changes` of the recording."""
     stored = Store(str(folder))
     for name in names:
         drives = (StoredDrive("circle", "key", "", replay(**changes)),)
-        stored.save(Record(submission(name=name), drives, time))
+        stored.save(Record(submission(name=name), drives))

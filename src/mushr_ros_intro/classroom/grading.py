@@ -2,13 +2,11 @@
 
 import multiprocessing
 import os
-import re
 import signal
 import time
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from typing import (
     Any,
-    Callable,
     Dict,
     Generator,
     Iterator,
@@ -121,19 +119,15 @@ class _Progress:
 class Grading:
     """The grading of a class with one setting."""
 
-    def __init__(
-        self, setting: Setting, store: Store, options: Options, shorten: Callable[[str], str]
-    ) -> None:
+    def __init__(self, setting: Setting, store: Store, options: Options) -> None:
         """Prepare to grade.
 
         Args:
             setting: of all replays.
             store: for the drives.
             options: how the class is graded.
-            shorten: removes the paths of this machine from a text.
         """
         self._setting, self._store, self._options = setting, store, options
-        self._shorten = shorten
         self._judges = judges()
         grid = setting.grid
         world = grid and (grid.cells.tobytes(), grid.cells.shape, grid.resolution, grid.origin)
@@ -190,7 +184,7 @@ class Grading:
         submission = task.submission
         progress = _Progress(task, self._store.load(submission.name))
         if progress.record is None:  # so that --merge notices an interruption
-            self._store.save(Record(not_graded(submission), (), 0.0))
+            self._store.save(Record(not_graded(submission), ()))
         old = {each.plan: each for each in progress.record.drives} if progress.record else {}
         if not task.is_chosen:
             progress.drives.update(old)
@@ -213,15 +207,17 @@ class Grading:
         """
         submission, key = progress.task.submission, progress.keys[name]
         if fault := built.result():
-            return StoredDrive(name, key, self._shorten(fault), None)
+            return StoredDrive(name, key, _shortened(fault, submission), None)
         try:
             command = (*submission.command, *self._parameters(submission))
         except UserError as error:
-            return StoredDrive(name, key, self._shorten(str(error)), None)
+            return StoredDrive(name, key, _shortened(str(error), submission), None)
         plan, folder, packages = progress.task.plans[name], submission.folder, submission.packages
         recorded = record(Job(submission.name, command, plan, self._setting, folder, packages))
-        texts: Dict[str, Any] = {each: self._shorten(getattr(recorded, each)) for each in _TEXTS}
-        plan = recorded.plan._replace(path=self._shorten(recorded.plan.path))
+        texts: Dict[str, Any] = {
+            each: _shortened(getattr(recorded, each), submission) for each in _TEXTS
+        }
+        plan = recorded.plan._replace(path=os.path.basename(recorded.plan.path))
         return StoredDrive(name, key, "", recorded._replace(plan=plan, **texts))
 
     def _parameters(self, submission: Submission) -> Tuple[str, ...]:
@@ -246,19 +242,19 @@ class Grading:
         """Return what is to be stored of a submission."""
         submission, old = progress.task.submission, progress.record
         if not progress.task.is_chosen:
-            return old or Record(not_graded(submission), (), 0.0)
+            return old or Record(not_graded(submission), ())
         drives = tuple(filter(None, progress.drives.values()))
         built = "" if progress.error else next((each.fault for each in drives if each.fault), "")
         grade = Grade(
             submission.name,
             submission.students,
-            self._shorten(submission.fault or built),
-            self._shorten(progress.error),
+            _shortened(submission.fault or built, submission),
+            progress.error,
             submission.notes,
             _source(submission),
         )
         progress.is_new |= old is None or old.grade != grade
-        return Record(grade, drives, time.time())
+        return Record(grade, drives)
 
 
 def not_graded(submission: Submission) -> Grade:
@@ -274,19 +270,8 @@ def _source(submission: Submission) -> str:
         return file.read(MAX_SOURCE).decode(errors="replace")
 
 
-def shortener(workspace: str, folders: Dict[str, str]) -> Callable[[str], str]:
-    """Return a function that removes the paths of this machine from a text.
-
-    Args:
-        workspace: the folder with the submissions. The paths of their files become relative to
-            their own folders.
-        folders: other folders, and what replaces each of them with the slash after it.
-    """
-    names = {os.path.join(path, ""): text for path, text in folders.items()}
-    names.update({os.path.join(os.path.realpath(path), ""): text for path, text in folders.items()})
-    names.pop("/", None)
-    known = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
-    # In namespaces, a node sees its files in /tmp.
-    own = rf"(?:{re.escape(workspace)}|/tmp/submissions)/[^/\s]+/|/tmp/plans/"
-    pattern = re.compile(rf"{own}|({known})" if known else own)
-    return lambda text: pattern.sub(lambda match: names.get(match[0], ""), text)
+def _shortened(text: str, submission: Submission) -> str:
+    """Return a text without the folders in which a submission saw its files and the plan."""
+    for folder in (submission.folder, f"/tmp/submissions/{submission.name}", "/tmp/plans"):
+        text = text.replace(f"{folder}/", "")
+    return text

@@ -4,9 +4,7 @@ The pages load nothing. All text is escaped.
 """
 
 import base64
-import re
-from statistics import mean, median
-from typing import Any, List, Sequence, Tuple
+from typing import Any, List, Sequence
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -19,13 +17,6 @@ from mushr_ros_intro.plan.write import plan_text
 
 FOLDER, STUDENTS = "submissions", "students"
 """The folders of the pages for the course and for the students, beside the index."""
-
-_NOT_IN_FILE_NAME = re.compile("[\x00-\x1f/\\\\%\ud800-\udfff]")
-
-
-def file_name(name: str) -> str:
-    """Return the file name of the page of a submission; different names have different pages."""
-    return _NOT_IN_FILE_NAME.sub(lambda match: f"%{ord(match[0]):02X}", name) + ".html"
 
 
 def index_page(results: Sequence[Grade], points: Points) -> str:
@@ -43,7 +34,6 @@ def index_page(results: Sequence[Grade], points: Points) -> str:
         results=results,
         points=points,
         counts=counts,
-        scores=_scores(results, points),
         class_checks=checks,
     )
 
@@ -82,7 +72,6 @@ def _page(template: str, **values: Any) -> str:
     )
     environment.filters.update(
         points=shown,
-        file_name=file_name,
         students=_students,
         failed_checks=_failed_checks,
         caption=_caption,
@@ -120,18 +109,6 @@ def _caption(plan: PlanGrade) -> str:
         f"{what}; the largest is {distances[largest]:.3g} m at {drive.times[largest]:.3g} s, the "
         f"last is {distances[-1]:.3g} m"
     )
-
-
-def _scores(results: Sequence[Grade], points: Points) -> str:
-    """Return statistics of the scores of the class; "" if there is no score."""
-    scores = [points.score(each) for each in results if not each.error]
-    if not scores:
-        return ""
-    values: Tuple[Tuple[str, float], ...] = (
-        *(("lowest", min(scores)), ("median", median(scores))),
-        *(("mean", mean(scores)), ("highest", max(scores))),
-    )
-    return ", ".join(f"{name} {shown(round(value, 2))}" for name, value in values)
 
 
 def _counts(name: str, drives: Sequence[PlanGrade]) -> str:

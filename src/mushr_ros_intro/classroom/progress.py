@@ -1,7 +1,6 @@
 """Print the results of a class while it is graded."""
 
 import sys
-import time
 from contextlib import closing
 from typing import Dict, List, Sequence
 
@@ -39,34 +38,23 @@ class Progress:
     def __init__(self, points: Points, count: int) -> None:
         """Begin with no result of `count` submissions."""
         self._points, self._count = points, count
-        self._began = time.monotonic()
-        self._done = self._new = self._old = 0
+        self._done = self._old = 0
 
     def add(self, result: Grade, is_new: bool) -> None:
         """Count a result; print it if it is new."""
         self._done += 1
-        self._new += is_new
         self._old += not (is_new or result.error)
         if is_new:
             self._replace_line("")
             print(_line(result, self._points), flush=True)
         bar = "#" * (_BAR * self._done // self._count)
-        self._replace_line(f"[{bar:{_BAR}s}] {self._done} of {self._count}{self._time_left()}")
+        self._replace_line(f"[{bar:{_BAR}s}] {self._done} of {self._count}")
 
     def end(self) -> None:
         """Remove the line of progress; print how many results have stored drives."""
         self._replace_line("")
         if self._old:
             print(f"drives of an earlier run used: {counted(self._old, 'submission')}")
-
-    def _time_left(self) -> str:
-        """Return an estimate of the time that grading will still take, as text."""
-        left = self._count - self._done
-        if not left or not self._new:
-            return ""
-        seconds = (time.monotonic() - self._began) / self._new * left
-        shown = f"{seconds / 60.0:.0f} min" if seconds >= 90.0 else f"{seconds:.0f} s"
-        return f", about {shown} left"
 
     def _replace_line(self, text: str) -> None:
         """Replace the line of progress, which is shown on a terminal only."""

@@ -7,11 +7,9 @@ import fcntl
 import hashlib
 import json
 import os
-import shutil
 import sys
-import tempfile
 from contextlib import suppress
-from typing import Any, Dict, Iterable, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 import yaml
@@ -29,17 +27,12 @@ from mushr_ros_intro.yaml_file import read_mapping
 FOLDER = "data"
 """The folder of the drives, in the output folder of grade.py."""
 
-_LEFT = "left"
-"""The folder in it for the submissions that are not in the class any more."""
-
 _LOCK = ".lock"
 
 _SETTINGS = os.path.join(FOLDER, "settings.yaml")
 _POINTS = os.path.join(FOLDER, "points.yaml")
 """What later runs use unless their command line says something else."""
 
-_HASH = ', "hash": "'
-"""Precedes the last value in a file: the hash of the JSON object without this value."""
 
 
 class StoredDrive(NamedTuple):
@@ -61,8 +54,6 @@ class Record(NamedTuple):
     grade: Grade
     """Without verdicts."""
     drives: Tuple[StoredDrive, ...]
-    time: float
-    """When it was written [s since 1970]."""
 
 
 _TYPES: Dict[str, Any] = {
@@ -123,7 +114,6 @@ class Store:
         if os.listdir(folder) and not os.path.exists(lock):
             raise UserError(f"--out {folder}: expected a new or empty folder, or an earlier result")
         make_folder(self._folder)
-        make_folder(os.path.join(self._folder, _LEFT))
         self._lock = open(lock, "a", encoding="ascii")  # noqa: SIM115 - as long as this object
         give_to_user(lock)
         try:
@@ -136,12 +126,8 @@ class Store:
 
     def load(self, name: str) -> Optional[Record]:
         """Return what is stored of a submission; None if there is nothing that can be read."""
-        path = os.path.join(self._folder, f"{name}.json")
-        with suppress(OSError):
-            if not os.path.exists(path):
-                os.replace(os.path.join(self._folder, _LEFT, f"{name}.json"), path)
         with suppress(OSError, ValueError, KeyError, TypeError):
-            return _read(path)
+            return _read(os.path.join(self._folder, f"{name}.json"))
         return None
 
     def save(self, record: Record) -> None:
@@ -151,7 +137,6 @@ class Store:
             OSError: it cannot be written.
         """
         text = json.dumps(to_json(record))
-        text = f'{text[:-1]}{_HASH}{hash_of(text.encode())}"}}'
         write_text(os.path.join(self._folder, f"{record.grade.name}.json"), text)
 
     def save_settings(self, values: Dict[str, Any]) -> None:
@@ -169,14 +154,6 @@ class Store:
             write_text(copy, text)
         elif os.path.exists(copy):
             os.unlink(copy)
-
-    def set_aside(self, names: Iterable[str]) -> None:
-        """Move what is stored of all submissions except those that are named to the folder left."""
-        kept = {f"{name}.json" for name in names}
-        for each in os.listdir(self._folder):
-            if each.endswith(".json") and each not in kept:
-                target = os.path.join(self._folder, _LEFT, each)
-                os.replace(os.path.join(self._folder, each), target)
 
 
 def load_settings(folder: str) -> Dict[str, Any]:
@@ -203,8 +180,8 @@ def load_all(folder: str) -> List[Record]:
         raise UserError(f"{folder}: not the output of grade.py ({error})") from None
 
 
-def load_newest(folders: Sequence[str]) -> Dict[str, Record]:
-    """Return the results in several output folders by name; of several results, the newest.
+def load_merged(folders: Sequence[str]) -> Dict[str, Record]:
+    """Return the results in several output folders by name; those of the last folder count.
 
     Print which submissions have several results.
 
@@ -212,11 +189,11 @@ def load_newest(folders: Sequence[str]) -> Dict[str, Record]:
         UserError: a file cannot be read, or there is no result.
     """
     records: Dict[str, Record] = {}
-    for each in (record for folder in folders for record in load_all(folder)):
-        name = each.grade.name
-        if name in records:
-            print(f"{name}: several results; the newest is used", file=sys.stderr)
-        records[name] = max(records.get(name, each), each, key=lambda record: record.time)
+    for folder in folders:
+        for record in load_all(folder):
+            if record.grade.name in records:
+                print(f"{record.grade.name}: that of {folder} is used", file=sys.stderr)
+            records[record.grade.name] = record
     if not records:
         raise UserError(f"{', '.join(folders)}: expected at least one result")
     return records
@@ -226,15 +203,11 @@ def _read(path: str) -> Record:
     """Return what is stored of a submission.
 
     Raises:
-        OSError, ValueError: the file cannot be read, or has been changed.
-        KeyError, TypeError: another version of this package has written it.
+        OSError, ValueError, KeyError, TypeError: the file cannot be read, or contains something
+            else, as that of another version of this package.
     """
     with open(path, encoding="ascii") as file:
-        text, _, digest = file.read().rpartition(_HASH)
-    text += "}"
-    if digest != f'{hash_of(text.encode())}"}}':
-        raise ValueError(f"{path} has been changed, or is not complete")
-    record = from_json(json.loads(text))
+        record = from_json(json.load(file))
     if not isinstance(record, Record):
         raise TypeError(f"{path} contains something else")
     return record
@@ -271,16 +244,6 @@ def give_to_user(path: str) -> None:
     user, group = os.environ.get("SUDO_UID", ""), os.environ.get("SUDO_GID", "")
     if os.geteuid() == 0 and user.isdecimal() and group.isdecimal():
         os.chown(path, int(user), int(group), follow_symlinks=False)
-
-
-def describe_error(error: OSError, out: str) -> str:
-    """Return the text of an error, with the place where it happened; `out` is the output folder."""
-    if isinstance(error, shutil.Error):  # a list: the source, the copy, and the error of each file
-        return str(error.args[0][0][2])
-    folders = filter(None, (out, tempfile.gettempdir()))
-    return (
-        f"{error}" if error.filename else f"{error}; files are written to {' and '.join(folders)}"
-    )
 
 
 def make_folder(path: str, mode: int = 0o755) -> None:

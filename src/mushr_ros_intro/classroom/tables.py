@@ -19,7 +19,6 @@ def write_results(
     results: Sequence[Grade],
     points: Points,
     plan_names: Iterable[str],
-    assignment: str = "path_publisher",
 ) -> None:
     """Write index.html, submissions/, students/, the tables and results.xml into a folder.
 
@@ -28,7 +27,6 @@ def write_results(
         results: of the submissions, in the order of the files.
         points: what the plans give.
         plan_names: the graded plans, in the order of the columns.
-        assignment: the name of the column in Canvas.
 
     Raises:
         OSError: a file cannot be written.
@@ -37,7 +35,7 @@ def write_results(
     folder = os.path.join(folder, "")
     make_folder(folder)
     write_text(f"{folder}index.html", pages.index_page(results, points))
-    names = {pages.file_name(result.name): result for result in results}
+    names = {f"{result.name}.html": result for result in results}
     kinds = {pages.FOLDER: pages.submission_page, pages.STUDENTS: pages.student_page}
     for kind, function in kinds.items():
         make_folder(folder + kind)
@@ -46,7 +44,7 @@ def write_results(
         for name in set(os.listdir(folder + kind)) - set(names):
             os.unlink(os.path.join(folder, kind, name))
     write_text(f"{folder}grades.csv", as_csv(_grades(results, points)))
-    write_text(f"{folder}canvas.csv", as_csv(_canvas(results, points, assignment)))
+    write_text(f"{folder}canvas.csv", as_csv(_canvas(results, points)))
     write_text(f"{folder}results.xml", _junit(results))
 
 
@@ -70,9 +68,9 @@ def _grades(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
         ]
 
 
-def _canvas(results: Iterable[Grade], points: Points, assignment: str) -> Iterator[List[str]]:
+def _canvas(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
     """Yield the rows of canvas.csv: one for each student; without a verdict, no score."""
-    yield [*_CANVAS_COLUMNS, assignment]
+    yield [*_CANVAS_COLUMNS, "path_publisher"]
     for result in results:
         score = "" if result.error else shown(points.score(result))
         for student in result.students:
