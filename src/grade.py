@@ -141,7 +141,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
 
 
 def merge(arguments: argparse.Namespace) -> int:
-    """Put results of several runs together; of several results of a submission, use that of the last folder."""
+    """Put results of several runs together; of several of a submission, the last one counts."""
     records = load_merged(arguments.merge)
     store = Store(arguments.out)
     store.save_settings(arguments.settings)

@@ -34,7 +34,6 @@ _POINTS = os.path.join(FOLDER, "points.yaml")
 """What later runs use unless their command line says something else."""
 
 
-
 class StoredDrive(NamedTuple):
     """One plan, driven by a submission."""
 

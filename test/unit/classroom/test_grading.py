@@ -223,7 +223,10 @@ def test_merge(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["grade.py", "--merge", *folders[:-1], "--out", folders[-1]])
     assert main() == 0
     printed = capsys.readouterr()
-    assert "2 of 2 submissions passed" in printed.out and f"ann: that of {folders[1]} is used" in printed.err
+    assert (
+        "2 of 2 submissions passed" in printed.out
+        and f"ann: that of {folders[1]} is used" in printed.err
+    )
 
 
 def test_two_processes(tmp_path):

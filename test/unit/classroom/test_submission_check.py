@@ -30,7 +30,7 @@ NAMED = "#!/usr/bin/env {}\n".format
         ),
         (
             {"package.xml": XML, "src/path_publisher.cpp": b""},
-            "'src/path_publisher.cpp'. Hand in a package with src/path_publisher.py, a program in Pyt",
+            "'src/path_publisher.cpp'. Hand in a package with src/path_publisher.py, a program",
         ),
         (
             {"src/a.py": NODE, "test/path_publisher.py": NODE},
