@@ -24,7 +24,7 @@ from typing import Any, List
 
 from mushr_ros_intro.classroom import tables
 from mushr_ros_intro.classroom.arguments import parse_arguments, read_exercises
-from mushr_ros_intro.classroom.assignment import Plans, names_to_grade, setting_from, tolerances_of
+from mushr_ros_intro.classroom.assignment import Plans, setting_from, tolerances_of
 from mushr_ros_intro.classroom.autograders import write_autograder
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.gradescope import gradescope
@@ -127,10 +127,12 @@ def grade_class(arguments: argparse.Namespace) -> int:
         setting = setting_from(arguments, sandbox)
         plans.check_map(setting)
         found = collect(arguments.inputs, workspace, arguments.file)
-        names_now = names_to_grade(arguments, found)
-        tasks = [Task(each, plans.of(each, setting), each.name in names_now) for each in found]
+        if len(found) != 1 and arguments.gradescope:
+            text = f"found {counted(len(found), 'submission')}; --gradescope needs one"
+            raise UserError(text)
+        tasks = [Task(each, plans.of(each, setting)) for each in found]
         store.save_settings(arguments.settings)
-        options = Options(arguments.jobs, bool(arguments.only), missing, arguments.params)
+        options = Options(arguments.jobs, missing, arguments.params)
         grading = Grading(setting, store, options)
         began = time.monotonic()
         results = grade_with_progress(grading, tasks, points)

@@ -23,7 +23,7 @@ _DEFAULTS: Dict[str, Any] = {
 }
 """The options that a results folder remembers, and their defaults."""
 
-_OF_A_CLASS = ("secret", "points", "jobs", "only", "gradescope")
+_OF_A_CLASS = ("secret", "points", "jobs", "gradescope")
 """Options that `--node` does not use."""
 
 
@@ -161,13 +161,6 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     _add_exercise_options(parser)
     add("--out", metavar="FOLDER", help="write the results to this folder")
     add("--jobs", type=int, default=2 * len(os.sched_getaffinity(0)), help="simultaneous replays")
-    add(
-        "--only",
-        nargs="+",
-        default=[],
-        metavar="NAME",
-        help="grade these submissions again",
-    )
     add("--merge", nargs="+", metavar="FOLDER", help="put the results of several runs together")
     add("--gradescope", metavar="FILE", help="also write results.json of one submission")
     add("--autograder", metavar="FILE", help="write a zip for Gradescope; grade nothing")

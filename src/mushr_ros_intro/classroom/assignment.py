@@ -3,7 +3,7 @@
 import argparse
 import os
 from functools import partial
-from typing import Dict, List, Optional, Sequence, Set
+from typing import Dict, List, Optional, Sequence
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.classroom.arguments import read_exercises
@@ -21,7 +21,6 @@ from mushr_ros_intro.replay.following import TOLERANCE_UNITS
 from mushr_ros_intro.replay.job import Setting
 from mushr_ros_intro.replay.reference import Exercise, refuse_walls
 from mushr_ros_intro.replay.setting import parameter_words, read_setting
-from mushr_ros_intro.wording import counted, similar
 
 
 class Plans:
@@ -88,22 +87,6 @@ class Plans:
         with open(path, "w", encoding="ascii") as file:
             file.write(plan_text(plan.start, plan.rows))
         return {**self._named, DRAWN: read_plan(path)}
-
-
-def names_to_grade(arguments: argparse.Namespace, found: Sequence[Submission]) -> Set[str]:
-    """Return the names of the submissions that may be graded now; the others keep their results.
-
-    Raises:
-        UserError: --only names a submission that is not among them, or there must be one
-            submission and there are several.
-    """
-    if len(found) != 1 and arguments.gradescope:
-        raise UserError(f"found {counted(len(found), 'submission')}; --gradescope needs one")
-    names = [each.name for each in found]
-    for each in arguments.only:
-        if each not in names:
-            raise UserError(f"--only: there is no submission {each}{similar(each, names)}")
-    return set(arguments.only or names)
 
 
 def tolerances_of(arguments: argparse.Namespace) -> Dict[str, float]:

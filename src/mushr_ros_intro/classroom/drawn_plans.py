@@ -74,12 +74,11 @@ def draw_plan(
             reason = f"with one command more or less, {fault}"
         else:
             return report.plan
-    if reason:
-        text = f"{like.path}: found no plan for {name} in {ATTEMPTS} attempts; in the last one"
-        raise UserError(f"{text}, {reason}. Expected another plan, or a map with more space")
+    reason = reason or "every other order of its rows is symmetric, or joins equal rows"
+    text = f"{like.path}: found no plan for {name} in {ATTEMPTS} attempts, because {reason}"
     raise UserError(
-        f"{like.path}: every other order of its rows is symmetric, or joins equal rows; expected a "
-        "plan of at least three parts that differ in speed, radius or duration, such as test_drive"
+        f"{text}. Expected at least three parts that differ in speed, radius or duration, such as "
+        "test_drive, or a map with more space"
     )
 
 

@@ -73,14 +73,24 @@ def judged(
     ]
 
 
-class Task(NamedTuple):
-    """A submission, and the plans that it drives."""
+class Task:
+    """A submission, the plans that it drives, and what is known of its drives."""
 
-    submission: Submission
-    plans: Dict[str, Exercise]
-    """By name."""
-    is_chosen: bool = True
-    """Whether it may be graded now; otherwise its stored drives are used as they are."""
+    def __init__(self, submission: Submission, plans: Dict[str, Exercise]) -> None:
+        """Begin without drives; `plans` are by name."""
+        self.submission, self.plans = submission, plans
+        self.old: Optional[Grade] = None
+        """The stored result of an earlier run."""
+        self.drives: Dict[str, Optional[StoredDrive]] = {}
+        """By plan, in the order of the command line; None if it must be driven."""
+        self.keys: Dict[str, str] = {}
+        self.error = ""
+        self.is_new = False
+
+    @property
+    def missing(self) -> List[str]:
+        """The plans that must be driven."""
+        return [name for name, drive in self.drives.items() if drive is None]
 
 
 class Options(NamedTuple):
@@ -88,8 +98,6 @@ class Options(NamedTuple):
 
     jobs: int
     """The number of replays at the same time."""
-    drives_again: bool
-    """Whether stored drives are not used."""
     isolation: str
     """What is missing in the isolation of the nodes; "" if nothing."""
     params: str = ""
@@ -98,22 +106,6 @@ class Options(NamedTuple):
 
 _KILL_PERIOD = 0.05
 """Between two looks for replays that are still running after an interruption [s]."""
-
-
-class _Progress:
-    """The grading of one submission."""
-
-    def __init__(self, task: Task, record: Optional[Record]) -> None:
-        self.task, self.record, self.error = task, record, ""
-        self.drives: Dict[str, Optional[StoredDrive]] = {}
-        """By plan, in the order of the command line; None if it must be driven."""
-        self.keys: Dict[str, str] = {}
-        self.is_new = False
-
-    @property
-    def missing(self) -> List[str]:
-        """The plans that must be driven."""
-        return [name for name, drive in self.drives.items() if drive is None]
 
 
 class Grading:
@@ -145,31 +137,32 @@ class Grading:
             OSError: a drive cannot be stored.
         """
         with self._judges:
-            due = [self._begin(task) for task in tasks]
-            yield from self._judged([progress for progress in due if not progress.missing])
-            due = [progress for progress in due if progress.missing]
+            for task in tasks:
+                self._begin(task)
+            yield from self._judged([task for task in tasks if not task.missing])
+            due = [task for task in tasks if task.missing]
             if due:
-                probe(due[0].task.plans[due[0].missing[0]], self._setting)
+                probe(due[0].plans[due[0].missing[0]], self._setting)
             yield from self._drive_all(due)
 
-    def _drive_all(self, due: Sequence[_Progress]) -> Iterator[Tuple[Grade, bool]]:
+    def _drive_all(self, due: Sequence[Task]) -> Iterator[Tuple[Grade, bool]]:
         """Drive all that is missing; yield results as `run`."""
-        futures: Dict[Future[StoredDrive], Tuple[_Progress, str]] = {}
+        futures: Dict[Future[StoredDrive], Tuple[Task, str]] = {}
         with ThreadPoolExecutor(self._options.jobs) as pool:
-            for progress in due:
-                built = pool.submit(build, progress.task.submission, self._setting)
-                for name in progress.missing:
-                    futures[pool.submit(self._drive, progress, name, built)] = progress, name
+            for task in due:
+                built = pool.submit(build, task.submission, self._setting)
+                for name in task.missing:
+                    futures[pool.submit(self._drive, task, name, built)] = task, name
             try:
                 for future in as_completed(futures):
-                    progress, name = futures[future]
+                    task, name = futures[future]
                     try:
-                        progress.drives[name] = future.result()
+                        task.drives[name] = future.result()
                     except (UserError, OSError) as failure:
-                        progress.error = progress.error or f"{name}: {failure}"
-                        del progress.drives[name]
-                    if not progress.missing:
-                        yield from self._judged([progress])
+                        task.error = task.error or f"{name}: {failure}"
+                        del task.drives[name]
+                    if not task.missing:
+                        yield from self._judged([task])
             finally:
                 for future in futures:
                     future.cancel()
@@ -179,40 +172,37 @@ class Grading:
                         process.kill()
                     time.sleep(_KILL_PERIOD)
 
-    def _begin(self, task: Task) -> _Progress:
+    def _begin(self, task: Task) -> None:
         """Find the stored drives of a submission that are still valid."""
-        submission = task.submission
-        progress = _Progress(task, self._store.load(submission.name))
-        if progress.record is None:  # so that --merge notices an interruption
-            self._store.save(Record(not_graded(submission), ()))
-        old = {each.plan: each for each in progress.record.drives} if progress.record else {}
-        if not task.is_chosen:
-            progress.drives.update(old)
-        elif not submission.fault:
+        submission, record = task.submission, self._store.load(task.submission.name)
+        if record is None:  # so that --merge notices an interruption
+            record = Record(not_graded(submission), ())
+            self._store.save(record)
+        task.old, old = record.grade, {each.plan: each for each in record.drives}
+        if not submission.fault:
             files = hash_of_folder(submission.folder)
             for name, plan in task.plans.items():
                 with open(plan.path, "rb") as file:
                     parts = (files, file.read(), type(plan).__name__, plan.start, self._common)
-                key = progress.keys[name] = hash_of(*parts)
-                is_used = name in old and old[name].key == key and not self._options.drives_again
-                progress.drives[name] = old[name] if is_used else None
-        progress.is_new = bool(progress.missing)
-        return progress
+                key = task.keys[name] = hash_of(*parts)
+                is_used = name in old and old[name].key == key
+                task.drives[name] = old[name] if is_used else None
+        task.is_new = bool(task.missing)
 
-    def _drive(self, progress: _Progress, name: str, built: "Future[str]") -> StoredDrive:
+    def _drive(self, task: Task, name: str, built: "Future[str]") -> StoredDrive:
         """Replay a plan with a submission that has been built.
 
         Raises:
             UserError, OSError: the replay has no verdict.
         """
-        submission, key = progress.task.submission, progress.keys[name]
+        submission, key = task.submission, task.keys[name]
         if fault := built.result():
             return StoredDrive(name, key, _shortened(fault, submission), None)
         try:
             command = (*submission.command, *self._parameters(submission))
         except UserError as error:
             return StoredDrive(name, key, _shortened(str(error), submission), None)
-        plan, folder, packages = progress.task.plans[name], submission.folder, submission.packages
+        plan, folder, packages = task.plans[name], submission.folder, submission.packages
         recorded = record(Job(submission.name, command, plan, self._setting, folder, packages))
         texts: Dict[str, Any] = {
             each: _shortened(getattr(recorded, each), submission) for each in _TEXTS
@@ -228,32 +218,30 @@ class Grading:
         own = [each for each in submission.packages if node.startswith(f"{each}/")]
         return parameter_words(os.path.join(*[*own, submission.folder][:1], self._options.params))
 
-    def _judged(self, ready: Sequence[_Progress]) -> Iterator[Tuple[Grade, bool]]:
+    def _judged(self, ready: Sequence[Task]) -> Iterator[Tuple[Grade, bool]]:
         """Store what is new of submissions that have been driven; yield their results."""
         records = []
-        for progress in ready:
-            records.append(self._record(progress))
-            if progress.is_new:
+        for task in ready:
+            records.append(self._record(task))
+            if task.is_new:
                 self._store.save(records[-1])
         grades = judged(records, self._setting.tolerances, self._judges)
-        yield from zip(grades, (progress.is_new for progress in ready))
+        yield from zip(grades, (task.is_new for task in ready))
 
-    def _record(self, progress: _Progress) -> Record:
+    def _record(self, task: Task) -> Record:
         """Return what is to be stored of a submission."""
-        submission, old = progress.task.submission, progress.record
-        if not progress.task.is_chosen:
-            return old or Record(not_graded(submission), ())
-        drives = tuple(filter(None, progress.drives.values()))
-        built = "" if progress.error else next((each.fault for each in drives if each.fault), "")
+        submission = task.submission
+        drives = tuple(filter(None, task.drives.values()))
+        built = "" if task.error else next((each.fault for each in drives if each.fault), "")
         grade = Grade(
             submission.name,
             submission.students,
             _shortened(submission.fault or built, submission),
-            progress.error,
+            task.error,
             submission.notes,
             _source(submission),
         )
-        progress.is_new |= old is None or old.grade != grade
+        task.is_new |= task.old != grade
         return Record(grade, drives)
 
 

@@ -3,7 +3,7 @@
 import os
 import re
 import shlex
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import List, Sequence, Tuple
 from xml.etree import ElementTree
 
 from mushr_ros_intro.classroom.submission_files import Files, SubmissionError
@@ -22,20 +22,15 @@ _PURE_PYTHON = set(
 """The commands of a CMakeLists.txt that build nothing."""
 
 
-class Checked(NamedTuple):
-    """What is needed to run the node of a submission; see `Submission`."""
-
-    command: Tuple[str, ...]
-    packages: Tuple[str, ...]
-    needs_build: bool
-
-
-def check_submission(files: Files, node: str) -> Checked:
+def check_submission(files: Files, node: str) -> Tuple[Tuple[str, ...], Tuple[str, ...], bool]:
     """Find the node and the packages of a submission; make the node executable.
 
     Args:
         files: the files of the submission; notes are added to its notes.
         node: the name of the executable file.
+
+    Returns:
+        `command`, `packages` and `needs_build` of `Submission`.
 
     Raises:
         SubmissionError: the node cannot be run.
@@ -59,7 +54,7 @@ def check_submission(files: Files, node: str) -> Checked:
     for problem, remedy in hiding_faults(path):
         files.notes.append(f"{problem}. {remedy}".replace(os.path.join(files.folder, ""), ""))
     folders = tuple(os.path.normpath(os.path.join(files.folder, each)) for each in packages)
-    return Checked((path,), folders, any(map(_needs_build, folders)))
+    return (path,), folders, any(map(_needs_build, folders))
 
 
 def _is_in(place: str, folder: str) -> bool:

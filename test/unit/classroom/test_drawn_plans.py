@@ -117,7 +117,7 @@ def test_a_straight_plan():
 @pytest.mark.parametrize(
     ("like", "options", "said"),
     [
-        ("0,0,0\n1,0.1\n1,-0.1\n", {}, "like.txt: every other order of its rows is symmetric"),
+        ("0,0,0\n1,0.1\n1,-0.1\n", {}, "because every other order of its rows is symmetric"),
         (LIKE + "1,0.3,0.75\n", {}, "like.txt:7:7: duration is 0.75 s; expected whole tenths"),
         (LIKE + "6,0,9\n", {"map_name": "rooms"}, "like.txt: found no plan for ann in 20 att"),
         ("0,0,0\n9,0\n8,0\n7,0\n", {"car": Car(speed_limit=1.0)}, "found no plan for ann"),

@@ -43,7 +43,7 @@ class Course:
         for name in ("ann", "bob", "eve"):
             fill(folder / "class" / name, FILES)
         (folder / "plan.txt").write_text(TEXT)
-        self.options = {"jobs": 1, "drives_again": False}
+        self.options = {"jobs": 1}
         self.options["isolation"] = ""
         self.setting = {"timeout": 9.0, "tolerances": {}}
         self.fail = {}
@@ -64,7 +64,7 @@ class Course:
     def judge(self, recorded, tolerances):
         return judge_drive(recorded, tolerances), 1.0, {"locations": "<svg/>"}
 
-    def run(self, only=(), stop_after=None):
+    def run(self, stop_after=None):
         """Grade; return the results by name, and the names of those that are new."""
         self.driven.clear()
         gc.collect()  # the store of the last run, with its lock
@@ -75,7 +75,7 @@ class Course:
         setting = read_setting(PACKAGE, "ideal", "none", **self.setting, **others)
         options = grading.Options(**self.options)
         store = Store(str(self.out))
-        tasks = [grading.Task(each, plans, not only or each.name in only) for each in found]
+        tasks = [grading.Task(each, plans) for each in found]
         run = grading.Grading(setting, store, options).run(tasks)
         results = [each for _, each in zip(range(stop_after or 9), run)]
         run.close()
@@ -136,15 +136,6 @@ def test_a_stored_drive(course):
     grid = map_of(20, 30, Pose(-5.0, -4.0, 0.1))
     seen = from_json(json.loads(json.dumps(to_json(grid))))
     assert (seen.cells.shape, seen.origin, seen.resolution) == ((30, 20), grid.origin, 1.0)
-
-
-def test_only_some(course):
-    course.run(only=["bob"])
-    assert course.driven == ["bob"]
-    course.options["drives_again"] = True
-    results, new = course.run(only=["bob"])
-    assert course.driven == new == ["bob"]
-    assert results["bob"].passed and results["ann"].error == "it has not been graded yet"
 
 
 def test_what_failed_is_graded_again(course):

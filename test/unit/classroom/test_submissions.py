@@ -2,11 +2,9 @@
 
 import os
 import shutil
-from types import SimpleNamespace
 
 import pytest
 
-from mushr_ros_intro.classroom.assignment import names_to_grade
 from mushr_ros_intro.classroom.grades import Student
 from mushr_ros_intro.errors import UserError
 from support.submissions import (
@@ -223,11 +221,6 @@ def test_a_name_whose_characters_are_replaced(tmp_path):
         fill(tmp_path / "all" / original, PACKAGE)
     found = collected(tmp_path, "all")
     assert {each.name for each in found} == set(FOREIGN.values())
-    assert names_to_grade(SimpleNamespace(only=[], gradescope=None), found) == set(FOREIGN.values())
-    only_pat = SimpleNamespace(only=["Pat_O_Hara"], gradescope=None)
-    assert names_to_grade(only_pat, found) == {"Pat_O_Hara"}
-    with pytest.raises(UserError, match="--only: there is no submission Pat; did you mean Pat_O_"):
-        names_to_grade(SimpleNamespace(only=["Pat"], gradescope=None), found)
 
 
 def test_a_name_with_blanks(tmp_path):
