@@ -28,7 +28,7 @@ from mushr_ros_intro.classroom.assignment import Plans, setting_from, tolerances
 from mushr_ros_intro.classroom.autograders import write_autograder
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.gradescope import gradescope
-from mushr_ros_intro.classroom.grading import Grading, Options, Task, judged, judges
+from mushr_ros_intro.classroom.grading import Grading, Task, judged, judges
 from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.progress import grade_with_progress
 from mushr_ros_intro.classroom.store import (
@@ -132,8 +132,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
             raise UserError(text)
         tasks = [Task(each, plans.of(each, setting)) for each in found]
         store.save_settings(arguments.settings)
-        options = Options(arguments.jobs, missing, arguments.params)
-        grading = Grading(setting, store, options)
+        grading = Grading(setting, store, arguments.jobs, missing, arguments.params)
         began = time.monotonic()
         results = grade_with_progress(grading, tasks, points)
     if arguments.gradescope:

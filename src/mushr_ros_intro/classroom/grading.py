@@ -11,7 +11,6 @@ from typing import (
     Generator,
     Iterator,
     List,
-    NamedTuple,
     Optional,
     Sequence,
     Tuple,
@@ -93,17 +92,6 @@ class Task:
         return [name for name, drive in self.drives.items() if drive is None]
 
 
-class Options(NamedTuple):
-    """How a class is graded."""
-
-    jobs: int
-    """The number of replays at the same time."""
-    isolation: str
-    """What is missing in the isolation of the nodes; "" if nothing."""
-    params: str = ""
-    """The file with the parameters of the node, in the package of each submission; "" for none."""
-
-
 _KILL_PERIOD = 0.05
 """Between two looks for replays that are still running after an interruption [s]."""
 
@@ -111,21 +99,26 @@ _KILL_PERIOD = 0.05
 class Grading:
     """The grading of a class with one setting."""
 
-    def __init__(self, setting: Setting, store: Store, options: Options) -> None:
+    def __init__(
+        self, setting: Setting, store: Store, jobs: int, isolation: str = "", params: str = ""
+    ) -> None:
         """Prepare to grade.
 
         Args:
             setting: of all replays.
             store: for the drives.
-            options: how the class is graded.
+            jobs: the number of replays at the same time.
+            isolation: what is missing in the isolation of the nodes; "" if nothing.
+            params: the file with the parameters of the node, in the package of each submission; ""
+                for none.
         """
-        self._setting, self._store, self._options = setting, store, options
+        self._setting, self._store, self._jobs, self._params = setting, store, jobs, params
         self._judges = judges()
         grid = setting.grid
         world = grid and (grid.cells.tobytes(), grid.cells.shape, grid.resolution, grid.origin)
         fields = (setting.car, setting.parameters, setting.mux, setting.remap, setting.timeout)
         version = ElementTree.parse(package_folder("package.xml")).findtext("version")
-        self._common = hash_of(*fields, world, options.isolation, options.params, version)
+        self._common = hash_of(*fields, world, isolation, params, version)
 
     def run(self, tasks: Sequence[Task]) -> Generator[Tuple[Grade, bool], None, None]:
         """Grade submissions; yield each result, and whether it is new, as soon as it is known.
@@ -148,7 +141,7 @@ class Grading:
     def _drive_all(self, due: Sequence[Task]) -> Iterator[Tuple[Grade, bool]]:
         """Drive all that is missing; yield results as `run`."""
         futures: Dict[Future[StoredDrive], Tuple[Task, str]] = {}
-        with ThreadPoolExecutor(self._options.jobs) as pool:
+        with ThreadPoolExecutor(self._jobs) as pool:
             for task in due:
                 built = pool.submit(build, task.submission, self._setting)
                 for name in task.missing:
@@ -212,11 +205,11 @@ class Grading:
 
     def _parameters(self, submission: Submission) -> Tuple[str, ...]:
         """Return the parameters in the file of a submission; raise UserError if it is wrong."""
-        if not self._options.params:
+        if not self._params:
             return ()
         node = submission.command[0]
         own = [each for each in submission.packages if node.startswith(f"{each}/")]
-        return parameter_words(os.path.join(*[*own, submission.folder][:1], self._options.params))
+        return parameter_words(os.path.join(*[*own, submission.folder][:1], self._params))
 
     def _judged(self, ready: Sequence[Task]) -> Iterator[Tuple[Grade, bool]]:
         """Store what is new of submissions that have been driven; yield their results."""

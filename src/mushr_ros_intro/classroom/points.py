@@ -20,12 +20,8 @@ The keys of `default` and of each plan are:
 
 The points of all checks of a plan are multiplied by the share of the plan that was driven right,
 from its start to the first wrong command; of a controller, by the share of the path that the car
-has followed when it stops. A check that is not judged, because another one failed, counts as
-passed.
-
-A plan gives 0 points if its check `topics` failed, whatever its other checks give. Then the node
-did something else than driving the car, so its drive proves nothing. A submission that cannot be
-run scores 0.
+has followed when it stops. A check that is not judged counts as passed. A plan gives 0 points if
+its check `topics` failed: the node did something else than driving the car.
 """
 
 import math

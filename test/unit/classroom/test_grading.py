@@ -44,7 +44,6 @@ class Course:
             fill(folder / "class" / name, FILES)
         (folder / "plan.txt").write_text(TEXT)
         self.options = {"jobs": 1}
-        self.options["isolation"] = ""
         self.setting = {"timeout": 9.0, "tolerances": {}}
         self.fail = {}
         monkeypatch.setattr(grading, "probe", lambda plan, setting: None)
@@ -73,10 +72,9 @@ class Course:
         plans = {"plan": read_plan(str(self.folder / "plan.txt"))}
         others = {"remap": (), "sandbox": Sandbox(), "ros": {}}
         setting = read_setting(PACKAGE, "ideal", "none", **self.setting, **others)
-        options = grading.Options(**self.options)
         store = Store(str(self.out))
         tasks = [grading.Task(each, plans) for each in found]
-        run = grading.Grading(setting, store, options).run(tasks)
+        run = grading.Grading(setting, store, **self.options).run(tasks)
         results = [each for _, each in zip(range(stop_after or 9), run)]
         run.close()
         return {each.name: each for each, _ in results}, [each.name for each, new in results if new]
