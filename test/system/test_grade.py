@@ -126,12 +126,12 @@ NODE = ("--node", "mushr_ros_intro", "path_publisher.py")
         (("figure_8", *NODE, "--out", "/dev/null"), 2, "--out: /dev/null is not a folder"),
         (("/nowhere", "--out", "out"), 2, "or SUBMISSION... --plans PLAN... --out FOLDER"),
         (
-            (PACKAGE, "--follow", "wave", "--out", "/tmp/x", "--params", "/a.yaml"),
+            (PACKAGE, "--follow", "wave", "--out", "/nowhere/out", "--params", "/a.yaml"),
             2,
             "found --params '/a.yaml'; expected the path of a file in a submission",
         ),
         (
-            (PACKAGE, "--follow", "wave", "--out", "/tmp/x", "--params", "a/../../a.yaml"),
+            (PACKAGE, "--follow", "wave", "--out", "/nowhere/out", "--params", "a/../../a.yaml"),
             2,
             "expected the path of a file in a submission",
         ),
