@@ -6,6 +6,7 @@ from typing import List
 
 from mushr_ros_intro.doctor.facts import MANUAL_INPUTS, Facts, Finding, Publisher, listed, names
 from mushr_ros_intro.plan.plan import MAX_STEERING_ANGLE
+from mushr_ros_intro.ros.commands import drive_command
 from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE
 
 _JOYSTICK = (
@@ -135,8 +136,7 @@ def _no_commands(facts: Facts, package: str) -> Finding:
             f"no commands arrived from {nodes}",
             "Read the node's terminal, and check that its loop calls publish",
         )
-    own = f"roslaunch mushr_ros_intro path_publisher.launch{facts.car_argument} "
-    own += "plan_file:=figure_8"
+    own = drive_command(facts.car)
     if f"/{facts.car}/car_sim" not in facts.output.subscribers:  # maybe an actual car
         own = "roslaunch mushr_ros_intro real_car.launch plan_file:=my_plan.txt (see car.md)"
     remedy = f"Start the node of {package}, and read its terminal"

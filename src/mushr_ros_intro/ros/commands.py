@@ -5,19 +5,22 @@ from contextlib import suppress
 
 import rospkg
 
-_PUBLISHER = "roslaunch mushr_ros_intro path_publisher.launch"
+_PUBLISHER = "roslaunch mushr_ros_intro path_publisher.launch plan_file:="
 
 STAND_INS = (
     ("roslaunch mushr_ros_intro sim.launch", "roslaunch mushr_sim teleop.launch"),
-    (f"{_PUBLISHER} plan_file:=", "rosrun mushr_sim path_publisher.py _plan_file:="),
-    (
-        f"{_PUBLISHER} car_name:=",
-        "rosrun mushr_sim path_publisher.py _plan_file:=figure_8 _car_name:=",
-    ),
-    (_PUBLISHER, "rosrun mushr_sim path_publisher.py _plan_file:=figure_8"),
+    (_PUBLISHER, "rosrun mushr_sim path_publisher.py _plan_file:="),
     ("rosrun mushr_ros_intro ", "rosrun mushr_sim "),
 )
 """Commands, and how to type them in a student's workspace, where this package is mushr_sim."""
+
+
+def drive_command(car: str) -> str:
+    """Return the command that drives a plan with a car; another car has its own node."""
+    if car == "car":
+        return f"{_PUBLISHER}figure_8"
+    names = f"__ns:={car} _car_name:={car}"
+    return f"rosrun mushr_ros_intro path_publisher.py {names} _plan_file:=figure_8"
 
 
 def as_typed(text: str) -> str:

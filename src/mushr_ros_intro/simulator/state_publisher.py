@@ -17,7 +17,7 @@ from mushr_ros_intro.car.odometry import Odometer
 from mushr_ros_intro.car.odometry import Odometry as Measured
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.ros import conversions, rospy_fixes
-from mushr_ros_intro.ros.commands import as_typed
+from mushr_ros_intro.ros.commands import as_typed, drive_command
 from mushr_ros_intro.ros.ros_time import SHUTDOWN_POLL_PERIOD
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import World, on_map
@@ -141,13 +141,11 @@ class StatePublisher:
                 if rospy.is_shutdown():
                     return
                 time.sleep(READY_POLL_PERIOD)
-            name = rospy.get_namespace().strip("/")
-            command = "roslaunch mushr_ros_intro path_publisher.launch"
-            command += "" if name == "car" else f" car_name:={name}"
+            car = rospy.get_namespace().strip("/")
             rospy.loginfo(
                 "ready: the car is at %s. To drive a plan, type in another terminal: %s",
                 self._last.pose,
-                as_typed(command),
+                as_typed(drive_command(car)),
             )
 
         threading.Thread(target=wait_and_log, daemon=True).start()

@@ -4,9 +4,7 @@ import os
 
 import pytest
 
-from mushr_ros_intro.ros.commands import as_typed
-
-PUBLISHER = "roslaunch mushr_ros_intro path_publisher.launch"
+from mushr_ros_intro.ros.commands import as_typed, drive_command
 
 
 @pytest.mark.parametrize(
@@ -14,11 +12,10 @@ PUBLISHER = "roslaunch mushr_ros_intro path_publisher.launch"
     [
         ("roslaunch mushr_ros_intro sim.launch", "roslaunch mushr_sim teleop.launch"),
         ("a, rosrun mushr_ros_intro doctor.py b", "a, rosrun mushr_sim doctor.py b"),
-        (PUBLISHER, "rosrun mushr_sim path_publisher.py _plan_file:=figure_8"),
-        (f"{PUBLISHER} plan_file:=a", "rosrun mushr_sim path_publisher.py _plan_file:=a"),
+        (drive_command("car"), "rosrun mushr_sim path_publisher.py _plan_file:=figure_8"),
         (
-            f"{PUBLISHER} car_name:=a",
-            "rosrun mushr_sim path_publisher.py _plan_file:=figure_8 _car_name:=a",
+            drive_command("car2"),
+            "rosrun mushr_sim path_publisher.py __ns:=car2 _car_name:=car2 _plan_file:=figure_8",
         ),
     ],
 )
