@@ -94,6 +94,7 @@ def package_findings(package: str) -> List["Finding"]:
                 remedy = f"Type: source {_setup_file()}"
             found.append(Finding(problem, remedy))
             continue
+        find_node = partial(roslib.packages.find_node, name, rospack=rospack)  # reads folders once
         parts = ("src",) if _is_this(folder) else ("", "bin", "nodes", "scripts", "src")
         before = len(found)
         find_node = partial(roslib.packages.find_node, name, rospack=rospack)
