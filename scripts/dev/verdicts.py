@@ -59,7 +59,7 @@ def measure(names, folder, options):
     plan = read_plan(os.path.join(folder, "plan.txt"))
     others = {"remap": (), "timeout": 5.0, "tolerances": {}}
     setting = read_setting(
-        CHECKOUT, "ideal", "none", None, **others, sandbox=Sandbox(), ros=inherited()
+        CHECKOUT, "ideal", "none", **others, sandbox=Sandbox(), ros=inherited()
     )
     seen = {name: set() for name in names}
     drives = {name: set() for name in names}

@@ -400,6 +400,21 @@ RIGHT = {
                 client.wait_for_result()
             """,
     },
+    "service": {
+        "imports": "from std_srvs.srv import Trigger",
+        "functions": """
+            def on_call(request):
+                rospy.sleep(0.1)
+                return True, ""
+            """,
+        "connect": """
+            rospy.Service("~step", Trigger, on_call)
+            step = rospy.ServiceProxy("~step", Trigger)
+            step.wait_for_service()
+            rospy.sleep(1.0)
+            """,
+        **paced("step()"),
+    },
     "forks": {"imports": "if os.fork():\n    sys.exit(os.wait()[1])"},
     "due_since_the_start": {
         "connect": "due = rospy.Time.now() + rospy.Duration(2.0)\n"
