@@ -48,6 +48,9 @@ print(len(path.poses), path.header.frame_id, f"{seconds:.3f}")
 for base in ("base_footprint", "car/base_footprint"):
     found = buffer.lookup_transform("map", base, rospy.Time(0), rospy.Duration(1.0)).transform
     print(f"{found.rotation.z:.3f}")
+for frame in ("base_link", "laser_link"):
+    found = buffer.lookup_transform("car/base_footprint", f"car/{frame}", rospy.Time(0)).transform
+    print(f"{found.translation.x:.4f} {found.translation.z:.4f}")
 grid = rospy.ServiceProxy("/static_map", GetMap)().map
 print(grid.info.width, grid.info.height)
 places = rospy.Publisher("/initialpose", PoseWithCovarianceStamped, queue_size=1)
@@ -58,7 +61,7 @@ rospy.sleep(0.5)
 
 
 def test_what_a_controller_finds(tmp_path):
-    """The path, latched, and with stamps; frames with and without a prefix; a map.
+    """The path, latched, and with stamps; frames with and without a prefix, also fixed ones; a map.
 
     The car stands at the start of the path, and the controller must not place it.
     """
@@ -68,10 +71,20 @@ def test_what_a_controller_finds(tmp_path):
     judgement = replay(path, WAVE, map_name="sandbox")
     turn = f"{math.sin(WAVE.start.theta / 2.0):.3f}"
     duration = f"{WAVE.duration / NANOSECONDS:.3f}"
-    said = [f"{len(WAVE.poses)} map {duration}", turn, turn, "1000 1000"]
-    assert judgement.recorded.output.split("\n")[:4] == said, judgement.recorded.output
+    links = ["0.1580 0.0947", "0.1227 0.2025"]  # as in the URDF
+    said = [f"{len(WAVE.poses)} map {duration}", turn, turn, *links, "1000 1000"]
+    assert judgement.recorded.output.split("\n")[:6] == said, judgement.recorded.output
     topics = judgement.checks[1]
     assert topics.message.startswith("the node places the car again, at "), topics.message
+
+
+@pytest.mark.full
+def test_a_controller_that_waits_for_another_node(tmp_path):
+    path = tmp_path / "waits.py"
+    path.write_text(FINDS.replace("/car/reference_path", "/car/particle_filter/path"))
+    path.chmod(0o755)
+    (check, *_) = replay(path, WAVE).checks
+    assert "waits for messages on /car/particle_filter/path, where nobody" in check.message
 
 
 @pytest.mark.full

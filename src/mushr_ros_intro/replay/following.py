@@ -4,8 +4,9 @@ The car counts as following the path from its start to its end: each driven pose
 the nearest point that is not far from the one before along the path. So a path may cross itself.
 """
 
+import math
 from itertools import groupby
-from typing import Any, Callable, Dict, Iterable, Iterator, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Tuple
 
 import numpy as np
 
@@ -19,6 +20,12 @@ from mushr_ros_intro.stamps import NANOSECONDS
 
 AHEAD, BEHIND = 2.0, 0.5
 """How far ahead and behind of the last nearest point the next one is searched [m]."""
+
+LOOK_AHEAD = 1.0
+"""A controller steers towards the path so far ahead of the nearest point [m]."""
+
+MOST = 0.9
+"""If a larger share of the commands steers away from the path, the sign is wrong."""
 
 EXTRA_TIME = 5.0
 """A car may start late, and become slower at the end [s]."""
@@ -37,8 +44,8 @@ class FollowTolerances(NamedTuple):
     """Root mean square of the distance from the path [m]."""
     time: float = 1.5
     """Duration of the drive, as a multiple of that of the path; EXTRA_TIME is added."""
-    steering_rate: float = 8.0
-    """Mean rate of the commanded steering angle [rad/s]; full lock left and right has 8.1."""
+    steering_rate: float = 3.2
+    """Mean rate of the commanded steering angle [rad/s]; MuSHR's servo is not faster."""
 
 
 TOLERANCE_UNITS = {
@@ -68,11 +75,14 @@ def judge_drive(recorded: Recorded, changes: Dict[str, float]) -> Judgement:
         return judge(recorded, default_tolerances(recorded.plan, recorded.car)._replace(**changes))
     notes = tuple(_notes(recorded))
     judgement = Judgement(recorded, _drive(recorded), FollowTolerances(**changes), notes=notes)
-    return judgement._replace(checks=tuple(checked(judgement, _CHECKS)))
+    judgement = judgement._replace(checks=tuple(checked(judgement, _CHECKS)))
+    if all(each.passed for each in judgement.checks if each.name in ("path", "cross_track")):
+        return judgement
+    return judgement._replace(notes=notes + tuple(_wrong_ways(judgement)))
 
 
 def _notes(recorded: Recorded) -> Iterator[str]:
-    """Yield which common mistakes of a controller explain failures."""
+    """Yield which common mistakes of a controller its commands show."""
     if recorded.ignored:
         yield f"the car ignored {recorded.ignored}"
     sent, valid = recorded.sent, recorded.car.command_timeout
@@ -89,6 +99,51 @@ def _notes(recorded: Recorded) -> Iterator[str]:
         yield "the node sent only stops"
 
 
+def _wrong_ways(judgement: Judgement) -> Iterator[str]:
+    """Yield what a car that leaves the path does the wrong way around."""
+    recorded, limit = judgement.recorded, judgement.tolerances.cross_track
+    path = resampled(np.array(recorded.plan.poses), STEP / 5.0)
+    sent = [each for each in recorded.sent if each.speed]
+    if not sent:
+        return
+    (dx, dy, _), theta = path[1] - path[0], path[0, 2]
+    way = math.cos(theta) * dx + math.sin(theta) * dy
+    if way * sent[0].speed < 0.0:
+        names = ("backward", "forward") if way > 0.0 else ("forward", "backward")
+        yield "the car drives {} at first; the path leads {}".format(*names)
+    instants = np.searchsorted(recorded.stamps, [each.arrived for each in sent])
+    poses = recorded.poses[np.minimum(instants, len(recorded.poses) - 1)]
+    nearest = np.array(_nearest(path, poses))
+    is_away = np.hypot(*(path[nearest] - poses)[:, :2].T) > limit
+    count = int(np.argmax(is_away))  # later, the nearest point can be behind the car
+    ahead = path[np.minimum(nearest + int(LOOK_AHEAD / STEP * 5.0), len(path) - 1)]
+    (x, y, _), thetas = (ahead - poses).T, poses[:, 2]
+    lefts = np.cos(thetas) * y - np.sin(thetas) * x
+    turns = ([each.steering_angle for each in sent] * lefts)[:count]
+    wrong = np.mean(turns[turns != 0.0] < 0.0) if turns.any() else 0.0
+    if wrong >= MOST:
+        yield (
+            f"until the car is {limit:g} m from the path, {wrong:.0%} of the commands steer away "
+            "from it: a positive angle turns left, and the first point of the path is its start"
+        )
+
+
+def _nearest(path: np.ndarray, poses: np.ndarray) -> List[int]:
+    """Return the index of the nearest point of a path for each pose, one after another.
+
+    Args:
+        path: its points are STEP / 5 apart; N x 3.
+        poses: M x 3.
+    """
+    indices, index = [], 0
+    for pose in poses:
+        begin = max(0, index - int(BEHIND / STEP * 5.0))
+        window = path[begin : index + int(AHEAD / STEP * 5.0) + 1, :2]
+        index = begin + int(np.argmin(np.hypot(*(window - pose[:2]).T)))
+        indices.append(index)
+    return indices
+
+
 def _drive(recorded: Recorded) -> Drive:
     """Return the driven path and the nearest points of the path.
 
@@ -99,13 +154,8 @@ def _drive(recorded: Recorded) -> Drive:
     first, last = (int(moves[0]), int(moves[-1]) + 2) if len(moves) else (0, 1)
     driven, times = recorded.poses[first:last], recorded.stamps[first:last] - recorded.stamps[first]
     path = resampled(np.array(recorded.plan.poses), STEP / 5.0)
-    indices, index = [], 0
-    for pose in driven:
-        begin = max(0, index - int(BEHIND / STEP * 5.0))
-        window = path[begin : index + int(AHEAD / STEP * 5.0) + 1, :2]
-        index = begin + int(np.argmin(np.hypot(*(window - pose[:2]).T)))
-        indices.append(index)
-    indices += range(index + 5, len(path), 5)
+    indices = _nearest(path, driven)
+    indices += range(indices[-1] + 5, len(path), 5)
     more = len(indices) - len(driven)
     seconds = times / NANOSECONDS
     seconds = np.append(seconds, seconds[-1] + 0.02 * np.arange(1, more + 1))

@@ -89,6 +89,7 @@ def master():
     made._dispatch("setParam", (CAR, "/car/car_sim/a", 5))
     for topic in ("/car/car_pose", "/commands"):
         made._dispatch("registerPublisher", (CAR, topic, POSES, API))
+    made._dispatch("registerSubscriber", (CAR, "/initialpose", POSES, API))
     made._dispatch("registerService", (CAR, STEP, SERVICE, API))
     assert made.actions == []
     made.guard(CAR, ["/use_sim_time", CAR], ["/commands"])
@@ -147,6 +148,14 @@ def test_publishers_are_counted(master):
     master._dispatch("registerPublisher", ("/student", "/commands", POSES, "http://localhost:2"))
     assert master.count_publishers("/commands") == 2
     assert master.count_publishers("/nothing") == 0
+
+
+def test_topics_without_a_publisher(master):
+    """Those of the node under test count, not those of the simulated car."""
+    assert master.unpublished() == []
+    for topic in ("/car/car_pose", "/car/particle_filter/inferred_pose", "/commands"):
+        master._dispatch("registerSubscriber", ("/student", topic, POSES, API))
+    assert master.unpublished() == ["/car/particle_filter/inferred_pose"]
 
 
 def test_a_node_that_has_left_ros_is_woken_up(master):
