@@ -78,10 +78,6 @@ class Parameters:
         """Return whether there is any parameter."""
         return bool(self._values)
 
-    def with_values(self, **values: Any) -> "Parameters":
-        """Return the same parameters with other values for some."""
-        return Parameters({**self._values, **values}, self._prefix)
-
     def read(self, table: Table) -> Values:
         """Return the values of the parameters of a table.
 

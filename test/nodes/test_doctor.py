@@ -3,9 +3,7 @@
 import contextlib
 import signal
 import socket
-import sys
 import threading
-import time
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from unittest import mock
 
@@ -22,12 +20,9 @@ from mushr_ros_intro.doctor.observation import Observer
 from mushr_ros_intro.doctor.rules import diagnose, hints
 from support.ghost import Ghost
 from support.helpers import (
-    ForkedProcess,
-    Process,
     Recording,
     RosTestCase,
     driver,
-    free_port,
     master,
     node,
     publisher,
@@ -271,20 +266,6 @@ class TestDoctor(RosTestCase):
             self.uri = f"http://localhost:{stopped.getsockname()[1]}"
             problem = "the master there does not respond"
             self.expect(problem, masters=[NOWHERE], call_timeout=0.3)
-
-    def test_a_node_of_an_earlier_master(self):
-        port = free_port()
-        self.uri = f"http://localhost:{port}"
-        node = (sys.executable, "-c", "import time; time.sleep(60)", "__name:=rviz")
-        with Process(
-            *node, ROS_MASTER_URI=self.uri, ROS_NAMESPACE="/car"
-        ), contextlib.ExitStack() as stack:
-            time.sleep(0.05)  # Linux measures the start of a process in steps of 0.01 s
-            stack.enter_context(ForkedProcess("rosmaster", "-p", str(port)))
-            wait_for(rosgraph.Master("/doctor_test", self.uri).is_online, "the master")
-            with Process(*node, ROS_MASTER_URI=self.uri):  # it may still register
-                problem = "/car/rviz (process "
-                self.expect(problem, "the car 'car' is not running", masters=[NOWHERE])
 
     def test_no_master(self):
         with node("doctor.py", ROS_MASTER_URI=NOWHERE) as doctor:

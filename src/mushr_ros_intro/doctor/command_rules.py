@@ -28,8 +28,7 @@ def command_findings(facts: Facts, package: str, has_cause: bool) -> List[Findin
     """
     found = _ineffective(facts) if facts.senders else _strays(facts)
     if not (facts.senders or found or has_cause):
-        found = [*_unpublished(facts), *_past_strays(facts)]
-        found = found or [_no_commands(facts, package)]
+        found = _unpublished(facts) or [_no_commands(facts, package)]
     for sender in facts.senders:
         found += _wrong_stamps(sender, facts) + _wrong_values(sender) + _wrong_rate(sender, facts)
     return found + _stray_poses(facts)
@@ -51,23 +50,14 @@ def rivals(facts: Facts) -> List[Finding]:
 def _strays(facts: Facts) -> List[Finding]:
     return [
         Finding(
-            f"the commands of {listed(nodes)} have no effect: no node subscribes to {topic}",
+            f"the commands of {listed(nodes) or 'a node that has ended'} have no effect: no node "
+            f"subscribes to {topic}",
             f"Send them to the car '{facts.car}': in the node, correct the topic to "
             f"{_closest(topic, facts)}. To connect it without a change, add to its <node> in the "
             f'launch file: <remap from="{topic}" to="{_closest(topic, facts)}" />; with rosrun, '
             f"add the argument {topic}:={_closest(topic, facts)}",
         )
         for topic, nodes in facts.strays.items()
-    ]
-
-
-def _past_strays(facts: Facts) -> List[Finding]:
-    return [
-        Finding(
-            f"a node that has ended published commands on {topic}, to which no node subscribes",
-            f"Correct the name of the topic in the node: {_closest(topic, facts)}",
-        )
-        for topic in facts.past_strays
     ]
 
 

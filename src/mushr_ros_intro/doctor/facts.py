@@ -105,18 +105,15 @@ class Facts:
     initial_pose: Topic = Topic("", "", "")
     dead: Dict[str, CallFault] = field(default_factory=dict)
     """The registered nodes that cannot be reached."""
-    abandoned: Tuple[str, ...] = ()
-    """The nodes on this machine that started before the master and are not registered at it."""
     strays: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
-    """The publishers of each other topic of commands that has no subscriber."""
+    """The publishers of each other topic of commands that has no subscriber.
+
+    None if they have ended, which is known of topics with a name like that of an input.
+    """
     stray_poses: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
     """The same for topics of initial poses; only those whose name is like that of the car's."""
-    past_strays: Tuple[str, ...] = ()
-    """Topics of commands with a name like that of an input, whose publishers have ended."""
     unpublished: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
     """The subscribers of each topic of the car that no node publishes."""
-    lacks_map: bool = False
-    """Whether the car was started with a map, but no node publishes it."""
     left_parameters: Dict[str, Dict[str, Any]] = field(default_factory=dict)
     """By node: the parameters of a node started by hand that are not in its command line."""
     mistyped: Dict[str, Dict[str, str]] = field(default_factory=dict)

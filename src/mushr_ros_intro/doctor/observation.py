@@ -17,7 +17,7 @@ from std_msgs.msg import String
 from mushr_ros_intro.doctor.facts import Clock, Facts, Master, Publisher, Topic
 from mushr_ros_intro.doctor.listener import Listener
 from mushr_ros_intro.doctor.network import is_local, resolve, run_in_parallel
-from mushr_ros_intro.doctor.processes import abandoned_nodes, left_parameters
+from mushr_ros_intro.doctor.processes import left_parameters
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.ros.node import initial_pose_topic
@@ -129,7 +129,7 @@ class Observer:
         inputs = self._read_inputs()
         uses_clock = bool(self._parameter("/use_sim_time"))
         commands = [*inputs.values(), self._output, self._initial_pose]
-        strays, stray_poses, other_cars, past = self._read_other_topics(graph, commands)
+        strays, stray_poses, other_cars = self._read_other_topics(graph, commands)
         heard = self._listen(graph, commands, uses_clock)
         clock = None
         if uses_clock:
@@ -147,25 +147,19 @@ class Observer:
         contacts = [msg.poses for _, msg, _ in heard.messages(self._collision, PoseArray)]
         touches = bool(contacts and contacts[-1])
         senders = {each.node for topic in topics.values() for each in topic.publishers}
-        abandoned, left, mistyped = self._read_processes(
-            facts, graph, senders.union(*strays.values())
-        )
+        nodes = senders.union(*strays.values())
+        left, mistyped = self._read_processes(graph, nodes) if facts.master.is_local else ({}, {})
         return replace(
             facts,
             inputs={"output": output._replace(publishers=bypassing), **topics},
             output=output,
             initial_pose=_topic(graph, heard, self._initial_pose, PoseWithCovarianceStamped),
             dead=graph.dead,
-            abandoned=abandoned,
             strays=strays,
             stray_poses=stray_poses,
-            past_strays=past,
             unpublished=self._read_unpublished(graph, commands),
             left_parameters=left,
             mistyped=mistyped,
-            lacks_map=f"/{self._car}/car_sim" in output.subscribers
-            and bool(self._parameter(f"/{self._car}/car_sim/expects_map"))
-            and not graph.live(graph.publishers, "/map"),
             other_cars=other_cars,
             active=_input(actives[-1], inputs) if actives else IDLE,
             clock=clock,
@@ -196,17 +190,9 @@ class Observer:
         return _Graph(dict(publishers), dict(subscribers), names, dead, pids)
 
     def _read_processes(
-        self, facts: Facts, graph: _Graph, nodes: AbstractSet[str]
-    ) -> Tuple[Tuple[str, ...], Dict[str, Dict[str, Any]], Dict[str, Dict[str, str]]]:
-        """Return the abandoned nodes of this machine, and the left parameters of each of `nodes`.
-
-        Also return their arguments that should set one. Nothing is known about them if the master
-        runs on another machine.
-        """
-        if not facts.master.is_local:
-            return (), {}, {}
-        pid = self._ask(self._uri, "getPid")
-        abandoned = abandoned_nodes(self._uri, pid, graph.pids.values())
+        self, graph: _Graph, nodes: AbstractSet[str]
+    ) -> Tuple[Dict[str, Dict[str, Any]], Dict[str, Dict[str, str]]]:
+        """Return the left parameters of nodes, and their arguments that should set one."""
         found, mistyped = {}, {}
         for node in sorted(nodes & graph.pids.keys()):
             parameters = self._parameter(node)
@@ -214,7 +200,7 @@ class Observer:
                 left, wrong = left_parameters(graph.pids[node], self._uri, parameters)
                 found.update({node: left} if left else {})
                 mistyped.update({node: wrong} if wrong else {})
-        return tuple(abandoned), found, mistyped
+        return found, mistyped
 
     def _read_inputs(self) -> Dict[str, str]:
         """Return the topics of the mux's inputs by name, by falling priority."""
@@ -226,37 +212,32 @@ class Observer:
 
     def _read_other_topics(
         self, graph: _Graph, known: Sequence[str]
-    ) -> Tuple[
-        Dict[str, Tuple[str, ...]],
-        Dict[str, Tuple[str, ...]],
-        Tuple[str, ...],
-        Tuple[str, ...],
-    ]:
+    ) -> Tuple[Dict[str, Tuple[str, ...]], Dict[str, Tuple[str, ...]], Tuple[str, ...]]:
         """Return the publishers of commands that no node receives, and those of initial poses.
 
-        Also return the names of other cars, and topics like those in `known` whose publishers of
-        commands have ended: the master remembers their type.
+        Also return the names of other cars. The master remembers the type of a topic whose
+        publishers have ended.
         """
-        strays, stray_poses, cars, past = {}, {}, [], []
+        strays, stray_poses, cars = {}, {}, []
         for topic, kind in sorted(self._ask(self._uri, "getTopicTypes")):
             if topic in known:
                 continue
             publishers = tuple(graph.live(graph.publishers, topic))
             subscribers = graph.subscribers.get(topic)
+            is_of_car = topic.startswith(f"/{self._car}/")
+            is_misspelt = is_of_car and get_close_matches(topic, known, 1, 0.9)
             if kind == AckermannDriveStamped._type:
                 match = re.fullmatch(r"/(.+)/mux/ackermann_cmd_mux/output", topic)
                 if subscribers:
                     cars += [match[1]] if match else []
-                elif publishers and not match:
+                elif not match and (publishers or is_misspelt):
                     strays[topic] = publishers
-                elif topic.startswith(f"/{self._car}/") and get_close_matches(topic, known, 1, 0.9):
-                    past.append(topic)
             elif kind == PoseWithCovarianceStamped._type and not subscribers:
                 # Other estimates of a pose have this type, too, and may have no subscriber.
                 senders = tuple(each for each in publishers if "rviz" not in each)
                 if senders and _is_like_initial_pose(topic.rpartition("/")[2]):
                     stray_poses[topic] = senders
-        return strays, stray_poses, tuple(cars), tuple(past)
+        return strays, stray_poses, tuple(cars)
 
     def _read_unpublished(self, graph: _Graph, known: Sequence[str]) -> Dict[str, Tuple[str, ...]]:
         """Return the subscribers of each topic of the car that no node publishes."""

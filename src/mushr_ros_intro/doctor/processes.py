@@ -3,34 +3,9 @@
 import glob
 import os
 from contextlib import suppress
-from typing import Any, Container, Dict, List, Mapping, Tuple
+from typing import Any, Dict, List, Mapping, Tuple
 
 from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER
-
-
-def abandoned_nodes(uri: str, master: int, registered: Container[int]) -> List[str]:
-    """Return the nodes that started before the master did and are not registered at it.
-
-    A process is a node if roslaunch has started it with a name, or if it is rviz. Processes of
-    other users and those with another ROS_MASTER_URI are left out.
-
-    Args:
-        uri: the address of the master.
-        master: its process id on this machine.
-        registered: the process ids of the registered nodes.
-
-    Returns:
-        Such as "/rviz (process 1234)".
-    """
-    found = []
-    for folder in sorted(glob.glob("/proc/[0-9]*")):
-        with suppress(OSError):  # the process has ended, or belongs to another user
-            pid = int(os.path.basename(folder))
-            name = _node_name(folder, uri)
-            is_older = _start_time(folder) < _start_time(f"/proc/{master}")
-            if name and is_older and pid not in registered:
-                found.append(f"{name} (process {pid})")
-    return found
 
 
 def masters() -> List[str]:
@@ -70,17 +45,6 @@ def left_parameters(
     return {}, {}
 
 
-def _node_name(folder: str, uri: str) -> str:
-    """Return the name of the node that a process is; empty if it is none of the master at `uri`."""
-    words = _strings(f"{folder}/cmdline")
-    names = [word[len("__name:=") :] for word in words if word.startswith("__name:=")]
-    if not names and os.path.basename(words[0]) == "rviz":
-        names = ["rviz"]
-    if not names or not _has_master(folder, uri):
-        return ""
-    return f"{_environment(folder).get('ROS_NAMESPACE', '').rstrip('/')}/{names[0]}"
-
-
 def _has_master(folder: str, uri: str) -> bool:
     """Return whether a process uses the master at `uri`."""
     its_uri = _environment(folder).get("ROS_MASTER_URI", DEFAULT_MASTER)
@@ -96,9 +60,3 @@ def _strings(path: str) -> List[str]:
     """Return the strings of a file in which each ends with a null character."""
     with open(path, "rb") as file:
         return file.read().decode(errors="replace").split("\0")
-
-
-def _start_time(folder: str) -> int:
-    """Return when a process started [ticks since boot], see proc(5)."""
-    with open(f"{folder}/stat", encoding="utf-8", errors="replace") as file:
-        return int(file.read().rpartition(")")[2].split()[19])

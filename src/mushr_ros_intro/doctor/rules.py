@@ -29,7 +29,7 @@ def diagnose(facts: Facts, package: str = "") -> List[Finding]:
     """
     if facts.master.fault:
         return [_no_master(facts.master, facts.master.fault)]
-    first = rivals(facts) + _doubles(facts) + [_abandoned(node) for node in facts.abandoned]
+    first = rivals(facts) + _doubles(facts)
     found = [] if facts.moves else _dead_nodes(facts)
     if facts.clock:
         found += _time(facts.clock, set(facts.dead))
@@ -37,13 +37,6 @@ def diagnose(facts: Facts, package: str = "") -> List[Finding]:
         found.append(_not_running(facts))
     found += _wrong_types(facts)
     found += command_findings(facts, package, has_cause=bool(found))
-    if facts.lacks_map:
-        problem = (
-            f"the car '{facts.car}' was started with a map, but no node publishes /map now, so "
-        )
-        problem += "path_publisher.py cannot check a plan against its walls"
-        remedy = "Type: rosrun mushr_ros_intro map_server.py _map_file:=sandbox (or the name of "
-        found.append(Finding(problem, f"{remedy}another map)"))
     if facts.contact:
         found.append(_contact(facts))
     if not first + found and facts.moves is False:
@@ -115,15 +108,6 @@ def _doubles(facts: Facts) -> List[Finding]:
         )
         if len(nodes) > 1
     ]
-
-
-def _abandoned(node: str) -> Finding:
-    """Return the finding about a node that has outlived its master."""
-    return Finding(
-        f"{node} is not registered: it belongs to a master that has ended, so it receives and "
-        "sends nothing, and rviz shows an old state",
-        "Stop it with Ctrl-C in its terminal, and start it again",
-    )
 
 
 def _no_master(master: Master, fault: CallFault) -> Finding:
