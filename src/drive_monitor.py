@@ -1,25 +1,24 @@
 #!/usr/bin/python3
 """Watch the drives of any node, and report how each of them ended."""
 
-import sys
 import time
+from collections import deque
 from contextlib import suppress
-from queue import Empty, SimpleQueue
-from typing import Any, Callable, List, Optional, Tuple
+from typing import Any, Callable, Deque, List, Optional, Tuple
 
 import rosgraph
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseArray, PoseStamped
-from std_msgs.msg import String, Time
+from std_msgs.msg import String
 
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.car.profile import names_in
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.monitor.car_watch import CarWatch
 from mushr_ros_intro.monitor.expectation import Expectations
-from mushr_ros_intro.monitor.results import write_result
-from mushr_ros_intro.monitor.senders import Senders, fixed_plan
+from mushr_ros_intro.monitor.results import Results, take_result_files
+from mushr_ros_intro.monitor.senders import Sender, Senders, fixed_plan
 from mushr_ros_intro.monitor.verdict import Verdict
 from mushr_ros_intro.monitor.watched_drive import WatchedDrive
 from mushr_ros_intro.parameters import Values, choice, loaded
@@ -33,8 +32,8 @@ TICK = 0.1
 CHECK_PERIOD = 0.4
 """Period of the calls to the master and to nodes [s of wall-clock time]."""
 
-EVENTS = 1000
-"""Number of messages that are taken before the drive is looked at again."""
+ANNOUNCEMENT_TIMEOUT = 0.5
+"""Longest wait for the name of the node of a drive [s of wall-clock time]."""
 
 NOBODY = ("", "idle", "default")
 """The active input, in lower case, if no input drives; MuSHR's input default gets only stops."""
@@ -64,43 +63,47 @@ class DriveMonitor:
         choice("car", names_in(package_folder("config/cars")), None, CAR),
     )
 
-    def __init__(self, values: Values) -> None:
+    def __init__(self, values: Values, result_files: List[str]) -> None:
         name = values["car_name"]
         self._fixed = values["plan_file"]
         self._expectations = Expectations(name, values["car"], values["plan_file"])
         self._car_name = name
-        self._events: SimpleQueue[Tuple[Callable[[Any], None], Any]] = SimpleQueue()
+        self._events: Deque[Tuple[Callable[[Any, int], None], Any, int]] = deque()
         self._car = CarWatch(f"/{name}/car_pose")
         mux = f"/{name}/mux/ackermann_cmd_mux"
         self._senders = Senders(f"{mux}/input/")
         self._active: Optional[str] = None
         self._driver: Optional[str] = None
         """The node whose commands the mux forwards; None if the mux does not publish it."""
+        self._announced = ""
+        """The same, of the next drive; empty if it is not known yet."""
         self._is_judged = True
         """Whether the drive has been seen from its first command."""
         self._watched: Optional[WatchedDrive] = None
-        self._verdict: Optional[Verdict] = None
         self._seen: List[str] = []
-        self._pub_start = rospy.Publisher("~start", Time, queue_size=1, latch=True)
-        self._pub_verdict = rospy.Publisher("~verdict", String, queue_size=1, latch=True)
+        self._results = Results(result_files if self._fixed else None)
 
         self._mux = [
             self._subscribe(f"{mux}/active", String, self._on_active),
             self._subscribe(f"{mux}/output", AckermannDriveStamped, self._on_command),
         ]
         self._subscribe(f"{mux}/driver", String, self._on_driver)
-        self._subscribe(self._car.topic, PoseStamped, self._on_pose, queue_size=1)
+        self._subscribe(self._car.topic, PoseStamped, self._on_pose)
         self._subscribe(f"/{name}/car_sim/collision", PoseArray, self._on_collision)
         rospy.loginfo("%s", values.text)
 
     def _subscribe(
-        self, topic: str, kind: type, callback: Callable[[Any], None], **options: Any
+        self, topic: str, kind: type, callback: Callable[[Any, int], None]
     ) -> rospy.Subscriber:
-        """Subscribe to a topic; the thread of `run` calls `callback` with each message."""
-        put = self._events.put
-        return rospy.Subscriber(
-            topic, kind, lambda msg: put((callback, msg)), tcp_nodelay=True, **options
-        )
+        """Subscribe to a topic.
+
+        The thread of `run` calls `callback` with each message and the time of its arrival [ns].
+        """
+
+        def receive(msg: Any) -> None:
+            self._events.append((callback, msg, ros_time.now()))
+
+        return rospy.Subscriber(topic, kind, receive, tcp_nodelay=True)
 
     def run(self) -> int:
         """Watch until the node is shut down, or with ``~plan_file`` until the end of one drive.
@@ -110,20 +113,20 @@ class DriveMonitor:
         connected = [wait_until_connected(each, "publishers", minimum=1) for each in self._mux]
         deadline = time.monotonic() + 1.0
         while self._active is None and time.monotonic() < deadline:  # it is latched
-            self._take_events(TICK)
+            self._take_events()
         if all(connected):
             rospy.loginfo("watching the drives of /%s", self._car_name)
         next_check = 0.0
         while not rospy.is_shutdown():
             # Calls to the master can take seconds. Then take what has arrived before a judgement.
-            self._take_events(TICK if self._watched else CHECK_PERIOD)
-            if self._watched and not self._watched.is_identified:
-                self._identify(self._watched)
+            self._take_events()
+            if self._has_to_identify():
+                self._identify()
                 continue
             if self._watched and (verdict := self._watched.ended()):
                 self._conclude(verdict)
-            if self._fixed and self._verdict:
-                return self._result(self._verdict)
+            if self._fixed and self._results.last:
+                return self._results.conclude(self._results.last)
             if time.monotonic() >= next_check:
                 next_check = time.monotonic() + CHECK_PERIOD
                 self._check()
@@ -131,40 +134,41 @@ class DriveMonitor:
 
     # Events, in the thread of `run`
 
-    def _take_events(self, seconds: float) -> None:
-        """Process the messages that have arrived; wait up to `seconds` for the first one."""
-        try:
-            for count in range(EVENTS):
-                callback, msg = self._events.get(count == 0 and seconds > 0.0, seconds)
-                callback(msg)
-        except Empty:
-            pass
+    def _take_events(self) -> None:
+        """Wait for a tick, which needs less time than to wake up for each message; take them."""
+        time.sleep(TICK)
+        for _ in range(len(self._events)):
+            if self._has_to_identify():
+                return  # before what other nodes do
+            callback, msg, arrival = self._events.popleft()
+            callback(msg, arrival)
 
-    def _on_active(self, msg: String) -> None:
+    def _on_active(self, msg: String, _: int) -> None:
         name = msg.data.strip()
         if self._active is None:  # the latched message when this node has connected
             self._is_judged = name.lower() in NOBODY
         self._active = name
-        watched = self._watched
-        sender = watched.sender if watched and name.lower() not in NOBODY else None
-        if watched and sender and not self._senders.is_input_of(sender, name):
-            watched.note_input(name)
+        sender = self._watched.sender if self._watched else None
+        is_other = sender and not self._senders.is_input_of(sender, name)
+        if self._watched and is_other and name.lower() not in NOBODY:
+            self._watched.note_input(name)
 
-    def _on_driver(self, msg: String) -> None:
-        self._driver = msg.data
-        if self._watched and self._watched.sender:
-            self._watched.note_driver(msg.data)
+    def _on_driver(self, msg: String, _: int) -> None:
+        self._driver = self._announced = msg.data
 
     @conversions.ignore_bad_messages
-    def _on_command(self, msg: AckermannDriveStamped) -> None:
+    def _on_command(self, msg: AckermannDriveStamped, arrival: int) -> None:
         command = conversions.command_from_msg(msg)
-        command = command._replace(stamp=ros_time.received_stamp(command.stamp))
+        command = command._replace(stamp=ros_time.received_stamp(command.stamp, arrival))
         if self._watched and (self._watched.is_next(command) or self._is_of_new_node(command)):
             self._overtake()
         if self._watched:
             self._watched.add(command)
         elif command.speed or command.steering_angle:
             self._watched = WatchedDrive(command, self._car)
+        if self._watched and self._watched.is_identified and self._announced:
+            self._watched.note_driver(self._announced)
+            self._announced = ""
 
     def _is_of_new_node(self, command: Command) -> bool:
         """Return whether a command comes after a pause in which the node of the drive has ended."""
@@ -177,12 +181,12 @@ class DriveMonitor:
         return known is None or known.address != watched.sender.address
 
     @conversions.ignore_bad_messages
-    def _on_pose(self, msg: PoseStamped) -> None:
-        report = self._car.report(msg, time.monotonic())
+    def _on_pose(self, msg: PoseStamped, arrival: int) -> None:
+        report = self._car.report(msg, arrival)
         if self._watched and self._watched.begins_again(report):
             self._overtake()
 
-    def _on_collision(self, msg: PoseArray) -> None:
+    def _on_collision(self, msg: PoseArray, _: int) -> None:
         if self._watched and msg.poses:
             pose = conversions.pose_from_msg(msg.poses[0])
             self._watched.note_wall(msg.header.stamp.to_nsec(), pose)
@@ -190,15 +194,20 @@ class DriveMonitor:
     # Nodes and plans
 
     def _check(self) -> None:
-        """Look for senders, for other nodes on the same topic, and whether the car is lost."""
+        """Look for nodes with a plan; during a drive, for other nodes, and whether the car is lost.
+
+        A mux that publishes the node whose commands it forwards shows other nodes itself.
+        """
+        new: List[Sender] = []
         try:
-            new = self._senders.look()
+            if not self._watched or self._driver is None:
+                new = self._senders.look()
         except (rosgraph.MasterException, OSError) as error:
             rospy.logwarn_throttle(10.0, f"the master does not answer: {error}")
-            new = []
         if self._watched:
             self._watched.note_car(self._car.changes())
-            self._watched.note_others(self._senders.known.values())
+            if self._driver is None:
+                self._watched.note_others(self._senders.known.values())
         else:
             for sender in new:
                 self._expectations.of(sender)
@@ -211,12 +220,24 @@ class DriveMonitor:
             raise UserError(f"{', '.join(self._seen)} has ended, and has not moved the car")
         self._seen = names
 
-    def _identify(self, watched: WatchedDrive) -> None:
+    def _has_to_identify(self) -> bool:
+        """Return whether to look for the node of the drive: the mux has announced it, or is late.
+
+        ROS does not order two topics.
+        """
+        watched = self._watched
+        if not watched or watched.is_identified:
+            return False
+        return bool(self._announced) or time.monotonic() > watched.began + ANNOUNCEMENT_TIMEOUT
+
+    def _identify(self) -> None:
         """Find the node of a drive, and its plan."""
+        watched = self._watched
+        assert watched
         with suppress(rosgraph.MasterException, OSError):
             self._senders.look()
-        self._take_events(0.0)
-        watched.sender = self._senders.driver(self._driver)
+        watched.sender = self._senders.driver(self._announced or self._driver)
+        self._announced = ""
         expected = None
         if self._is_judged:
             expected, watched.why_not = self._expectations.of(watched.sender)
@@ -225,8 +246,7 @@ class DriveMonitor:
         self._is_judged = True
         watched.identified(expected)
         if watched.planned:
-            self._pub_verdict.publish(String(""))
-            self._pub_start.publish(Time(ros_time.time_from(watched.planned.begin)))
+            self._results.begin(watched.planned.begin)
 
     # Ends
 
@@ -240,29 +260,10 @@ class DriveMonitor:
             self._watched = None
 
     def _conclude(self, verdict: Verdict) -> None:
-        """Log the result of the drive, except an error that ends this node."""
         assert self._watched
-        is_planned = self._watched.planned is not None
-        for line in verdict.lines if verdict.is_good or not self._fixed else ():
-            (rospy.loginfo if verdict.is_good or not is_planned else rospy.logerr)("%s", line)
-        self._watched, self._verdict = None, verdict
-        if is_planned:
-            self._pub_verdict.publish(String("\n".join(verdict.lines)))
-        self._pub_start.publish(Time(ros_time.time_from(0)))
+        self._results.end(verdict, self._watched.planned is not None)
+        self._watched = None
 
-    @staticmethod
-    def _result(verdict: Verdict) -> int:
-        """Return the exit status; raise UserError with the reason of a failure."""
-        for each in RESULT_FILES:
-            write_result(each, verdict)
-        if not verdict.is_good:
-            raise UserError("\n".join(verdict.lines))
-        return 0
-
-
-RESULT_FILES = [each.partition("xml:")[2] for each in sys.argv if each.startswith("--gtest_output")]
-"""The JUnit file, if rostest runs this node as a test."""
 
 if __name__ == "__main__":
-    sys.argv = [each for each in sys.argv if not each.startswith("--gtest_output")]
-    node.main("drive_monitor", DriveMonitor)
+    node.main("drive_monitor", DriveMonitor, take_result_files())

@@ -28,18 +28,18 @@ class CarWatch:
         self._sequence = 0
         self._is_new = False
 
-    def report(self, msg: PoseStamped, arrival: float) -> Report:
-        """Return the report in a message of the car that arrived at `arrival` [s, monotonic].
+    def report(self, msg: PoseStamped, arrival: int) -> Report:
+        """Return the report in a message of the car that arrived at `arrival` [ns].
 
         Raises:
             conversions.MessageError: the pose is not valid.
         """
         pose = conversions.pose_from_msg(msg.pose)
-        self._arrival = arrival
+        self._arrival = time.monotonic()
         # rospy numbers the messages of a publisher.
         self._is_new |= msg.header.seq < self._sequence
         self._sequence = msg.header.seq
-        self.last = Report(ros_time.received_stamp(msg.header.stamp.to_nsec()), pose)
+        self.last = Report(ros_time.received_stamp(msg.header.stamp.to_nsec(), arrival), pose)
         return self.last
 
     def changes(self) -> List[str]:

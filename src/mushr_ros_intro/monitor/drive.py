@@ -163,10 +163,14 @@ class PlannedDrive:
         return max(self.drive.stop or 0, self.begin + self.plan.duration)
 
     @property
+    def reaches_end(self) -> bool:
+        """Return whether the commands reach the end of the plan."""
+        return self.drive.newest + 2 * COMMAND_PERIOD >= self.begin + self._moving_end
+
+    @property
     def is_complete(self) -> bool:
         """Return whether the commands reach the end of the plan, and then stop."""
-        until = self.drive.newest + 2 * COMMAND_PERIOD
-        return self.drive.stop is not None and until >= self.begin + self._moving_end
+        return self.drive.stop is not None and self.reaches_end
 
     def difference(self) -> str:
         """Return how the commands of a complete drive differ from the plan, or an empty text."""

@@ -2,7 +2,7 @@
 
 import os
 from contextlib import suppress
-from typing import Any, Dict, List, NamedTuple, Optional, Set
+from typing import Any, Dict, List, NamedTuple, Optional
 
 import rosgraph
 import rospkg
@@ -54,10 +54,6 @@ class Senders:
         self._master = rosgraph.Master(rospy.get_name())
         self.known: Dict[str, Sender] = {}
         """The senders by name, when the master was asked last."""
-        self._before: Dict[str, Sender] = {}
-        """The same one time earlier; a node may send commands and end in between."""
-        self._drivers: Set[str] = set()
-        """Addresses of the nodes of earlier drives."""
 
     def look(self) -> List[Sender]:
         """Find the senders; return those that were not known.
@@ -77,12 +73,14 @@ class Senders:
             with suppress(rosgraph.MasterException):  # it has just ended
                 address = self._master.lookupNode(name)
                 known = self.known.get(name)
+                if not is_alive(name):
+                    continue  # it was killed, and remains registered
                 if known and known.address == address and known.topic == topic:
                     found[name] = known
-                elif is_alive(name):
+                else:
                     found[name] = Sender(name, topic, address, self._parameters(name))
                     new.append(found[name])
-        self._before, self.known = self.known, found
+        self.known = found
         return new
 
     def driver(self, name: Optional[str]) -> Optional[Sender]:
@@ -91,15 +89,12 @@ class Senders:
         Args:
             name: of the node, as the mux publishes it; None: the mux does not.
         """
-        all_senders = {**self._before, **self.known}
-        senders = [each for each in all_senders.values() if each.name == (name or each.name)]
-        if name and not senders:  # it ended before the master was asked; its parameters remain
-            senders = [Sender(name, "", "", {})]
-        with_plan = [each for each in senders if "plan_file" in each.parameters] or senders
-        fresh = [each for each in with_plan if each.address not in self._drivers]
-        for found in (senders, with_plan, fresh):
+        senders = list(self.known.values())
+        if name:  # if it has ended, its parameters remain
+            senders = [self.known.get(name) or Sender(name, "", "", {})]
+        with_plan = [each for each in senders if "plan_file" in each.parameters]
+        for found in (senders, with_plan):
             if len(found) == 1:
-                self._drivers.add(found[0].address)
                 return found[0]._replace(parameters=self._parameters(found[0].name))
         names = ", ".join(each.name for each in senders) or "none"
         rospy.logwarn("the node of the drive is not known; nodes that publish commands: %s", names)

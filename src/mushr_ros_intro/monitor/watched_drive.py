@@ -57,7 +57,7 @@ class WatchedDrive:
         self._wall: Optional[Tuple[int, Pose]] = None
         """A contact with a wall before the monitor has looked for the plan."""
         self._car = car
-        self._arrival = time.monotonic()
+        self.began = self._arrival = time.monotonic()
         self._next_line = 0
         self._next_log = 0.0
 
@@ -134,8 +134,7 @@ class WatchedDrive:
         if not self.planned or was_placed or self.drive.placed is not report:
             return False
         is_start = report.pose.is_close_to(self.planned.plan.start, TOLERANCE)
-        left = self.planned.plan.duration - self.planned.time(report.stamp)
-        return is_start and left < NANOSECONDS
+        return is_start and self.planned.reaches_end
 
     def position(self) -> str:
         """Return where the drive is, such as "line 4 of 23"; with its time if it has no plan."""

@@ -1,7 +1,7 @@
 """Read ROS time, which may be simulated, and wait for it."""
 
 import time
-from typing import Callable, TypeVar
+from typing import Callable, Optional, TypeVar
 
 import genpy
 import rospy
@@ -43,9 +43,9 @@ def stamp_tolerance() -> int:
     return SIMULATED_STAMP_TOLERANCE if is_simulated() else STAMP_TOLERANCE
 
 
-def received_stamp(stamp: int) -> int:
-    """Return the instant that the stamp of a received message stands for [ns]."""
-    return effective_stamp(stamp, now(), stamp_tolerance())
+def received_stamp(stamp: int, arrival: Optional[int] = None) -> int:
+    """Return the instant that the stamp of a message stands for, which arrived now or before [ns]."""
+    return effective_stamp(stamp, now() if arrival is None else arrival, stamp_tolerance())
 
 
 def sleep_until(due: int, since: int) -> None:

@@ -113,6 +113,7 @@ class AckermannCmdMux:
         """Send a stop if it has a stamp [ns]; needs the lock."""
         if stamp is not None:
             self._is_live.clear()
+            self._driver = ""  # the next drive is announced, also if it is of the same node
             self._topics.stop(stamp)
 
     @conversions.ignore_bad_messages
@@ -129,7 +130,7 @@ class AckermannCmdMux:
             self._is_live.set()
 
     def _announce_driver(self, name: str) -> None:
-        """Publish the name of the node that sends the commands if it has changed."""
+        """Publish the name of the node that sends the commands if it is new, or after a stop."""
         if name != self._driver:
             self._driver = name
             self._driver_pub.publish(String(data=name))

@@ -119,7 +119,9 @@ def test_without_a_start_pose_the_end_is_relative_to_the_start():
         (Report(BEGIN - 10 * MS, AWAY), None, True),
         # No report at the start: the next one is compared with the prediction.
         (None, Report(BEGIN + 1000 * MS, STATES[100].pose), False),
-        (None, Report(BEGIN + 1000 * MS, PLAN.start), True),
+        (None, Report(BEGIN + 1000 * MS, AWAY), True),
+        # The clock of the node is late, so a report before the first command has a later stamp.
+        (Report(BEGIN + 300 * MS, PLAN.start), None, False),
         (Report(BEGIN - 900 * MS, AWAY), Report(BEGIN + 1000 * MS, STATES[100].pose), False),
         (None, None, False),
     ],
