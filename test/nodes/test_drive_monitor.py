@@ -23,7 +23,7 @@ from support.helpers import (
     rostest_results,
     wait_for,
 )
-from support.messages import NAVIGATION, OUTPUT, TELEOP, command, placement
+from support.messages import OUTPUT, TELEOP, command, placement
 from support.paths import CHECKOUT
 from support.world import LOCK_STEP, launch
 

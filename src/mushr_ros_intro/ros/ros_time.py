@@ -44,7 +44,10 @@ def stamp_tolerance() -> int:
 
 
 def received_stamp(stamp: int, arrival: Optional[int] = None) -> int:
-    """Return the instant that the stamp of a message stands for, which arrived now or before [ns]."""
+    """Return the instant that the stamp of a message stands for, which arrived now or before.
+
+    All instants are in [ns].
+    """
     return effective_stamp(stamp, now() if arrival is None else arrival, stamp_tolerance())
 
 
