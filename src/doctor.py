@@ -97,7 +97,6 @@ def package_findings(package: str) -> List["Finding"]:
         find_node = partial(roslib.packages.find_node, name, rospack=rospack)  # reads folders once
         parts = ("src",) if _is_this(folder) else ("", "bin", "nodes", "scripts", "src")
         before = len(found)
-        find_node = partial(roslib.packages.find_node, name, rospack=rospack)
         for part in (*parts, f"../../lib/{name}"):  # the last one if it is installed
             found += program_findings(folder, part, find_node)
         built = find_in_workspaces(["libexec"], project=name)
