@@ -26,7 +26,7 @@ FILES = (
     *("LICENSE", "package.xml", "setup.py", "src/grade.py"),
     *("scripts/grade", "scripts/dev/loopback.c", "scripts/dev/packages", "scripts/setup"),
 )
-FOLDERS = ("config", "src/mushr_ros_intro", "underlay/ackermann_msgs", "web/results")
+FOLDERS = ("config", "src/mushr_ros_intro", "underlay/ackermann_msgs", "urdf", "web/results")
 LEFT_OUT = ("authoring", "browser", "doctor", "drive", "__pycache__", ".*")
 """What of this package is needed for grading, and what of its folders is not.
 
