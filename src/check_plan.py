@@ -6,7 +6,6 @@ ideal car and 30 s for a car with ramps, and up to twice as long on a map.
 """
 
 import argparse
-import json
 import os
 import signal
 import sys
@@ -20,7 +19,7 @@ from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Fault, PlanError
 from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.preview.spread import spread
-from mushr_ros_intro.preview.text import as_json, as_text, verdict
+from mushr_ros_intro.preview.text import as_text, verdict
 from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.world.map_file import read_map
 
@@ -57,27 +56,19 @@ def run() -> int:
         grid = read_map(map_path)
 
     faults: List[Fault] = []
-    results = []
     report = result = None
-    for name in arguments.plans:
+    for index, name in enumerate(arguments.plans):
         try:
             plan = read_plan(shortened(find_file(name, plans, ".txt")))
         except PlanError as error:
             faults += error.faults
-            values = {"plan": name, "faults": [each._asdict() for each in error.faults]}
             text = verdict(error.faults)
         else:
             report = check(plan, car_name, car, map_path, grid)
             faults += report.faults
             result = spread(plan, car, runs, seed) if runs else None
             text = as_text(report, result)
-            values = as_json(report, result) if arguments.json else {}
-        results.append(values)
-        if not arguments.json:
-            print(*([""] if len(results) > 1 else []), *text, sep="\n")
-    if arguments.json:
-        json.dump(results, sys.stdout, allow_nan=False)
-        print()
+        print(*([""] if index else []), *text, sep="\n")
     if arguments.plot and report:
         from mushr_ros_intro.preview.plot import write_picture  # matplotlib is slow to import
 
@@ -102,7 +93,6 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
     add("--car", metavar="CAR", default="ideal", help=car_help)
     map_help = "path of a map, or a name here or in maps/; default none"
     add("--map", metavar="MAP", default="none", help=map_help)
-    add("--json", action="store_true", help="print JSON: a list, one item per plan")
     add("--plot", metavar="FILE.png", help="draw the path, speed and steering angle")
     add("--runs", metavar="N", help=spread_help)
     add("--seed", metavar="S", default=1, help="of the random errors; default 1")

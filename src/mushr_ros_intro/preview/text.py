@@ -1,7 +1,7 @@
-"""Write a report as text or as JSON."""
+"""Write a report as text."""
 
 import math
-from typing import Any, Dict, Iterator, Optional, Sequence
+from typing import Iterator, Optional, Sequence
 
 import numpy as np
 
@@ -30,13 +30,13 @@ def as_text(report: Report, spread: Optional[Spread] = None) -> Iterator[str]:
     count = min(len(plan.rows), len(report.steps))
     for index in range(count):
         if not half <= index < count - half:
-            yield _table_line(f"{plan.rows[index].line:7}", _row(report, index))
+            yield _table_line(report, index)
         elif index == half:
             yield f"    ... {count - 2 * half} more rows ..."
     if count < len(plan.rows):
         yield f"    ... {counted(len(plan.rows) - count, 'more row')}, not driven ..."
     elif len(report.steps) > count and report.steps[-1].distance > 0.0:
-        yield _table_line("   stop", _row(report, count))
+        yield _table_line(report, count)
     yield ""
     yield from _summary(report)
     if spread is not None:
@@ -44,25 +44,16 @@ def as_text(report: Report, spread: Optional[Spread] = None) -> Iterator[str]:
         yield from _spread_text(report, spread)
 
 
-def _row(report: Report, index: int) -> Dict[str, Any]:
-    """Return the values of a row, counted from 0, or of the stop after the last row."""
+def _table_line(report: Report, index: int) -> str:
+    """Return the line of a row, counted from 0, or of the stop after the last row."""
     rows, step = [*report.plan.rows[index : index + 1], Row(0.0, 0.0, 0)], report.steps[index]
     before = report.steps[index - 1].pose if index else report.plan.start
-    return {
-        "line": rows[0].line or None,
-        "speed": shortest_decimal(rows[0].speed),
-        "steering_angle": shortest_decimal(rows[0].steering_angle),
-        "duration": (step.end - step.begin) / NANOSECONDS,
-        "distance": step.distance,
-        "turn": step.pose.theta - before.theta,
-        **step.pose._asdict(),
-    }
-
-
-def _table_line(name: str, row: Dict[str, Any]) -> str:
-    columns = "{speed:7.2f} {steering_angle:9.4f} {duration:9.2f} {distance:9.3f}".format(**row)
-    turn, x, y, theta = (_near(row[each]) for each in ("turn", "x", "y", "theta"))
-    return f"{name} {columns} {turn:>8} {x:>9} {y:>9} {theta:>8}"
+    speed, angle = (shortest_decimal(each) for each in rows[0][:2])
+    seconds, turn = (step.end - step.begin) / NANOSECONDS, step.pose.theta - before.theta
+    x, y, theta = map(_near, step.pose)
+    name = rows[0].line or "stop"
+    columns = f"{speed:7.2f} {angle:9.4f} {seconds:9.2f} {step.distance:9.3f}"
+    return f"{name:>7} {columns} {_near(turn):>8} {x:>9} {y:>9} {theta:>8}"
 
 
 def _summary(report: Report) -> Iterator[str]:
@@ -120,42 +111,3 @@ def _spread_text(report: Report, spread: Spread) -> Iterator[str]:
     most, rms = np.percentile(spread.distances, 95), math.sqrt(np.mean(spread.distances**2))
     share = f", {100 * rms / spread.distance:.1f} % of the distance" if spread.distance else ""
     yield f"  from prediction {rms:.3f} m (rms){share}; 95 % of the runs are within {most:.3f} m"
-
-
-def as_json(report: Report, spread: Optional[Spread] = None) -> Dict[str, Any]:
-    """Return a report as values for JSON; lengths in m, angles in rad, times in s.
-
-    The rows are lists, one for each column. The last item is the stop at the end, except in a
-    drive that ends at a wall.
-    """
-    plan = report.plan
-    rows = [_row(report, index) for index in range(len(report.steps))]
-    gap, turned = report.start_to_end
-    left, right, bottom, top = report.box
-    values: Dict[str, Any] = {
-        "plan": plan.path,
-        "car": report.car_name,
-        "map": report.map_name or None,
-        "start": plan.start._asdict(),
-        "rows": {name: [row[name] for row in rows] for name in rows[0]},
-        "length": report.length,
-        "duration": min(plan.duration, report.rest) / NANOSECONDS,
-        "final_pose": report.final_pose._asdict(),
-        "start_to_end": {"distance": gap, "turn": turned},
-        "bounding_box": {"x": [left, right], "y": [bottom, top]},
-        "turning_radius": None if math.isinf(report.radius) else report.radius,
-        "ends_at_rest": report.collision is None and plan.rows[-1].speed == 0.0,
-        "hits_wall": report.collision is not None,
-        "faults": [fault._asdict() for fault in report.faults],
-    }
-    if spread is not None:
-        values["spread"] = {
-            "runs": spread.runs,
-            "seed": spread.seed,
-            "errors": spread.errors._asdict(),
-            "mean": spread.poses.mean(0).tolist(),
-            "deviation": spread.poses.std(0).tolist(),
-            "rms": math.sqrt(np.mean(spread.distances**2)),
-            "within_95": np.percentile(spread.distances, 95),
-        }
-    return values
