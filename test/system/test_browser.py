@@ -650,11 +650,13 @@ def test_a_drive_of_another_page(page, sim):
 
 def test_the_log_of_another_car(sim, page):
     """The page shows that of its own car only."""
-    for car, topic in (("red", "/red/nowhere"), ("car", "/nowhere")):
-        arguments = ("_plan_file:=circle", f"_control_topic:={topic}", "_subscriber_timeout:=2.0")
-        name = "__ns:=/" if car == "car" else f"__ns:=/{car}"
-        with node("path_publisher.py", name, *arguments, **sim.environment) as process:
-            assert process.wait() == 1
+
+    def sender(namespace, topic):
+        arguments = (f"__ns:={namespace}", "_plan_file:=circle", f"_control_topic:={topic}")
+        return node("path_publisher.py", *arguments, **sim.environment)
+
+    with sender("/red", "/red/nowhere") as red, sender("/", "/nowhere") as own:
+        assert (red.wait(), own.wait()) == (1, 1)
     last = "return document.getElementById('log').lastChild.textContent"
     page.wait(lambda: "no node subscribes to /nowhere" in page.run(last), "the newest line, below")
     assert "/red" not in page.text("log")
