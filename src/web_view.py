@@ -51,7 +51,6 @@ class WebView:
         text("address", "127.0.0.1", "of the network interface; 0.0.0.0 is all of them"),
         integer("port", 9090, 1, 65535, "port of the server"),
         text("hosts", None, "other names of this machine, separated by spaces"),
-        text("origins", None, "other pages that may use the server, such as http://example.org"),
         text("token", None, "token for pages of other servers; by default a new one"),
         folder("folder", ".", "folder of your plans; . is the directory of your shell"),
     )
@@ -60,7 +59,7 @@ class WebView:
         self._car_name = values["car_name"]
         self._init_pose_topic = values["init_pose_topic"]
         self._address, self._port = values["address"], values["port"]
-        self._hosts, self._origins = ((values[each] or "").split() for each in ("hosts", "origins"))
+        self._hosts = (values["hosts"] or "").split()
         self._token = values["token"] or secrets.token_urlsafe()
         self._folders = [package_folder("plans"), values["folder"]]
         self._prefix = rospy.get_namespace().rstrip("/")
@@ -107,7 +106,7 @@ class WebView:
             package_folder("web"),
             self._address,
             self._port,
-            Rules(self._hosts, self._origins, self._token),
+            Rules(self._hosts, self._token),
             Clients(self._bridge.handle, self._bridge.disconnect),
             self._actions(),
         )

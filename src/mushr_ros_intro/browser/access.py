@@ -18,7 +18,6 @@ def refusal(
     origin: Optional[str],
     token: Optional[str],
     hosts: Collection[str],
-    origins: Collection[str],
     secret: str,
 ) -> str:
     """Return why a request is refused; empty if it is allowed.
@@ -28,19 +27,16 @@ def refusal(
         origin: the header Origin; programs that are not browsers send none.
         token: the parameter token of the address.
         hosts: other names of this server than those of the local machine.
-        origins: of other pages that may use the server, such as http://example.org.
         secret: the token that any other page needs.
     """
     name = _host_name(host)
     if name not in (*LOCAL_HOSTS, *hosts):
         return f"the host {name!r} is not a name of this server; expected one of its ~hosts"
-    if origin is None or origin in (f"http://{host}", *origins):
+    if origin in (None, f"http://{host}"):
         return ""
     if token is not None and hmac.compare_digest(token.encode(), secret.encode()):
         return ""
-    return (
-        f"pages of {origin!r} may not use this server; expected its token, or one of its ~origins"
-    )
+    return f"pages of {origin!r} may not use this server; expected its token"
 
 
 def _host_name(host: Optional[str]) -> str:

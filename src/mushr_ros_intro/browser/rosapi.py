@@ -121,7 +121,6 @@ _SERVICES: Dict[str, Callable[..., Values]] = {
     "nodes": _nodes,
     "node_details": _node_details,
     "get_param": _get_param,
-    "has_param": lambda name: {"exists": rospy.has_param(name)},
     "get_param_names": lambda: {"names": _master("getParamNames")},
     "get_time": _get_time,
 }

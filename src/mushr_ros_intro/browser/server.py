@@ -48,7 +48,6 @@ class Rules(NamedTuple):
     """Which programs and pages may use the server; see `access.refusal`."""
 
     hosts: Collection[str]
-    origins: Collection[str]
     token: str
 
 
@@ -125,7 +124,6 @@ class _Handler(RequestHandler):
             headers.get("Origin"),
             self.get_query_argument("token", None),
             rules.hosts,
-            rules.origins,
             rules.token,
         )
         if reason:
