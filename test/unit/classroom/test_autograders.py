@@ -150,5 +150,6 @@ def test_no_solution(make, folder):
     nodes = {each for each in files if re.fullmatch(r"mushr_ros_intro/src/\w+\.py", each)}
     assert {f"mushr_ros_intro/{each}" for each in re.findall(r"src/\w+\.py", build)} == nodes
     assert nodes == {"mushr_ros_intro/src/grade.py"}
+    assert "mushr_ros_intro/urdf/mushr_car.urdf" in files  # a replay reads it
     names = "path_publisher|listing|examples|test_|/drive/|/authoring/|/browser/"
     assert not [each for each in files if re.search(names, each)]
