@@ -145,8 +145,9 @@ class DriveMonitor:
 
     def _on_active(self, msg: String, _: int) -> None:
         name = msg.data.strip()
-        if self._active is None:  # the latched message when this node has connected
-            self._is_judged = name.lower() in NOBODY
+        is_idle = name.lower() in NOBODY
+        if self._active is None or is_idle and not self._watched:  # first the latched message
+            self._is_judged = is_idle
         self._active = name
         sender = self._watched.sender if self._watched else None
         is_other = sender and not self._senders.is_input_of(sender, name)
