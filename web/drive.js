@@ -1,11 +1,12 @@
-// Driving by hand: keys and touch pad feed one loop. Commands are sent only while something is
-// held, then one stop, then nothing: the mux gives the car back to a plan.
+// Driving by hand: keys, touch pad and gamepad feed one loop. Commands are sent only while
+// something is held, then one stop, then nothing: the mux gives the car back to a plan.
 
 import { find, say, server } from "./page.js";
 import * as ros from "./ros.js";
 
 const PERIOD = 100; // of the commands [ms]
 const DEAF = 1000; // a mux that passes nothing on for so long is not running [ms]
+const DEAD_ZONE = 0.1; // of a gamepad's stick
 const KEYS = { w: [1, 0], s: [-1, 0], a: [0, 1], d: [0, -1] }; // forward, left
 const PAD_KEYS = {
   ArrowUp: KEYS.w,
@@ -20,13 +21,37 @@ const keys = new Map();
 let stick = null; // of the touch pad: forward, left
 let begun = 0; // when the car began to be driven [ms]; 0 if it is not driven
 let heard = 0; // when the mux passed a command on [ms]
+let isArmed = true; // after a stop, the gamepad's button has to be pressed again
 
-/** The input that asks for something, and [forward, left]. */
-function wanted() {
+/** MuSHR's mapping: LB is the deadman button. The axes point down and to the right. */
+function gamepad() {
+  const pads = document.hasFocus() ? [...navigator.getGamepads()] : [];
+  const held = pads.find(
+    (each) =>
+      each?.connected && each.mapping === "standard" && each.buttons[4].pressed,
+  );
+  isArmed ||= !held;
+  const part = (value) => (Math.abs(value) < DEAD_ZONE ? 0 : -value);
+  return held && isArmed && [part(held.axes[1]), part(held.axes[2])];
+}
+function heldKeys() {
   const sum = (axis) =>
     [...keys.values()].reduce((total, each) => total + each[axis], 0);
-  if (keys.size) return ["keys", [sum(0), sum(1)]];
-  return stick ? ["touch pad", stick] : ["", [0, 0]];
+  return keys.size && [sum(0), sum(1)];
+}
+const INPUTS = { keys: heldKeys, "touch pad": () => stick, gamepad };
+
+/** The first input that asks for something, and [forward, left]. One that fails asks for nothing. */
+function wanted() {
+  for (const [name, read] of Object.entries(INPUTS)) {
+    try {
+      const values = read();
+      if (values && values.every(Number.isFinite)) return [name, values];
+    } catch {
+      // Some browsers have no gamepads, or forbid them.
+    }
+  }
+  return ["", [0, 0]];
 }
 
 function step() {
@@ -65,6 +90,7 @@ function pull(event) {
 export const onOutput = () => (heard = performance.now());
 export function stopHand() {
   keys.clear();
+  isArmed = false;
   pull(null);
 }
 // Any key that does not drive stops the car: a system can swallow the release of a held key, for

@@ -239,6 +239,28 @@ def test_no_key_sticks(page, events):
     at_rest(page)
 
 
+GAMEPADS = {
+    "missing": "undefined",
+    "forbidden": "() => { throw new Error('forbidden') }",
+    "without axes": "() => [{ ...window.pad, axes: [] }]",
+    "gone": "() => [{ ...window.pad, connected: false }]",
+}
+
+
+@pytest.mark.parametrize("name", GAMEPADS)
+def test_a_gamepad_does_not_silence_the_keys(page, name):
+    page.run(
+        "window.pad = { connected: true, mapping: 'standard', axes: [0, -1, 0, 0],"
+        "  buttons: [{}, {}, {}, {}, { pressed: true }] };"
+        "document.hasFocus = () => true; navigator.getGamepads = () => [null, window.pad]"
+    )
+    page.shows("hand-state", "gamepad: 2.00 m/s, 0.00 rad")
+    page.run(f"navigator.getGamepads = {GAMEPADS[name]}")
+    page.shows("hand-state", "at most")
+    assert press(page, HELD) == "keys: 2.00 m/s, 0.00 rad"
+    page.wait(lambda: page.pose()[0] > 0.5, "the car to drive")
+
+
 def test_a_dead_mux_is_missed(sim, page):
     """The page is not a subscriber for which path_publisher takes the mux."""
     page.shows("owner", "idle")  # the page has subscribed to all of its topics but the last
