@@ -14,6 +14,12 @@ from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 STEP = NANOSECONDS // 100
 """The clock advances to multiples of this time, or to when a thread of the node is due [ns]."""
 
+MAX_SHORT_SLEEPS = 3
+"""A node that sleeps more often in a row for less than STEP polls something, such as every 1 ms.
+
+The clock then advances by STEP, because each advance costs about 1 ms of processor time.
+"""
+
 SETTLING = 0.005
 """How long a node must have waited at each step before its first command: it is starting [s]."""
 
@@ -75,6 +81,7 @@ class Pace:
         self._has_sent = False
         self._is_tested = False  # the clock has stood for long enough after a command
         self._thinking = MAX_COMPUTATION
+        self._short_sleeps = 0  # in a row
         self.uses_wall_clock = False
         """Whether the node has sent a command after a wait, although the clock stood."""
 
@@ -153,10 +160,16 @@ class Pace:
         step = self._step(left, due)
         if step is None:
             return None
+        short_sleeps = self._short_sleeps + 1 if 0 < step < STEP else 0
+        if short_sleeps > MAX_SHORT_SLEEPS:
+            step = STEP
         end = now + step if step == due else (now + step) // STEP * STEP
         end = max(now, min(end, now - now % NANOSECONDS + NANOSECONDS))
         waited = self._waited - self._before.waited
-        return None if in_real_time and waited * NANOSECONDS < end - now else end
+        if in_real_time and waited * NANOSECONDS < end - now:
+            return None
+        self._short_sleeps = short_sleeps
+        return end
 
     def _step(self, left: Optional[int], due: Optional[int]) -> Optional[int]:
         """Return by how much the clock advances [ns]; arguments as for `advance`."""

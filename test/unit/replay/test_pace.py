@@ -160,6 +160,17 @@ def test_a_step_that_begins_between_two_multiples(driving, now, due, expected):
     assert driving.after(0.0, COMMAND_PERIOD, due, now) == expected
 
 
+def test_a_node_that_sleeps_for_1_ms_again_and_again_polls(driving):
+    """A sleep of 1 ms after each longer one is exact: see above."""
+    now, ends = 0, []
+    for due in (MS, MS, MS, MS, MS, 10 * STEP, MS):
+        now = now + driving.after(0.0, COMMAND_PERIOD, due, now)
+        driving.write()
+        ends.append(now)
+    expected = [MS, 2 * MS, 3 * MS, STEP, 2 * STEP, 12 * STEP, 12 * STEP + MS]
+    assert ends == expected
+
+
 @pytest.mark.parametrize("seconds", [0.09, 0.11])
 def test_real_time(driving, seconds):
     """While a child process waits in real time, the clock is not faster than the node waits."""
