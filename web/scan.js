@@ -4,8 +4,8 @@ const LASER = 0.1227; // from the rear axle ahead to the laser [m]
 export const SAME = 1e-6; // stamps that differ by less are the same [s]
 
 /**
- * The pose [x, y, theta] at a stamp [s], between two of the poses {stamp, pose}. Until there is a
- * later pose, it is null: the bridge may leave out the very pose at which a scan was taken.
+ * The pose [x, y, theta] at a stamp [s], on the arc between two of the poses {stamp, pose}. Until
+ * there is a later pose, it is null: the bridge may leave out the very pose at which a scan was taken.
  */
 export function poseAt(poses, stamp) {
   const next = poses.findIndex((each) => each.stamp >= stamp - SAME);
@@ -14,13 +14,20 @@ export function poseAt(poses, stamp) {
   const before = poses[next - 1] ?? after;
   const span = after.stamp - before.stamp;
   const part = span ? Math.min(1, (stamp - before.stamp) / span) : 1;
-  const turn = after.pose[2] - before.pose[2];
-  const changes = [
-    after.pose[0] - before.pose[0],
-    after.pose[1] - before.pose[1],
-    Math.atan2(Math.sin(turn), Math.cos(turn)),
+  const [dx, dy, turn] = after.pose.map((value, i) => value - before.pose[i]);
+  const whole = Math.atan2(Math.sin(turn), Math.cos(turn));
+  // Between two reports the car drives an arc. Its chord up to a part of the turn:
+  const ratio = whole
+    ? Math.sin((part * whole) / 2) / Math.sin(whole / 2)
+    : part;
+  const back = ((part - 1) * whole) / 2;
+  const [sin, cos] = [ratio * Math.sin(back), ratio * Math.cos(back)];
+  const [x, y, theta] = before.pose;
+  return [
+    x + cos * dx - sin * dy,
+    y + sin * dx + cos * dy,
+    theta + part * whole,
   ];
-  return before.pose.map((value, i) => value + part * changes[i]);
 }
 /** The points [x, y] that a scan (sensor_msgs/LaserScan) from a pose of the car has hit. */
 export function points({ ranges, angle_min: begin, angle_increment }, pose) {

@@ -113,9 +113,8 @@ def test_right(reports, name):
 
 
 def test_wrong(reports):
-    expected = {**ALL, "open: path": 0, "secret: path": 0}
-    assert scores(reports["wrong"]) == expected, text_of(reports["wrong"])
-    assert scores(reports["spy"]) == dict.fromkeys(ALL, 0), text_of(reports["spy"])
+    for name in ("wrong", "spy"):
+        assert scores(reports[name]) == dict.fromkeys(ALL, 0), text_of(reports[name])
 
 
 @pytest.mark.parametrize(
