@@ -75,8 +75,8 @@ class DriveMonitor:
         self._active: Optional[str] = None
         self._driver: Optional[str] = None
         """The node whose commands the mux forwards; None if the mux does not publish it."""
-        self._announced = ""
-        """The same, of the next drive; empty if it is not known yet."""
+        self._announced: List[str] = []
+        """The names that the mux has published since the last command or identification."""
         self._is_judged = True
         """Whether the drive has been seen from its first command."""
         self._watched: Optional[WatchedDrive] = None
@@ -155,7 +155,8 @@ class DriveMonitor:
             self._watched.note_input(name)
 
     def _on_driver(self, msg: String, _: int) -> None:
-        self._driver = self._announced = msg.data
+        self._driver = msg.data
+        self._announced.append(msg.data)
 
     @conversions.ignore_bad_messages
     def _on_command(self, msg: AckermannDriveStamped, arrival: int) -> None:
@@ -167,9 +168,11 @@ class DriveMonitor:
             self._watched.add(command)
         elif command.speed or command.steering_angle:
             self._watched = WatchedDrive(command, self._car)
-        if self._watched and self._watched.is_identified and self._announced:
-            self._watched.note_driver(self._announced)
-            self._announced = ""
+            self._announced = self._announced[-1:]
+        if self._watched and self._watched.is_identified:
+            for name in self._announced:
+                self._watched.note_driver(name)
+            self._announced = []
 
     def _is_of_new_node(self, command: Command) -> bool:
         """Return whether a command comes after a pause in which the node of the drive has ended."""
@@ -237,8 +240,8 @@ class DriveMonitor:
         assert watched
         with suppress(rosgraph.MasterException, OSError):
             self._senders.look()
-        watched.sender = self._senders.driver(self._announced or self._driver)
-        self._announced = ""
+        watched.sender = self._senders.driver(next(iter(self._announced), self._driver))
+        self._announced = self._announced[1:]
         expected = None
         if self._is_judged:
             expected, watched.why_not = self._expectations.of(watched.sender)
