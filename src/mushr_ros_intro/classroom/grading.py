@@ -30,6 +30,7 @@ from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.replay.job import Job, Setting, record
+from mushr_ros_intro.replay.own_process import prepared_processes
 from mushr_ros_intro.replay.reference import Exercise
 from mushr_ros_intro.replay.setting import parameter_words
 
@@ -49,8 +50,8 @@ def judges() -> ProcessPoolExecutor:
 
     matplotlib is slow and not thread-safe. Ctrl-C is for this process only.
     """
-    context = multiprocessing.get_context("forkserver")
-    return ProcessPoolExecutor(len(os.sched_getaffinity(0)), context, _ignore_interrupts)
+    cores = len(os.sched_getaffinity(0))
+    return ProcessPoolExecutor(cores, prepared_processes(), _ignore_interrupts)
 
 
 def judged(

@@ -38,7 +38,19 @@ class KilledError(ReplayError):
 _LATE_MODULES = ("configparser", "encodings.idna", "netifaces")
 """Modules that rospy imports when a node starts."""
 
-_processes = multiprocessing.get_context("forkserver")
+
+def prepared_processes() -> multiprocessing.context.ForkServerContext:
+    """Return the context of processes that are forks of one prepared process.
+
+    They have the modules already, and no state of another replay.
+    """
+    # The namespace of the simulated car, which rospy reads when the prepared process imports it.
+    os.environ["ROS_NAMESPACE"] = "/car"
+    context = multiprocessing.get_context("forkserver")
+    # The list is a copy, because another thread may import a module.
+    modules = [name for name in list(sys.modules) if name.startswith("mushr_ros_intro.")]
+    context.set_forkserver_preload([*modules, *_LATE_MODULES])
+    return context
 
 
 def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) -> T:
@@ -53,16 +65,10 @@ def in_own_process(function: Callable[..., T], *arguments: Any, seconds: float) 
         KilledError: the process died.
         ReplayError: the function failed, or did not return in time.
     """
-    # The namespace of the simulated car. The first call here starts the prepared process, where
-    # rospy reads it.
-    os.environ["ROS_NAMESPACE"] = "/car"
-    # A new process has the modules already, and no state of another replay. The list is a copy,
-    # because another thread may import a module.
-    modules = [name for name in list(sys.modules) if name.startswith("mushr_ros_intro.")]
-    _processes.set_forkserver_preload([*modules, *_LATE_MODULES])
-    receiver, sender = _processes.Pipe(duplex=False)
+    context = prepared_processes()
+    receiver, sender = context.Pipe(duplex=False)
     call = (function, arguments, sender)
-    process = _processes.Process(target=_call_and_send, args=call, daemon=True)
+    process = context.Process(target=_call_and_send, args=call, daemon=True)
     error = f"its process did not end within {seconds:g} s"
     resource_tracker.ensure_running()  # otherwise, `start` begins with this, which unblocks signals
     try:

@@ -64,14 +64,15 @@ def test_no_more_signals_are_blocked():
 
 def test_an_interrupt_while_the_process_of_a_replay_starts(monkeypatch):
     """The process ends, too."""
-    started, start = [], own_process._processes.Process.start
+    kind = own_process.prepared_processes().Process
+    started, start = [], kind.start
 
     def interrupted(process):
         start(process)
         started.append(process)
         os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(own_process._processes.Process, "start", interrupted)
+    monkeypatch.setattr(kind, "start", interrupted)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     with pytest.raises(KeyboardInterrupt):
         own_process.in_own_process(time.sleep, 60.0, seconds=60.0)
