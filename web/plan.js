@@ -223,6 +223,7 @@ export function stopPlan() {
   if (mayRun()) ask(undefined, "DELETE");
 }
 buttons.stop.onclick = stopPlan;
+buttons.stop.onpointerdown = stopPlan; // a finger that rests on a button makes no click
 names.onfocus = () => listPlans(names.value);
 names.onchange = async () => {
   // What an earlier drive has published does not belong to this plan.
