@@ -94,26 +94,14 @@ def test_real_client(sim, name):
 SAME = "http://localhost:{port}"
 WHO = [
     # Host, Origin, parameters, status of a connection, which of the second server
-    ("localhost:{port}", None, "", 101, 101),
-    ("127.0.0.1:{port}", None, "", 101, 101),
-    ("[::1]:{port}", None, "", 101, 101),
     ("localhost:{port}", SAME, "", 101, 101),
     ("localhost:{port}", "http://evil.example", "", 403, 403),
-    ("localhost:{port}", "http://localhost:1", "", 403, 403),
-    ("localhost:{port}", "https://localhost:{port}", "", 403, 403),
-    ("localhost:{port}", "null", "", 403, 403),
-    ("localhost:{port}", "", "", 403, 403),
-    ("evil.example:{port}", "http://evil.example:{port}", "", 403, 403),  # DNS rebinding
-    ("evil.example", None, "", 403, 403),
-    ("localhost.evil.example", None, "", 403, 403),
-    ("localhost@evil.example", None, "", 403, 403),
-    ("", None, "", 403, 403),
-    ("car.example:{port}", "http://car.example:{port}", "", 403, 101),
     ("localhost:{port}", "http://evil.example", "?token=secret", 403, 101),
-    ("localhost:{port}", "http://evil.example", "?token=secre", 403, 403),
     ("localhost:{port}", "http://evil.example", "?token=", 403, 403),
-    ("evil.example:{port}", "http://evil.example", "?token=secret", 403, 403),
+    ("car.example:{port}", "http://car.example:{port}", "", 403, 101),
+    ("evil.example:{port}", "http://evil.example:{port}", "", 403, 403),  # DNS rebinding
 ]
+"""test/unit/browser/test_access.py has more."""
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +126,7 @@ def test_who_may_use_it(sim, other_port):
             assert got == statuses[server], f"a connection: {case}"
             is_json = answer.get("Content-Type", "").startswith("application/json")
             assert got == 101 or (b'{"error": "' in content and is_json), case
-            for path in ("/", "/map.json"):
+            for path in ("/", "/plans/circle"):
                 got, _, _ = web.fetch(port, path + parameters, headers=headers)
                 assert got == {101: 200, 403: 403}[statuses[server]], f"{path}: {case}"
 
@@ -277,29 +265,20 @@ def test_one_drive_at_a_time(sim):
 
 
 BAD = [
-    ("no JSON", "not JSON"),
-    ("", "not JSON"),
     ("[" * 20_000, "not JSON"),
-    ("[]", "op is missing"),
     ('{"op": "explode"}', 'op is "explode"'),
-    ('{"op": ["publish"]}', "op is"),
-    ('{"op": "publish", "topic": "/initialpose"}', "msg is missing"),
-    ('{"op": "publish", "topic": "/clicked_point", "msg": {"point": {"x": NaN}}}', "not JSON"),
-    ('{"op": "publish", "topic": "/clicked_point", "msg": {"point": {"x": "1"}}}', "PointStamped"),
     ('{"op": "publish", "topic": "/clicked_point", "msg": {"where": 1}}', "PointStamped"),
     (f'{{"op": "publish", "topic": "{TELEOP}", "msg": {{"drive": {{"speed": 1e99}}}}}}', "large"),
     ('{"op": "publish", "topic": "/car/car_pose", "msg": {}}', "may not publish"),
-    ('{"op": "publish", "topic": "/car/mux/ackermann_cmd_mux/output", "msg": {}}', "may not"),
     ('{"op": "publish", "topic": "/web_view/state", "msg": {"data": "{}"}}', "may not publish"),
-    ('{"op": "publish", "topic": "/rosout", "msg": {"msg": "x"}}', "may not publish"),
     ('{"op": "advertise", "topic": "/tf", "type": "tf2_msgs/TFMessage"}', "may not publish"),
     ('{"op": "advertise", "topic": "/initialpose", "type": "std_msgs/String"}', "type of"),
     ('{"op": "subscribe", "topic": "not a name"}', "not a name"),
     ('{"op": "subscribe", "topic": "/"}', "expected a name"),
     ('{"op": "subscribe", "topic": "/new", "type": "evil; import os"}', "evil; import os"),
-    ('{"op": "subscribe", "topic": "/car/car_pose", "throttle_rate": -1}', "throttle_rate"),
-    ('{"op": "advertise_service", "service": "/x", "type": "std_srvs/Trigger"}', "op is"),
 ]
+"""test/unit/browser/test_protocol.py and test_messages.py have more."""
+
 REFUSED_CALLS = [
     ("/map_server/set_logger_level", {"logger": "rosout", "level": "debug"}, "may not call"),
     ("/static_map", {}, "may not call"),
@@ -357,24 +336,6 @@ def test_each_subscription_gets_the_latched_message(sim):
     first = client.message("/map_metadata")
     client.subscribe("/map_metadata", id="second")
     assert client.message("/map_metadata") == first
-    client.close()
-
-
-def test_a_client_that_falls_silent_while_it_drives(sim):
-    """The bridge sends a stop, whatever the mux does."""
-    client = sim.client(TELEOP)
-    speeds = []
-
-    def is_answer(frame):
-        if frame.get("topic") == TELEOP:
-            speeds.append(frame["msg"]["drive"]["speed"])
-        return "service" in frame
-
-    while not speeds:  # ROS has to connect publisher and subscriber
-        client.send("publish", topic=TELEOP, msg={"drive": {"speed": 1.0}})
-        client.send("call_service", service="/rosapi/topics")
-        client.frame(is_answer, "an answer")
-    client.message(TELEOP, lambda msg: msg["drive"]["speed"] == 0.0, "that stops")
     client.close()
 
 

@@ -547,24 +547,6 @@ def test_another_map(sim, page):
     page.wait(lambda: width() == 1000, "the map sandbox")
 
 
-def test_master_that_does_not_answer(sim, page):
-    """The page says so, and still shows the car."""
-    os.kill(sim.master.pid, signal.SIGSTOP)
-    try:
-        page.shows("problem", "the ROS master does not answer")
-        stamp = "return window.mushr.pose.stamp"
-        before = page.run(stamp)
-        page.wait(lambda: page.run(stamp) > before + 1.0, "later poses")
-        assert page.text("connection") == "connected"
-        page.run("document.getElementById('plan').onfocus()")  # reads the plan again
-        page.shows("check", "the ROS master does not answer")
-    finally:
-        os.kill(sim.master.pid, signal.SIGCONT)
-    page.wait(lambda: page.text("problem") == "", "an answer")
-    page.shows("check", "ends at")
-    assert not [each for each in page.errors() if "Uncaught" in each], "errors in the page"
-
-
 OFF_WALLS = """
     // The points of the scan that are more than two cells from any wall.
     const { scan, map } = window.mushr.view;
