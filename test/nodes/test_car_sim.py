@@ -155,14 +155,6 @@ class TestCarSim(RosTestCase):
             self.assert_pose(self.drive(order), expected)
             self.assert_rests(expected)
 
-    def test_late_commands(self):
-        self.place(0.0, 0.0, 0.0)
-        begin = TimedCar.now
-        self.assert_rests((0.0, 0.0, 0.0))
-        # The car has already reported later poses, at rest. It has to compute them again.
-        self.send(command(at(begin, 0.1), 2.0, 0.3), placement(begin, 5.0, 5.0, 1.0))
-        self.assert_rests(closed_form((5.0, 5.0, 1.0), [(2.0, 0.3, 0.2)]))
-
     def test_placed_while_driving(self):
         self.place(0.0, 0.0, 0.0)
         odometry = Recording("odom", Odometry).connected()
@@ -207,49 +199,6 @@ class TestCarSim(RosTestCase):
         )
         self.place(3.0, 2.0, 0.0)
         wait_for(lambda: len(paths.last.poses) == 1, "the path to begin anew")
-
-    def test_a_command_ends_at_its_timeout_or_at_an_initial_pose(self):
-        self.place(0.0, 0.0, 0.0)
-        begin = at(TimedCar.now, 0.1)
-        self.send(command(begin, 2.0, 0.4))
-        expected = closed_form((0.0, 0.0, 0.0), [(2.0, 0.4, 0.2)])
-        self.assert_pose(self.advance(0.3), expected)
-        self.assert_rests(expected)
-        begin = at(TimedCar.now, 0.1)
-        self.send(command(begin, 2.0, 0.0), placement(at(begin, 0.05), 7.0, 8.0, 0.0))
-        self.assert_pose(self.advance(0.16), (7.0, 8.0, 0.0))
-        self.assert_rests((7.0, 8.0, 0.0))
-
-    def test_stamps_that_mean_now(self):
-        with self.assertLogs("rosout", "WARNING") as log:
-            for stamp in (rospy.Time(0), at(TimedCar.now, 10.0)):
-                self.place(0.0, 0.0, 0.0)
-                self.send(command(stamp, 2.0, 0.0))
-                self.assert_pose(self.advance(0.1), (0.2, 0.0, 0.0))
-                self.assert_pose(self.advance(0.1), (0.4, 0.0, 0.0))
-                self.assert_rests((0.4, 0.0, 0.0))
-        self.assertEqual(len(log.output), 1)
-        self.assertIn("two machines", log.output[0])
-
-    def test_refuses_what_is_not_finite(self):
-        nan, infinity = float("nan"), float("inf")
-        zero = placement(TimedCar.now, 9.0, 9.0, 0.0)
-        zero.pose.pose.orientation.w = 0.0
-        bad_placements = {
-            "finite": placement(TimedCar.now, nan, 0.0, 0.0),
-            "length": zero,
-            "frame": placement(TimedCar.now, 9.0, 9.0, 0.0, frame="odom"),
-            "far": placement(TimedCar.now, 1e30, 0.0, 0.0),
-        }
-        self.place(1.0, 2.0, 3.0)
-        for word, msg in bad_placements.items():
-            with self.assertLogs("rosout", "WARNING") as log:
-                self.send(msg)
-            self.assertIn(word, log.output[0])
-        self.assert_rests((1.0, 2.0, 3.0))
-        for speed, angle in ((nan, 0.0), (1.0, infinity), (-infinity, nan)):
-            self.send(command(TimedCar.now, speed, angle))
-        self.assert_rests((1.0, 2.0, 3.0))
 
     def test_reports_agree(self):
         odometry = Recording("odom", Odometry).connected()

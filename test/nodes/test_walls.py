@@ -98,18 +98,6 @@ class TestWalls(CarTestCase):
             output, r"FATAL.* the car stopped at a wall in line 2 of 2 at \(49.0200 m, 2"
         )
 
-    def test_an_initial_pose_in_a_wall_is_refused(self):
-        self.place(1.0, 2.0, 3.0)
-        self.log.clear()
-
-        def refusals():
-            self.placements.publish(placement(rospy.Time.now(), 49.3, 0.5, 0.25))
-            return self.warnings("(49.3")  # again, because there is only one warning per second
-
-        expected = "rejected the initial pose (49.3000 m, 0.5000 m, 0.2500 rad) on /initialpose"
-        self.assertIn(expected, wait_for(refusals, "the warning")[0])
-        self.assert_pose(self.poses.pose_at_rest(rospy.Time.now()), (1.0, 2.0, 3.0))
-
     def test_another_map(self):
         """A map server that is started by hand replaces the one of sim.launch."""
         for name, wall in (("rooms", (2.0, 1.8)), ("sandbox", (49.9, 0.0))):
@@ -128,8 +116,3 @@ class TestWalls(CarTestCase):
         self.assert_pose(self.drive(2.0, 0.0, 2)[1], (60.6, -70.0, 0.0))
         self.assertEqual(len(wait_for(lambda: self.warnings("left the map"), "the warning")), 1)
         self.place(0.0, 0.0, 0.0)
-
-    def test_a_car_that_starts_in_a_wall(self):
-        arguments = ("__name:=stuck", "__ns:=other", "_x:=49.3", "_y:=3.0")
-        with node("car_sim.py", *arguments) as car:
-            wait_for(lambda: "is inside a wall at (49.3000 m, 3.0" in car.output, "the warning")

@@ -14,6 +14,8 @@ SECOND = NANOSECONDS
 NOW = 1000 * SECOND
 TOPIC = "/car/commands"
 
+CAR = Car()
+
 ROOM = World(
     Grid(np.pad(np.zeros((40, 40), np.int8), 1, constant_values=100), 0.1, Pose(-2.1, -2.1, 0.0))
 )
@@ -23,7 +25,7 @@ ROOM = World(
 class Logged(CarCore):
     """A car whose warnings are kept."""
 
-    def __init__(self, car=Car(), start=ORIGIN):
+    def __init__(self, car=CAR, start=ORIGIN):
         self.warnings = []
         warn = lambda _, text: self.warnings.append(text)  # noqa: E731
         super().__init__(car, start, NOW - 2 * SECOND, warn, SECOND)
