@@ -18,7 +18,7 @@ from std_msgs.msg import Float64
 from tf2_msgs.msg import TFMessage
 from vesc_msgs.msg import VescStateStamped
 
-from mushr_ros_intro.geometry import Pose, compose, drive_arc, inverse
+from mushr_ros_intro.geometry import Pose, compose, inverse
 from mushr_ros_intro.ros.connections import registered_nodes
 from support.geometry import planar
 from support.helpers import PATIENCE, Recording, RosTestCase, publisher, wait_for
@@ -30,9 +30,6 @@ LOOKAHEAD = 0.6
 
 FOLLOWED = 0.03
 """[m, rad] A pure pursuit with this look-ahead approaches the line by a factor e in about 0.5 m."""
-
-DEAD_RECKONING = 0.05
-"""[m, rad] A speed of up to 1 m/s may count for one or two periods of the messages, 0.02 s each."""
 
 BESIDE_A_WALL = (8.75, 4.0, math.pi / 2)
 """Here the body of the car would be inside the yard's wall, which begins at x = 8.8 m."""
@@ -54,7 +51,7 @@ def start_world():
 
 
 class CourseNode:
-    """Controls and localizes the car as the nodes of courses do: with TF and the vesc topics.
+    """Controls and localizes the car as the nodes of courses do: with TF.
 
     It is written in their form: relative topics, frames without a prefix, the parameters below
     vesc/, stamps of the present time, and one command per pose that it gets by polling TF.
@@ -67,32 +64,9 @@ class CourseNode:
         self._commands = publisher(
             "/car/mux/ackermann_cmd_mux/input/navigation", AckermannDriveStamped
         )
-        self._servo = self._last = None
-        self.moved = None
-        """The motion since the first message of the motor, computed from speed and steering."""
-        self._subscribers = [
-            rospy.Subscriber("/car/vesc/sensors/core", VescStateStamped, self._on_motor),
-            rospy.Subscriber("/car/vesc/sensors/servo_position_command", Float64, self._on_servo),
-        ]
 
     def end(self):
-        for each in (*self._subscribers, self._listener):
-            each.unregister()
-
-    def _on_servo(self, msg):
-        self._servo = msg.data
-
-    def _on_motor(self, msg):
-        if self._servo is None:
-            return
-        last, self._last = self._last or msg, msg
-        seconds = (msg.header.stamp - last.header.stamp).to_sec()
-        speed = msg.state.speed - self._vesc["speed_to_erpm_offset"]
-        speed /= self._vesc["speed_to_erpm_gain"]
-        angle = self._servo - self._vesc["steering_angle_to_servo_offset"]
-        angle /= self._vesc["steering_angle_to_servo_gain"]
-        bend = math.tan(angle) / self._vesc["chassis_length"]
-        self.moved = drive_arc(self.moved or Pose(0.0, 0.0, 0.0), speed * seconds, bend)
+        self._listener.unregister()
 
     def pose(self, target, source):
         """Return the newest transform between two frames, as soon as there is one."""
@@ -101,13 +75,6 @@ class CourseNode:
         msg = self._tf.lookup_transform(target, source, now).transform
         heading = 2.0 * math.atan2(msg.rotation.z, msg.rotation.w)
         return Pose(msg.translation.x, msg.translation.y, heading)
-
-    def drive(self, speed, steering_angle, seconds):
-        """Send commands, ten per second."""
-        rate = rospy.Rate(10)
-        for _ in range(round(10 * seconds)):
-            self._commands.publish(command(rospy.Time.now(), speed, steering_angle))
-            rate.sleep()
 
     def follow_line(self, line, length):
         """Drive along a line, in the frame of the odometry, by pure pursuit, at 1 m/s."""
@@ -240,22 +207,6 @@ class TestMushrInterface(RosTestCase):
         hits = measured < scan.range_max
         self.assertGreater(hits.sum(), 100)
         self.assertLess(np.median(np.abs(measured - expected)[hits]), 0.5 * omap.resolution)
-
-    def test_the_motion_model(self):
-        """It computes the motion from speed and steering, which stays constant: servo positions
-        have no stamps, so that a busy node does not know which speed belongs to which angle.
-        """
-        begin, before = Pose(-3.0, -1.0, 0.3), rospy.Time.now()
-        self.assertTrue(self.reposition("car", *begin).success)
-        self.poses.shows(begin, before)
-        node = CourseNode()
-        self.addCleanup(node.end)
-        node.drive(0.0, 0.2, 0.5)
-        wait_for(lambda: node.moved == Pose(0.0, 0.0, 0.0), "messages of motor and servo")
-        node.drive(1.0, 0.2, 2.0)
-        moved = compose(inverse(begin), Pose(*self.poses.pose_at_rest(rospy.Time.now())))
-        self.assertGreater(moved.theta, 1.0)
-        wait_for(lambda: moved.is_close_to(node.moved, DEAD_RECKONING), "the same motion")
 
     def assert_rates_are_those_of_the_angles(self, messages):
         """Fail unless the steering turns at the published rates from message to message."""
