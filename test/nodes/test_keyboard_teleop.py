@@ -7,7 +7,6 @@ import signal
 import subprocess
 import termios
 import time
-import tkinter
 from unittest import mock
 
 import pytest
@@ -16,7 +15,7 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from std_msgs.msg import String
 
-from mushr_ros_intro.authoring.keyboard import HELP, Window
+from mushr_ros_intro.authoring.keyboard import HELP
 from support.display import Display, require
 from support.geometry import float32
 from support.helpers import PATIENCE, Process, Recording, RosTestCase, wait_for
@@ -177,25 +176,6 @@ class WindowTest(Commands, RosTestCase):
         self.check_silence()
         self.assertNotIn("Traceback", self.node.output)
 
-    def test_help(self):
-        """The window shows the help, with the focus and without it."""
-        labels, create = [], tkinter.Label
-        with mock.patch.dict(os.environ, DISPLAY=self.display.name), mock.patch(
-            "tkinter.Label",
-            lambda *args, **kwargs: labels.append(create(*args, **kwargs)) or labels[-1],
-        ):
-            window = Window("help", "2 m/s")
-        self.addCleanup(window.close)
-
-        def shows(text):
-            window.read()
-            texts = [each["text"] for each in labels]
-            return HELP in texts and text in texts
-
-        wait_for(lambda: shows("click here to drive"), "the help without the focus")
-        self.display.focus_on("^help$")
-        wait_for(lambda: shows("2 m/s"), "the help with the focus")
-
 
 class TerminalTest(Commands, RosTestCase):
     """In a terminal, without a display."""
@@ -237,19 +217,6 @@ class TerminalTest(Commands, RosTestCase):
             os.write(self.keyboard, b"w")
             self.wait_for_drive(FORWARD)
         self.assertEqual(min(each.drive.speed for each in self.commands.messages), 0.0)
-
-    def test_help(self):
-        """The node prints the help again while keys are typed."""
-        output = b""
-
-        def is_printed_again():
-            nonlocal output
-            os.write(self.keyboard, b"w")
-            if select.select([self.keyboard], [], [], 0.1)[0]:
-                output += os.read(self.keyboard, 4096)
-            return output.count(HELP.encode()) == 2
-
-        wait_for(is_printed_again, "the help, twice")
 
     def test_end(self):
         """Ctrl-C, a signal of the terminal: one stop, and the settings are restored."""
