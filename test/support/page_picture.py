@@ -51,11 +51,11 @@ def wait_for_stamp(browser, due):
 
 
 def film(browser):
-    """Return the stamps [s] and the pictures of the page until the end of the drive."""
+    """Return the stamps [s] and the pictures of the page until it shows the result of the drive."""
     pictures = []
     is_over = False
     while not is_over:
-        is_over = not browser.find("stop").is_enabled()
+        is_over = "difference" in browser.text("drive-state")
         pictures.append((browser.run(STAMP), browser.picture()))
         wait_for_stamp(browser, pictures[-1][0] + STEP)
     return pictures
