@@ -305,7 +305,8 @@ def test_another_car(sim, page):
 
 
 def at_rest(page):
-    """Wait until the car has stopped, and has one pose for 1 s of simulated time."""
+    """Wait until the car has stopped, not at a wall, and has one pose for 1 s of simulated time."""
+    page.shows("hand-state", "at most")
     page.shows("owner", "idle")
     page.shows("speed", "0.00 m/s")
     first = {}
