@@ -175,8 +175,8 @@ class PlannedDrive:
     def difference(self) -> str:
         """Return how the commands of a complete drive differ from the plan, or an empty text."""
         runs = self.drive.runs
-        ends = [*(run.begin for run in runs[1:]), self.drive.stop or self.drive.newest]
-        for section, run, end in itertools.zip_longest(self._sections, runs, ends):
+        following = [*runs[1:], Run(0.0, 0.0, self.drive.stop or self.drive.newest)]
+        for section, run, then in itertools.zip_longest(self._sections, runs, following):
             if run is None:
                 break
             if section is None:
@@ -184,12 +184,13 @@ class PlannedDrive:
             if section[:2] != run[:2]:
                 asked = f"the plan asks for {shown(section)} in {section.lines}"
                 return f"{asked}, but {shown(run)} came"
-            lasted, planned = end - run.begin, section.end - section.begin
+            lasted, planned = then.begin - run.begin, section.end - section.begin
             if abs(lasted - planned) > COMMAND_PERIOD // 2:
-                return (
-                    f"the command of {section.lines} lasted {lasted / NANOSECONDS:.2f} s; the plan "
-                    f"asks for {planned / NANOSECONDS:g} s"
-                )
+                text = f"the command of {section.lines} lasted {lasted / NANOSECONDS:.2f} s; the "
+                text += f"plan asks for {planned / NANOSECONDS:g} s"
+                if lasted < planned and not then.moves:
+                    text += ". Then a stop came, as from the mux if no command comes for 0.2 s"
+                return text
         return ""
 
 

@@ -6,7 +6,7 @@ from typing import List, NamedTuple, Optional, Set
 from mushr_ros_intro.geometry import Pose, compose, inverse
 from mushr_ros_intro.monitor.drive import PlannedDrive, Report
 from mushr_ros_intro.monitor.expectation import Expectation
-from mushr_ros_intro.stamps import NANOSECONDS, SETTLING, STAMP_TOLERANCE
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, SETTLING, STAMP_TOLERANCE
 
 POSE_TOLERANCE = 1e-3
 """A final pose that differs by less is the expected one; the car need not be watched longer."""
@@ -53,25 +53,33 @@ def settled(planned: PlannedDrive, expected: Expectation) -> Optional[Report]:
 def start_fault(planned: PlannedDrive, expected: Expectation) -> str:
     """Return a message if the car was not at the start pose when the plan began, or an empty one.
 
-    Without a report at that time, the first one after it may also show what is predicted for then;
-    if the clock of the node is late, the car has not moved yet.
+    ROS does not order two topics: the start pose may come just before the first command, and after
+    the report before it; or up to COMMAND_PERIOD late. Then the final pose shows what it changes.
     """
     drive, start = planned.drive, planned.plan.start
-    report, poses = drive.before, [start]
-    if not report or drive.first - report.stamp > NANOSECONDS // 2:
-        report = drive.since
-    if report and report.stamp > planned.begin:
-        stamps = [state.stamp for state in expected.states]
+    reports = [report for report in (drive.before, drive.since) if report]
+    if drive.placed and _is_start_pose(planned, drive.placed):
+        reports.append(drive.placed)
+    stamps = [state.stamp for state in expected.states]
+    for report in reports:
         index = bisect_left(stamps, report.stamp - planned.begin)
-        poses.append(expected.states[min(index, len(stamps) - 1)].pose)
-    if not report or any(report.pose.is_close_to(each, TOLERANCE) for each in poses):
+        predicted = expected.states[min(index, len(stamps) - 1)].pose
+        if any(report.pose.is_close_to(each, TOLERANCE) for each in (start, predicted)):
+            return ""
+    if not reports:
         return ""
     text = f"the car was not at the start pose {start} when the first command came: it was at "
-    text += str(report.pose)
+    text += str(reports[0].pose)
     if drive.placed and drive.placed.pose.is_close_to(start, TOLERANCE):
         late = (drive.placed.stamp - drive.first) / NANOSECONDS
         text += f", and was placed at the start pose {late:.2f} s later"
     return text
+
+
+def _is_start_pose(planned: PlannedDrive, placed: Report) -> bool:
+    """Return whether the node of the drive has placed the car, about when its first command came."""
+    is_at_begin = placed.stamp <= planned.drive.first + COMMAND_PERIOD
+    return is_at_begin and placed.pose.is_close_to(planned.plan.start, TOLERANCE)
 
 
 def verdict(
@@ -166,11 +174,14 @@ def _cause(name: str, planned: PlannedDrive, observed: Observed) -> str:
         return f"The input {', '.join(sorted(observed.inputs))} of the mux drove the car, too"
     if observed.lost:
         return f"In {observed.lost}, the car did not report its pose, or it was restarted"
-    if placed := planned.drive.placed:
+    placed = planned.drive.placed
+    if placed and not _is_start_pose(planned, placed):
         where = planned.position(placed.stamp)
         return f"In {where}, the car was placed at another pose: it was at {placed.pose}"
     if difference := planned.difference():
         return f"The commands for the car differ from the plan: {difference}"
+    if placed:
+        return "The start pose came after the first command"
     return "The commands for the car were those of the plan. Did another node place it?"
 
 

@@ -84,6 +84,11 @@ def test_a_drive_is_not_complete_before_the_stop():
     [
         ([(1, -0.1, 2000), (0, 0, 500), (-1, 0.2, 1000)], ["lines 2 to 3", "1 m/s, -0.1 rad came"]),
         ([(1, 0.1, 2300), (0, 0, 500), (-1, 0.2, 1000)], ["lines 2 to 3", "2.30 s", "for 2 s"]),
+        # The mux stops the car if the node is late.
+        (
+            [(1, 0.1, 700), (0, 0, 100), (1, 0.1, 1200), (0, 0, 500), (-1, 0.2, 1000)],
+            ["lines 2 to 3", "0.70 s", "Then a stop came"],
+        ),
         (
             [(1, 0.1, 2000), (0, 0, 500), (-1, 0.2, 1000), (2, 0, 100)],
             ["2 m/s, 0 rad", "after the end"],

@@ -123,6 +123,9 @@ def test_without_a_start_pose_the_end_is_relative_to_the_start():
         # The clock of the node is late, so a report before the first command has a later stamp.
         (Report(BEGIN + 300 * MS, PLAN.start), None, False),
         (Report(BEGIN - 900 * MS, AWAY), Report(BEGIN + 1000 * MS, STATES[100].pose), False),
+        # The tutorial's listing: the start pose comes between two reports, with the first command.
+        (Report(BEGIN - 10 * MS, AWAY), Report(BEGIN + 10 * MS, STATES[1].pose), False),
+        (Report(BEGIN - 10 * MS, AWAY), Report(BEGIN + 10 * MS, AWAY), True),
         (None, None, False),
     ],
 )
@@ -139,6 +142,17 @@ def test_a_start_pose_that_comes_late():
     drive.drive.placed = Report(BEGIN + 250 * MS, PLAN.start)
     text = judged(drive, END).lines[0]
     assert f"it was at {AWAY}, and was placed at the start pose 0.25 s later" in text
+
+
+def test_a_start_pose_just_after_the_first_command():
+    """ROS does not order topics. The final pose shows what it changes."""
+    drive = planned(before=AWAY)
+    drive.drive.since = Report(BEGIN + 10 * MS, AWAY)
+    drive.drive.placed = Report(BEGIN + 30 * MS, PLAN.start)
+    assert judged(drive, END).is_good
+    assert judged(drive, AWAY).lines[0].endswith("The start pose came after the first command")
+    drive.drive.runs[-1] = drive.drive.runs[-1]._replace(begin=BEGIN + 2100 * MS)
+    assert "of line 3 lasted 1.10 s" in judged(drive, AWAY).lines[0]
 
 
 @pytest.mark.parametrize(
