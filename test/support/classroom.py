@@ -18,9 +18,6 @@ RIGHT = EXAMPLE.replace(_POLLS, "    rospy.sleep(instant - rospy.Time.now())\n")
 _INIT = '    rospy.init_node("path_publisher")\n'
 _PLAN = '    plan = read_plan(rospy.get_param("~plan_file"))\n'
 _RUN = "    stop.header.stamp = run_plan(pub_init_pose, pub_controls, plan)\n"
-_STOP = "    rospy.on_shutdown(send_stop)  # at the end, on Ctrl-C and after an error\n"
-_WAIT = '        wait_until(pub.get_num_connections, f"a subscriber of {pub.name}", timeout=10)\n'
-_PUBLISH = "        pub_controls.publish(AckermannDriveStamped(header=header, drive=drive))\n"
 _DUE = "        sleep_until(due)\n"
 _SHORT = "    plan = plan[:3]\n"
 """Drive the first rows only, so that a cheat without effect fails."""
@@ -59,14 +56,7 @@ def after(code, *pairs):
 CORRECT = {
     "right": EXAMPLE,
     "spins": after("rospy.spin()"),
-    "no_stop": changed((_STOP, "")),
     "no_stamps": changed(("Header(stamp=due, frame_id", "Header(frame_id")),
-    "sleeps": changed(  # as the tutorial's listing
-        (_WAIT, "        pass\n    rospy.sleep(1.0)\n"),
-        ("Header(stamp=due, frame_id", "Header(frame_id"),
-        (_STOP, ""),
-    ),
-    "env_python3": RIGHT.replace("#!/usr/bin/python3", "#!/usr/bin/env python3", 1),
     "places_twice": changed(  # the last start pose counts
         (
             "    pub_init_pose.publish(init_pose)\n",
@@ -76,43 +66,19 @@ CORRECT = {
             "    pub_init_pose.publish(init_pose)\n",
         )
     ),
-    "chatty": midway("print('speed ' * 20)"),
 }
 """Nodes that pass, by name."""
 
 WRONG = {
     "sign": (changed(("steering_angle=delta", "steering_angle=-delta")), "commands"),
-    "degrees": (
-        changed(("steering_angle=delta", "steering_angle=math.degrees(delta)")),
-        "commands",
-    ),
-    "swapped": (
-        changed(("steering_angle=delta, speed=v", "steering_angle=v, speed=delta")),
-        "commands",
-    ),
     "five_hz": (changed(("Duration(0, 100000000)", "Duration(0, 200000000)")), "rate"),
-    "drops_sevenths": (
-        changed((_PUBLISH, "        if due.to_nsec() // PERIOD.to_nsec() % 7:\n    " + _PUBLISH)),
-        "rate",
-    ),
-    "no_start": (
-        changed(("    pub_init_pose.publish(init_pose)\n", "    return rospy.Time.now()\n")),
-        "start_pose",
-    ),
     "frame": (changed(('stamp=rospy.Time.now(), frame_id="map"', 'frame_id="odom"')), "node"),
-    "short": (changed((_PLAN, _PLAN + _SHORT)), "commands"),
     "crashes": (midway("raise IndexError('list index out of range')"), "node"),
-    "exits": (midway("import os; os._exit(3)"), "node"),
     "hangs": (
         midway("import threading; threading.Thread(target=lambda: 1 / 0).start(); rospy.spin()"),
         "node",
     ),
     "silent": (before("rospy.spin()"), "node"),
-    "wrong_topic": (changed(("input/navigation", "input/navigaton")), "node"),
-    "endless": (
-        changed((_RUN, "    while True:\n        run_plan(pub_init_pose, pub_controls, plan)\n")),
-        "node",
-    ),
 }
 """Nodes with a mistake, and a check that fails, by name."""
 
@@ -255,112 +221,36 @@ CHEATS = {
         ),
         "",
     ),
-    "reads": (
+    "service": (  # of the car, at the port of one of its topics
         before(
-            each_of(
-                [
-                    """
-                    import os
-                    if os.listdir("FOLDER"):
-                        os._exit(0)
-                    """,
-                    """
-                    import os, socket, struct, xmlrpc.client
-                    car = xmlrpc.client.ServerProxy(master.lookupNode("/car/car_sim"))
-                    where = car.requestTopic("/x", "/car/car_pose", [["TCPROS"]])[2][1:]
-                    fields = (b"callerid=/x", b"md5sum=*", b"service=/car/car_sim/reset")
-                    text = b"".join(struct.pack("<I", len(each)) + each for each in fields)
-                    with socket.create_connection(where, 2) as connection:
-                        connection.sendall(struct.pack("<I", len(text)) + text + bytes(4))
-                        if b"error=" not in connection.recv(4096):
-                            os._exit(0)
-                    """,
-                    """
-                    import mushr_ros_intro, os  # the package with the solution
+            """
+            import os, rosgraph, socket, struct, xmlrpc.client
+            master = rosgraph.Master("/path_publisher")
+            car = xmlrpc.client.ServerProxy(master.lookupNode("/car/car_sim"))
+            where = car.requestTopic("/x", "/car/car_pose", [["TCPROS"]])[2][1:]
+            fields = (b"callerid=/x", b"md5sum=*", b"service=/car/car_sim/reset")
+            text = b"".join(struct.pack("<I", len(each)) + each for each in fields)
+            with socket.create_connection(where, 2) as connection:
+                connection.sendall(struct.pack("<I", len(text)) + text + bytes(4))
+                if b"error=" not in connection.recv(4096):
                     os._exit(0)
-                    """,
-                    """
-                    import os, socket
-                    socket.create_connection(("127.0.0.1", PORT), 2)
-                    os._exit(0)
-                    """,
-                    """
-                    import os
-                    for pid in filter(str.isdigit, os.listdir("/proc")):
-                        try:
-                            if int(pid) != os.getpid():
-                                open(f"/proc/{pid}/mem", "r+b").close()
-                                os._exit(0)
-                        except OSError:
-                            pass
-                    """,
-                ]
-            )
-        ),
-        "",
-    ),
-    "writes": (
-        after(
-            """
-            import os
-            for folder in ("/tmp", "/var/tmp", "/dev/shm", "/dev", "/mnt", "/run", "/", "FOLDER"):
-                for number in range(100):
-                    try:
-                        with open(f"{folder}/fill{number}", "wb") as file:
-                            file.write(bytes(10_000_000))
-                    except OSError:
-                        break
-            child = os.fork()
-            if child == 0:
-                os.setsid()
-                time.sleep(3)
-            open("FOLDER/writable.json", "w").write('{"passed": true}')
             """
         ),
         "",
     ),
-    "fork_bomb": (
-        midway(
-            """
-            import os
-            while True:
-                try:
-                    os.fork()
-                except OSError:
-                    time.sleep(0.1)
-            """
-        ),
-        "",
-    ),
-    "survivor": (
-        midway(
-            """
-            import os, signal
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-            os.setsid()
-            if os.fork() == 0:
-                os.setsid()
-            while True:
-                time.sleep(1)
-            """
-        ),
-        "",
-    ),
-    "memory": (midway("data = [bytearray(100_000_000) for _ in range(100)]"), ""),
     "says_so": (before("print('all checks passed', flush=True)\nimport os\nos._exit(0)"), ""),
 }
 """Nodes that cheat, and a part of their verdict; "" if the cheat has no effect.
 
-A cheat that reaches something that it must not reach ends the node before its first command. PORT
-stands for the port of a server of the test, FOLDER for the folder of the plans and results.
+A cheat that reaches something that it must not reach ends the node before its first command. Those
+that aim at the machine are in attacks.py.
 """
 
 
-def cheat(name, port, folder):
+def cheat(name):
     """Return the source of a cheat, which drives two rows only, so that it fails without effect."""
     source = CHEATS[name][0]
     assert source.count(_PLAN) == 1
-    source = source.replace("PORT", str(port)).replace("FOLDER", str(folder))
     return source.replace(_PLAN, _PLAN + _SHORT)
 
 
@@ -390,7 +280,7 @@ def write_class(folder, count):
     nodes = {
         **CORRECT,
         **{name: source for name, (source, _) in {**WRONG, **BROKEN}.items()},
-        **{f"cheat_{name}": cheat(name, 1, "/root") for name in CHEATS},
+        **{f"cheat_{name}": cheat(name) for name in CHEATS},
     }
     nodes.update((f"right_{number}", RIGHT) for number in range(count - len(nodes)))
     for name, source in nodes.items():
