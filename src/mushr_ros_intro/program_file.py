@@ -142,7 +142,8 @@ def apt_package(module: str) -> str:
 
 def is_of_system(module: str) -> bool:
     """Return whether a module that this process finds is one of Python or ROS."""
-    return (origin_of(module) or "").startswith((sys.prefix, "/usr", "/opt", "built-in", "frozen"))
+    places = (sys.prefix, sys.base_prefix, "/usr", "/opt", "built-in", "frozen")
+    return (origin_of(module) or "").startswith(places)
 
 
 def origin_of(module: str) -> Optional[str]:
