@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import re
 import socket
 import subprocess
 
@@ -74,6 +75,24 @@ def test_another_program_that_installs_packages(tmp_path):
 def test_the_name_of_the_system(tmp_path, text, expected):
     (tmp_path / "os-release").write_text(text)
     assert run_function("system", f"system {tmp_path}/os-release").startswith(expected)
+
+
+def read(name):
+    with open(f"{CHECKOUT}/{name}") as file:
+        return file.read()
+
+
+def test_the_pages_name_the_supported_versions():
+    """scripts/setup states the systems, and scripts/dev/check_oldest the oldest Python."""
+    supported = r'^supported="Debian (.*) and (.*), and ROS Noetic .* on (Ubuntu [\d.]*)"'
+    (found,) = re.findall(supported, read("scripts/setup"), re.M)
+    debian, ubuntu = "Debian {} or {}".format(*found), found[2]
+    (python,) = set(re.findall(r"python(3\.\d+)", read("scripts/dev/check_oldest")))
+    assert debian in read("README.md") and debian in read("docs/install.md")
+    assert f"The oldest versions are those of {ubuntu}: Python {python}," in read("docs/install.md")
+    assert f"those of {ubuntu} with Python {python}:" in read("scripts/dev/packages")
+    assert f"--target={python}-" in read("scripts/dev/lint")
+    assert f"\n- Python {python}," in read("CONTRIBUTING.md")
 
 
 def test_a_new_plan_causes_no_build(tmp_path):
