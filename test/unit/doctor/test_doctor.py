@@ -153,7 +153,7 @@ def test_an_empty_package_with_the_name_of_this_one(tmp_path, monkeypatch):
 
 def test_a_terminal_without_the_workspace():
     run = subprocess.run(
-        [sys.executable, os.path.join(SOURCE, "doctor.py")],
+        ["/usr/bin/python3", os.path.join(SOURCE, "doctor.py")],
         env={"PATH": "/usr/bin:/bin"},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

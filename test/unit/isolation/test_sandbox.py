@@ -57,6 +57,7 @@ def test_a_missing_package(monkeypatch):
 
 
 def test_a_folder_for_locks_that_cannot_be_written(monkeypatch):
+    pytest.importorskip("seccomp")
     monkeypatch.setattr("os.access", lambda path, _: path != "/dev/shm")
     with pytest.raises(OSError, match="chmod 1777 /dev/shm"):
         make_sandbox([], "/tmp")
@@ -78,6 +79,7 @@ for error, names in FORBIDDEN.items():
 
 def test_forbidden_system_calls():
     """Also those that say which pages of a file are in memory."""
+    pytest.importorskip("seccomp")
     done = subprocess.run([sys.executable, "-c", CALLS], capture_output=True, text=True)
     assert (done.stdout, done.stderr, done.returncode) == ("", "", 0)
     assert {"fadvise64", "preadv2", "mincore", "cachestat", "readahead"} <= {
