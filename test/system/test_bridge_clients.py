@@ -515,7 +515,7 @@ ODD = [
     [1.5],
 ]
 FRAMES = int(os.environ.get("FUZZ_FRAMES", "2000"))
-"""scripts/dev/fuzz_bridge sets another number."""
+"""To try many: FUZZ_FRAMES=100000 scripts/test --all FILE, with the path of this file."""
 
 BURST = 390
 """Fewer frames than those that a client may send at once."""
