@@ -1,11 +1,14 @@
-"""Check that the package runs from an install space, without a devel space."""
+"""Check builds: an install space without a devel space, and ROS outside of /usr."""
 
 import os
+import shutil
+import subprocess
 
 import pytest
 
 from support.helpers import PATIENCE, Process, free_port, wait_for
 from support.paths import CHECKOUT
+from support.scripts import add_programs, needs_workspace
 
 pytestmark = pytest.mark.full
 
@@ -73,3 +76,51 @@ def test_roslaunch_drives(folder):
         plan = f"path_publisher.launch plan_file:={folder}/short.txt"
         run(f"{launch} mushr_ros_intro {plan}", folder, uri)
         wait_for(lambda: "difference" in simulation.output, "the result of drive_monitor")
+
+
+SETUP_OF_NOETIC = """
+rosdep() { true; }
+export CMAKE_PREFIX_PATH=/opt/ros/noetic:/opt/ros/other
+export PYTHONPATH=/opt/ros/noetic/lib/python3/dist-packages ROS_PACKAGE_PATH=/usr/share
+"""
+IN_A_NEW_TERMINAL = """
+exec env -i HOME=$HOME PATH=/usr/bin:/bin bash -euc '
+source ~/catkin_ws/devel/setup.bash
+catkin_make -C ~/catkin_ws
+echo "prefix: $CMAKE_PREFIX_PATH"
+rosrun mushr_sim check_plan.py circle'
+"""
+CATKIN = ("share/catkin", "lib/python3/dist-packages/catkin")
+HIDES = ["bwrap", "--dev-bind", "/", "/", "--tmpfs", "/opt", "--tmpfs", f"/usr/{CATKIN[0]}"]
+
+
+@needs_workspace
+@pytest.mark.skipif(os.path.isdir(NOETIC), reason="ROS is in /opt/ros already")
+@pytest.mark.skipif(subprocess.call([*HIDES, "true"]) != 0, reason="bwrap cannot hide catkin")
+def test_a_workspace_with_catkin_in_opt(tmp_path):
+    """CMake does not search /opt by itself, because it is on no PATH either."""
+    prefix = tmp_path / "noetic"
+    for name in CATKIN:
+        shutil.copytree(f"/usr/{name}", prefix / name)
+    (prefix / ".catkin").touch()
+    (prefix / "setup.bash").write_text(SETUP_OF_NOETIC)
+    add_programs(tmp_path / "bin", ("dpkg-query",), 'printf "%s:install ok installed " "$@"')
+    checkout = tmp_path / "checkout"
+    shutil.copytree(
+        CHECKOUT, checkout, symlinks=True, ignore=shutil.ignore_patterns("build", ".git")
+    )
+    done = subprocess.run(
+        [
+            *(*HIDES, "--bind", str(prefix), NOETIC),
+            *("--ro-bind", f"{tmp_path}/bin/dpkg-query", "/usr/bin/dpkg-query"),
+            *(f"{checkout}/scripts/shell", "--tutorial"),
+        ],
+        env={"HOME": str(tmp_path), "PATH": "/usr/bin:/bin"},
+        input="echo $CMAKE_PREFIX_PATH\nrosrun mushr_sim check_plan.py circle\n",
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=10 * PATIENCE,
+    )
+    assert f"{tmp_path}/catkin_ws/devel:{NOETIC}\n" in done.stdout, done.stdout
+    assert done.returncode == 0 and "no faults" in done.stdout, done.stdout
