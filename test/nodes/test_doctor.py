@@ -58,15 +58,15 @@ def release(topic):
 
 
 @contextlib.contextmanager
-def driving(topic, speed=1.0, stamp=rospy.Time.now, period=0.05, steering_angle=0.3):
-    """Send a command in each period [s]; by default, the car drives in a circle without a wall."""
+def driving(topic, speed=1.0, stamp=rospy.Time.now, steering_angle=0.3):
+    """Send a command every 0.05 s; by default, the car drives in a circle without a wall."""
     if topic not in publishers:
         publishers[topic] = rospy.Publisher(topic, AckermannDriveStamped, queue_size=10)
 
     def send(_):
         publishers[topic].publish(command(stamp(), speed, steering_angle))
 
-    timer = rospy.Timer(rospy.Duration(period), send)
+    timer = rospy.Timer(rospy.Duration(0.05), send)
     try:
         yield
     finally:
@@ -131,21 +131,16 @@ class TestDoctor(RosTestCase):
             wait_for(is_found, "the hint")
 
     def test_a_misspelt_topic_of_the_start_pose(self):
-        for topic in ("/initial_pose", "/start_pose"):
-            misspelt = rospy.Publisher(topic, PoseWithCovarianceStamped, queue_size=1)
-            with driving(NAVIGATION):
-                self.expect(f"have no effect: no node subscribes to {topic}")
-            misspelt.unregister()
+        misspelt = rospy.Publisher("/start_pose", PoseWithCovarianceStamped, queue_size=1)
+        self.addCleanup(misspelt.unregister)
+        with driving(NAVIGATION):
+            self.expect("have no effect: no node subscribes to /start_pose")
 
     def test_commands(self):
         with driving(NAVIGATION, 0.0):
             self.expect(f"all commands of {self.me} have speed 0")
-        with driving(NAVIGATION, 1.0, lambda: rospy.Time(0)):
-            self.expect()
         with driving(NAVIGATION, 1.0, lambda: rospy.Time.now() - rospy.Duration(9)):
             self.expect("s behind the clock of this machine")
-        with driving(NAVIGATION, period=1.0):
-            self.expect(f"{self.me} sends a command every 1 s, but the mux stops the car")
         with driving(OUTPUT):
             self.expect()
         release(OUTPUT)
@@ -237,24 +232,18 @@ class TestDoctor(RosTestCase):
             self.expect(f"no node publishes commands: {mux}/input/navigation", car="car3")
             with driving(f"{mux}/input/navigation"):
                 self.expect(car="car3")
-                with driving(f"{mux}/input/teleop", 0.0):
-                    expected = "the input 'teleop' of the mux has a higher priority and is in use"
-                    self.expect(expected, car="car3")
                 with node("car_sim.py", "__ns:=/car3", "__name:=second"):
                     self.expect("each reports a pose of the car 'car3'", car="car3")
         for name in names.values():
             release(f"{mux}/input/{name}")
 
     def test_another_car(self):
-        problem = "the car 'car2' is not running: no node subscribes to /car2/mux/"
-        self.expect(problem, car="car2")
-        self.expect("; running: car. For", car="car2")
+        self.expect("the car 'car2' is not running: no node subscribes to /car2/mux/", car="car2")
 
     def test_masters(self):
         running, self.uri = self.uri, "http://nosuch.invalid:11311"
         problem = "its host name cannot be resolved"
         self.expect(f"{problem}; a master runs on this machine", masters=[running])
-        self.expect(f"{problem}. Check the network", masters=[NOWHERE])
         self.uri = "localhost:11311"
         self.expect("expected is an address such as http://localhost:11311")
         with HTTPServer(("localhost", 0), BaseHTTPRequestHandler) as server:
