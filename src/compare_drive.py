@@ -93,16 +93,16 @@ def write_paths(folder: str, found: Comparison) -> None:
     Raises:
         UserError: the folder or a file cannot be written.
     """
-    from mushr_ros_intro.replay.pictures import locations  # matplotlib is slow to import
+    from mushr_ros_intro.replay.pictures import picture  # matplotlib is slow to import
 
     drive = Drive(found.times, found.driven, found.predicted, float("nan"))
     seconds = np.searchsorted(found.times, np.arange(1.0, found.times[-1])).tolist()
     title = f"final error {found.sizes[-1]:.3f} m"
-    picture = locations(drive, title, error_indices=[*seconds, len(found.times) - 1])
+    figure = picture(drive, title, error_indices=[*seconds, len(found.times) - 1])
     try:
         os.makedirs(folder, exist_ok=True)
         write_trajectory(folder, drive, found.start)
-        picture.savefig(os.path.join(folder, "path.png"), dpi=120)
+        figure.savefig(os.path.join(folder, "path.png"), dpi=120)
     except OSError as error:
         text = f"{error.filename or folder} cannot be written ({error.strerror})"
         raise UserError(f"--out: {text}; expected a folder") from None

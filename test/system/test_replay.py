@@ -161,8 +161,7 @@ def test_last_output(replay):
 def test_files(replay):
     replay("ours")
     folder = replay.folder / "report"
-    for name in ("locations.png", "distances.png"):
-        assert (folder / name).read_bytes().startswith(b"\x89PNG"), name
+    assert (folder / "picture.png").read_bytes().startswith(b"\x89PNG")
     lines = (folder / "trajectory.csv").read_text().splitlines()
     assert lines[0].startswith("time,x,y,theta,predicted_x")
     rows = [tuple(map(float, line.split(","))) for line in lines[1:]]

@@ -141,23 +141,29 @@ def _build_here(submission: Submission, setting: Setting) -> str:
 
 def judge_and_draw(
     recorded: Recorded, tolerances: Dict[str, float]
-) -> Tuple[Judgement, float, Dict[str, str]]:
+) -> Tuple[Judgement, float, str]:
     """Judge a recorded drive.
 
     Returns:
-        The verdict, the share of the plan or path that was driven right, and pictures as SVG by
-        name. There are none without matplotlib.
+        The verdict, the share of the plan or path that was driven right, and a picture as SVG if a
+        check failed; "" if none did, or without matplotlib.
     """
     judgement = judge_drive(recorded, tolerances)
-    share = round(_share(judgement), 2)
-    times, driven, predicted, _ = judgement.drive
-    rows = np.column_stack([times, driven, predicted])
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, MAX_POINTS).astype(int))]
+    svg = "" if judgement.passed else _draw(judgement.drive)
+    return judgement, round(_share(judgement), 2), svg
+
+
+def _draw(drive: Drive) -> str:
+    """Return a picture as SVG with at most MAX_POINTS poses; "" without matplotlib."""
     try:
-        from mushr_ros_intro.replay.pictures import as_texts  # matplotlib is slow to import
-    except ImportError:  # an autograder has no matplotlib
-        return judgement, share, {}
-    return judgement, share, as_texts(Drive(rows[:, 0], rows[:, 1:4], rows[:, 4:], math.nan))
+        # matplotlib is slow to import, and an autograder has none
+        from mushr_ros_intro.preview.drawing import as_svg
+        from mushr_ros_intro.replay.pictures import picture
+    except ImportError:
+        return ""
+    times, driven, predicted, _ = drive
+    rows = np.unique(np.linspace(0, len(times) - 1, MAX_POINTS).astype(int))
+    return as_svg(picture(Drive(times[rows], driven[rows], predicted[rows], math.nan))).decode()
 
 
 def _share(judgement: Judgement) -> float:

@@ -3,7 +3,7 @@
 import hashlib
 import re
 import unicodedata
-from typing import Mapping, NamedTuple, Sequence, Tuple
+from typing import NamedTuple, Sequence, Tuple
 
 from mushr_ros_intro.replay.judge import Check, Judgement
 
@@ -27,8 +27,8 @@ class PlanGrade(NamedTuple):
     judgement: Judgement
     share: float = 1.0
     """Which share of the plan, or of the path, was driven right; 0 to 1."""
-    pictures: Mapping[str, str] = {}
-    """Pictures of the drive as SVG, by name; see `replay.pictures.as_texts`."""
+    picture: str = ""
+    """The drive as SVG, if a check failed."""
 
     @property
     def checks(self) -> Sequence[Check]:

@@ -74,7 +74,6 @@ def _page(template: str, **values: Any) -> str:
         points=shown,
         students=_students,
         failed_checks=_failed_checks,
-        caption=_caption,
         plan_text=_plan_text,
         base64=lambda text: base64.b64encode(text.encode()).decode(),
     )
@@ -96,19 +95,6 @@ def _plan_text(plan: PlanGrade) -> str:
     """Return the text of the file of a plan; "" for a path that a controller follows."""
     driven = plan.judgement.recorded.plan
     return plan_text(driven.start, driven.rows) if isinstance(driven, Plan) else ""
-
-
-def _caption(plan: PlanGrade) -> str:
-    """Return what the picture of the distances shows."""
-    drive = plan.judgement.drive
-    what = "distance between the driven and the predicted position at the same time"
-    if any(check.name == "cross_track" for check in plan.checks):  # of a controller
-        what = "distance between the driven position and the nearest point of the path"
-    distances, largest = drive.distances.round(9), int(drive.distances.argmax())
-    return (
-        f"{what}; the largest is {distances[largest]:.3g} m at {drive.times[largest]:.3g} s, the "
-        f"last is {distances[-1]:.3g} m"
-    )
 
 
 def _counts(name: str, drives: Sequence[PlanGrade]) -> str:

@@ -1,4 +1,4 @@
-"""Write the files of a replay's report: trajectory.csv, and two plots."""
+"""Write the files of a replay's report: trajectory.csv and picture.png."""
 
 import os
 import sys
@@ -11,9 +11,9 @@ from mushr_ros_intro.replay.recording import Drive
 
 
 def write_report(folder: str, judgement: Judgement) -> None:
-    """Write trajectory.csv, locations.png and distances.png into `folder`.
+    """Write trajectory.csv and picture.png into `folder`.
 
-    Without matplotlib, print that there are no pictures.
+    Without matplotlib, print that there is no picture.
 
     Raises:
         OSError: a file cannot be written.
@@ -23,16 +23,15 @@ def write_report(folder: str, judgement: Judgement) -> None:
     write_trajectory(folder, path, judgement.recorded.plan.start)
     try:
         # matplotlib is slow to import
-        from mushr_ros_intro.replay.pictures import distances, locations
+        from mushr_ros_intro.replay.pictures import picture
     except ImportError as error:
-        text = f"{folder}: no pictures ({error}); install python3-matplotlib"
+        text = f"{folder}: no picture ({error}); install python3-matplotlib"
         print(text, file=sys.stderr)
         return
     title, tolerances, grid = _title(judgement), judgement.tolerances, judgement.recorded.grid
-    figure = locations(path, title, tolerances.position, grid)
-    figure.savefig(os.path.join(folder, "locations.png"))
-    figure = distances(path, title, getattr(tolerances, "cross_track", tolerances.path))
-    figure.savefig(os.path.join(folder, "distances.png"))
+    limit = getattr(tolerances, "cross_track", tolerances.path)
+    figure = picture(path, title, tolerances.position, limit, grid)
+    figure.savefig(os.path.join(folder, "picture.png"))
 
 
 def write_trajectory(folder: str, drive: Drive, start: Pose) -> None:

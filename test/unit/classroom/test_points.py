@@ -121,7 +121,7 @@ def test_bad_files(tmp_path, text, said):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Leave the pictures out, which take most of the time."""
+    """Leave the picture out, which takes most of the time."""
     monkeypatch.setitem(sys.modules, "mushr_ros_intro.replay.pictures", None)
 
 

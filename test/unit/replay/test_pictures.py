@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.replay.pictures import distances, locations
+from mushr_ros_intro.replay.pictures import picture
 from mushr_ros_intro.replay.recording import Drive
 from mushr_ros_intro.world.grid import Grid
 
@@ -16,9 +16,8 @@ DRIVE = Drive(np.arange(30.0), ARC + (0.4, 0.3, 0.0), ARC, 0.5)  # 0.5 m away
 STILL = np.zeros((1, 3))
 
 
-def test_locations():
-    figure = locations(DRIVE, "my.txt: $x^$", 0.3)
-    axes, key = figure.axes
+def test_paths_and_distances():
+    axes, key, away, apart = picture(DRIVE, "my.txt: $x^$", 0.3, 0.2).axes
     assert axes.get_title() == r"my.txt: \$x^\$"
     assert [text.get_text() for text in key.get_legend().get_texts()] == [
         *("driven path", "driven start", "driven end"),
@@ -31,6 +30,11 @@ def test_locations():
     headings = [np.arctan2(each.V, each.U) for each in axes.collections]
     assert np.concatenate(headings) == pytest.approx(2 * [math.pi / 2, 1.5 + math.pi / 2])
     assert axes.get_aspect() in ("equal", 1.0)
+    driven, predicted = (line.get_ydata() for line in away.lines)
+    assert predicted == pytest.approx(2.0 * np.sin(np.linspace(0.0, 0.75, 30)))  # chords
+    assert driven[0] == pytest.approx(0.5)
+    distances, tolerance = (line.get_ydata() for line in apart.lines)
+    assert distances == pytest.approx(np.full(30, 0.5)) and tolerance[0] == 0.2
 
 
 @pytest.mark.parametrize(
@@ -39,25 +43,12 @@ def test_locations():
 def test_a_wall_is_in_the_legend_if_it_is_seen(x, value, labels):
     cells = np.zeros((20, 20), np.int8)
     cells[3:5] = value
-    _, key = locations(DRIVE, grid=Grid(cells, 0.1, Pose(x, 0.0, 0.5))).axes
+    _, key, *_ = picture(DRIVE, grid=Grid(cells, 0.1, Pose(x, 0.0, 0.5))).axes
     texts = [text.get_text() for text in key.get_legend().get_texts()]
     assert texts[6:] == labels
-
-
-def test_distances():
-    above, below = distances(DRIVE, "my.txt", 0.2).axes
-    assert above.get_title() == "my.txt"
-    assert above.get_ylabel() == "distance from the start [m]"
-    driven, predicted = (line.get_ydata() for line in above.lines)
-    assert predicted == pytest.approx(2.0 * np.sin(np.linspace(0.0, 0.75, 30)))  # chords
-    assert driven[0] == pytest.approx(0.5)
-    assert below.get_ylabel() == "distance between driven\nand predicted position [m]"
-    apart, tolerance = (line.get_ydata() for line in below.lines)
-    assert apart == pytest.approx(np.full(30, 0.5)) and tolerance[0] == 0.2
 
 
 @pytest.mark.parametrize("poses", [STILL, 1e6 * ARC])
 def test_unusual_drives(poses):
     drive = Drive(np.arange(float(len(poses))), poses, poses, 0.0)
-    for draw in (locations, distances):
-        draw(drive).savefig(io.BytesIO(), format="svg")
+    picture(drive).savefig(io.BytesIO(), format="svg")

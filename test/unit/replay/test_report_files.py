@@ -10,7 +10,7 @@ from mushr_ros_intro.replay.report_files import write_report
 from support.geometry import closed_form
 from support.recorded import ROWS, START, replay, reported
 
-FILES = ["distances.png", "locations.png", "trajectory.csv"]
+FILES = ["picture.png", "trajectory.csv"]
 
 
 def rows_of(folder):
@@ -39,14 +39,13 @@ def test_a_drive(tmp_path):
             assert row[name] == pytest.approx(row[f"predicted_{name}"])
     end = [rows[-1][name] for name in ("x", "y", "theta")]
     assert end == pytest.approx(closed_form(START, ROWS), abs=1e-9)
-    for name in ("distances.png", "locations.png"):
-        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG"), name
+    assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_without_matplotlib(tmp_path, monkeypatch, capsys):
     """The small container has none."""
     monkeypatch.setitem(sys.modules, "mushr_ros_intro.replay.pictures", None)
     write_report(str(tmp_path), reported(replay()))
-    assert sorted(path.name for path in tmp_path.iterdir()) == FILES[2:]
+    assert sorted(path.name for path in tmp_path.iterdir()) == FILES[1:]
     said = capsys.readouterr().err
-    assert said.startswith(f"{tmp_path}: no pictures (") and "install python3-matplotlib" in said
+    assert said.startswith(f"{tmp_path}: no picture (") and "install python3-matplotlib" in said
