@@ -140,11 +140,11 @@ def test_hidden_plan(reports):
 
 
 def test_controllers(tmp_path):
-    """Controllers follow paths from several starts, with parameters and points in proportion."""
+    """Controllers follow paths from several starts, with parameters."""
     course, given, machine = (tmp_path / name for name in ("course", "given", "machine"))
     for each in (course, given, machine):
         each.mkdir()
-    (course / "points.yaml").write_text("default: {cross_track: 4, in_proportion: true}")
+    (course / "points.yaml").write_text("default: {cross_track: 4, topics: 1}")
     for name, gains in (("right", "gain: 1.0"), ("wrong", "gain: -1.0")):
         (given / name).mkdir()
         shutil.copy(f"{CONTROLLERS}/pursuit.py", given / name)
@@ -155,5 +155,5 @@ def test_controllers(tmp_path):
     reports = grade(course, options.split(), given, machine)
     right, wrong = (scores(reports[name]) for name in ("right", "wrong"))
     assert right["wave: cross_track"] == 4.0, text_of(reports["right"])
-    assert 0.0 < right["wave_2: cross_track"] < 4.0, text_of(reports["right"])  # 0.3 m to the side
-    assert set(wrong.values()) == {0.0}, text_of(reports["wrong"])
+    assert right["wave_2: cross_track"] == 0.0, text_of(reports["right"])  # 0.3 m to the side
+    assert wrong["wave: cross_track"] == 0.0 < right["wave: topics"], text_of(reports["wrong"])

@@ -14,8 +14,6 @@ The keys of `default` and of each plan are:
                                     give 0; if it names none, each check gives 1.
     all_or_nothing                  true: the plan gives its points only if all checks passed that
                                     give points. Otherwise the plan gives the sum.
-    in_proportion                   true: a failed check of a controller gives a part of its points,
-                                    less the further a value is above its limit.
     hidden                          true: students do not see the plan before grades are published.
 
 The points of all checks of a plan are multiplied by the share of the plan that was driven right,
@@ -37,7 +35,7 @@ from mushr_ros_intro.yaml_file import read_mapping
 _MAX_POINTS = 1e6  # of one check
 _DECIMALS = 6  # of a sum, so that 0.1 + 0.2 is 0.3
 _FORM = "keys such as 'default: {path: 3}' and 'plans: {figure_8: {path: 4}}'"
-_OPTIONS = ("all_or_nothing", "hidden", "in_proportion")
+_OPTIONS = ("all_or_nothing", "hidden")
 
 
 class PlanPoints(NamedTuple):
@@ -47,7 +45,6 @@ class PlanPoints(NamedTuple):
     """The points of each check; a check that is missing gives 0."""
     all_or_nothing: bool = False
     hidden: bool = False
-    in_proportion: bool = False
 
 
 class Points(NamedTuple):
@@ -76,13 +73,12 @@ class Points(NamedTuple):
         """Return the points that each check of a drive gives, in the order of its checks."""
         if self._failure(plan):
             return [0.0] * len(plan.checks)
-        partial = self._of(plan.plan).in_proportion
-        shares = (
-            1.0 if each.passed or not each.is_judged else each.share * partial
+        return [
+            _sum([plan.share * self.points(plan.plan, each.name)])
+            if each.passed or not each.is_judged
+            else 0.0
             for each in plan.checks
-        )
-        points = (plan.share * self.points(plan.plan, each.name) for each in plan.checks)
-        return [_sum([share * given]) for share, given in zip(shares, points)]
+        ]
 
     def rows(self, plan: PlanGrade) -> List[Tuple[Check, float]]:
         """Return the checks of a drive with their points: failures first, then those not judged."""

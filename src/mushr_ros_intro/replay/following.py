@@ -5,13 +5,11 @@ the nearest point that is not far from the one before along the path. So a path 
 """
 
 import math
-from itertools import groupby
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Tuple
 
 import numpy as np
 
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.plan.plan import as_float32
 from mushr_ros_intro.replay.judge import CHECKS, Judgement, checked, judge
 from mushr_ros_intro.replay.recording import Drive, Recorded, frechet_distance
 from mushr_ros_intro.replay.reference import STEP, Reference, lengths, resampled
@@ -164,20 +162,10 @@ def _drive(recorded: Recorded) -> Drive:
     return Drive(seconds, driven, path[indices], distance)
 
 
-def _limited(value: float, limit: float) -> Tuple[bool, float]:
-    """Return whether a value keeps a limit, and which share of the points it earns.
-
-    The share falls from 1 at the limit to 0 at twice the limit.
-    """
-    share = max(0.0, min(1.0, 2.0 - float(value) / limit)) if limit else 0.0
-    return bool(value <= limit), round(share, 2)
-
-
-def _path(judgement: Judgement) -> Tuple[bool, str, float]:
+def _path(judgement: Judgement) -> Tuple[bool, str]:
     distance, limit = judgement.drive.frechet_distance, judgement.tolerances.path
-    passed, share = _limited(distance, limit)
     text = f"the Frechet distance of the driven path is {distance:.3f} m; tolerance {limit:g} m"
-    return passed, text, share
+    return distance <= limit, text
 
 
 def miss_of(judgement: Judgement) -> float:
@@ -191,68 +179,54 @@ def miss_of(judgement: Judgement) -> float:
 def _if_it_arrives(check: "_Check") -> "_Check":
     """Return a check that fails if the car does not stop at the end: it proves nothing then."""
 
-    def judged(judgement: Judgement) -> Tuple[bool, str, float]:
+    def judged(judgement: Judgement) -> Tuple[bool, str]:
         if miss_of(judgement) > judgement.tolerances.position:
-            return False, "the car did not stop at the end of the path", 0.0
+            return False, "the car did not stop at the end of the path"
         return check(judgement)
 
     return judged
 
 
-def _cross_track(judgement: Judgement) -> Tuple[bool, str, float]:
+def _cross_track(judgement: Judgement) -> Tuple[bool, str]:
     errors, limits = judgement.drive.distances, judgement.tolerances
     largest, rms = float(np.max(errors)), float(np.sqrt(np.mean(errors**2)))
-    (passed, share), (rms_passed, rms_share) = (
-        _limited(largest, limits.cross_track),
-        _limited(rms, limits.rms),
-    )
     text = (
         f"the distance from the path is at most {largest:.3f} m, rms {rms:.3f} m; "
         f"tolerances {limits.cross_track:g} m and {limits.rms:g} m"
     )
-    return passed and rms_passed, text, min(share, rms_share)
+    return largest <= limits.cross_track and rms <= limits.rms, text
 
 
-def _final_pose(judgement: Judgement) -> Tuple[bool, str, float]:
+def _final_pose(judgement: Judgement) -> Tuple[bool, str]:
     end, limit = Pose(*judgement.drive.driven[-1]), judgement.tolerances.position
-    passed, share = _limited(miss_of(judgement), limit)
-    text = f"the car ended {miss_of(judgement):.3f} m from the end of the path, at {end}"
-    return passed, f"{text}; tolerance {limit:g} m", share
+    miss = miss_of(judgement)
+    text = f"the car ended {miss:.3f} m from the end of the path, at {end}; tolerance {limit:g} m"
+    return miss <= limit, text
 
 
-def _time(judgement: Judgement) -> Tuple[bool, str, float]:
+def _time(judgement: Judgement) -> Tuple[bool, str]:
     moves = np.nonzero(np.diff(judgement.recorded.poses, axis=0).any(axis=1))[0]
     stamps = judgement.recorded.stamps
-    seconds = (stamps[moves[-1] + 1] - stamps[moves[0]]) / NANOSECONDS
+    seconds = float(stamps[moves[-1] + 1] - stamps[moves[0]]) / NANOSECONDS
     wanted = judgement.recorded.plan.duration / NANOSECONDS
     limit = judgement.tolerances.time * wanted + EXTRA_TIME
-    passed, share = _limited(seconds, limit)
     text = (
         f"the drive takes {seconds:.2f} s; the path {wanted:.2f} s, at most {limit:.2f} s allowed"
     )
-    return passed, text, share
+    return seconds <= limit, text
 
 
-def _smoothness(judgement: Judgement) -> Tuple[bool, str, float]:
-    """Judge the steering: its mean rate; how often it is at the limit of the car is only named."""
-    sent, car, limit = judgement.recorded.sent, judgement.recorded.car, judgement.tolerances
+def _smoothness(judgement: Judgement) -> Tuple[bool, str]:
+    """Judge the mean rate of the steering angle."""
+    sent, limit = judgement.recorded.sent, judgement.tolerances.steering_rate
     seconds = (sent[-1].arrived - sent[0].arrived) / NANOSECONDS
-    # How often a thread repeats a command at one instant depends on the load of the machine.
-    groups = groupby(sent, lambda each: (each.arrived, each.values))
-    commands = [values for (_, values), _ in groups]
-    angles = np.array([angle for _, angle in commands])
+    angles = np.array([each.steering_angle for each in sent])
     rate = float(np.sum(np.abs(np.diff(angles)))) / seconds if seconds else 0.0
-    possible = [tuple(map(as_float32, car.within_limits(*each))) for each in commands]
-    saturated = np.mean([each != values for each, values in zip(commands, possible)])
-    passed, share = _limited(rate, limit.steering_rate)
-    text = (
-        f"the mean steering rate is {rate:.2f} rad/s, tolerance {limit.steering_rate:g} rad/s; "
-        f"{saturated:.0%} of {len(commands)} commands exceed the limits of the car"
-    )
-    return passed, text, share
+    text = f"the mean steering rate is {rate:.2f} rad/s, tolerance {limit:g} rad/s"
+    return rate <= limit, text
 
 
-_Check = Callable[[Judgement], Tuple[bool, str, float]]
+_Check = Callable[[Judgement], Tuple[bool, str]]
 
 _CHECKS: Mapping[str, Callable[[Judgement], Any]] = {
     "topics": CHECKS["topics"],
@@ -263,7 +237,7 @@ _CHECKS: Mapping[str, Callable[[Judgement], Any]] = {
     "smoothness": _if_it_arrives(_smoothness),
     "map": CHECKS["map"],
 }
-"""As CHECKS; a function may also return the share of the points that a failed check earns."""
+"""As CHECKS."""
 
 FOLLOW_CHECK_NAMES = ("node", *_CHECKS)
 """The names of the checks of a controller."""

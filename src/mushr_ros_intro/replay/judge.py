@@ -51,8 +51,6 @@ class Check(NamedTuple):
     """What was found, and what was expected; or why the check was not judged."""
     is_judged: bool = True
     """If not, it has not passed, and another failure is the reason."""
-    share: float = 0.0
-    """Which share of the points a failed check earns if the course grades in proportion, 0 to 1."""
 
 
 class Judgement(NamedTuple):
@@ -290,7 +288,7 @@ def checked(judgement: Judgement, checks: Mapping[str, Callable[..., Any]]) -> I
     """Yield the check `node`, and the result of each function in `checks`, by their names.
 
     A function gets the judgement. It returns whether the check passed, or None if it cannot be
-    judged, a message, and perhaps the share of the points of a failed check.
+    judged, and a message.
     """
     recorded = judgement.recorded
     message = recorded.outcome or "the node ran without an error"
@@ -305,7 +303,7 @@ def checked(judgement: Judgement, checks: Mapping[str, Callable[..., Any]]) -> I
         elif "commands" in checks and any(row.speed for row in recorded.plan.rows):
             missing, named = "only stops", named | {"commands"}
     for name, check in checks.items():
-        passed, message, *share = None, f"not judged: the node sent {missing}"
+        passed, message = None, f"not judged: the node sent {missing}"
         if not missing or name in named:
-            passed, message, *share = check(judgement)
-        yield Check(name, bool(passed), message, passed is not None, *share)
+            passed, message = check(judgement)
+        yield Check(name, bool(passed), message, passed is not None)

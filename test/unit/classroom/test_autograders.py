@@ -115,7 +115,7 @@ def test_options_of_grade(make, folder, options, sources, summary, map_name):
     shutil.copy(f"{CHECKOUT}/maps/rooms.yaml", folder / "hall.yaml")
     shutil.copy(f"{CHECKOUT}/maps/rooms.png", folder)
     hidden = "secret" if "secret" in options else "wave" if "wave" in options else ""
-    points = {"plans": {hidden: {"hidden": True, "in_proportion": True}}} if hidden else {}
+    points = {"plans": {hidden: {"hidden": True}}} if hidden else {}
     check = "cross_track" if "--follow" in options else "path"
     (folder / "points.yaml").write_text(json.dumps({"default": {check: 3}, **points}))
     words = [*options.split(), "--points", "points.yaml"]

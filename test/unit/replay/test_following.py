@@ -128,7 +128,7 @@ def test_a_slow_drive():
 def test_a_shaking_wheel():
     """Two angles in turn, every 0.05 s: 0.2 rad / 0.05 s, which MuSHR's servo cannot follow."""
     message = failed(drive("line", angles=(0.11, -0.11)))["smoothness"]
-    assert message.startswith("the mean steering rate is 4.40 rad/s, tolerance 3.2 rad/s; 0% of ")
+    assert message.startswith("the mean steering rate is 4.40 rad/s, tolerance 3.2 rad/s")
     assert failed(drive("line", angles=(0.11, -0.11)), steering_rate=4.5) == {}
 
 
@@ -204,19 +204,6 @@ def test_a_slow_controller(period, seconds):
     assert [note[: len(expected)] for note in notes] == ([expected] if seconds else [])
 
 
-def test_commands_beyond_the_limits_of_the_car():
-    """A command that is repeated at the same instant counts once."""
-    car = Car(steering_limit_left=0.1, steering_limit_right=0.2)
-    seen = drive("line", angles=(0.11, -0.11), car=car)
-    for sent in (seen.sent, (seen.sent[0], *seen.sent)):
-        (check,) = (
-            each
-            for each in judge_drive(seen._replace(sent=sent), {}).checks
-            if each.name == "smoothness"
-        )
-        assert "; 50% of 101 commands exceed the limits" in check.message
-
-
 def test_a_single_command():
     """There is no rate."""
     seen = drive("line")
@@ -235,15 +222,7 @@ def test_collisions_and_other_actions():
     messages = failed(seen)
     assert set(messages) == {"topics", "map"}
     assert messages["map"].startswith("the car hit a wall at (1.0000 m, 0.0000 m,")
-    judgement = judge_drive(seen, {})
-    assert {each.share for each in judgement.checks if not each.passed} == {0.0}
-    assert judgement.notes == ("the car ignored a message",)
-
-
-@pytest.mark.parametrize(("offset", "share"), [(0.2, 1.0), (0.25, 0.75), (0.3, 0.5), (0.5, 0.0)])
-def test_the_share_of_the_points(offset, share):
-    checks = {each.name: each for each in judge_drive(drive("line", offset), {}).checks}
-    assert checks["cross_track"].share == pytest.approx(share)
+    assert judge_drive(seen, {}).notes == ("the car ignored a message",)
 
 
 def test_the_nearest_point_is_near_along_the_path():
