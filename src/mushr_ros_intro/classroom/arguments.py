@@ -13,11 +13,11 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
 from mushr_ros_intro.replay.following import TOLERANCE_UNITS, tolerance_fault
-from mushr_ros_intro.replay.reference import OFFSETS, Exercise, read_references
+from mushr_ros_intro.replay.reference import Exercise, read_references
 from mushr_ros_intro.ros.commands import as_typed
 
 _DEFAULTS: Dict[str, Any] = {
-    **{"file": "path_publisher.py", "starts": 1, "points": None, "remap": [], "params": ""},
+    **{"file": "path_publisher.py", "points": None, "remap": [], "params": ""},
     **{"car": "ideal", "map": None, "timeout": 15.0},
     **{f"{name}_tolerance": None for name in TOLERANCE_UNITS},
 }
@@ -47,7 +47,6 @@ def _add_exercise_options(parser: argparse.ArgumentParser) -> None:
     help_text = "determines the drawn plans, together with the name of the submission"
     add("--secret", metavar="TEXT", help=help_text)
     add("--follow", nargs="+", metavar="PATH", help="grade controllers that follow these paths")
-    add("--starts", type=int, help="start each path of --follow at so many poses; default 1")
     add("--points", metavar="FILE", help="points per check and plan; default one point each")
     add("--remap", nargs="+", metavar="FROM:=TO", help="for the nodes, as for rosrun")
     add("--params", metavar="FILE", help="parameters of the node; in each submission")
@@ -114,8 +113,6 @@ def _complete(arguments: argparse.Namespace) -> str:
     arguments.map = arguments.map or ("none" if arguments.follow else "sandbox")
     if not arguments.timeout > 0.0:
         return "expected --timeout above 0"
-    if not 1 <= arguments.starts <= len(OFFSETS):
-        return f"expected --starts of 1 to {len(OFFSETS)}"
     for each in arguments.remap:
         if not re.fullmatch(r"[^:=\s]+:=[^:=\n]+", each):
             return f"found --remap '{each}'; expected --remap FROM:=TO, such as control:=/cmd"
@@ -140,7 +137,7 @@ def read_exercises(arguments: argparse.Namespace, plans: Sequence[str]) -> Dict[
     """
     folder = package_folder("plans")
     if arguments.follow:
-        return {**read_references(arguments.follow, folder, arguments.starts)}
+        return {**read_references(arguments.follow, folder)}
     return {**read_plans([each for each in plans if each != DRAWN], folder)}
 
 

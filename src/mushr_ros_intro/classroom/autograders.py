@@ -93,9 +93,11 @@ def _fill(folder: str, arguments: argparse.Namespace, package: str) -> str:
     _copy_package(package, copy)
     for each in ("setup.sh", "run_autograder"):
         shutil.copy(os.path.join(package, "scripts/dev/autograder", each), folder)
-    files = dict.fromkeys(each.path for each in exercises.values())  # one for several starts
     options["follow" if arguments.follow else "plans"] = [
-        *(_copy_file(each, folder, f"{kind}s/{os.path.basename(each)}") for each in files),
+        *(
+            _copy_file(each.path, folder, f"{kind}s/{os.path.basename(each.path)}")
+            for each in exercises.values()
+        ),
         *drawn,
     ]
     if arguments.points is not None:

@@ -16,7 +16,7 @@ import numpy as np
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.geometry import MAX_COORDINATE, Pose, compose
+from mushr_ros_intro.geometry import MAX_COORDINATE, Pose
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.parse import read_plan
@@ -41,12 +41,6 @@ MAX_TURN = 0.5
 MIN_SPEED = 0.1
 """A lower speed counts as this one when the duration of a path is computed [m/s]."""
 
-OFFSETS = (
-    *(Pose(0.0, 0.0, 0.0), Pose(0.0, 0.3, 0.0), Pose(0.0, -0.3, 0.0)),
-    *(Pose(0.0, 0.0, 0.4), Pose(0.0, 0.0, -0.4)),
-)
-"""The start poses of the car, in the frame of the first pose of the path."""
-
 STEP = 0.05
 """Distance between the points of a resampled path [m]."""
 
@@ -61,16 +55,15 @@ class Reference(NamedTuple):
     stamps: Tuple[int, ...]
     """When a car that drives the path reaches each pose, since its start [ns]; rising."""
 
-    start: Pose
-    """The pose at which the car starts."""
-    number: int = 1
-    """Of the start."""
-
     @property
     def name(self) -> str:
-        """The name of the file without its ending, and the number of the start from 2 on."""
-        name = os.path.splitext(os.path.basename(self.path))[0]
-        return name if self.number == 1 else f"{name}_{self.number}"
+        """The name of the file without its ending."""
+        return os.path.splitext(os.path.basename(self.path))[0]
+
+    @property
+    def start(self) -> Pose:
+        """The pose at which the car starts."""
+        return self.poses[0]
 
     @property
     def duration(self) -> int:
@@ -148,10 +141,8 @@ def resampled(poses: np.ndarray, step: float = STEP) -> np.ndarray:
     return np.column_stack([x, y, theta])
 
 
-def read_references(names: Sequence[str], folder: str, starts: int = 1) -> Dict[str, Reference]:
+def read_references(names: Sequence[str], folder: str) -> Dict[str, Reference]:
     """Return paths by name, given the names of files in `folder`, or paths of files.
-
-    Each path occurs `starts` times, each time with another start pose of `OFFSETS`.
 
     Raises:
         UserError: a file is missing, or has a fault; or two files have the same name.
@@ -162,10 +153,7 @@ def read_references(names: Sequence[str], folder: str, starts: int = 1) -> Dict[
         reference = _from_csv(path) if path.endswith(".csv") else _from_plan(path)
         if reference.name in found:
             raise UserError(f"there are two paths with the name '{reference.name}'")
-        for number, offset in enumerate(OFFSETS[:starts], 1):
-            start = compose(reference.start, offset)
-            other = reference._replace(start=start, number=number)
-            found[other.name] = other
+        found[reference.name] = reference
     return found
 
 
@@ -262,4 +250,4 @@ def _checked(path: str, poses: Sequence[Pose], stamps: Sequence[int]) -> Referen
     ]
     if len(kept) < 2 or not math.isfinite(sum(map(sum, poses))):
         raise UserError(f"{path}: expected a path of at least two different poses")
-    return Reference(path, tuple(poses[i] for i in kept), tuple(stamps[i] for i in kept), poses[0])
+    return Reference(path, tuple(poses[i] for i in kept), tuple(stamps[i] for i in kept))

@@ -68,7 +68,6 @@ def folder(tmp_path, monkeypatch):
         (["class", "--plans", "open.txt"], "expected --autograder FILE, and --plans"),
         (["--follow", "missing"], "no such file"),
         (["--follow", "line", "--map", "rooms"], "line.csv: a car on the path hits a wall after "),
-        (["--follow", "wave", "--starts", "6"], "expected --starts of 1 to 5"),
         (["--follow", "wave", "--points", "points.yaml"], "unknown key secret"),
     ],
 )
@@ -101,10 +100,10 @@ def test_fault(make, folder, arguments, reason):
             "hall",
         ),
         (
-            "--follow wave line saw --starts 5 --file controller.py --params config/gains.yaml "
+            "--follow wave line saw --file controller.py --params config/gains.yaml "
             "--remap __ns:=/car _type:=pid --cross-track-tolerance 0.3 --rms-tolerance 0",
             ["wave", "line", "saw"],
-            "15 paths, 1 hidden; 45 points",
+            "3 paths, 1 hidden; 9 points",
             "none",
         ),
     ],

@@ -122,14 +122,6 @@ def test_a_plan_is_its_predicted_path():
     assert reference.duration == pytest.approx(22e9, rel=1e-3)
 
 
-def test_the_starts_are_in_the_frame_of_the_path(tmp_path):
-    path = tmp_path / "path.csv"
-    path.write_text("3,4,1.5707963,1\n3,5,1.5707963,1\n")
-    _, left, _, turned = read_references([str(path)], PLANS, 4).values()
-    assert left.start.is_close_to(Pose(2.7, 4, math.pi / 2), 1e-6)
-    assert turned.start.is_close_to(Pose(3, 4, math.pi / 2 + 0.4), 1e-6)
-
-
 def test_a_plan_that_stops(tmp_path):
     """The car stands at the end, and this is no part of the path."""
     path = tmp_path / "plan.txt"
@@ -138,14 +130,6 @@ def test_a_plan_that_stops(tmp_path):
     assert reference.poses[-1].is_close_to(Pose(1, 0, 0), 1e-9)
     assert len(set(reference.poses)) == len(reference.poses)
     assert reference.duration == pytest.approx(1e9, abs=1e8)
-
-
-def test_several_starts():
-    references = read_references(["left_turn", "line"], PLANS, 3)
-    assert [*references] == ["left_turn", "left_turn_2", "left_turn_3", "line", "line_2", "line_3"]
-    starts = [references[name].start for name in ("line", "line_2", "line_3")]
-    assert starts == [Pose(0, 0, 0), Pose(0, 0.3, 0), Pose(0, -0.3, 0)]
-    assert references["line_2"].poses == references["line"].poses
 
 
 def test_unknown_and_equal_names(tmp_path):
@@ -191,18 +175,3 @@ def test_a_path_that_hits_a_wall(tmp_path, text, message):
             refuse_walls([reference], {}, grid)
     else:
         refuse_walls([reference], {}, grid)
-
-
-def test_a_start_beside_the_path_in_a_wall(tmp_path):
-    """The path is free; the second start is 0.3 m to its left."""
-    cells = np.zeros((40, 50), np.int8)
-    cells[24:, :] = 100
-    path = tmp_path / "path.csv"
-    path.write_text("0,0,0,1\n1,0,0,1\n")
-    first, second = read_references([str(path)], PLANS, 2).values()
-    grid = Grid(cells, 0.1, Pose(-2.0, -2.0, 0.0))
-    refuse_walls([first], {}, grid)
-    with pytest.raises(
-        UserError, match=r"path.csv: the start pose is in a wall.*at \(0.00 m, 0.30"
-    ):
-        refuse_walls([second], {}, grid)
