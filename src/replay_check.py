@@ -34,9 +34,6 @@ from mushr_ros_intro.replay.setting import job_for, read_setting
 from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.ros_time import wait_for
 
-TIMEOUT = 30.0
-"""A node fails if it sends no command for this time [s of wall-clock time]."""
-
 SHOW_TIMEOUT = 5.0
 """Longest wait until the verdict has been printed [s of wall-clock time]."""
 
@@ -81,7 +78,6 @@ def judge() -> Judgement:
         values["car"],
         values["map"] or ("none" if isinstance(exercise, Reference) else "sandbox"),
         remap=tuple(_remappings(values["remap"] or "")),
-        timeout=TIMEOUT,
         tolerances={} if position is None else {"position": position},
         sandbox=Sandbox(),
         ros=inherited(),

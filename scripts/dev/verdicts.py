@@ -57,7 +57,7 @@ def is_expected(name, failed):
 def measure(names, folder, options):
     """Grade the class; return the number of nodes whose verdict is wrong or differs."""
     plan = read_plan(os.path.join(folder, "plan.txt"))
-    others = {"remap": (), "timeout": 5.0, "tolerances": {}}
+    others = {"remap": (), "tolerances": {}}
     setting = read_setting(CHECKOUT, "ideal", "none", **others, sandbox=Sandbox(), ros=inherited())
     seen = {name: set() for name in names}
     drives = {name: set() for name in names}

@@ -39,7 +39,6 @@ def _setting(remap=(), map_name="none"):
     return read_setting(
         *(PACKAGE, "ideal", map_name),
         remap=remap,
-        timeout=15.0,
         tolerances={},
         sandbox=Sandbox(),
         ros=inherited(),

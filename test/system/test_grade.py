@@ -23,7 +23,7 @@ def test_interrupted(tmp_path, ending):
     silent = "#!/usr/bin/python3\nimport signal\nsignal.pause()\n"
     submissions.write(tmp_path / "class", "silent", silent)
     (tmp_path / "plan.txt").write_text(PLAN)
-    plan = ("--plans", tmp_path / "plan.txt", "--out", tmp_path / "out", "--timeout", 8)
+    plan = ("--plans", tmp_path / "plan.txt", "--out", tmp_path / "out")
     plan += ("--jobs", 1)  # the silent node begins after the first result
     command = (find_node("mushr_ros_intro", "grade.py")[0], tmp_path / "class", *plan)
     with Process(*map(str, command)) as process:

@@ -24,7 +24,7 @@ def graded(tmp_path_factory):
     for name, source in nodes.items():
         submissions.write(folder / "submissions", name, source)
     out = folder / "results"
-    plans = ("--plans", folder / "open.txt", "--out", out, "--timeout", 5)
+    plans = ("--plans", folder / "open.txt", "--out", out)
     return *grade(folder / "submissions", *plans), out
 
 

@@ -18,7 +18,7 @@ from mushr_ros_intro.ros.commands import as_typed
 
 _DEFAULTS: Dict[str, Any] = {
     **{"file": "path_publisher.py", "points": None, "remap": [], "params": ""},
-    **{"car": "ideal", "map": None, "timeout": 15.0},
+    **{"car": "ideal", "map": None},
     **{f"{name}_tolerance": None for name in TOLERANCE_UNITS},
 }
 """The options that a results folder remembers, and their defaults."""
@@ -52,7 +52,6 @@ def _add_exercise_options(parser: argparse.ArgumentParser) -> None:
     add("--params", metavar="FILE", help="parameters of the node; in each submission")
     add("--car", help="as in sim.launch; default ideal")
     add("--map", help="as in sim.launch; default sandbox, or none with --follow")
-    add("--timeout", type=float, metavar="S", help="a node may send nothing so long; default 15")
     for name, unit in TOLERANCE_UNITS.items():
         option = f"--{name.replace('_', '-')}-tolerance"
         add(option, type=tolerance, metavar=unit, help="see docs/checks.md")
@@ -111,8 +110,6 @@ def _content(name: str, value: Any) -> Any:
 def _complete(arguments: argparse.Namespace) -> str:
     """Set the default map; return what is wrong with the options of exercises, "" if nothing."""
     arguments.map = arguments.map or ("none" if arguments.follow else "sandbox")
-    if not arguments.timeout > 0.0:
-        return "expected --timeout above 0"
     for each in arguments.remap:
         if not re.fullmatch(r"[^:=\s]+:=[^:=\n]+", each):
             return f"found --remap '{each}'; expected --remap FROM:=TO, such as control:=/cmd"

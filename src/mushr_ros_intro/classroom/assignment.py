@@ -104,7 +104,6 @@ def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
         arguments.car,
         arguments.map,
         remap=(*arguments.remap, *words),
-        timeout=arguments.timeout,
         tolerances=tolerances_of(arguments),
         sandbox=sandbox,
         ros=sandbox.copy_workspaces(),

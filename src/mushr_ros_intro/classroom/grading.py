@@ -117,7 +117,7 @@ class Grading:
         self._judges = judges()
         grid = setting.grid
         world = grid and (grid.cells.tobytes(), grid.cells.shape, grid.resolution, grid.origin)
-        fields = (setting.car, setting.parameters, setting.mux, setting.remap, setting.timeout)
+        fields = (setting.car, setting.parameters, setting.mux, setting.remap)
         version = ElementTree.parse(package_folder("package.xml")).findtext("version")
         self._common = hash_of(*fields, world, isolation, params, version)
 

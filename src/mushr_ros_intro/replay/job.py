@@ -46,8 +46,6 @@ class Setting(NamedTuple):
     """The map, or None."""
     remap: Tuple[str, ...]
     """Remappings and parameters for the nodes, as FROM:=TO."""
-    timeout: float
-    """Longest time without a command [s of wall-clock time]."""
     tolerances: Dict[str, float]
     """Those that differ from the defaults, by the names in `Tolerances`."""
     sandbox: Sandbox
@@ -108,7 +106,7 @@ def _run_here(job: Job) -> Recorded:
         file = world.due_times.file
         process = NodeProcess(sandboxed(job, folder, file), sandbox.has_namespaces, file)
         try:
-            outcome = watch(process, world, job.plan, setting.timeout)
+            outcome = watch(process, world, job.plan)
             error = printed_error(process.output)  # the end of the node can print others
         finally:
             process.end()

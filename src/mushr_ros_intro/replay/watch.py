@@ -18,6 +18,9 @@ from mushr_ros_intro.stamps import NANOSECONDS
 MAX_SILENCE = 60.0
 """A node that sends no command for this time hangs [s of simulated time]."""
 
+TIMEOUT = 15.0
+"""The same for the time for which it waits or runs [s]; with half a core, it starts in 2 s."""
+
 DONE_AFTER = 2.0
 """If no command follows the last one for this time, the node is done [s of simulated time]."""
 
@@ -40,14 +43,13 @@ CHECK_PERIOD = 0.05
 """Period of the checks of what a running node uses [s of wall-clock time]."""
 
 
-def watch(process: NodeProcess, world: ReplayWorld, exercise: Exercise, timeout: float) -> str:
+def watch(process: NodeProcess, world: ReplayWorld, exercise: Exercise) -> str:
     """Wait until the node is done, or has failed.
 
     Args:
         process: the node.
         world: the world of the replay.
         exercise: the plan or the path of the node.
-        timeout: longest time without a command [s of wall-clock time].
 
     Returns:
         A description of the node's failure; empty if there is none.
@@ -68,9 +70,9 @@ def watch(process: NodeProcess, world: ReplayWorld, exercise: Exercise, timeout:
         if _has_driven(world, driven - expected) if plan else has_followed(world):
             if not world.is_ending or silence > EXIT_TIMEOUT:
                 return ""  # a node that is done need not end
-        elif silence > timeout or world.silence > MAX_SILENCE:
+        elif silence > TIMEOUT or world.silence > MAX_SILENCE:
             # Which limit it exceeds first depends on the load of the machine, so both are named.
-            limits = f"{timeout:g} s, or for {MAX_SILENCE:g} s of simulated time"
+            limits = f"{TIMEOUT:g} s, or for {MAX_SILENCE:g} s of simulated time"
             progress = f"{driven} of {expected} commands" if plan else f"{driven} commands"
             if driven:
                 return (

@@ -40,7 +40,7 @@ def test_a_later_run_uses_the_options_of_the_earlier_one(tmp_path, capsys):
             assert file.read() == "default: {path: 3}"
         Store(str(out)).save_settings(found.settings)
     found = parse_arguments([*words, "--path-tolerance", "0.5"], "")
-    assert (found.path_tolerance, found.timeout, found.map) == (0.5, 15.0, "sandbox")
+    assert (found.path_tolerance, found.map) == (0.5, "sandbox")
     remembered(out)
     capsys.readouterr()
     assert parse_arguments(words, "").points is None and not capsys.readouterr().err

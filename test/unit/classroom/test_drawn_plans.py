@@ -131,7 +131,7 @@ def test_a_plan_that_cannot_be_drawn_from(monkeypatch, like, options, said):
 
 
 def setting(map_name):
-    others = {"remap": (), "timeout": 9.0, "tolerances": {}, "sandbox": Sandbox(), "ros": {}}
+    others = {"remap": (), "tolerances": {}, "sandbox": Sandbox(), "ros": {}}
     return read_setting(PACKAGE, "ideal", map_name, **others)
 
 

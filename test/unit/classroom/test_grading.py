@@ -44,7 +44,7 @@ class Course:
             fill(folder / "class" / name, FILES)
         (folder / "plan.txt").write_text(TEXT)
         self.options = {"jobs": 1}
-        self.setting = {"timeout": 9.0, "tolerances": {}}
+        self.setting = {"tolerances": {}, "remap": ()}
         self.fail = {}
         monkeypatch.setattr(grading, "probe", lambda plan, setting: None)
         monkeypatch.setattr(grading, "build", lambda submission, setting: "")
@@ -70,7 +70,7 @@ class Course:
         workspace = pathlib.Path(tempfile.mkdtemp(dir=self.folder))
         found = collect([str(self.folder / "class")], str(workspace))
         plans = {"plan": read_plan(str(self.folder / "plan.txt"))}
-        others = {"remap": (), "sandbox": Sandbox(), "ros": {}}
+        others = {"sandbox": Sandbox(), "ros": {}}
         setting = read_setting(PACKAGE, "ideal", "none", **self.setting, **others)
         store = Store(str(self.out))
         tasks = [grading.Task(each, plans) for each in found]
@@ -97,7 +97,7 @@ def test_only_what_has_changed_is_driven(course, monkeypatch):
     assert (course.run()[1], course.driven) == (["bob"], ["bob"])
     (course.folder / "class" / "eve" / "extra.txt").touch()
     assert course.run()[1] == ["eve"]
-    course.setting["timeout"] = 3.0
+    course.setting["remap"] = ("a:=b",)
     assert len(course.run()[1]) == 3
     (course.folder / "plan.txt").write_text(f"# a comment\n{TEXT}")
     course.run()

@@ -37,9 +37,9 @@ class World:
     def describe_end(self, process):
         return "it has ended"
 
-    def watch(self, exercise, timeout=15.0, has_ended=False):
+    def watch(self, exercise, has_ended=False):
         process = SimpleNamespace(has_ended=has_ended, threads=self, excess=str)
-        return watch.watch(process, self, exercise, timeout)
+        return watch.watch(process, self, exercise)
 
 
 @pytest.fixture(autouse=True)
@@ -55,10 +55,11 @@ def test_a_node_that_sends_no_stop():
 
 
 @pytest.mark.parametrize("timeout", [15.0, 80.0])
-def test_a_node_that_hangs(timeout):
+def test_a_node_that_hangs(monkeypatch, timeout):
     """The message names both limits, because the load decides which one it exceeds first."""
+    monkeypatch.setattr(watch, "TIMEOUT", timeout)
     world = World(commands()[:4])
-    message = world.watch(PLAN, timeout)
+    message = world.watch(PLAN)
     arrived = f" 4 of {count_commands(PLAN)} commands arrived, and then none for {timeout:g} s, "
     assert f"{arrived}or for 60 s of simulated time, although " in message
     assert world.silence == pytest.approx(min(timeout, 60.0), abs=0.06)
