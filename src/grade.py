@@ -24,7 +24,7 @@ from typing import Any, List
 
 from mushr_ros_intro.classroom import tables
 from mushr_ros_intro.classroom.arguments import parse_arguments, read_exercises
-from mushr_ros_intro.classroom.assignment import Plans, setting_from, tolerances_of
+from mushr_ros_intro.classroom.assignment import Plans, setting_from
 from mushr_ros_intro.classroom.autograders import write_autograder
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.gradescope import gradescope
@@ -42,11 +42,9 @@ from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox, make_sandbox
 from mushr_ros_intro.isolation.workspace import temporary_folder
-from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
 from mushr_ros_intro.replay.job import run_job
-from mushr_ros_intro.replay.judge import CHECK_NAMES
 from mushr_ros_intro.replay.own_process import ReplayError
-from mushr_ros_intro.replay.reference import refuse_walls
+from mushr_ros_intro.replay.reference import Reference, refuse_walls
 from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.setting import job_for
 from mushr_ros_intro.wording import counted
@@ -92,9 +90,10 @@ def interrupt(*_: Any) -> None:
 
 def grade_node(arguments: argparse.Namespace) -> int:
     """Grade one installed node; print each verdict."""
-    setting = setting_from(arguments, Sandbox())
-    status = PASSED
     exercises = read_exercises(arguments, arguments.inputs)
+    points = read_points(arguments.points, exercises, bool(arguments.follow))
+    setting = setting_from(arguments, Sandbox(), points.tolerances)
+    status = PASSED
     refuse_walls(exercises.values(), setting.parameters, setting.grid)
     for plan_name, plan in exercises.items():
         job = job_for(arguments.node, plan, setting)
@@ -114,8 +113,7 @@ def grade_node(arguments: argparse.Namespace) -> int:
 def grade_class(arguments: argparse.Namespace) -> int:
     """Grade submissions; print a line for each new result, and write the results."""
     plans = Plans(arguments)
-    checks = FOLLOW_CHECK_NAMES if arguments.follow else CHECK_NAMES
-    points = read_points(arguments.points, plans.names, checks)
+    points = read_points(arguments.points, plans.names, bool(arguments.follow))
     store = Store(arguments.out)
     folder = os.path.realpath(arguments.out)
     inputs = [each if os.path.isdir(each) else os.path.dirname(each) for each in arguments.inputs]
@@ -124,7 +122,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
         sandbox, missing = make_sandbox([*inputs, *plans.folders, folder], workspace)
         if missing:
             print(missing, file=sys.stderr)
-        setting = setting_from(arguments, sandbox)
+        setting = setting_from(arguments, sandbox, points.tolerances)
         plans.check_map(setting)
         found = collect(arguments.inputs, workspace, arguments.file)
         if len(found) != 1 and arguments.gradescope:
@@ -138,7 +136,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
     if arguments.gradescope:
         report = gradescope(results[0], points, time.monotonic() - began)
         write_text(arguments.gradescope, json.dumps(report, indent=2))
-    return finish(arguments.out, results, points, plans.names)
+    return finish(arguments.out, results, points)
 
 
 def merge(arguments: argparse.Namespace) -> int:
@@ -149,17 +147,18 @@ def merge(arguments: argparse.Namespace) -> int:
     stored = [records[name] for name in sorted(records)]
     for each in stored:
         store.save(each)
+    drives = [drive for each in stored for drive in each.drives]
+    plans = dict.fromkeys(each.plan for each in drives)
+    follows = any(each.recorded and isinstance(each.recorded.plan, Reference) for each in drives)
+    points = read_points(arguments.points, plans, follows)
     with judges() as pool:
-        results = judged(stored, tolerances_of(arguments), pool)
-    drives = [plan for each in results for plan in each.plans]
-    plans = list(dict.fromkeys(plan.plan for plan in drives))
-    checks = [check.name for check in drives[0].checks] if drives else CHECK_NAMES
-    return finish(arguments.out, results, read_points(arguments.points, plans, checks), plans)
+        results = judged(stored, points.tolerances, pool)
+    return finish(arguments.out, results, points)
 
 
-def finish(folder: str, results: List[Grade], points: Points, plans: List[str]) -> int:
+def finish(folder: str, results: List[Grade], points: Points) -> int:
     """Write the tables and pages; print a summary; return the exit status."""
-    tables.write_results(folder, results, points, plans)
+    tables.write_results(folder, results, points)
     passed = sum(each.passed for each in results)
     missing = sum(bool(each.error) for each in results)
     text = f"{passed} of {counted(len(results), 'submission')} passed"

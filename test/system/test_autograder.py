@@ -144,14 +144,14 @@ def test_controllers(tmp_path):
     course, given, machine = (tmp_path / name for name in ("course", "given", "machine"))
     for each in (course, given, machine):
         each.mkdir()
-    (course / "points.yaml").write_text("default: {cross_track: 4, topics: 1}")
+    (course / "points.yaml").write_text("default: {cross_track: 4, topics: 1}\ntolerances: {cross_track: 0.2}")
     for name, gains in (("right", "gain: 1.0"), ("wrong", "gain: -1.0")):
         (given / name).mkdir()
         shutil.copy(f"{CONTROLLERS}/pursuit.py", given / name)
         shutil.copy(f"{CONTROLLERS}/loop.py", given / name / "controller.py")
         (given / name / "gains.yaml").write_text(gains)
     options = "--follow wave --file controller.py --params gains.yaml"
-    options += " --points points.yaml --cross-track-tolerance 0.2"
+    options += " --points points.yaml"
     reports = grade(course, options.split(), given, machine)
     right, wrong = (scores(reports[name]) for name in ("right", "wrong"))
     assert right["wave: cross_track"] == 4.0, text_of(reports["right"])

@@ -107,13 +107,13 @@ def test_a_class(tmp_path):
     path = tmp_path / "wave.csv"
     np.savetxt(path, [(*pose, WAVE.speed) for pose in WAVE.poses], delimiter=",")
     points = tmp_path / "points.yaml"
-    points.write_text("default: {cross_track: 3, final_pose: 1}")
+    points.write_text("default: {cross_track: 3, final_pose: 1}\ntolerances: {cross_track: 0.035}")
     command = (
         find_node("mushr_ros_intro", "grade.py")[0],
         *(tmp_path / name for name in ("ann", "bob", "cleo")),
         *("--follow", path, "--file", "controller.py", "--points", points),
         *("--params", "gains.yaml"),
-        *("--cross-track-tolerance", "0.035", "--out", tmp_path / "out"),
+        *("--out", tmp_path / "out"),
     )
     for _ in range(2):
         with ForkedProcess(*map(str, command)) as process:

@@ -127,8 +127,9 @@ def test_replay(example, tmp_path, name):
     """
     (tmp_path / "short_rows.txt").write_text("1,2,2.5\n2.0,0.1,0.25\n1.0,-0.3,0.35\n-1,0.2,0.25\n")
     plan = tmp_path / name if name.endswith(".txt") else name
-    tolerances = [f"--{each}-tolerance=1e-9" for each in ("position", "angle", "path")]
-    drives = ("--node", "my_ros_intro", "path_publisher.py", *tolerances)
+    points = tmp_path / "points.yaml"
+    points.write_text("tolerances: {position: 1e-9, angle: 1e-9, path: 1e-9}")
+    drives = ("--node", "my_ros_intro", "path_publisher.py", "--points", str(points))
     with node("grade.py", str(plan), *drives) as process:
         assert process.wait(2 * PATIENCE) == 0, process.output
     lines = process.output.splitlines()

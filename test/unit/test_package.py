@@ -12,8 +12,6 @@ from roslaunch.config import ROSLaunchConfig
 from roslaunch.rlutil import check_roslaunch
 from roslaunch.xmlloader import XmlLoader
 
-from mushr_ros_intro.replay.following import TOLERANCE_UNITS, FollowTolerances
-from mushr_ros_intro.replay.tolerances import Tolerances
 from support import paths
 from support.helpers import ForkedProcess
 
@@ -179,10 +177,6 @@ def test_sources_are_ascii():
         for path in glob.glob(os.path.join(PACKAGE, pattern), recursive=True):
             with open(path, "rb") as file:
                 assert file.read().isascii(), path
-
-
-def test_every_tolerance_can_be_set():
-    assert {*TOLERANCE_UNITS} == {*Tolerances._fields, *FollowTolerances._fields}
 
 
 def test_every_promise_has_its_tests():

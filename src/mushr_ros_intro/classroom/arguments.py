@@ -4,7 +4,6 @@ import argparse
 import os
 import re
 import sys
-from contextlib import suppress
 from typing import Any, Dict, List, Sequence
 
 from mushr_ros_intro.classroom.drawn_plans import DRAWN
@@ -12,27 +11,17 @@ from mushr_ros_intro.classroom.store import load_settings
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_plans
-from mushr_ros_intro.replay.following import TOLERANCE_UNITS, tolerance_fault
 from mushr_ros_intro.replay.reference import Exercise, read_references
 from mushr_ros_intro.ros.commands import as_typed
 
 _DEFAULTS: Dict[str, Any] = {
     **{"file": "path_publisher.py", "points": None, "remap": [], "params": ""},
     **{"car": "ideal", "map": None},
-    **{f"{name}_tolerance": None for name in TOLERANCE_UNITS},
 }
 """The options that a results folder remembers, and their defaults."""
 
-_OF_A_CLASS = ("secret", "points", "jobs", "gradescope")
+_OF_A_CLASS = ("secret", "jobs", "gradescope")
 """Options that `--node` does not use."""
-
-
-def tolerance(text: str) -> float:
-    """Return a number that is not negative; raise ArgumentTypeError for any other text."""
-    with suppress(ValueError):
-        if float(text) >= 0.0:
-            return float(text)
-    raise argparse.ArgumentTypeError(f"{text!r}; expected a number of at least 0")
 
 
 def _add_exercise_options(parser: argparse.ArgumentParser) -> None:
@@ -47,14 +36,11 @@ def _add_exercise_options(parser: argparse.ArgumentParser) -> None:
     help_text = "determines the drawn plans, together with the name of the submission"
     add("--secret", metavar="TEXT", help=help_text)
     add("--follow", nargs="+", metavar="PATH", help="grade controllers that follow these paths")
-    add("--points", metavar="FILE", help="points per check and plan; default one point each")
+    add("--points", metavar="FILE", help="points per check and plan, and tolerances")
     add("--remap", nargs="+", metavar="FROM:=TO", help="for the nodes, as for rosrun")
     add("--params", metavar="FILE", help="parameters of the node; in each submission")
     add("--car", help="as in sim.launch; default ideal")
     add("--map", help="as in sim.launch; default sandbox, or none with --follow")
-    for name, unit in TOLERANCE_UNITS.items():
-        option = f"--{name.replace('_', '-')}-tolerance"
-        add(option, type=tolerance, metavar=unit, help="see docs/checks.md")
 
 
 def words_of(options: Dict[str, Any]) -> List[str]:
@@ -121,9 +107,7 @@ def _complete(arguments: argparse.Namespace) -> str:
         return f"found --params '{arguments.params}'; expected the path of a file in a submission"
     if (DRAWN in (arguments.plans or [])) != bool(arguments.secret):
         return f"expected --secret TEXT together with {DRAWN} in --plans"
-    values = ((name, getattr(arguments, f"{name}_tolerance")) for name in TOLERANCE_UNITS)
-    given = [name for name, value in values if value is not None]
-    return "" if arguments.merge else tolerance_fault(given, bool(arguments.follow))
+    return ""
 
 
 def read_exercises(arguments: argparse.Namespace, plans: Sequence[str]) -> Dict[str, Exercise]:

@@ -3,7 +3,7 @@
 import argparse
 import os
 from functools import partial
-from typing import Dict, List, Optional, Sequence
+from typing import Dict, List, Mapping, Optional, Sequence
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.classroom.arguments import read_exercises
@@ -17,7 +17,6 @@ from mushr_ros_intro.plan.parse import read_plan, read_plans
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.plan.write import plan_text
 from mushr_ros_intro.preview.report import check
-from mushr_ros_intro.replay.following import TOLERANCE_UNITS
 from mushr_ros_intro.replay.job import Setting
 from mushr_ros_intro.replay.reference import Exercise, refuse_walls
 from mushr_ros_intro.replay.setting import parameter_words, read_setting
@@ -89,13 +88,9 @@ class Plans:
         return {**self._named, DRAWN: read_plan(path)}
 
 
-def tolerances_of(arguments: argparse.Namespace) -> Dict[str, float]:
-    """Return the tolerances that differ from the default."""
-    values = ((name, getattr(arguments, f"{name}_tolerance")) for name in TOLERANCE_UNITS)
-    return {name: value for name, value in values if value is not None}
-
-
-def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
+def setting_from(
+    arguments: argparse.Namespace, sandbox: Sandbox, tolerances: Mapping[str, float]
+) -> Setting:
     """Return the setting that the command line describes."""
     own = arguments.node and arguments.params  # each submission has a file of its own
     words = parameter_words(arguments.params) if own else ()
@@ -104,7 +99,7 @@ def setting_from(arguments: argparse.Namespace, sandbox: Sandbox) -> Setting:
         arguments.car,
         arguments.map,
         remap=(*arguments.remap, *words),
-        tolerances=tolerances_of(arguments),
+        tolerances=tolerances,
         sandbox=sandbox,
         ros=sandbox.copy_workspaces(),
     )

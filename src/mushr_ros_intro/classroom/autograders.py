@@ -15,8 +15,6 @@ from mushr_ros_intro.classroom.points import read_points
 from mushr_ros_intro.classroom.store import give_to_user
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import find_file, package_folder
-from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
-from mushr_ros_intro.replay.judge import CHECK_NAMES
 from mushr_ros_intro.replay.reference import refuse_walls
 from mushr_ros_intro.wording import counted
 from mushr_ros_intro.world.map_file import read_map
@@ -67,8 +65,7 @@ def _fill(folder: str, arguments: argparse.Namespace, package: str) -> str:
     kind = "path" if arguments.follow else "plan"
     drawn = [DRAWN] * (DRAWN in (arguments.plans or []))
     names = [*exercises, *drawn]
-    checks = FOLLOW_CHECK_NAMES if arguments.follow else CHECK_NAMES
-    points = read_points(arguments.points, names, checks)
+    points = read_points(arguments.points, names, bool(arguments.follow))
     parameters = read_parameters(arguments.car, os.path.join(package, "config"))
     copy = os.path.join(folder, "mushr_ros_intro")
     for each in (f"{kind}s", "mushr_ros_intro/maps"):

@@ -4,7 +4,7 @@ import math
 import os
 import subprocess
 import tempfile
-from typing import Dict, List, Optional, Sequence, Tuple
+from typing import List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -140,7 +140,7 @@ def _build_here(submission: Submission, setting: Setting) -> str:
 
 
 def judge_and_draw(
-    recorded: Recorded, tolerances: Dict[str, float]
+    recorded: Recorded, tolerances: Mapping[str, float]
 ) -> Tuple[Judgement, float, str]:
     """Judge a recorded drive.
 

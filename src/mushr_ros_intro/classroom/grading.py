@@ -11,6 +11,7 @@ from typing import (
     Generator,
     Iterator,
     List,
+    Mapping,
     Optional,
     Sequence,
     Tuple,
@@ -55,7 +56,7 @@ def judges() -> ProcessPoolExecutor:
 
 
 def judged(
-    records: Sequence[Record], tolerances: Dict[str, float], pool: ProcessPoolExecutor
+    records: Sequence[Record], tolerances: Mapping[str, float], pool: ProcessPoolExecutor
 ) -> List[Grade]:
     """Return the results of stored drives."""
     futures = {

@@ -6,6 +6,7 @@ Without a file, each check of each plan gives one point. A file points.yaml chan
     plans:
       figure_8: {commands: 4, all_or_nothing: true}    # changes the default for one plan
       secret: {final_pose: 10, hidden: true}
+    tolerances: {position: 0.3}                        # of all plans; see docs/checks.md
 
 The keys of `default` and of each plan are:
 
@@ -28,11 +29,12 @@ from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Seq
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import REQUIRED, Parameters, flag, number
-from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES
+from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES, FollowTolerances
 from mushr_ros_intro.replay.judge import CHECK_NAMES, Check
+from mushr_ros_intro.replay.tolerances import Tolerances
 from mushr_ros_intro.yaml_file import read_mapping
 
-_MAX_POINTS = 1e6  # of one check
+_MOST = 1e6  # points of one check, and of a tolerance
 _DECIMALS = 6  # of a sum, so that 0.1 + 0.2 is 0.3
 _FORM = "keys such as 'default: {path: 3}' and 'plans: {figure_8: {path: 4}}'"
 _OPTIONS = ("all_or_nothing", "hidden")
@@ -55,6 +57,8 @@ class Points(NamedTuple):
     plans: Mapping[str, PlanPoints] = {}
     check_names: Tuple[str, ...] = CHECK_NAMES
     """The checks of the plans, or of the paths that controllers follow."""
+    tolerances: Mapping[str, float] = {}
+    """Those that differ from the defaults, by the names in `Tolerances` or `FollowTolerances`."""
 
     def points(self, plan: str, check: str) -> float:
         """Return the points that a check of a plan gives if it passes."""
@@ -119,25 +123,33 @@ class Points(NamedTuple):
         return self.plans.get(plan, self.default)
 
 
-def read_points(
-    path: Optional[str], plan_names: Iterable[str], check_names: Sequence[str] = CHECK_NAMES
-) -> Points:
-    """Return the points in a file for the graded plans, or the default points without a path.
+def read_points(path: Optional[str], plan_names: Iterable[str], follows: bool = False) -> Points:
+    """Return the points and tolerances in a file, or the default ones without a path.
+
+    Args:
+        path: of the file, or None.
+        plan_names: the graded plans, or the paths that controllers follow.
+        follows: whether they are paths.
 
     Raises:
         UserError: the file cannot be read, or an entry is not valid.
     """
-    names = tuple(plan_names)
+    names, check_names, known = tuple(plan_names), CHECK_NAMES, Tolerances._fields
+    if follows:
+        check_names, known = FOLLOW_CHECK_NAMES, FollowTolerances._fields
     if path is None:
-        return Points(names, check_names=tuple(check_names))
-    values = _mapping(read_mapping(path, _FORM), f"{path}: ", ("default", "plans"))
+        return Points(names, check_names=check_names)
+    values = _mapping(read_mapping(path, _FORM), f"{path}: ", ("default", "plans", "tolerances"))
     default = _plan_points(values.get("default"), f"{path}: default: ", None, check_names)
     entries = _mapping(values.get("plans"), f"{path}: plans: ", names)
     plans = {
         name: _plan_points(entry, f"{path}: plans: {name}: ", default, check_names)
         for name, entry in entries.items()
     }
-    points = Points(names, default, plans, check_names=tuple(check_names))
+    place = f"{path}: tolerances: "
+    given = _mapping(values.get("tolerances"), place, known)
+    tolerances = Parameters(given, place).read([number(n, REQUIRED, "", 0.0, _MOST) for n in given])
+    points = Points(names, default, plans, check_names, tolerances)
     if not points.max_score():
         raise UserError(f"{path}: all checks give 0 points; expected points for at least one check")
     return points
@@ -154,7 +166,7 @@ def _plan_points(
     raw = _mapping(entry, place, (*check_names, *_OPTIONS))
     read = Parameters(raw, place)
     named = [name for name in check_names if name in raw]
-    checks = read.read([number(name, REQUIRED, "points", 0.0, _MAX_POINTS) for name in named])
+    checks = read.read([number(name, REQUIRED, "points", 0.0, _MOST) for name in named])
     if default is None:
         default = PlanPoints({}) if checks else PlanPoints()
     options = read.read([flag(key, getattr(default, key)) for key in _OPTIONS])

@@ -14,24 +14,17 @@ from mushr_ros_intro.replay.judge import CHECK_NAMES
 _CANVAS_COLUMNS = ("Student", "ID", "SIS User ID", "SIS Login ID", "Section")
 
 
-def write_results(
-    folder: str,
-    results: Sequence[Grade],
-    points: Points,
-    plan_names: Iterable[str],
-) -> None:
+def write_results(folder: str, results: Sequence[Grade], points: Points) -> None:
     """Write index.html, submissions/, students/, the tables and results.xml into a folder.
 
     Args:
         folder: is created if it does not exist.
         results: of the submissions, in the order of the files.
-        points: what the plans give.
-        plan_names: the graded plans, in the order of the columns.
+        points: what the plans give, which are in the order of the columns.
 
     Raises:
         OSError: a file cannot be written.
     """
-    points = points._replace(plan_names=tuple(plan_names))
     folder = os.path.join(folder, "")
     make_folder(folder)
     write_text(f"{folder}index.html", pages.index_page(results, points))

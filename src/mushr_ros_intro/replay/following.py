@@ -5,7 +5,7 @@ the nearest point that is not far from the one before along the path. So a path 
 """
 
 import math
-from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Tuple
+from typing import Any, Callable, Iterator, List, Mapping, NamedTuple, Tuple
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.replay.judge import CHECKS, Judgement, checked, judge
 from mushr_ros_intro.replay.recording import Drive, Recorded, frechet_distance
 from mushr_ros_intro.replay.reference import STEP, Reference, lengths, resampled
-from mushr_ros_intro.replay.tolerances import Tolerances, default_tolerances
+from mushr_ros_intro.replay.tolerances import default_tolerances
 from mushr_ros_intro.stamps import NANOSECONDS
 
 AHEAD, BEHIND = 2.0, 0.5
@@ -46,28 +46,7 @@ class FollowTolerances(NamedTuple):
     """Mean rate of the commanded steering angle [rad/s]; MuSHR's servo is not faster."""
 
 
-TOLERANCE_UNITS = {
-    "position": "m",
-    "angle": "rad",
-    "path": "m",
-    "cross_track": "m",
-    "rms": "m",
-    "time": "FACTOR",
-    "steering_rate": "rad/s",
-}
-"""The units of `Tolerances` and `FollowTolerances`, by name."""
-
-
-def tolerance_fault(names: Iterable[str], follows: bool) -> str:
-    """Return which of some tolerances a plan does not have, or a path; "" if there is none."""
-    known = FollowTolerances._fields if follows else Tolerances._fields
-    kind = "a path" if follows else "a plan"
-    unknown = (each for each in names if each not in known)
-    faults = (f"{kind} has no {each} tolerance; expected {', '.join(known)}" for each in unknown)
-    return next(faults, "")
-
-
-def judge_drive(recorded: Recorded, changes: Dict[str, float]) -> Judgement:
+def judge_drive(recorded: Recorded, changes: Mapping[str, float]) -> Judgement:
     """Return the verdict on a replay, given the tolerances that differ from the default."""
     if not isinstance(recorded.plan, Reference):
         return judge(recorded, default_tolerances(recorded.plan, recorded.car)._replace(**changes))

@@ -6,7 +6,7 @@ import re
 import shutil
 import tempfile
 import time
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.isolation.node_process import WAS_KILLED, NodeProcess
@@ -46,7 +46,7 @@ class Setting(NamedTuple):
     """The map, or None."""
     remap: Tuple[str, ...]
     """Remappings and parameters for the nodes, as FROM:=TO."""
-    tolerances: Dict[str, float]
+    tolerances: Mapping[str, float]
     """Those that differ from the defaults, by the names in `Tolerances`."""
     sandbox: Sandbox
     """How the nodes are isolated."""

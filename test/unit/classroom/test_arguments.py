@@ -26,21 +26,21 @@ def test_a_later_run_uses_the_options_of_the_earlier_one(tmp_path, capsys):
     """Without them, all pages and tables would be written again with other points."""
     points, out = tmp_path / "points.yaml", tmp_path / "out"
     points.write_text("default: {path: 3}")
-    remembered(out, "--points", str(points), "--path-tolerance", "0.25", "--remap", "a:=b")
+    remembered(out, "--points", str(points), "--car", "mushr_nano", "--remap", "a:=b")
     points.unlink()
     words = ["class", "--plans", "circle", "--out", str(out)]
     capsys.readouterr()
     for _ in range(2):
         found = parse_arguments(words, "")
         said = capsys.readouterr().err
-        assert "--path-tolerance 0.25" in said and "--remap a:=b" in said
+        assert "--car mushr_nano" in said and "--remap a:=b" in said
         assert f"--points {out}/data/points.yaml" in said and "--map" not in said
-        assert (found.path_tolerance, found.remap) == (0.25, ["a:=b"])
+        assert (found.car, found.remap) == ("mushr_nano", ["a:=b"])
         with open(found.points) as file:
             assert file.read() == "default: {path: 3}"
         Store(str(out)).save_settings(found.settings)
-    found = parse_arguments([*words, "--path-tolerance", "0.5"], "")
-    assert (found.path_tolerance, found.map) == (0.5, "sandbox")
+    found = parse_arguments([*words, "--car", "ideal"], "")
+    assert (found.car, found.map) == ("ideal", "sandbox")
     remembered(out)
     capsys.readouterr()
     assert parse_arguments(words, "").points is None and not capsys.readouterr().err
@@ -48,9 +48,11 @@ def test_a_later_run_uses_the_options_of_the_earlier_one(tmp_path, capsys):
 
 def test_folders_with_other_options_are_not_merged(tmp_path):
     """Their results cannot be compared, until the command line says which option counts."""
-    for name, value in (("1", "0.25"), ("2", "0.5")):
-        remembered(tmp_path / name, "--path-tolerance", value)
+    for name in ("1", "2"):
+        points = tmp_path / f"{name}.yaml"
+        points.write_text(f"tolerances: {{path: {name}}}")
+        remembered(tmp_path / name, "--points", str(points))
     words = ["--merge", str(tmp_path / "1"), str(tmp_path / "2"), "--out", str(tmp_path / "all")]
-    with pytest.raises(UserError, match="different values of --path-tolerance"):
+    with pytest.raises(UserError, match="different values of --points"):
         parse_arguments(words, "")
-    assert parse_arguments([*words, "--path-tolerance", "1"], "").path_tolerance == 1.0
+    assert parse_arguments([*words, "--points", str(points)], "").points == str(points)

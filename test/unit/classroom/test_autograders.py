@@ -82,7 +82,7 @@ def test_fault(make, folder, arguments, reason):
     "options, sources, summary, map_name",
     [
         (
-            "--plans secret.txt open.txt --path-tolerance 0.5",
+            "--plans secret.txt open.txt",
             ["secret", "open"],
             "2 plans, 1 hidden; 6 points",
             "sandbox",
@@ -101,7 +101,7 @@ def test_fault(make, folder, arguments, reason):
         ),
         (
             "--follow wave line saw --file controller.py --params config/gains.yaml "
-            "--remap __ns:=/car _type:=pid --cross-track-tolerance 0.3 --rms-tolerance 0",
+            "--remap __ns:=/car _type:=pid",
             ["wave", "line", "saw"],
             "3 paths, 1 hidden; 9 points",
             "none",

@@ -97,7 +97,7 @@ def test_failed_checks(tmp_path, text, failed, score, loss):
     ("text", "said"),
     [
         ("3", "the file has no keys; expected keys such as 'default"),
-        ("defaults: {}", ": unknown key defaults; expected one of default, plans"),
+        ("defaults: {}", ": unknown key defaults; expected one of default, plans, tol"),
         ("default: 3", ": default: the value is 3; expected keys of node, topics"),
         ("default: 0", ": default: the value is 0; expected"),
         ("default: {paht: 3}", ": default: unknown key paht; expected one of node, topics, start_"),
@@ -109,6 +109,9 @@ def test_failed_checks(tmp_path, text, failed, score, loss):
         ("default: {path: .nan}", ": default: path is nan; expected a number from 0"),
         ("default: {path: true}", ": default: path is True; expected a number from 0"),
         ("default: {path: many}", ": default: path is 'many'; expected a number from 0"),
+        ("tolerances: {path: -1}", "tolerances: path is -1; expected a number from 0 to 1e+06"),
+        ("tolerances: {path: .nan}", "tolerances: path is nan; expected a number from 0"),
+        ("tolerances: {rms: 1}", "unknown key rms; expected one of position, angle, path"),
         ("default: {hidden: 1}", ": default: hidden is 1; expected true or false"),
         ("default: {path: 0}", ": all checks give 0 points; expected points for at least one"),
     ],
@@ -117,6 +120,14 @@ def test_bad_files(tmp_path, text, said):
     with pytest.raises(UserError) as error:
         read(tmp_path, text)
     assert said in str(error.value) and "points.yaml" in str(error.value)
+
+
+def test_tolerances(tmp_path):
+    """They are those of plans, or of paths; a number may have the form of YAML 1.2."""
+    assert read(tmp_path, "tolerances: {path: 1e-9}").tolerances == {"path": 1e-9}
+    path = tmp_path / "points.yaml"
+    path.write_text("tolerances: {rms: 0.1}")
+    assert read_points(str(path), PLANS, follows=True).tolerances == {"rms": 0.1}
 
 
 @pytest.fixture

@@ -61,7 +61,7 @@ class Page(HTMLParser):
 
 def written(folder, *results):
     """Write the files of results; return the index and the pages by their file names."""
-    write_results(str(folder), results, POINTS, PLANS)
+    write_results(str(folder), results, POINTS)
     pages = {path.name: Page(path) for path in (folder / "submissions").iterdir()}
     return Page(folder / "index.html"), pages
 
@@ -140,8 +140,8 @@ def test_what_to_do_next(tmp_path):
 
 def test_not_judged(tmp_path):
     """It is grey, counts as no failure, costs no points, and is explained."""
-    points = POINTS._replace(default=PlanPoints({"path": 3.0, "rate": 2.0}))
-    write_results(str(tmp_path), [submission(OPEN)], points, ["circle"])
+    points = Points(("circle",), PlanPoints({"path": 3.0, "rate": 2.0}))
+    write_results(str(tmp_path), [submission(OPEN)], points)
     page = Page(tmp_path / "submissions" / "ann.html")
     text = words(page)
     assert "\u2013 not judged 2 / 2 rate: as expected" in text and "2 of 5 points" in text
@@ -163,7 +163,7 @@ def test_the_class(tmp_path):
 def test_the_pages_for_students(tmp_path):
     """No hidden plan, no other submission, no error of the grading."""
     zoe = BAD._replace(name="Zoe-3f2a1b", students=(Student("Zo\u00eb", "", ""),))
-    write_results(str(tmp_path), [BAD, FAULTY, BROKEN, zoe], POINTS, PLANS)
+    write_results(str(tmp_path), [BAD, FAULTY, BROKEN, zoe], POINTS)
     pages = {path.stem: Page(path) for path in (tmp_path / "students").iterdir()}
     ann, bob, eve = (words(pages[name]) for name in ("ann", "bob", "eve"))
     assert "\u2717 fail, 2 of 5 points" in ann
@@ -224,7 +224,7 @@ def test_tables(tmp_path):
     pair = [Student("Bo\nB", "17", ""), Student("=1+1", "-ann7", "")]
     canvas = FAULTY._replace(students=[Student("poebob", "", "", "1234")])
     results = (BAD._replace(students=pair, name="@a"), canvas, BROKEN)
-    write_results(str(tmp_path), results, POINTS, PLANS)
+    write_results(str(tmp_path), results, POINTS)
     assert rows(tmp_path / "grades.csv") == [
         [*("Name", "Students", "IDs", *PLANS, "Score", "Max", "Passed", "Error/Fault")],
         ["'@a", "Bo B; '=1+1", "17; '-ann7", "2", "0", "2", "15", "no", ""],
