@@ -144,7 +144,8 @@ def test_controllers(tmp_path):
     course, given, machine = (tmp_path / name for name in ("course", "given", "machine"))
     for each in (course, given, machine):
         each.mkdir()
-    (course / "points.yaml").write_text("default: {cross_track: 4, topics: 1}\ntolerances: {cross_track: 0.2}")
+    points = "default: {cross_track: 4, topics: 1}\ntolerances: {cross_track: 0.2}"
+    (course / "points.yaml").write_text(points)
     for name, gains in (("right", "gain: 1.0"), ("wrong", "gain: -1.0")):
         (given / name).mkdir()
         shutil.copy(f"{CONTROLLERS}/pursuit.py", given / name)

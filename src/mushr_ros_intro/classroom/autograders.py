@@ -34,6 +34,7 @@ The rest is not in the zip, above all path_publisher.py and the examples, which 
 SOURCE = "/autograder/source"
 """Where Gradescope unpacks the zip."""
 
+
 def write_autograder(arguments: argparse.Namespace) -> str:
     """Write the zip that the command line names; return a summary.
 

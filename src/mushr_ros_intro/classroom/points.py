@@ -134,9 +134,8 @@ def read_points(path: Optional[str], plan_names: Iterable[str], follows: bool = 
     Raises:
         UserError: the file cannot be read, or an entry is not valid.
     """
-    names, check_names, known = tuple(plan_names), CHECK_NAMES, Tolerances._fields
-    if follows:
-        check_names, known = FOLLOW_CHECK_NAMES, FollowTolerances._fields
+    names = tuple(plan_names)
+    check_names = FOLLOW_CHECK_NAMES if follows else CHECK_NAMES
     if path is None:
         return Points(names, check_names=check_names)
     values = _mapping(read_mapping(path, _FORM), f"{path}: ", ("default", "plans", "tolerances"))
@@ -147,7 +146,8 @@ def read_points(path: Optional[str], plan_names: Iterable[str], follows: bool = 
         for name, entry in entries.items()
     }
     place = f"{path}: tolerances: "
-    given = _mapping(values.get("tolerances"), place, known)
+    known = FollowTolerances if follows else Tolerances
+    given = _mapping(values.get("tolerances"), place, known._fields)
     tolerances = Parameters(given, place).read([number(n, REQUIRED, "", 0.0, _MOST) for n in given])
     points = Points(names, default, plans, check_names, tolerances)
     if not points.max_score():
