@@ -83,6 +83,7 @@ def test_a_pose_as_text():
 def test_poses_by_hand():
     assert close(compose(Pose(1, 2, math.pi / 2), Pose(3, 4, 0.5)), (-3, 5, math.pi / 2 + 0.5))
     assert close(inverse(Pose(1, 2, math.pi / 2)), (-2, 1, -math.pi / 2))
+    assert Pose(1, 2, 3).distance_to(Pose(4, -2, 0)) == 5.0
     assert str(Pose(1.0, -2.5, 3.0)) == "(1.0000 m, -2.5000 m, 3.0000 rad)"
     assert str(Pose(0.0, 0.0, 4.0)) == "(0.0000 m, 0.0000 m, -2.2832 rad)"
 
