@@ -77,7 +77,7 @@ def start_fault(planned: PlannedDrive, expected: Expectation) -> str:
 
 
 def _is_start_pose(planned: PlannedDrive, placed: Report) -> bool:
-    """Return whether the node of the drive has placed the car, about when its first command came."""
+    """Return whether the node of the drive placed the car, about when its first command came."""
     is_at_begin = placed.stamp <= planned.drive.first + COMMAND_PERIOD
     return is_at_begin and placed.pose.is_close_to(planned.plan.start, TOLERANCE)
 
