@@ -10,6 +10,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import warnings
 from contextlib import suppress
 from functools import lru_cache
 from typing import FrozenSet, Iterator, List, Optional, Sequence, Tuple
@@ -83,7 +84,7 @@ def faults_of(
         yield problem, sed if line.startswith(codecs.BOM_UTF8) else "Save it as UTF-8"
     elif is_program:
         yield from _first_line_faults(name, typed, text, is_python, search_path, not place)
-    if is_python or b"python" in line:
+    if (is_python or b"python" in line) and (place or not _compiles(text)):
         yield from _text_faults(name, text)
     # grade.py has made a submission executable; if it cannot run, the machine refuses it (noexec).
     if is_program and not place and not os.access(path, os.X_OK):
@@ -162,6 +163,14 @@ def _modules_of_rospy() -> FrozenSet[str]:
         done = subprocess.run(command, capture_output=True, cwd="/", timeout=_IMPORT_TIMEOUT)
         return frozenset(done.stdout.decode().split())
     return frozenset()
+
+
+def _compiles(text: bytes) -> bool:
+    """Return whether a program can be compiled; a process for each takes a second in all."""
+    with suppress(SyntaxError, LookupError, ValueError), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return bool(compile(text, "", "exec")) and not _line_not_in_utf8(text)
+    return False
 
 
 def _text_faults(name: str, text: bytes) -> Iterator[Fault]:
