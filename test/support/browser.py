@@ -113,12 +113,6 @@ class Browser:
         data = self.find(name).screenshot_as_png if name else self.driver.get_screenshot_as_png()
         return Image.open(io.BytesIO(data)).convert("RGB")
 
-    def errors(self):
-        """Return the errors that the page has logged since the last call."""
-        return [
-            each["message"] for each in self.driver.get_log("browser") if each["level"] == "SEVERE"
-        ]
-
 
 def colours(picture, tolerance=30):
     """Return a function from a colour #rrggbb to the number of pixels with about this colour."""
