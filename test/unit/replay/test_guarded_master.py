@@ -18,7 +18,6 @@ from support.helpers import wait_for
 
 CAR = "/car/car_sim"
 API = "http://localhost:1"
-POSE_TOPIC = "/car/car_pose"
 STEP = "/car/car_sim/step"
 REGISTERS = f"registers or unregisters the node {CAR}"
 POSES = "geometry_msgs/PoseStamped"

@@ -14,7 +14,6 @@ from mushr_ros_intro.stamps import (
 )
 
 SECOND = NANOSECONDS
-POSE_PERIOD = SECOND // 50
 REPORT = 7 * SECOND
 """When the car reports an initial pose in these tests [ns]."""
 

@@ -1,7 +1,6 @@
 """Map files: the cells of every kind of image as map_server has them, and errors."""
 
 import io
-import os
 
 import numpy as np
 import pytest
@@ -11,9 +10,6 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.world.grid import as_travelled
 from mushr_ros_intro.world.map_file import read_map
-from support.paths import PACKAGE
-
-MAPS = os.path.join(PACKAGE, "maps")
 
 GOOD = {
     "image": "map.png",
