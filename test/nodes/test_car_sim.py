@@ -52,8 +52,7 @@ class TimedCar(CarSim):
     def report(self):
         """Report the state at this instant, as FollowedClock does."""
         with self._changed:
-            states = self._evaluate([self.clock.read()])
-        self._publish(states)
+            self._report([self.clock.read()])
 
 
 class TestCarSim(RosTestCase):

@@ -81,9 +81,9 @@ class CarSim:
         self._core = CarCore(car, start, now, rospy.logwarn_throttle, tolerance)
         with_map = values["publish_map_to_odom"]
         self._publisher = StatePublisher(car, now, not publishes_clock, prefix, with_map)
-        self._publish: sim_clock.Publish = self._publisher.publish
+        self._on_reported: Callable[[int], None] = lambda _: None
         if values["mushr_interface"]:
-            self._publish = self._offer_mushr_interface(car, prefix)
+            self._offer_mushr_interface(car, prefix)
         self._connect()
 
     def _connect(self) -> None:
@@ -113,20 +113,15 @@ class CarSim:
         # A node that receives the car's pose can rely on the car receiving commands.
         wait_until_connected(self._command_sub, "publishers")
         self._publisher.announce(self._is_ready)
-        self.clock.run(self._evaluate, self._publish)
+        self.clock.run(self._report)
 
-    def _offer_mushr_interface(self, car: Car, prefix: str) -> sim_clock.Publish:
-        """Offer the interface of MuSHR's simulator, too; return the function that publishes."""
+    def _offer_mushr_interface(self, car: Car, prefix: str) -> None:
+        """Offer the interface of MuSHR's simulator, too."""
         # Only here, because plain car_sim needs none of MuSHR's packages.
         from mushr_ros_intro.simulator.mushr_interface import MushrInterface
 
         interface = MushrInterface(car, prefix, self.add, self._publisher)
-
-        def publish(states: List[State]) -> None:
-            self._publisher.publish(states)
-            interface.on_reported(states)
-
-        return publish
+        self._on_reported = interface.on_reported
 
     def _is_ready(self) -> bool:
         """Return whether the mux is connected, and whether a map, if expected, is in use."""
@@ -134,9 +129,11 @@ class CarSim:
         has_map = self._core.world is not None
         return (has_map or not needs_map) and has_live_publisher(self._command_sub)
 
-    def _evaluate(self, instants: Sequence[int]) -> List[State]:
-        """Return the car's state at instants [ns]; needs the lock."""
-        return self._core.states(instants, self.clock.read())
+    def _report(self, instants: Sequence[int]) -> None:
+        """Publish the car's states at instants [ns]; needs the lock."""
+        self._publisher.publish(self._core.states(instants, self.clock.read()))
+        if instants:
+            self._on_reported(instants[-1])
 
     @conversions.ignore_bad_messages
     def _on_map(self, msg: OccupancyGrid) -> None:

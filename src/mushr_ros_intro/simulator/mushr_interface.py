@@ -5,7 +5,7 @@ module, and only with the parameter ``~mushr_interface``.
 """
 
 import threading
-from typing import Callable, List, Optional
+from typing import Callable, Optional
 
 import rospy
 from geometry_msgs.msg import PointStamped, PoseStamped
@@ -76,10 +76,10 @@ class MushrInterface:
             rospy.Subscriber(topic, kind, self._on_message, read, tcp_nodelay=True)
         rospy.Service(REPOSITION, CarPose, self._on_request)
 
-    def on_reported(self, states: List[State]) -> None:
-        """Answer the service: these states have been reported."""
+    def on_reported(self, stamp: int) -> None:
+        """Answer the service: the state at `stamp` [ns] has been reported."""
         with self._reported:
-            self._stamp = states[-1].stamp
+            self._stamp = stamp
             self._reported.notify_all()
 
     def _true_odometry(self, state: State, _: Measured) -> Odometry:

@@ -2,22 +2,22 @@
 
 import threading
 import time
-from typing import Callable, List, Optional, Sequence
+from typing import Callable, Optional, Sequence, Tuple
 
 import rosgraph
 import rospy
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger, TriggerResponse
 
-from mushr_ros_intro.car.model import Event, State
+from mushr_ros_intro.car.model import Event
 from mushr_ros_intro.ros import ros_time
 from mushr_ros_intro.ros.connections import is_alive
 from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
 from mushr_ros_intro.simulator.clock import Stream, first_report
 from mushr_ros_intro.stamps import CALL_TIMEOUT, CLOCK_PATIENCE, NANOSECONDS, CurrentTime
 
-Evaluate = Callable[[Sequence[int]], List[State]]
-Publish = Callable[[List[State]], None]
+Report = Callable[[Sequence[int]], None]
+"""Publishes the car's states at increasing instants [ns]; called with the lock of the state."""
 
 HOLD_POLL_PERIOD = 0.05
 """Period of the checks while the clock is held [s of wall-clock time]."""
@@ -67,13 +67,12 @@ class FollowedClock:
     def reset(self) -> None:
         """Forget all events."""
 
-    def run(self, evaluate: Evaluate, publish: Publish) -> None:
-        """Publish the state at the pose rate until the node is shut down; see OwnClock.run."""
+    def run(self, report: Report) -> None:
+        """Report the state at the pose rate until the node is shut down."""
         rate = rospy.Rate(NANOSECONDS / self._pose_period, reset=True)
         while not rospy.is_shutdown():
             with self._changed:
-                states = evaluate([self.read()])
-            publish(states)
+                report([self.read()])
             rate.sleep()
 
 
@@ -96,18 +95,15 @@ class OwnClock:
         self._now = int(time.time()) * NANOSECONDS
         self._next_pose = self._now + pose_period
         # The real-time factor applies from this wall-clock time [s] and this simulated time [ns].
-        self._anchor = (time.monotonic(), self._now)
+        self._anchor: Optional[Tuple[float, int]] = None
         self._stream = Stream()
+        self._report: Optional[Report] = None
         self._is_paused = False
-        self._has_to_step = False
         self.description = f"simulated, {real_time_factor:g} times real time"
         if real_time_factor == 0.0:
             self.description = "simulated, in lock-step with the commands"
         # Simulated time may run fast, and no message may be lost.
         self.publisher = rospy.Publisher("/clock", Clock, queue_size=10_000, tcp_nodelay=True)
-        rospy.Service("~pause", Trigger, lambda _: self.control(True))
-        rospy.Service("~resume", Trigger, lambda _: self.control(False))
-        rospy.Service("~step", Trigger, lambda _: self.control(True, step=True))
 
     def read(self) -> int:
         """Return the time [ns]; needs the lock."""
@@ -122,58 +118,59 @@ class OwnClock:
             first_report(event.stamp, self._now, self._next_pose, self._pose_period),
             lock_step=self._factor == 0.0,
         )
-        self._changed.notify_all()
+        if self._factor == 0.0 and self._report:
+            self._advance()  # in this thread, because a switch of threads costs more
+        else:
+            self._changed.notify_all()
 
     def reset(self) -> None:
         """Forget all events; needs the lock."""
         self._stream = Stream()
         self._changed.notify_all()
 
-    def run(self, evaluate: Evaluate, publish: Publish) -> None:
+    def run(self, report: Report) -> None:
         """Advance the clock until the node is shut down.
 
-        The states are published just before the clock advances past them.
-
-        Args:
-            evaluate: returns the states at increasing instants [ns]; called with the lock.
-            publish: publishes states; called without the lock.
+        The states are reported just before the clock advances past them.
         """
+        self._report = report
+        rospy.Service("~pause", Trigger, lambda _: self.control(True))
+        rospy.Service("~resume", Trigger, lambda _: self.control(False))
+        rospy.Service("~step", Trigger, lambda _: self.control(True, step=True))
         while not rospy.is_shutdown():
             with self._changed:
-                target = self._next_target()
-                if target is None:
-                    continue
-                due = range(self._next_pose, target + 1, self._pose_period)
-                states = evaluate(due)
-                self._next_pose += len(due) * self._pose_period
-                self._now = target
-                self._has_to_step = False
-                self._changed.notify_all()
-            publish(states)
-            self.publisher.publish(Clock(clock=ros_time.time_from(target)))
+                wait = self._advance()
+                if wait > 0.0:
+                    self._changed.wait(wait)
 
-    def _next_target(self) -> Optional[int]:
-        """Return the instant to which the clock advances now [ns]; None after a wait.
-
-        Needs the lock.
-        """
+    def _advance(self) -> float:
+        """Advance the clock if it is due; return how long to wait [s]. Needs the lock."""
         wall = time.monotonic()
-        limit = self._next_pose if self._has_to_step else self._limit(wall)
-        if limit is not None and limit <= self._now:
-            self._changed.wait(HOLD_POLL_PERIOD)
-            self._anchor = (time.monotonic(), self._now)
-            return None
-        if limit is not None and (self._has_to_step or self._factor == 0.0):
-            self._anchor = (wall, limit)
-            return limit
+        limit = self._limit(wall)
+        if limit is not None and (limit <= self._now or self._factor == 0.0):
+            self._anchor = None
+            if limit <= self._now:
+                return HOLD_POLL_PERIOD
+            self._advance_to(limit)
+            return 0.0
         target = self._next_pose if limit is None else min(limit, self._next_pose)
-        due = self._anchor[0] + (target - self._anchor[1]) / NANOSECONDS / (self._factor or 1.0)
+        began, since = self._anchor = self._anchor or (wall, self._now)
+        due = began + (target - since) / NANOSECONDS / (self._factor or 1.0)
         if wall < due:
-            self._changed.wait(due - wall)
-            return None
+            return due - wall
         if wall > due + MAX_CATCH_UP:
             self._anchor = (wall, target)
-        return target
+        self._advance_to(target)
+        return 0.0
+
+    def _advance_to(self, target: int) -> None:
+        """Report the states until `target` [ns], and set the clock; needs the lock."""
+        instants = range(self._next_pose, target + 1, self._pose_period)
+        self._next_pose += len(instants) * self._pose_period
+        self._now = target
+        assert self._report
+        self._report(instants)
+        self.publisher.publish(Clock(clock=ros_time.time_from(target)))
 
     def _limit(self, wall: float) -> Optional[int]:
         """Return the limit of the clock [ns], None if it runs freely; needs the lock."""
@@ -196,8 +193,8 @@ class OwnClock:
         with self._changed:
             if not (self._is_paused and is_paused):
                 self._stream = self._stream.renew(time.monotonic())  # the wait begins again
-            self._is_paused, self._has_to_step = is_paused, step
+            self._is_paused = is_paused
+            if step:
+                self._advance_to(self._next_pose)
             self._changed.notify_all()
-            while self._has_to_step and not rospy.is_shutdown():
-                self._changed.wait(0.1)
             return TriggerResponse(True, f"{self._now / NANOSECONDS:.9f} s")
