@@ -98,16 +98,11 @@ class AckermannCmdMux:
     def run(self) -> None:
         """Send a stop whenever the last live input expires, until the node is shut down."""
         while not rospy.is_shutdown():
-            if not self._is_live.wait(ros_time.SHUTDOWN_POLL_PERIOD):
-                continue
-            with self._lock:
-                now, wall = ros_time.now(), time.monotonic()
-                self._stop(self._core.expire(now, wall))
-                deadline, held = self._core.deadline or now, self._core.held(wall)
-            if deadline <= now and held > 0.0:
-                time.sleep(min(held, ros_time.SHUTDOWN_POLL_PERIOD))
-            else:  # returns early if the clock is set back
-                ros_time.sleep_until(deadline, now)
+            if self._is_live.wait(ros_time.SHUTDOWN_POLL_PERIOD):
+                with self._lock:
+                    self._stop(self._core.expire(ros_time.now(), time.monotonic()))
+                # In lock-step, a wait for the clock would wake up this thread at each command.
+                time.sleep(ros_time.POLL_PERIOD)
 
     def _stop(self, stamp: Optional[int]) -> None:
         """Send a stop if it has a stamp [ns]; needs the lock."""
