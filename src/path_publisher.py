@@ -99,7 +99,7 @@ class PathPublisher:
         stamp = self.timetable.begin()
         if self.places_car:
             self.send_init_pose(stamp)
-            stamp = self.start_pose.wait_until_reported(stamp, TIMEOUT)
+            stamp = self.start_pose.wait_until_reported(stamp, TIMEOUT, not self.loop)
         self.timetable.start_after(stamp)
         for row in self.plan.rows:
             self.send_command(row)

@@ -310,7 +310,7 @@ class TestPathPublisher(RosTestCase):
             wait_for_subscriber(told_late, 0.0)
         for car in ("car", "ghost"):
             with self.assertRaisesRegex(UserError, r"was not at the start pose \(90.0000 m"):
-                StartPose(car, Pose(90.0, 0.0, 0.0)).wait_until_reported(0, 0.0)
+                StartPose(car, Pose(90.0, 0.0, 0.0)).wait_until_reported(0, 0.0, is_last=True)
 
     def test_the_car_starts_after_the_mux(self):
         """On a busy machine, click_planner, which subscribes to the start pose, can be first."""
@@ -331,7 +331,7 @@ class TestPathPublisher(RosTestCase):
         reposition = Recording("/mushr_sim/reposition", PoseStamped)
         self.addCleanup(reposition.subscriber.unregister)
         with self.assertRaises(UserError) as raised:
-            StartPose("car", Pose(5.0, 6.0, 0.5)).wait_until_reported(0, 0.0)
+            StartPose("car", Pose(5.0, 6.0, 0.5)).wait_until_reported(0, 0.0, is_last=True)
         command = re.search("Type: (.*) and then start", str(raised.exception))[1]
         with ForkedProcess(*shlex.split(command)) as place:
             self.assertEqual(place.wait(), 0)

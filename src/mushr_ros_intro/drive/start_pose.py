@@ -48,12 +48,13 @@ class StartPose:
             ros_time.wait_for(lambda: self._last, seconds)
         connections.wait_for_subscriber(publisher, seconds)
 
-    def wait_until_reported(self, since: int, seconds: float) -> int:
+    def wait_until_reported(self, since: int, seconds: float, is_last: bool) -> int:
         """Wait until the car reports the start pose.
 
         Args:
             since: the stamp of the initial pose that was sent [ns].
             seconds: timeout [s of wall-clock time].
+            is_last: end the subscription then; in lock-step, each report wakes up the node.
 
         Returns:
             The stamp of such a report [ns], in lock-step of the first one; `since` if no node
@@ -73,6 +74,8 @@ class StartPose:
                 f"the car was not at the start pose {self._pose} within {seconds:g} s; "
                 f"{self._topic} reports {last}. {self._why_not()}"
             )
+        if is_last:
+            self._subscriber.unregister()
         return stamp
 
     def _stamp_at_start(self, since: int) -> Optional[int]:
