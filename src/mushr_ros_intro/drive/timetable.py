@@ -12,11 +12,18 @@ from mushr_ros_intro.stamps import (
     STAMP_TOLERANCE,
 )
 
+LEAD = 2 * COMMAND_PERIOD
+"""Time by which a command is sent before it is due, in simulated time [ns].
+
+With one period, each step of the clock in lock-step would wait for the next command. With more than
+the timeout of the mux, commands would pass after another input has taken over the car.
+"""
+
 
 class Timetable:
     """The due times of one drive of a plan [ns].
 
-    In simulated time, each command is sent one period before it is due, and the drive begins up to
+    In simulated time, each command is sent two periods before it is due, and the drive begins up to
     0.9 s ahead of the clock. The simulated clock does not pass the newest stamp that is ahead of
     it, so it never passes a command that has not been sent yet. In wall-clock time, commands are
     not sent early.
@@ -25,7 +32,7 @@ class Timetable:
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
         is_simulated = ros_time.is_simulated()
-        self._lead = COMMAND_PERIOD if is_simulated else 0
+        self._lead = LEAD if is_simulated else 0
         self._begin_lead = MAX_LEAD if is_simulated else 0
         self.due = 0
         """When the next row begins [ns]."""

@@ -4,7 +4,7 @@ import pytest
 import rospy
 from rospy.rostime import switch_to_wallclock
 
-from mushr_ros_intro.drive.timetable import Timetable
+from mushr_ros_intro.drive.timetable import LEAD, Timetable
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.stamps import COMMAND_PERIOD, MAX_LEAD, STAMP_TOLERANCE
@@ -65,10 +65,10 @@ def test_every_row_and_every_drive_begins_when_the_last_one_ends(set_clock):
 
 
 @pytest.mark.parametrize("offset", [0, 1, STAMP_TOLERANCE])
-def test_a_command_is_sent_one_period_early_and_up_to_a_second_late(offset, set_clock):
+def test_a_command_is_sent_two_periods_early_and_up_to_a_second_late(offset, set_clock):
     timetable = Timetable(PLAN)
     timetable.start_after(BEGIN)
-    set_clock(timetable.due - COMMAND_PERIOD + offset)
+    set_clock(timetable.due - LEAD + offset)
     assert next(timetable.instants(PLAN.rows[0])) == BEGIN + COMMAND_PERIOD
 
 
@@ -82,6 +82,6 @@ def test_a_command_is_sent_one_period_early_and_up_to_a_second_late(offset, set_
 def test_a_clock_that_jumps_ends_the_plan(offset, words, set_clock):
     timetable = Timetable(PLAN)
     timetable.start_after(BEGIN)
-    set_clock(timetable.due - COMMAND_PERIOD + offset)
+    set_clock(timetable.due - LEAD + offset)
     with pytest.raises(UserError, match=words):
         next(timetable.instants(PLAN.rows[0]))
