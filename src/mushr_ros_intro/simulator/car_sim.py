@@ -1,7 +1,7 @@
 """Simulate the car: a kinematic bicycle that follows commands and reports its pose."""
 
 import threading
-from typing import Callable, List, Optional, Sequence
+from typing import Callable, Optional, Sequence
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -9,7 +9,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from rospy.numpy_msg import numpy_msg
 
-from mushr_ros_intro.car.model import Car, Event, State
+from mushr_ros_intro.car.model import Car, Event
 from mushr_ros_intro.car.profile import CAR_PARAMETERS, car_of
 from mushr_ros_intro.geometry import MAX_COORDINATE, ORIGIN, Pose
 from mushr_ros_intro.parameters import Values, choice, flag, number, text
