@@ -94,7 +94,7 @@ class TestNodeFaults(DrivenCarTestCase):
                 if name == MUX:
                     self.assertEqual(plan.wait(), 1)
                 else:
-                    restarted = "line 2 of 2: the car has been restarted"
+                    restarted = "the car has been restarted"
                     wait_for(lambda text=restarted: text in watching.output, "a warning")
                 wait_for(lambda n=name, k=killed: pid_of(n) not in (None, k), f"a new {name}")
             self.assertNotIn("Traceback", plan.output)
