@@ -11,11 +11,9 @@ Example: rostest mushr_ros_intro replay.test plan_file:=test_drive
 """
 
 import argparse
-import os
 import shlex
 import sys
-from typing import List, Optional, Sequence
-from xml.etree import ElementTree
+from typing import List, Optional
 
 import rospy
 from std_msgs.msg import String
@@ -32,6 +30,7 @@ from mushr_ros_intro.replay.reference import Exercise, Reference, read_reference
 from mushr_ros_intro.replay.report_files import write_report
 from mushr_ros_intro.replay.setting import job_for, read_setting
 from mushr_ros_intro.ros import node
+from mushr_ros_intro.ros.junit import write_junit
 from mushr_ros_intro.ros.ros_time import wait_for
 
 SHOW_TIMEOUT = 5.0
@@ -122,27 +121,6 @@ def publish(text: str) -> None:
         wait_for(lambda: not publisher.get_num_connections(), SHOW_TIMEOUT)
 
 
-def write_results(path: str, checks: Sequence[Check], text: str) -> None:
-    """Write a JUnit file. It is complete, or it does not exist, which rostest reports as an error.
-
-    Args:
-        path: of the file.
-        checks: the checks, which become test cases.
-        text: the verdict.
-    """
-    failures = sum(not check.passed for check in checks)
-    counts = {"tests": str(len(checks)), "failures": str(failures), "errors": "0", "time": "0"}
-    suite = ElementTree.Element("testsuite", {"name": "replay", **counts})
-    for check in checks:
-        names = {"classname": "replay", "name": check.name, "time": "0"}  # rosunit reads the time
-        case = ElementTree.SubElement(suite, "testcase", names)
-        if not check.passed:
-            ElementTree.SubElement(case, "failure", type="").text = check.message
-    ElementTree.SubElement(suite, "system-out").text = text
-    ElementTree.ElementTree(suite).write(f"{path}.part", encoding="utf-8")
-    os.replace(f"{path}.part", path)
-
-
 def main() -> int:
     """Judge a node; return 0 if it passes all checks, else 1."""
     form = argparse.RawDescriptionHelpFormatter
@@ -162,7 +140,8 @@ def main() -> int:
     print(text, flush=True)
     publish(text)
     if arguments.gtest_output:
-        write_results(arguments.gtest_output.partition(":")[2], checks, text)
+        failures = {check.name: None if check.passed else check.message for check in checks}
+        write_junit(arguments.gtest_output.partition(":")[2], "replay", failures, text)
     return int(not all(check.passed for check in checks))
 
 

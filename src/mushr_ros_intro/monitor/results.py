@@ -1,9 +1,7 @@
 """Show how drives ended: in the log, on topics, and to rostest."""
 
-import os
 import sys
 from typing import List, Optional
-from xml.etree import ElementTree
 
 import rospy
 from std_msgs.msg import String, Time
@@ -11,6 +9,7 @@ from std_msgs.msg import String, Time
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.monitor.verdict import Verdict
 from mushr_ros_intro.ros import ros_time
+from mushr_ros_intro.ros.junit import write_junit
 
 
 def take_result_files() -> List[str]:
@@ -49,20 +48,9 @@ class Results:
 
     def conclude(self, verdict: Verdict) -> int:
         """Return the exit status of this node; raise UserError with the reason of a failure."""
+        text = "\n".join(verdict.lines)
         for each in self._files or ():
-            write_result(each, verdict)
+            write_junit(each, "drive_monitor", {"drive": None if verdict.is_good else text})
         if not verdict.is_good:
-            raise UserError("\n".join(verdict.lines))
+            raise UserError(text)
         return 0
-
-
-def write_result(path: str, verdict: Verdict) -> None:
-    """Write a JUnit file with one test case. It is complete, or it does not exist."""
-    counts = {"tests": "1", "failures": str(int(not verdict.is_good)), "errors": "0", "time": "0"}
-    suite = ElementTree.Element("testsuite", {"name": "drive_monitor", **counts})
-    names = {"classname": "drive_monitor", "name": "drive", "time": "0"}
-    case = ElementTree.SubElement(suite, "testcase", names)
-    if not verdict.is_good:
-        ElementTree.SubElement(case, "failure", type="").text = "\n".join(verdict.lines)
-    ElementTree.ElementTree(suite).write(f"{path}.part", encoding="utf-8")
-    os.replace(f"{path}.part", path)
