@@ -5,7 +5,6 @@ from contextlib import suppress
 from typing import Any, Dict, List, NamedTuple, Optional
 
 import rosgraph
-import rospkg
 import rospy
 
 from mushr_ros_intro.errors import UserError
@@ -121,42 +120,23 @@ def plan_of(sender: Sender) -> Optional[Plan]:
     name = sender.parameters.get("plan_file")
     if not isinstance(name, str) or not name:
         return None
-    folders = [""]
     if not os.path.isabs(name):
-        folders = [*_folders_of(sender), *_student_folders(), package_folder("plans")]
-    for folder in folders:
-        path = os.path.join(folder, os.path.expanduser(name))
-        for each in (path, f"{path}.txt"):
-            if os.path.isfile(each):
-                return read_plan(each)
-    raise UserError(f"there is no file {name} (searched: {', '.join(folders)})")
+        name = os.path.join(_folder_of(sender), name)
+    return read_plan(name)
 
 
-def _folders_of(sender: Sender) -> List[str]:
-    """Return the folders at which a relative path of a node on this machine begins.
-
-    roslaunch starts nodes in ROS_HOME, but leaves PWD as it was in the user's shell.
+def _folder_of(sender: Sender) -> str:
+    """Return the working directory of a node on this machine, where its relative paths begin.
 
     Raises:
         UserError: the node has ended, or runs on another machine.
     """
     try:
         pid = ask(sender.address, CALL_TIMEOUT, rospy.get_name(), "getPid")
-        with open(f"/proc/{pid}/environ", "rb") as file:
-            variables = file.read().split(b"\0")
-        shell = [each[4:].decode() for each in variables if each.startswith(b"PWD=")]
-        return [*shell, os.readlink(f"/proc/{pid}/cwd")]
+        return os.readlink(f"/proc/{pid}/cwd")
     except (CallError, OSError):
         text = "its ~plan_file is a relative path, and the node has ended or is on another machine"
         raise UserError(text) from None
-
-
-def _student_folders() -> List[str]:
-    """Return the folders of plans in the package with the name of the tutorial's."""
-    with suppress(rospkg.ResourceNotFound):
-        package = rospkg.RosPack().get_path("mushr_ros_intro")
-        return [os.path.join(package, name) for name in ("plans", "paths")]
-    return []
 
 
 def fixed_plan(name: str) -> Plan:
