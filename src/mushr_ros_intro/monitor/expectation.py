@@ -4,7 +4,6 @@ import math
 import os
 from typing import Any, NamedTuple, Optional, Sequence, Tuple
 
-import rosgraph
 import rospy
 from nav_msgs.msg import OccupancyGrid, Path
 from rospy.numpy_msg import numpy_msg
@@ -67,6 +66,7 @@ class Expectations:
         self._car_name, self._profile, self._plan = car_name, profile, plan
         self._key: Any = None
         self._latest: Optional[Expectation] = None
+        self._problem = ""
         self._publisher = rospy.Publisher(
             f"/{car_name}/predicted_path", Path, queue_size=1, latch=True
         )
@@ -95,8 +95,11 @@ class Expectations:
                 self._key = key
                 self._latest = self._foresee(plan, is_placed, max_speed)
         except (UserError, OSError) as error:
-            rospy.logerr("the plan of %s cannot be driven or predicted: %s", name, error)
-            return None, f"the plan of {name} cannot be driven or predicted"
+            problem = f"the plan of {name} cannot be driven or predicted"
+            if f"{problem}: {error}" != self._problem:
+                self._problem = f"{problem}: {error}"
+                rospy.logerr("%s", self._problem)
+            return None, problem
         self._publisher.publish(conversions.path_to_msg(self._latest.states, ros_time.now()))
         return self._latest, ""
 
@@ -118,7 +121,7 @@ class Expectations:
             path = os.path.join(package_folder("config/cars"), f"{self._profile}.yaml")
             parameters = Parameters(read_profile(path), "~car: ")
         car = car_from(parameters)
-        grid = read_walls(simulated, is_placed)
+        grid = read_walls(simulated.get(EXPECTS_MAP), is_placed)
         report, states = predict(slow_plan, self._profile or "car", car, grid)
         for line in fault_lines([*changes, *report.faults]):
             rospy.logwarn("%s", line)
@@ -148,43 +151,24 @@ def predict(
     return report, tuple(prediction.trajectory(plan, car, world))
 
 
-def read_walls(simulated: Parameters, is_placed: bool) -> Optional[Grid]:
+def read_walls(expects_map: bool, is_placed: bool) -> Optional[Grid]:
     """Return the map on /map; None, with a message in the log, if walls cannot be checked.
 
     Args:
-        simulated: the parameters of the simulated car; empty if none runs.
+        expects_map: whether the simulated car has a map, whose node perhaps starts with the car.
         is_placed: whether the car is placed at the start pose.
     """
-    problem = "the car is not placed at the start pose of the plan"
-    expects_map = simulated.get(EXPECTS_MAP)
-    if is_placed:
-        try:
-            return receive_map(expects_map)
-        except UserError as error:
-            problem = str(error)
-    may_have_walls = expects_map if simulated else is_placed
-    log = rospy.logwarn if may_have_walls else rospy.loginfo
-    log("walls are not checked: %s", problem)
-    return None
-
-
-def receive_map(is_expected: bool) -> Grid:
-    """Return the map on /map.
-
-    Args:
-        is_expected: whether to wait for a node that publishes one; perhaps it starts with the car.
-
-    Raises:
-        UserError: no node publishes one that can be read.
-    """
     topic = rospy.resolve_name("/map")
-    try:
-        if is_expected or is_published(topic):
+    problem = f"no node publishes a map on {topic}; map_server.py does"
+    if not is_placed:
+        problem = "the car is not placed at the start pose of the plan"
+    elif expects_map or is_published(topic):
+        try:
             msg = rospy.wait_for_message(topic, numpy_msg(OccupancyGrid), CONNECTION_TIMEOUT)
             return conversions.grid_from_msg(msg)
-    except rospy.ROSInterruptException:
-        raise
-    except (rospy.ROSException, rosgraph.MasterException, conversions.MessageError) as error:
-        if is_published(topic):
-            raise UserError(f"the map on {topic} cannot be read: {error}") from None
-    raise UserError(f"no node publishes a map on {topic}; map_server.py does")
+        except rospy.ROSInterruptException:
+            raise
+        except (rospy.ROSException, conversions.MessageError) as error:
+            problem = f"the map on {topic} cannot be read: {error}"
+    (rospy.logwarn if expects_map else rospy.loginfo)("walls are not checked: %s", problem)
+    return None

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
+import rospy
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.monitor import expectation
-from mushr_ros_intro.monitor.expectation import predict, read_walls, receive_map
-from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.monitor.expectation import predict, read_walls
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.ros import conversions
@@ -55,48 +54,40 @@ def test_with_a_wall_or_noise_a_plan_is_simulated_twice(car, grid, begun):
     assert states[-1].stamp == PLAN.duration
 
 
-NO_CAR, WITH_MAP, WITHOUT_MAP = (
-    Parameters(values) for values in ({}, {"expects_map": True}, {"expects_map": False})
-)
-NOT_PLACED = "the car is not placed at the start pose of the plan"
-NO_MAP = "no node publishes a map on /map"
-
-
-@pytest.mark.parametrize(
-    ("simulated", "is_placed", "problem", "level"),
-    [
-        (WITH_MAP, True, NO_MAP, "warn"),
-        (WITH_MAP, False, NOT_PLACED, "warn"),
-        (WITHOUT_MAP, True, NO_MAP, "info"),
-        (NO_CAR, True, NO_MAP, "warn"),
-        (NO_CAR, False, NOT_PLACED, "info"),  # an actual car
-    ],
-)
-def test_walls_that_cannot_be_checked(monkeypatch, simulated, is_placed, problem, level):
-    """A warning, unless the car is known to have no walls."""
-
-    def read_no_map(is_expected):
-        assert is_expected == (simulated is WITH_MAP)
-        raise UserError(NO_MAP)
-
+@pytest.fixture
+def logged(monkeypatch):
+    """Return a list of the messages in the log, each with its level."""
     logged = []
-    monkeypatch.setattr(expectation, "receive_map", read_no_map)
     for each in ("info", "warn"):
         log = lambda text, *values, each=each: logged.append((each, text % values))  # noqa: E731
         monkeypatch.setattr(expectation.rospy, f"log{each}", log)
-    assert read_walls(simulated, is_placed) is None
-    assert logged == [(level, f"walls are not checked: {problem}")]
+    return logged
 
 
-def test_a_map_that_can_be_read(monkeypatch):
-    monkeypatch.setattr(expectation, "receive_map", lambda is_expected: ROOM)
-    assert read_walls(WITH_MAP, is_placed=True) is ROOM
+@pytest.mark.parametrize(
+    ("expects_map", "is_placed", "problem", "level"),
+    [
+        (True, True, "the map on /map cannot be read: timeout", "warn"),
+        (True, False, "the car is not placed at the start pose of the plan", "warn"),
+        (False, True, "no node publishes a map on /map", "info"),
+        (False, False, "the car is not placed at the start pose of the plan", "info"),
+    ],
+)
+def test_walls_that_cannot_be_checked(monkeypatch, logged, expects_map, is_placed, problem, level):
+    """A warning, if the car is known to have walls."""
+
+    def wait(*_):
+        raise rospy.ROSException("timeout")
+
+    monkeypatch.setattr(expectation, "is_published", lambda topic: False)
+    monkeypatch.setattr(expectation.rospy, "wait_for_message", wait)
+    assert read_walls(expects_map, is_placed) is None
+    ((got, text),) = logged
+    assert got == level and text.startswith(f"walls are not checked: {problem}")
 
 
 def test_a_map_whose_node_starts_with_the_car(monkeypatch):
     msg = conversions.grid_to_msg(ROOM, 0, "map")
     monkeypatch.setattr(expectation, "is_published", lambda topic: False)
     monkeypatch.setattr(expectation.rospy, "wait_for_message", lambda *_: msg)
-    assert np.array_equal(receive_map(is_expected=True).cells, ROOM.cells)
-    with pytest.raises(UserError, match="no node publishes a map on /map"):
-        receive_map(is_expected=False)
+    assert np.array_equal(read_walls(expects_map=True, is_placed=True).cells, ROOM.cells)
