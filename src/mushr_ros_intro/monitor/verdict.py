@@ -137,21 +137,22 @@ def _fault(
 ) -> str:
     """Return the reason why the plan has not been driven, or an empty text; see `verdict`."""
     cause = _cause(name, planned, observed)
+    start = start_fault(planned, expected) if expected.is_placed else ""
     if not planned.is_complete:
         where = planned.position(planned.drive.newest)
         last = planned.drive.reports[-1].pose if planned.drive.reports else None
         how = "stopped at" if planned.drive.stands else "was last reported at"
         stopped = f"; the car {how} {last}" if last else ""
-        wall = f". {observed.wall}" if observed.wall else ""
-        return f"the drive of {name} ended in {where}{stopped}{wall}"
+        ended = f"the drive of {name} ended in {where}{stopped}"
+        return ". ".join(filter(None, (ended, observed.wall, start)))
     if expected.is_placed and is_reported and not report:
         where = observed.lost or "the end of the plan"
         return (
             f"the car has not reported its pose since {where}, so it is not known where it is. "
             "If it has ended, start it again"
         )
-    if expected.is_placed and (fault := start_fault(planned, expected)):
-        return f"{fault}. It stopped at {report.pose}" if report else fault
+    if start:
+        return f"{start}. It stopped at {report.pose}" if report else start
     if observed.wall:
         return f"{observed.wall}. {cause}" if observed.others else observed.wall
     if not report or not expected.is_placed or not expected.is_exact:
