@@ -28,7 +28,13 @@ try:
     from mushr_ros_intro.doctor.observation import Observer
     from mushr_ros_intro.doctor.processes import masters
     from mushr_ros_intro.doctor.programs import no_program, program_findings
-    from mushr_ros_intro.doctor.rules import diagnose, health, hints, left_parameters
+    from mushr_ros_intro.doctor.rules import (
+        diagnose,
+        health,
+        hints,
+        last_drive,
+        left_parameters,
+    )
     from mushr_ros_intro.paths import package_folder
     from mushr_ros_intro.ros.commands import as_typed
     from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER
@@ -172,7 +178,7 @@ def main() -> int:
     found = [*package_findings(arguments.package), *network]
     found += diagnose(facts, arguments.package)
     lines = [str(each) for each in found] or [health(facts), *hints(facts)]
-    for line in [*lines, *left_parameters(facts)]:
+    for line in [*lines, *last_drive(facts), *left_parameters(facts)]:
         print(as_typed(line))
     return 1 if found else 0
 

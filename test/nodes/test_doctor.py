@@ -14,10 +14,11 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseArray, PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
 from std_srvs.srv import Trigger, TriggerResponse
 
 from mushr_ros_intro.doctor.observation import Observer
-from mushr_ros_intro.doctor.rules import diagnose, hints
+from mushr_ros_intro.doctor.rules import diagnose, hints, last_drive
 from support.ghost import Ghost
 from support.helpers import (
     Recording,
@@ -37,12 +38,6 @@ NOWHERE = "http://localhost:1/"
 
 def start_world():
     return launch("sim.launch", laser=False, model=False, watched=False)
-
-
-class OtherCommand(AckermannDriveStamped):
-    """A message with the same name and another definition."""
-
-    _md5sum = "0123456789abcdef0123456789abcdef"
 
 
 publishers = {}
@@ -141,6 +136,8 @@ class TestDoctor(RosTestCase):
             self.expect(f"all commands of {self.me} have speed 0")
         with driving(NAVIGATION, 1.0, lambda: rospy.Time.now() - rospy.Duration(9)):
             self.expect("s behind the clock of this machine")
+        with driving(NAVIGATION, period=1.0):
+            self.expect(f"{self.me} sends a command every 1 s, but the mux stops", listening_time=2.2)
         with driving(OUTPUT):
             self.expect()
         release(OUTPUT)
@@ -148,11 +145,6 @@ class TestDoctor(RosTestCase):
             self.expect(f"the commands of {self.me} have no effect: no node subscribes to /cmd")
         release("/cmd")
         self.expect(f"no commands arrived from {self.me}")
-
-    def test_another_definition_of_the_type(self):
-        wrong = rospy.Publisher(f"{MUX}/input/safety", OtherCommand, queue_size=1)
-        self.addCleanup(wrong.unregister)
-        self.expect(f"{self.me} was built with another definition of ackermann_msgs")
 
     def test_a_silent_publisher_of_another_type_that_is_slow_to_connect(self):
         topic = f"{MUX}/input/default"
@@ -225,6 +217,10 @@ class TestDoctor(RosTestCase):
         self.addCleanup(rospy.delete_param, "/car3")
         self.ending(node("ackermann_cmd_mux.py", "__ns:=/car3/mux"))
         self.ending(node("car_sim.py", "__ns:=/car3"))
+        # Only the mux of this package publishes which node drives.
+        monitor, uri = rosgraph.Master("/car3/drive_monitor"), rospy.get_node_uri()
+        monitor.registerSubscriber(f"{mux}/who_drives", "std_msgs/String", uri)
+        self.addCleanup(monitor.unregisterSubscriber, f"{mux}/who_drives", uri)
         self.expect(f"no node publishes commands: {mux}/input/navigation", car="car3")
         rospy.set_param(mux, {"yaml_cfg_file": "/mux.yaml"})
         old = rospy.Time.now() - rospy.Duration(13)
@@ -236,6 +232,13 @@ class TestDoctor(RosTestCase):
                     self.expect("each reports a pose of the car 'car3'", car="car3")
         for name in names.values():
             release(f"{mux}/input/{name}")
+
+    def test_the_last_drive(self):
+        verdicts = rospy.Publisher("/car/drive_monitor/verdict", String, queue_size=1, latch=True)
+        self.addCleanup(verdicts.unregister)
+        verdicts.publish("the plan has been driven\nthe car drove 2.00 m")
+        expected = ["the last drive of a plan: the plan has been driven; the car drove 2.00 m"]
+        self.assertEqual(last_drive(Observer("car", self.uri).observe()), expected)
 
     def test_another_car(self):
         self.expect("the car 'car2' is not running: no node subscribes to /car2/mux/", car="car2")

@@ -39,8 +39,6 @@ class Publisher(NamedTuple):
     node: str
     msg_type: str = ""
     """Such as std_msgs/String; empty if the doctor did not connect."""
-    md5sum: str = ""
-    """Of the definition of the type."""
     stamps: Tuple[int, ...] = ()
     """Of its commands [ns]."""
     speeds: Tuple[float, ...] = ()
@@ -63,7 +61,6 @@ class Topic(NamedTuple):
     name: str
     msg_type: str
     """The type that the subscribers expect."""
-    md5sum: str
     publishers: Tuple[Publisher, ...] = ()
     subscribers: Tuple[str, ...] = ()
 
@@ -100,9 +97,9 @@ class Facts:
 
     The first one, "output", is the mux's output with the publishers that bypass the mux.
     """
-    output: Topic = Topic("", "", "")
+    output: Topic = Topic("", "")
     """The commands from the mux to the car."""
-    initial_pose: Topic = Topic("", "", "")
+    initial_pose: Topic = Topic("", "")
     dead: Dict[str, CallFault] = field(default_factory=dict)
     """The registered nodes that cannot be reached."""
     strays: Dict[str, Tuple[str, ...]] = field(default_factory=dict)
@@ -130,6 +127,8 @@ class Facts:
     """The pose at which the car touches a wall."""
     moves: Optional[bool] = None
     """Whether the pose changed; None if none is published."""
+    verdict: str = ""
+    """How the last drive of a plan ended, as drive_monitor.py publishes it."""
 
     @property
     def senders(self) -> List[Publisher]:

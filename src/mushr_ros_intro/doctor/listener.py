@@ -1,9 +1,8 @@
 """Listen to topics of any type, for the doctor."""
 
 import time
-from collections import Counter
 from contextlib import suppress
-from typing import Any, Collection, Dict, List, Sequence, Set, Tuple
+from typing import Any, Dict, List, Sequence, Set, Tuple
 
 import rospy
 
@@ -23,7 +22,7 @@ class Listener:
     rospy calls the master without a timeout, so its calls run in daemon threads here.
 
     It makes this process an anonymous node, unless it is a node already. It also receives what the
-    regular subscribers reject because of its type or MD5 sum.
+    regular subscribers reject because of its type.
 
     Raises:
         CallError: the master does not respond; stop() raises it, too.
@@ -31,7 +30,7 @@ class Listener:
 
     def __init__(self, topics: Sequence[str]) -> None:
         self.headers: Dict[Tuple[str, str], Dict[str, str]] = {}
-        """The connection header of each topic and node, with the keys type and md5sum."""
+        """The connection header of each topic and node, with the key type."""
         self._messages: List[Tuple[str, rospy.AnyMsg, int]] = []
         self._subscribers: List[rospy.Subscriber] = []
         run_with_timeout(lambda: self._start(topics), _START_TIMEOUT)
@@ -62,13 +61,6 @@ class Listener:
             for each, msg, arrival in self._messages
             if each == topic and msg._connection_header["md5sum"] == kind._md5sum
         ]
-
-    def has_lone_message(self, topics: Collection[str]) -> bool:
-        """Return whether exactly one message of a node has come on one of these topics."""
-        counts = Counter(
-            (each, msg._connection_header["callerid"]) for each, msg, _ in self._messages
-        )
-        return any(each in topics and count == 1 for (each, _), count in counts.items())
 
     def stop(self) -> None:
         """Unsubscribe."""

@@ -8,8 +8,6 @@ from mushr_ros_intro.doctor.facts import (
     Facts,
     Finding,
     Master,
-    Publisher,
-    Topic,
     listed,
     names,
 )
@@ -77,6 +75,11 @@ def hints(facts: Facts) -> List[str]:
         for each in facts.senders
         if 0 in each.stamps and each not in facts.manual_senders
     ]
+
+
+def last_drive(facts: Facts) -> List[str]:
+    """Return how the last drive of a plan ended, if one has been watched."""
+    return [f"the last drive of a plan: {facts.verdict}"] if facts.verdict else []
 
 
 def left_parameters(facts: Facts) -> List[str]:
@@ -198,26 +201,15 @@ def _not_running(facts: Facts) -> Finding:
 def _wrong_types(facts: Facts) -> List[Finding]:
     """Find publishers whose messages the subscribers of their topic reject."""
     return [
-        _wrong_type(topic, publisher)
-        for topic in [*facts.inputs.values(), facts.output, facts.initial_pose]
-        for publisher in topic.publishers
-        if publisher.msg_type and publisher.md5sum != topic.md5sum
-    ]
-
-
-def _wrong_type(topic: Topic, publisher: Publisher) -> Finding:
-    if publisher.msg_type != topic.msg_type:
-        return Finding(
+        Finding(
             f"{publisher.node} publishes {publisher.msg_type} on {topic.name}, but "
             f"{listed(topic.subscribers) or 'the car'} expects {topic.msg_type}",
             f"Publish {topic.msg_type}, or use another topic",
         )
-    return Finding(
-        f"{publisher.node} was built with another definition of {topic.msg_type} (MD5 sum "
-        f"{publisher.md5sum}, expected {topic.md5sum}), so its messages are rejected",
-        "Build it with the definition of this machine and start it again; in its workspace, type: "
-        "catkin_make clean && catkin_make",
-    )
+        for topic in [*facts.inputs.values(), facts.output, facts.initial_pose]
+        for publisher in topic.publishers
+        if publisher.msg_type not in ("", topic.msg_type)
+    ]
 
 
 def _contact(facts: Facts) -> Finding:
