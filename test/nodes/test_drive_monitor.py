@@ -196,6 +196,23 @@ class TestDriveMonitor(RosTestCase):
             for each in ACCUSED:
                 self.assertNotIn(each, said)
 
+    def test_a_monitor_that_starts_during_a_drive(self):
+        """It does not judge this drive, but the next one."""
+        path = self.plan("1,2,0.5\n0.2,0.2,3\n")
+        self.hold()
+        with driver(path) as process:
+            wait_for(lambda: self.is_held, "five commands")
+            late = self.ending(node("drive_monitor.py", "__name:=late"))
+            wait_for(lambda: "watching the drives" in late.output, "the second monitor")
+            self.control("resume")
+            self.assertEqual(process.wait(), 0)
+        why_not = "its first command came before this monitor was connected"
+        wait_for(lambda: f"It is not judged: {why_not}" in late.output, "the end")
+        self.assertNotIn("should have ended", late.output)
+        with driver(path) as process:
+            self.assertEqual(process.wait(), 0)
+        wait_for(lambda: "the plan has been driven" in late.output, "the result")
+
     def test_the_verdict_is_published(self):
         """It is latched, with the same text as in the terminal; it is empty during a drive."""
         verdicts = self.ending(Recording("/car/drive_monitor/verdict", String).connected())

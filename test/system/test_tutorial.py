@@ -177,6 +177,9 @@ def test_the_tutorial(home):
         assert status == 0, output
         assert "finished cleanly" in output
         assert 0.97 * LENGTH < position_of_car(terminal)[0] < TOO_LONG * LENGTH
+        seen = f"the plan of /path_publisher: {package}/plans/"
+        wait_for(lambda: seen in simulation.output, "the monitor")
+        wait_for(lambda: "should" in simulation.output.partition(seen)[2], "the result")
         # The other tools are in the package that has the same name in MuSHR.
         plan = f"{package}/plans/figure_8.txt"
         command = f"rosrun mushr_sim grade.py {plan} --node mushr_ros_intro path_publisher.py"

@@ -136,7 +136,7 @@ def _fault(
     is_reported: bool,
 ) -> str:
     """Return the reason why the plan has not been driven, or an empty text; see `verdict`."""
-    cause = _cause(name, planned, observed)
+    cause = _cause(planned, observed)
     start = start_fault(planned, expected) if expected.is_placed else ""
     if not planned.is_complete:
         where = planned.position(planned.drive.newest)
@@ -167,7 +167,7 @@ def _fault(
     )
 
 
-def _cause(name: str, planned: PlannedDrive, observed: Observed) -> str:
+def _cause(planned: PlannedDrive, observed: Observed) -> str:
     """Return the likely cause of a wrong final pose."""
     if observed.others:
         return f"{', '.join(sorted(observed.others))} also published commands"
