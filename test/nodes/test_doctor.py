@@ -137,7 +137,9 @@ class TestDoctor(RosTestCase):
         with driving(NAVIGATION, 1.0, lambda: rospy.Time.now() - rospy.Duration(9)):
             self.expect("s behind the clock of this machine")
         with driving(NAVIGATION, period=1.0):
-            self.expect(f"{self.me} sends a command every 1 s, but the mux stops", listening_time=2.2)
+            self.expect(
+                f"{self.me} sends a command every 1 s, but the mux stops", listening_time=2.2
+            )
         with driving(OUTPUT):
             self.expect()
         release(OUTPUT)

@@ -5,7 +5,9 @@ from typing import Mapping, Optional
 from xml.etree import ElementTree
 
 
-def write_junit(path: str, node: str, failures: Mapping[str, Optional[str]], text: str = "") -> None:
+def write_junit(
+    path: str, node: str, failures: Mapping[str, Optional[str]], text: str = ""
+) -> None:
     """Write a JUnit file. It is complete, or it does not exist, which rostest reports as an error.
 
     Args:

@@ -58,9 +58,7 @@ HEALTHY = Facts(
     active="navigation",
     moves=True,
 )
-TWO_KEYBOARDS = Topic(
-    "/t", TYPE, (Publisher("/quiet", TYPE), KEYS._replace(stamps=(NOW,))), (MUX,)
-)
+TWO_KEYBOARDS = Topic("/t", TYPE, (Publisher("/quiet", TYPE), KEYS._replace(stamps=(NOW,))), (MUX,))
 NO_PUBLISHER = {"inputs": inputs(None, None), "moves": False}
 
 
