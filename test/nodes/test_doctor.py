@@ -53,15 +53,15 @@ def release(topic):
 
 
 @contextlib.contextmanager
-def driving(topic, speed=1.0, stamp=rospy.Time.now, steering_angle=0.3):
-    """Send a command every 0.05 s; by default, the car drives in a circle without a wall."""
+def driving(topic, speed=1.0, stamp=rospy.Time.now, steering_angle=0.3, period=0.05):
+    """Send a command in each period [s]; by default, the car drives in a circle without a wall."""
     if topic not in publishers:
         publishers[topic] = rospy.Publisher(topic, AckermannDriveStamped, queue_size=10)
 
     def send(_):
         publishers[topic].publish(command(stamp(), speed, steering_angle))
 
-    timer = rospy.Timer(rospy.Duration(0.05), send)
+    timer = rospy.Timer(rospy.Duration(period), send)
     try:
         yield
     finally:
