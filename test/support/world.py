@@ -23,7 +23,7 @@ LOCK_STEP = {"use_sim_time": True, "real_time_factor": 0}
 
 def serve_master():
     """Start a master in this process at a free port of the loopback interface, and use it."""
-    os.environ["ROS_MASTER_URI"] = GuardedMaster().serve(0)  # nodes end at once with this master
+    os.environ["ROS_MASTER_URI"] = GuardedMaster().serve()  # nodes end at once with this master
     rosgraph.Master("/world").setParam("/run_id", "test")  # each roslaunch would set another one
 
 

@@ -3,7 +3,7 @@
 import hashlib
 import re
 import unicodedata
-from typing import NamedTuple, Sequence, Tuple
+from typing import List, NamedTuple, Sequence, Tuple
 
 from mushr_ros_intro.replay.judge import Check, Judgement
 
@@ -34,6 +34,11 @@ class PlanGrade(NamedTuple):
     def checks(self) -> Sequence[Check]:
         """The checks, in the order of CHECK_NAMES."""
         return self.judgement.checks
+
+    @property
+    def failed(self) -> List[str]:
+        """The names of the checks that failed, without those that were not judged."""
+        return [each.name for each in self.checks if each.is_judged and not each.passed]
 
     @property
     def seconds(self) -> float:

@@ -86,8 +86,7 @@ def _summary(result: Grade, points: Points) -> List[str]:
 
 def _verdict(plan: PlanGrade, points: Points) -> str:
     """Return which checks of a drive failed, and its points."""
-    failed = [check.name for check in plan.checks if check.is_judged and not check.passed]
-    verdict = f"{counted(len(failed), 'check')} failed: {', '.join(failed)}"
+    verdict = f"{counted(len(plan.failed), 'check')} failed: {', '.join(plan.failed)}"
     if count := sum(not check.is_judged for check in plan.checks):
         verdict += f", {count} not judged"
     verdict = "all checks passed" if plan.passed else verdict

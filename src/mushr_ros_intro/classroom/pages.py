@@ -4,7 +4,7 @@ The pages load nothing. All text is escaped.
 """
 
 import base64
-from typing import Any, List, Sequence
+from typing import Any, Sequence
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -73,7 +73,6 @@ def _page(template: str, **values: Any) -> str:
     environment.filters.update(
         points=shown,
         students=_students,
-        failed_checks=_failed_checks,
         plan_text=_plan_text,
         base64=lambda text: base64.b64encode(text.encode()).decode(),
     )
@@ -83,12 +82,6 @@ def _page(template: str, **values: Any) -> str:
 def _students(result: Grade) -> str:
     """Return the names of the students, as they write them."""
     return ", ".join(each.name or each.id or each.email for each in result.students)
-
-
-def _failed_checks(plan: PlanGrade) -> List[str]:
-    """Return the names of the checks that failed; if there is none, of those not judged."""
-    failed = [check for check in plan.checks if not check.passed]
-    return [check.name for check in failed if check.is_judged] or [each.name for each in failed]
 
 
 def _plan_text(plan: PlanGrade) -> str:

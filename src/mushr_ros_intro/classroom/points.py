@@ -102,11 +102,9 @@ class Points(NamedTuple):
 
     def _failure(self, plan: PlanGrade) -> str:
         """Return why a drive gives no points whatever its checks give, or nothing."""
-        failed = {check.name: check for check in plan.checks if not check.passed}
-        if "topics" in failed and failed["topics"].is_judged:
+        if "topics" in plan.failed:
             return "the check topics failed"
-        judged = (each.name for each in failed.values() if each.is_judged)
-        missed = sorted(name for name in judged if self.points(plan.plan, name))
+        missed = sorted(name for name in plan.failed if self.points(plan.plan, name))
         if missed and self._of(plan.plan).all_or_nothing:
             return f"a check failed: {', '.join(missed)}"
         return ""

@@ -11,55 +11,30 @@ from mushr_ros_intro.wording import counted
 
 _WIDTH = 200
 """Longest line of a result."""
-_BAR = 40
 
 
 def grade_with_progress(grading: Grading, tasks: Sequence[Task], points: Points) -> List[Grade]:
-    """Grade until the end, or until Ctrl-C; return the results in the order of the tasks."""
-    progress = Progress(points, len(tasks))
+    """Grade until the end, or until Ctrl-C; return the results in the order of the tasks.
+
+    Print each result that is new, and how many follow from stored drives.
+    """
     results: Dict[str, Grade] = {}
+    old, note = 0, ""
     try:
         with closing(grading.run(tasks)) as graded:
             for each, is_new in graded:
                 results[each.name] = each
-                progress.add(each, is_new)
+                old += not (is_new or each.error)
+                if is_new:
+                    print(_line(each, points), flush=True)
     except KeyboardInterrupt:
-        progress.end()
         done = f"{len(results)} of {counted(len(tasks), 'submission')}"
-        print(f"interrupted: {done} graded; the same command grades the others", file=sys.stderr)
-    else:
-        progress.end()
+        note = f"interrupted: {done} graded; the same command grades the others"
+    if old:
+        print(f"drives of an earlier run used: {counted(old, 'submission')}")
+    if note:
+        print(note, file=sys.stderr)
     return [results.get(task.submission.name) or not_graded(task.submission) for task in tasks]
-
-
-class Progress:
-    """Prints a line for each new result, and on a terminal how many are left."""
-
-    def __init__(self, points: Points, count: int) -> None:
-        """Begin with no result of `count` submissions."""
-        self._points, self._count = points, count
-        self._done = self._old = 0
-
-    def add(self, result: Grade, is_new: bool) -> None:
-        """Count a result; print it if it is new."""
-        self._done += 1
-        self._old += not (is_new or result.error)
-        if is_new:
-            self._replace_line("")
-            print(_line(result, self._points), flush=True)
-        bar = "#" * (_BAR * self._done // self._count)
-        self._replace_line(f"[{bar:{_BAR}s}] {self._done} of {self._count}")
-
-    def end(self) -> None:
-        """Remove the line of progress; print how many results have stored drives."""
-        self._replace_line("")
-        if self._old:
-            print(f"drives of an earlier run used: {counted(self._old, 'submission')}")
-
-    def _replace_line(self, text: str) -> None:
-        """Replace the line of progress, which is shown on a terminal only."""
-        if sys.stderr.isatty():
-            print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
 
 
 def _line(result: Grade, points: Points) -> str:
@@ -68,13 +43,8 @@ def _line(result: Grade, points: Points) -> str:
     text = result.fault
     if result.error:
         state, text = "ERROR", result.error
-    failed = {
-        plan.plan: [check.name for check in plan.checks if check.is_judged and not check.passed]
-        for plan in result.plans
-    }
-    text = text or "; ".join(
-        f"{plan}: {', '.join(names)}" for plan, names in failed.items() if names
-    )
+    failed = (f"{each.plan}: {', '.join(each.failed)}" for each in result.plans if each.failed)
+    text = text or "; ".join(failed)
     text = (text or "; ".join(result.notes)).partition("\n")[0]
     score = f"{points.score(result):g}/{points.max_score():g}"
     line = f"{result.name:30s} {state} {score:>7s} {text}".rstrip()

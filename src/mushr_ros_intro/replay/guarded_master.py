@@ -50,18 +50,15 @@ class GuardedMaster(ROSMasterHandler):
         self._parameters: Tuple[str, ...] = ()
         self._topics: FrozenSet[str] = frozenset()
 
-    def serve(self, port: int) -> str:
-        """Start to serve at a port, or at a free one if `port` is 0; return the address.
+    def serve(self) -> str:
+        """Start to serve; return the address.
 
         From now on, no server of this process reads a call that is longer than MAX_REQUEST.
-
-        Raises:
-            OSError: the port is in use.
         """
         handler = rosgraph.xmlrpc.SilenceableXMLRPCRequestHandler
         handler.do_POST = partialmethod(_answer, self.record)
-        server = rosgraph.xmlrpc.XmlRpcNode(port, self)
-        server._run_init()  # in this thread, so that an error is raised here
+        server = rosgraph.xmlrpc.XmlRpcNode(0, self)
+        server._run_init()  # now, because it chooses a free port
         threading.Thread(target=server.server.serve_forever, daemon=True).start()
         return str(server.uri)
 

@@ -104,7 +104,7 @@ class ReplayWorld:
         self._commands: Deque[Tuple[AckermannDriveStamped, Input]] = deque()
 
         self._master = GuardedMaster()
-        _join(self._master.serve(0), parameters, mux)
+        _join(self._master.serve(), parameters, mux)
         rospy_fixes.set_time(START)
         self._clock = rospy.Publisher("/clock", Clock, queue_size=10_000, tcp_nodelay=True)
         rospy.on_shutdown(lambda: self._master.record(f"shuts down the node {CAR}"))

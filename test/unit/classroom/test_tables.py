@@ -6,6 +6,7 @@ import json
 import re
 import sys
 from html.parser import HTMLParser
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import pytest
@@ -79,10 +80,10 @@ def test_a_long_line_of_a_result():
 
 
 def test_results_that_are_not_graded_yet_are_not_unchanged(capsys):
-    shown = progress.Progress(POINTS, 3)
-    for result in (BROKEN, GOOD, BROKEN):
-        shown.add(result, False)
-    shown.end()
+    results = [each._replace(name=name) for name, each in zip("abc", (BROKEN, GOOD, BROKEN))]
+    tasks = [SimpleNamespace(submission=SimpleNamespace(name=each.name)) for each in results]
+    run = SimpleNamespace(run=lambda _: (pair for pair in zip(results, 3 * [False])))
+    assert progress.grade_with_progress(run, tasks, POINTS) == results
     assert capsys.readouterr().out == "drives of an earlier run used: 1 submission\n"
 
 

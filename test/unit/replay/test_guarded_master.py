@@ -179,7 +179,7 @@ def test_a_node_that_has_left_ros_is_woken_up(master):
 def test_a_call_that_is_too_long(length):
     """It is refused before it is read; the memory of the replay would be full."""
     master = GuardedMaster()
-    connection = http.client.HTTPConnection(urlsplit(master.serve(0)).netloc, timeout=20.0)
+    connection = http.client.HTTPConnection(urlsplit(master.serve()).netloc, timeout=20.0)
     connection.putrequest("POST", "/")
     connection.putheader("Content-Length", length)
     connection.endheaders()
