@@ -117,9 +117,10 @@ def grade_class(arguments: argparse.Namespace) -> int:
     store = Store(arguments.out)
     folder = os.path.realpath(arguments.out)
     inputs = [each if os.path.isdir(each) else os.path.dirname(each) for each in arguments.inputs]
+    hidden = [*inputs, *map(os.path.dirname, plans.paths), folder]
     with tempfile.TemporaryDirectory(dir=temporary_folder()) as workspace:
         os.chmod(workspace, 0o711)
-        sandbox, missing = make_sandbox([*inputs, *plans.folders, folder], workspace)
+        sandbox, missing = make_sandbox(hidden, workspace)
         if missing:
             print(missing, file=sys.stderr)
         setting = setting_from(arguments, sandbox, points.tolerances)

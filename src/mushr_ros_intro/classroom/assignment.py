@@ -57,9 +57,9 @@ class Plans:
                 raise UserError(f"{text}, such as {known}/figure_8.txt")
 
     @property
-    def folders(self) -> List[str]:
-        """The folders of the plans."""
-        return sorted({os.path.dirname(plan.path) for plan in self._named.values()})
+    def paths(self) -> List[str]:
+        """The files of the plans; a drawn plan has none yet."""
+        return [plan.path for plan in self._named.values()]
 
     def check_map(self, setting: Setting) -> None:
         """Refuse a plan or a path that hits a wall, or leaves the map: no node can pass it.

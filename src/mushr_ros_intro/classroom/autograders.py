@@ -8,16 +8,14 @@ import tempfile
 
 import yaml
 
-from mushr_ros_intro.car.profile import read_parameters
-from mushr_ros_intro.classroom.arguments import read_exercises, words_of
-from mushr_ros_intro.classroom.drawn_plans import DRAWN
+from mushr_ros_intro.classroom.arguments import words_of
+from mushr_ros_intro.classroom.assignment import Plans, setting_from
 from mushr_ros_intro.classroom.points import read_points
 from mushr_ros_intro.classroom.store import give_to_user
 from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.paths import find_file, package_folder
-from mushr_ros_intro.replay.reference import refuse_walls
 from mushr_ros_intro.wording import counted
-from mushr_ros_intro.world.map_file import read_map
 from mushr_ros_intro.yaml_file import read_mapping
 
 FILES = (
@@ -62,37 +60,30 @@ def _fill(folder: str, arguments: argparse.Namespace, package: str) -> str:
 
     Errors as in `write_autograder`.
     """
-    exercises = read_exercises(arguments, arguments.plans or [])
+    plans = Plans(arguments)
     kind = "path" if arguments.follow else "plan"
-    drawn = [DRAWN] * (DRAWN in (arguments.plans or []))
-    names = [*exercises, *drawn]
-    points = read_points(arguments.points, names, bool(arguments.follow))
-    parameters = read_parameters(arguments.car, os.path.join(package, "config"))
+    points = read_points(arguments.points, plans.names, bool(arguments.follow))
+    plans.check_map(setting_from(arguments, Sandbox(), points.tolerances))
     copy = os.path.join(folder, "mushr_ros_intro")
     for each in (f"{kind}s", "mushr_ros_intro/maps"):
         os.makedirs(os.path.join(folder, each))
     options = {**arguments.settings, "map": arguments.map, "secret": arguments.secret}
     if arguments.map != "none":
         map_file = find_file(arguments.map, os.path.join(package, "maps"), ".yaml")
-        grid = read_map(map_file)
         options["map"] = _copy_map(map_file, os.path.join(copy, "maps"))
-        refuse_walls(exercises.values(), parameters, grid)
     _copy_package(package, copy)
     for each in ("setup.sh", "run_autograder"):
         shutil.copy(os.path.join(package, "scripts/dev/autograder", each), folder)
     options["follow" if arguments.follow else "plans"] = [
-        *(
-            _copy_file(each.path, folder, f"{kind}s/{os.path.basename(each.path)}")
-            for each in exercises.values()
-        ),
-        *drawn,
+        *(_copy_file(each, folder, f"{kind}s/{os.path.basename(each)}") for each in plans.paths),
+        *plans.names[len(plans.paths) :],  # the drawn one, if any
     ]
     if arguments.points is not None:
         options["points"] = _copy_file(arguments.points, folder, "points.yaml")
     with open(os.path.join(folder, "arguments"), "w", encoding="utf-8") as file:
         file.writelines(f"{word}\n" for word in words_of(options))
-    hidden = sum(map(points.is_hidden, names))
-    return f"{counted(len(names), kind)}, {hidden} hidden; {points.max_score():g} points"
+    hidden = sum(map(points.is_hidden, plans.names))
+    return f"{counted(len(plans.names), kind)}, {hidden} hidden; {points.max_score():g} points"
 
 
 def _copy_file(path: str, folder: str, name: str) -> str:
