@@ -21,6 +21,7 @@ POSE = {"topic": "/pose", "x": 1.0, "y": 2.0, "test_duration": 0.2}
 # The parameters of a test, and a part of its failure; if empty, the test passes.
 CASES = [
     ({**POSE, "theta": 0.5, "position_tolerance": 1e-5, "angle_tolerance": 1e-5}, ""),
+    ({**POSE, "topic": "/late"}, ""),
     ({**POSE, "x": 1.1}, "), 0.1 m from the expected (1.1000 m, 2.0000 m); tolerance 0.05 m"),
     ({**POSE, "theta": 3.0, "position_tolerance": 1e-5}, "tolerances 1e-05 m and 0.05 rad"),
     ({"topic": "/pose"}, "parameter ~x is not set; expected a number from -1e+06 to 1e+06 m"),
@@ -42,10 +43,17 @@ class TestPoseTest(RosTestCase):
             (rospy.Publisher(topic, PoseStamped, queue_size=10), pose)
             for topic, pose in poses.items()
         ]
+        late, count = rospy.Publisher("/late", PoseStamped, queue_size=10), 0
         clock = rospy.Publisher("/clock", Clock, queue_size=1, latch=True)
         clock.publish(Clock())
 
         def publish(_):
+            nonlocal count
+            if late.get_num_connections():  # the stamps pass half as fast as the clock
+                count += 1
+                x = 1.0 if count > 15 else 0.0
+                placed = placement(rospy.Time.from_sec(1.0 + 0.01 * count), x, 2.0, 0.5)
+                late.publish(PoseStamped(header=placed.header, pose=placed.pose.pose))
             for publisher, pose in publishers:
                 placed = placement(rospy.Time.now(), *pose)
                 publisher.publish(PoseStamped(header=placed.header, pose=placed.pose.pose))
