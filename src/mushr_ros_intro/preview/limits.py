@@ -26,8 +26,6 @@ class Step(NamedTuple):
     """Steering angle at the beginning [rad]."""
     distance: float
     """Distance driven, forward and in reverse [m]."""
-    max_curvature: float
-    """The largest curvature of the path, left or right [1/m]."""
     pose: Pose
     """Pose at the end, in the map frame."""
 

@@ -4,12 +4,11 @@ All values come from the kinematics of the simulated car. Poses are those of bas
 middle of the rear axle on the ground, in the map frame. A drive that hits a wall ends there.
 """
 
-import math
 from typing import Iterable, List, NamedTuple, Optional, Tuple
 
 from mushr_ros_intro.car.model import Car, Contact, State
 from mushr_ros_intro.car.motion import advance
-from mushr_ros_intro.geometry import Pose, curvature
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.plan import Fault, Plan
 from mushr_ros_intro.preview.limits import Step, limit_faults, ramp_faults
 from mushr_ros_intro.preview.prediction import Leg, legs_of, sampled
@@ -51,21 +50,9 @@ class Report(NamedTuple):
         return min(x), max(x), min(y), max(y)
 
     @property
-    def radius(self) -> float:
-        """The smallest turning radius [m]; infinite if the car only drives straight."""
-        largest = max(step.max_curvature for step in self.steps)
-        return 1.0 / largest if largest else math.inf
-
-    @property
     def final_pose(self) -> Pose:
         """The pose at which the car comes to rest."""
         return self.steps[-1].pose
-
-    @property
-    def start_to_end(self) -> Tuple[float, float]:
-        """The distance [m] and the signed angle [rad] from the start pose to the final pose."""
-        start, end = self.plan.start, self.final_pose
-        return start.distance_to(end), math.remainder(end.theta - start.theta, math.tau)
 
 
 def check(
@@ -97,18 +84,14 @@ def _steps(legs: Iterable[Leg], car: Car) -> Tuple[Step, ...]:
     for leg in legs:
         state = leg.state
         if leg.row == len(steps):  # otherwise it is a repeated command of the same row
-            begin = Step(state.stamp, 0, state.speed, state.steering_angle, 0.0, 0.0, state.pose)
+            begin = Step(state.stamp, 0, state.speed, state.steering_angle, 0.0, state.pose)
             steps.append(begin)
-        distance, largest = steps[-1].distance, steps[-1].max_curvature
+        distance = steps[-1].distance
         for piece, seconds in leg.pieces():
             distance += abs(piece.speed + 0.5 * piece.acceleration * seconds) * seconds
-            if piece.direction:
-                angles = piece.steering_angle, piece.steering_angle + piece.steering_rate * seconds
-                largest = max(largest, *(abs(curvature(angle, car.wheelbase)) for angle in angles))
         steps[-1] = steps[-1]._replace(
             end=leg.end,
             distance=distance,
-            max_curvature=largest,
             pose=advance(state, leg.end, car).pose,
         )
     return tuple(steps)

@@ -59,7 +59,6 @@ def _table_line(report: Report, index: int) -> str:
 def _summary(report: Report) -> Iterator[str]:
     """Yield the lines below the table of rows."""
     plan, end = report.plan, report.final_pose
-    gap, turned = report.start_to_end
     left, right, bottom, top = report.box
     driven, seconds = report.rest / NANOSECONDS, plan.duration / NANOSECONDS
     until = f"{driven:.2f} of " if driven < seconds else ""
@@ -67,11 +66,8 @@ def _summary(report: Report) -> Iterator[str]:
     yield f"duration        {until}{seconds:g} s"
     theta = math.remainder(end.theta, math.tau)
     yield f"final pose      x {_near(end.x)} m, y {_near(end.y)} m, theta {_near(theta)} rad"
-    yield f"start to end    {_near(gap)} m and {_near(turned)} rad apart"
     box = f"x {_near(left)} to {_near(right)} m, y {_near(bottom)} to {_near(top)} m"
     yield f"bounding box    {box} (of the rear axle)"
-    radius = f"at least {report.radius:.3f} m"
-    yield f"turning radius  {'none, it drives straight' if math.isinf(report.radius) else radius}"
     last, rolls = plan.rows[-1].speed, report.steps[-1].distance
     rest = f"no, the last row asks for {last:g} m/s; path_publisher then sends a stop"
     rolling = f", and the car rolls on for {rolls:.3f} m" if rolls else ""

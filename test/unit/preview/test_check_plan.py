@@ -79,8 +79,6 @@ def test_the_figures_of_figure_8():
     report = report_on("figure_8")
     radius = 0.33 / math.tan(as_float32(0.09))
     assert report.length == pytest.approx(44.0, abs=SAME)
-    assert report.radius == pytest.approx(radius, abs=SAME)
-    assert report.start_to_end == pytest.approx((math.hypot(1.547709, 1.180325), 0.0), abs=1e-6)
     x, y = -radius * math.sin(0.785), radius * math.cos(0.785)  # the centre of the first lobe
     left, right, bottom, top = report.box
     assert (left, top) == pytest.approx((x - radius, y + radius), abs=BOX)
@@ -137,16 +135,6 @@ def test_a_command_that_expires_before_the_next_one():
     assert report.final_pose.x == pytest.approx(0.5)
 
 
-def test_the_smallest_radius_is_that_of_the_largest_steering_angle_on_the_way():
-    """The wheels are still turned when the car starts."""
-    text = "0,0,0\n0,0.3\n1,-0.1\n"
-    assert checked(text).radius == pytest.approx(0.33 / math.tan(as_float32(0.1)))
-    nano = checked(text, "mushr_nano").radius
-    wheelbase = CARS["mushr_nano"].wheelbase
-    assert nano == pytest.approx(wheelbase / math.tan(as_float32(0.3)))
-    assert checked("0,0,0\n0,0.4\n1,0\n").radius == math.inf
-
-
 def test_noise_is_left_out():
     text = "0,0,0\n1,0,9\n"
     report = checked(text, Car(speed_noise=0.2, steering_noise=0.1), walled())
@@ -168,9 +156,7 @@ def test_the_table():
         "length          4.00 m",
         "duration        2.5 s",
         "final pose      x 3.000 m, y 2.000 m, theta 0.000 rad",
-        "start to end    2.000 m and 0.000 rad apart",
         "bounding box    x 1.000 to 4.000 m, y 2.000 to 2.000 m (of the rear axle)",
-        "turning radius  none, it drives straight",
         "ends at rest    no, the last row asks for -1 m/s; path_publisher then sends a stop",
     ]
 
@@ -271,7 +257,6 @@ def test_the_report_ends_at_the_wall():
     assert report.final_pose == pytest.approx(report.collision.pose, abs=1e-8)
     assert report.length == pytest.approx(0.62, abs=1e-8)
     assert report.box == pytest.approx((0.0, 0.62, 0.0, 0.0), abs=1e-8)
-    assert report.radius == math.inf
     text = list(as_text(report, spread(report.plan, Car(), 2, 1)))
     assert text[1:3] == [str(report.faults[0]), "1 fault"]
     assert "    ... 3 more rows, not driven ..." in text
