@@ -109,10 +109,10 @@ FAULTS = (
         Number("play", "rad", 0.0, 0.05, 1e-4, 0.0, 0.5),
         (0.02, 0.05, 0.1),
         0.01,
-        True,
+        False,
         False,
         "has {0:.3f} rad of play in the steering",
-        "tighten the linkage of the steering and the horn of the servo",
+        "tighten the linkage of the steering and the horn of the servo, and drive again",
     ),
     Fault(
         Number("fading", "1/s", 0.0, 0.05, 1e-4, 0.0, 0.5),
@@ -144,7 +144,7 @@ FAULTS = (
     Fault(
         Number("jump", "rad", 0.0, _INF, 1e-4, -4.0, 4.0),
         (),
-        0.0,
+        0.05,
         True,
         True,
         "has a localisation that jumps at {2:.1f} s",

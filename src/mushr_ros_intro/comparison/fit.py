@@ -237,7 +237,7 @@ def _found(
         tried = problem.solve(best, columns)
         # The step of a jump is also a number that was chosen.
         gain = problem.gain(vector, tried, len(columns) - len(free) + (fault is JUMP))
-        is_large = abs(tried[columns[-1]]) >= fault.least
+        is_large = max(np.abs(tried[list(columns_of(fault))])) >= fault.least
         is_near = problem.path_error(tried, aligned=True) <= path_error
         if gain > _MIN_GAIN and is_large and is_near:
             cause = Cause(fault, float(tried[columns[-1]]), problem.jump_time(tried))

@@ -52,6 +52,9 @@ _MIN_CHANGE = 5.0
 _MOVED = 0.05
 """A car that moves by more in the second before the first command moves already [m]."""
 
+_SMALL_DIFFERENCE = 0.02
+"""A smaller mean difference of the velocity is no misfit [m/s, rad/s]."""
+
 _MAX_ERRORS = np.array([each.max_error for each in NUMBERS])
 
 
@@ -314,7 +317,9 @@ class Problem:
                 white = self._whitening(units)[0]
                 scores = np.bincount(groups, white * residuals)
                 information = np.bincount(groups, white**2)
-                sizes = np.abs(scores) / np.sqrt(np.maximum(information, 1e-30))
+                information = np.maximum(information, 1e-30)
+                is_large = np.abs(scores) > _SMALL_DIFFERENCE * information
+                sizes = np.where(is_large, np.abs(scores) / np.sqrt(information), 0.0)
                 worst = int(np.argmax(sizes))
                 if sizes[worst] > found.size:
                     row = self._first_rows[first + _TOGETHER * worst]

@@ -5,10 +5,12 @@ import random
 import re
 import statistics
 
+import numpy as np
 import pytest
 
 from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.fit import Value, combined, fit
+from mushr_ros_intro.stamps import NANOSECONDS
 from support.cars import CARS, plan_named, plan_of
 from support.recorded_drive import driven
 from support.true_car import TrueCar, recorded
@@ -127,6 +129,18 @@ def test_a_drive_that_no_car_of_the_model_drives_is_a_misfit():
     assert not result.is_certain
 
 
+def test_two_centimetres_are_neither_a_misfit_nor_a_jump():
+    """The car rolls on for 0.3 s after its stop, as a car with motion capture did."""
+    plan = plan_of("0, 0, 0\n0.6, 0.1, 2\n0.6, -0.1, 2\n0.3, 0, 2")
+    log = recorded(plan, TrueCar(), random.Random(1), 50.0, position=0.0003, heading=0.0003)
+    since = log.stamps / NANOSECONDS - 6.2
+    rolled = 0.02 * np.clip(since / 0.3, 0.0, 1.0)[:, None]
+    headings = log.poses[:, 2]
+    along = np.column_stack([np.cos(headings), np.sin(headings), np.zeros(len(headings))])
+    result = fit(log._replace(poses=log.poses + rolled * along), NANO)
+    assert (result.is_found, result.causes) == (True, ())
+
+
 def test_a_drive_that_tells_nothing():
     plan = plan_of("0, 0, 0\n0.02, 0, 4")
     log = driven(plan, NANO, random.Random(1), rate=6.0)
@@ -156,7 +170,8 @@ FAULTS = [
     ({"left_stop": 0.12}, r"at most 0.1\d\d rad to the left or has 0.\d+ rad", False, False),
     ({"imbalance": 0.08}, r"steers \d+% more to the left", False, False),
     ({"fading": 0.02}, r"loses \d.\d% of its speed", False, False),
-    ({"play": 0.08}, r"has 0.0\d\d rad of play", True, False),
+    # Another gain may make up for some of the play, so a correction of the gain could do harm.
+    ({"play": 0.08}, r"has 0.0\d\d rad of play", False, False),
     ({"steering_lag": 0.3}, r"follows a steering angle with a lag of 0.[23]\d s", True, False),
     ({"point": 0.2}, r"reports the pose of a point 0.(19|2\d) m in front of", True, True),
     (
