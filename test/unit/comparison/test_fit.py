@@ -167,7 +167,13 @@ def test_poses_without_noise_may_be_computed_from_the_commands():
 
 FAULTS = [
     ({"speed_cap": 0.45}, "drives at most 0.4", True, False),
-    ({"left_stop": 0.12}, r"at most 0.1\d\d rad to the left or has 0.\d+ rad", False, False),
+    (
+        {"left_stop": 0.12},
+        r"at most 0.1\d\d rad to the left or has 0.\d+ rad.*; to tell them apart: drive",
+        False,
+        False,
+    ),
+    ({"speed_cap": 0.45, "point": 0.2}, "reports the pose.* and drives at most 0.4", True, False),
     ({"imbalance": 0.08}, r"steers \d+% more to the left", False, False),
     ({"fading": 0.02}, r"loses \d.\d% of its speed", False, False),
     # Another gain may make up for some of the play, so a correction of the gain could do harm.
@@ -189,7 +195,7 @@ FAULTS = [
 
 @pytest.mark.parametrize(
     ("numbers", "expected", "is_certain", "is_profile"),
-    [*FAULTS[:3], *(pytest.param(*each, marks=pytest.mark.full) for each in FAULTS[3:])],
+    [*FAULTS[:4], *(pytest.param(*each, marks=pytest.mark.full) for each in FAULTS[4:])],
     ids=str,
 )
 def test_the_fault_of_a_car_is_named(numbers, expected, is_certain, is_profile):
