@@ -152,13 +152,14 @@ def _allocate(_: Targets) -> Any:
     return len(bytearray(3000 * _MB))
 
 
+FILLS = "fill the memory with files in `/tmp` or `/dev/shm`"
 LEAVE = "leave a process behind"
 ATTACKS: Dict[str, Callable[[Targets], Any]] = {
     "read hidden plans, results and other submissions": _read_secret,
     "change results": _write_secret,
     "read or import the solution": _find_solution,
     "write to the folders of the system": _write_system,
-    "fill the memory with files in `/tmp` or `/dev/shm`": _fill,
+    FILLS: _fill,
     "keep a key in the kernel for the next replay": _add_key,
     "signal to another node with a lock on a file": _use_together,
     "use privileges, or gain them": _privileges,

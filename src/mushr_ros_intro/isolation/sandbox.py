@@ -222,6 +222,12 @@ def _counts_processes_of_namespaces() -> bool:
     return version is not None and tuple(map(int, version.groups())) >= (5, 14)
 
 
+UNLIMITED = (
+    "partly isolated: this system's bwrap has no option --size, so a node can fill the memory with "
+    "files; expected bubblewrap of Debian 12 or newer"
+)
+
+
 def make_sandbox(hidden: Sequence[str], folder: str) -> Tuple[Sandbox, str]:
     """Return the best sandbox that the system allows, and what is missing; "" if nothing.
 
@@ -247,7 +253,7 @@ def make_sandbox(hidden: Sequence[str], folder: str) -> Tuple[Sandbox, str]:
     with ProcessPoolExecutor(1) as pool:  # another process, because it enters a network
         limits_size, refusal = pool.submit(_try, sandbox).result()
     if not refusal:
-        return sandbox._replace(limits_size=limits_size), ""
+        return sandbox._replace(limits_size=limits_size), "" if limits_size else UNLIMITED
     sandbox = sandbox._replace(has_namespaces=False)
     if is_root:
         return sandbox, (

@@ -9,6 +9,7 @@ import pytest
 
 from mushr_ros_intro.isolation import sandbox, system_calls
 from mushr_ros_intro.isolation.sandbox import Sandbox, make_sandbox
+from support.grading import ISOLATED
 
 ENVIRONMENT = {"PATH": "/usr/bin", "ROS_PACKAGE_PATH": "/home/ann/.ros/0:/usr/share"}
 
@@ -61,6 +62,17 @@ def test_a_folder_for_locks_that_cannot_be_written(monkeypatch):
     monkeypatch.setattr("os.access", lambda path, _: path != "/dev/shm")
     with pytest.raises(OSError, match="chmod 1777 /dev/shm"):
         make_sandbox([], "/tmp")
+
+
+@ISOLATED
+def test_a_bwrap_that_does_not_limit_the_size(tmp_path, monkeypatch):
+    """As in Debian 11 and Ubuntu 20.04."""
+    old = tmp_path / "bwrap"
+    old.write_text('#!/bin/sh\n[ "$1" = --help ] || exec /usr/bin/bwrap "$@"\n')
+    old.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    made, missing = make_sandbox([], "/tmp")
+    assert not made.limits_size and "a node can fill the memory" in missing
 
 
 CALLS = """
