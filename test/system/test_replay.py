@@ -53,7 +53,7 @@ REPLAYS = {
     "hang": (
         wrong("hang"),
         STOPPED,
-        "FAIL node: the node hangs: 20 of 50 commands arrived, and then none for 30 s, or for ",
+        "FAIL node: the node hangs: 20 of 50 commands arrived, and then none for 15 s, or for ",
     ),
     "hold_up": (publisher("wrong_listing.py hold_up"), set(), NO_STOP),
     "kill_car": (
@@ -69,7 +69,7 @@ REPLAYS = {
     "silent": (
         wrong("silent"),
         NEVER_DROVE,
-        f"FAIL node: the node runs, but sent no command on {CONTROL} for 30 s, or for "
+        f"FAIL node: the node runs, but sent no command on {CONTROL} for 15 s, or for "
         "60 s of simulated time; it has a publisher for this topic, but no message arrived: does "
         "it call publish?",
     ),
