@@ -28,9 +28,6 @@ _Z_95 = 1.96
 _SIGNIFICANT = 3.0
 """A value that has changed by less is no correction [standard errors]."""
 
-_SMALL_ERROR = 0.02
-"""A fit explains a drive in any case if it leaves less than this of the error [m]."""
-
 _AT_ONCE = 1e-3
 """A smaller inverse of a rate means no limit."""
 
@@ -133,7 +130,7 @@ class Fit(NamedTuple):
     @property
     def is_explained(self) -> bool:
         """Whether the fitted car drives like that, but for random and small errors."""
-        return not self.misfit.is_found or self.path_error < _SMALL_ERROR
+        return not self.misfit.is_found
 
     @property
     def is_found(self) -> bool:

@@ -316,8 +316,7 @@ class Problem:
                 units[0, is_inside, part] = self._seconds[is_inside]
                 white = self._whitening(units)[0]
                 scores = np.bincount(groups, white * residuals)
-                information = np.bincount(groups, white**2)
-                information = np.maximum(information, 1e-30)
+                information = np.maximum(np.bincount(groups, white**2), 1e-30)
                 is_large = np.abs(scores) > _SMALL_DIFFERENCE * information
                 sizes = np.where(is_large, np.abs(scores) / np.sqrt(information), 0.0)
                 worst = int(np.argmax(sizes))
