@@ -18,11 +18,12 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.monitor.car_watch import CarWatch
 from mushr_ros_intro.monitor.expectation import Expectations
 from mushr_ros_intro.monitor.results import Results, take_result_files
-from mushr_ros_intro.monitor.senders import Sender, Senders, fixed_plan
+from mushr_ros_intro.monitor.senders import Sender, Senders
 from mushr_ros_intro.monitor.verdict import Verdict
 from mushr_ros_intro.monitor.watched_drive import WatchedDrive
 from mushr_ros_intro.parameters import Values, choice, loaded
 from mushr_ros_intro.paths import package_folder
+from mushr_ros_intro.plan.parse import read_named_plan
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.ros.connections import wait_until_connected
 
@@ -59,7 +60,7 @@ class DriveMonitor:
 
     PARAMETERS = (
         node.car_name("the car to watch"),
-        loaded("plan_file", fixed_plan, PLAN)._replace(default=None),
+        loaded("plan_file", read_named_plan, PLAN)._replace(default=None),
         choice("car", names_in(package_folder("config/cars")), None, CAR),
     )
 

@@ -12,19 +12,13 @@ from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.drive.start_pose import StartPose
 from mushr_ros_intro.drive.timetable import Timetable
 from mushr_ros_intro.parameters import Values, flag, loaded, number, text
-from mushr_ros_intro.paths import find_file, package_folder
-from mushr_ros_intro.plan.parse import read_plan
-from mushr_ros_intro.plan.plan import Plan, Row
+from mushr_ros_intro.plan.parse import read_named_plan
+from mushr_ros_intro.plan.plan import Row
 from mushr_ros_intro.ros import node, ros_time
 
 ACTIVE_TOPIC = "topic ~active of the mux; if another input drives the car, the drive ends"
 TIMEOUT = 20.0
 """Timeout for subscribers, for the start pose, and for /clock [s of wall-clock time]."""
-
-
-def read(name: str) -> Plan:
-    """Return the plan that is given by its name or path."""
-    return read_plan(find_file(name, package_folder("plans"), ".txt"))
 
 
 def control_topic(values: Values) -> str:
@@ -44,7 +38,7 @@ class PathPublisher:
     """
 
     PARAMETERS = (
-        loaded("plan_file", read, expected="a plan, such as _plan_file:=figure_8"),
+        loaded("plan_file", read_named_plan, expected="a plan, such as _plan_file:=figure_8"),
         node.car_name("the car to drive"),
         text("control_topic", control_topic, "topic of the commands; by default that of the car"),
         node.init_pose_topic("topic of the start pose"),

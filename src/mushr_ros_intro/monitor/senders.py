@@ -8,7 +8,6 @@ import rosgraph
 import rospy
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.ros.connections import is_alive
@@ -137,12 +136,3 @@ def _folder_of(sender: Sender) -> str:
     except (CallError, OSError):
         text = "its ~plan_file is a relative path, and the node has ended or is on another machine"
         raise UserError(text) from None
-
-
-def fixed_plan(name: str) -> Plan:
-    """Return the plan that is given by its name or path.
-
-    Raises:
-        UserError: the plan cannot be found or read.
-    """
-    return read_plan(find_file(name, package_folder("plans"), ".txt"))

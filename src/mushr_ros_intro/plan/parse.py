@@ -15,7 +15,7 @@ from typing import Dict, List, Sequence, Tuple
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import MAX_COORDINATE, ORIGIN, Pose
-from mushr_ros_intro.paths import find_file
+from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.plan.plan import (
     MAX_DURATION,
     MAX_SPEED,
@@ -78,6 +78,15 @@ def read_plan(path: str) -> Plan:
         text = f"the file has more than {MAX_FILE_SIZE} bytes; expected a plan file"
         raise PlanError([Fault(path, 0, 0, text)])
     return parse_plan(data, path)
+
+
+def read_named_plan(name: str) -> Plan:
+    """Return the plan that is given by its path, or by its name in this package.
+
+    Raises:
+        UserError: the plan cannot be found or read.
+    """
+    return read_plan(find_file(name, package_folder("plans"), ".txt"))
 
 
 def read_plans(names: Sequence[str], folder: str) -> Dict[str, Plan]:
