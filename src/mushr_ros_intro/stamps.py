@@ -37,21 +37,6 @@ CALL_TIMEOUT = 5.0
 CONNECTION_TIMEOUT = 5.0
 """Timeout for the connections of a node's topics when it starts [s]."""
 
-REANNOUNCE_PERIOD = 1.0
-"""Period at which a publisher is announced to subscribers that are not connected [s]."""
-
-CLOCK_PATIENCE = 5.0
-"""Longest wait of the simulated clock for the next command [s].
-
-On a machine with ten processes per core, a node can be delayed by more than a second.
-"""
-
-CLOCK_PATIENCE_AT_REST = 1.0
-"""Longest wait of the simulated clock after a stop, which is the end of most plans [s]."""
-
-MIN_CLOCK_PATIENCE = 0.2
-"""Lower limit of the patience, which is halved after each wait without an event [s]."""
-
 
 def effective_stamp(stamp: int, now: int, tolerance: int = STAMP_TOLERANCE) -> int:
     """Return the instant at which a message applies [ns].

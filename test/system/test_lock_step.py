@@ -18,7 +18,7 @@ from rosgraph_msgs.msg import Log
 from std_srvs.srv import Trigger
 
 from mushr_ros_intro.ros.connections import wait_until_connected
-from mushr_ros_intro.stamps import CLOCK_PATIENCE_AT_REST
+from mushr_ros_intro.simulator.clock import CLOCK_PATIENCE_AT_REST
 from support.helpers import PATIENCE, Recording, Relay, RosTestCase, driver, node, wait_for
 from support.messages import NAVIGATION, OUTPUT, is_stop
 from support.world import LOCK_STEP, launch

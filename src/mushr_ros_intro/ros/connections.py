@@ -20,7 +20,10 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.ros.ros_time import POLL_PERIOD
 from mushr_ros_intro.ros.xmlrpc_client import CallError, CallFault, ask
-from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, REANNOUNCE_PERIOD
+from mushr_ros_intro.stamps import CONNECTION_TIMEOUT
+
+REANNOUNCE_PERIOD = 1.0
+"""Period at which a publisher is announced to subscribers that are not connected [s]."""
 
 _PING_AFTER = 0.5
 """After this time, nodes that do not respond are ignored [s]."""

@@ -16,13 +16,19 @@ import math
 from typing import NamedTuple, Optional
 
 from mushr_ros_intro.car.model import Event, InitialPose
-from mushr_ros_intro.stamps import (
-    CLOCK_PATIENCE,
-    CLOCK_PATIENCE_AT_REST,
-    COMMAND_PERIOD,
-    MIN_CLOCK_PATIENCE,
-    NANOSECONDS,
-)
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
+
+CLOCK_PATIENCE = 5.0
+"""Longest wait of the simulated clock for the next command [s].
+
+On a machine with ten processes per core, a node can be delayed by more than a second.
+"""
+
+CLOCK_PATIENCE_AT_REST = 1.0
+"""Longest wait of the simulated clock after a stop, which is the end of most plans [s]."""
+
+MIN_CLOCK_PATIENCE = 0.2
+"""Lower limit of the patience, which is halved after each wait without an event [s]."""
 
 STEP_TOLERANCE = 0.1
 """Relative difference up to which two steps between commands count as equal."""

@@ -13,8 +13,8 @@ from mushr_ros_intro.car.model import Event
 from mushr_ros_intro.ros import ros_time
 from mushr_ros_intro.ros.connections import is_alive
 from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
-from mushr_ros_intro.simulator.clock import Stream, first_report
-from mushr_ros_intro.stamps import CALL_TIMEOUT, CLOCK_PATIENCE, NANOSECONDS, CurrentTime
+from mushr_ros_intro.simulator.clock import CLOCK_PATIENCE, Stream, first_report
+from mushr_ros_intro.stamps import CALL_TIMEOUT, NANOSECONDS, CurrentTime
 
 Report = Callable[[Sequence[int]], None]
 """Publishes the car's states at increasing instants [ns]; called with the lock of the state."""

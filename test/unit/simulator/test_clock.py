@@ -4,14 +4,16 @@ import pytest
 
 from mushr_ros_intro.car.model import Command, InitialPose
 from mushr_ros_intro.geometry import ORIGIN
-from mushr_ros_intro.simulator.clock import LONG_STEP, MAX_PERIOD, Stream, first_report
-from mushr_ros_intro.stamps import (
+from mushr_ros_intro.simulator.clock import (
     CLOCK_PATIENCE,
     CLOCK_PATIENCE_AT_REST,
-    COMMAND_PERIOD,
+    LONG_STEP,
+    MAX_PERIOD,
     MIN_CLOCK_PATIENCE,
-    NANOSECONDS,
+    Stream,
+    first_report,
 )
+from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 
 SECOND = NANOSECONDS
 REPORT = 7 * SECOND
