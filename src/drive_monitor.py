@@ -222,7 +222,9 @@ class DriveMonitor:
         """End the wait for one drive if its node has ended, and has not moved the car."""
         names = list(self._senders.known)
         if self._fixed and self._seen and not names:
-            raise UserError(f"{', '.join(self._seen)} has ended, and has not moved the car")
+            self._take_events()  # its commands may have arrived since the last time
+            if not self._watched:
+                raise UserError(f"{', '.join(self._seen)} has ended, and has not moved the car")
         self._seen = names
 
     def _has_to_identify(self) -> bool:
