@@ -86,6 +86,7 @@ class Drive:
         """The reports since the newest command that moves the car."""
         self.placed: Optional[Report] = None
         """The first report after another node has placed the car."""
+        self._fastest = 0.0
         self.add(first)
 
     def add(self, command: Command) -> None:
@@ -93,6 +94,7 @@ class Drive:
         run = Run(command.speed, command.steering_angle, command.stamp)
         if not self.runs or self.runs[-1][:2] != run[:2]:
             self.runs.append(run)
+            self._fastest = max(self._fastest, abs(run.speed))
         if run.moves:
             self.newest = max(self.newest, run.begin)
             self.stop = None
@@ -108,9 +110,8 @@ class Drive:
         last = self.reports[-1] if self.reports else self.since or self.before
         self.since = self.since or report
         if last and not self.placed:
-            fastest = max(abs(run.speed) for run in self.runs)
             seconds = (report.stamp - last.stamp) / NANOSECONDS
-            if report.pose.distance_to(last.pose) > fastest * max(seconds, 0.0) + JUMP:
+            if report.pose.distance_to(last.pose) > self._fastest * max(seconds, 0.0) + JUMP:
                 self.placed = report
         self.reports.append(report)
 
