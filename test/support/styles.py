@@ -424,7 +424,9 @@ RIGHT = {
             "rospy.sleep(due - rospy.Time.now())",
         ),
     },
-    "parameters": paced('rospy.get_param("~plan_file")\nrate.sleep()', "rate = rospy.Rate(10)"),
+    "parameters": paced(
+        'rospy.get_param("/car/car_sim/wheelbase")\nrate.sleep()', "rate = rospy.Rate(10)"
+    ),
     "chatty": paced(
         'rospy.loginfo("speed %s", v)\nprint("x" * 200)\nrate.sleep()', "rate = rospy.Rate(10)"
     ),

@@ -18,7 +18,7 @@ EXACT = [
     *full("due_since_the_start", "files", "stops_for_ever"),
     *full("datetime", "clock_gettime", "select", "timer", "thread_sleep_no_stamp", "queue"),
     *full("pose_listener_time_sleep", "event_wait", "wall_rate", "computes"),
-    *full("connect_poll_busy", "lingers"),
+    *full("connect_poll_busy", "lingers", "parameters"),
 ]
 
 
