@@ -1,11 +1,12 @@
 """Watch whether a car reports its pose."""
 
 import time
-from typing import List, Optional
+from collections import deque
+from typing import Deque, List, Optional
 
 from geometry_msgs.msg import PoseStamped
 
-from mushr_ros_intro.monitor.drive import Report
+from mushr_ros_intro.monitor.drive import KEPT, Report
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import is_dead
 
@@ -21,7 +22,7 @@ class CarWatch:
 
     def __init__(self, topic: str) -> None:
         self.topic = topic
-        self.last: Optional[Report] = None
+        self._reports: Deque[Report] = deque(maxlen=KEPT)
         self.lost_since: Optional[float] = None
         """When the car was found to be lost [s, monotonic]; None if it is not."""
         self._arrival = 0.0
@@ -39,8 +40,18 @@ class CarWatch:
         # rospy numbers the messages of a publisher.
         self._is_new |= msg.header.seq < self._sequence
         self._sequence = msg.header.seq
-        self.last = Report(ros_time.received_stamp(msg.header.stamp.to_nsec(), arrival), pose)
-        return self.last
+        stamp = ros_time.received_stamp(msg.header.stamp.to_nsec(), arrival)
+        self._reports.append(Report(stamp, pose))
+        return self._reports[-1]
+
+    @property
+    def last(self) -> Optional[Report]:
+        """The newest report, None if there is none."""
+        return self._reports[-1] if self._reports else None
+
+    def before(self, stamp: int) -> Optional[Report]:
+        """Return the newest report that is not newer than `stamp` [ns], None if there is none."""
+        return next((each for each in reversed(self._reports) if each.stamp <= stamp), None)
 
     def changes(self) -> List[str]:
         """Return what has happened to the car since the last call, for messages."""

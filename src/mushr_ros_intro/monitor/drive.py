@@ -18,7 +18,7 @@ JUMP = 0.1
 """If the pose changes by this distance more than the car can drive, the car was placed [m]."""
 
 KEPT = 2000
-"""Number of reports that are kept after the newest command."""
+"""Number of reports that are kept, of a car, and of a drive after its newest command."""
 
 
 class Report(NamedTuple):

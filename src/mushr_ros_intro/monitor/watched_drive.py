@@ -40,11 +40,11 @@ class WatchedDrive:
 
     Args:
         first: the first command that moves the car.
-        car: its reports; the newest one may be older than the command.
+        car: its reports; the newest one may be older than the command, or newer.
     """
 
     def __init__(self, first: Command, car: CarWatch) -> None:
-        self.drive = Drive(first, car.last)
+        self.drive = Drive(first, car.before(first.stamp))
         self.observed = Observed()
         self.is_identified = False
         """Whether the monitor has looked for the node of the drive."""

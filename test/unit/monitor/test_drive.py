@@ -1,10 +1,14 @@
 """Test how a drive is followed beside its plan, by its commands and reports alone."""
 
 import pytest
+import rospy
+from geometry_msgs.msg import PoseStamped
 
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.monitor.car_watch import CarWatch
 from mushr_ros_intro.monitor.drive import Drive, PlannedDrive, Report
+from mushr_ros_intro.monitor.watched_drive import WatchedDrive
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.plan import as_float32
 
@@ -33,6 +37,18 @@ def driven(commands, plan=PLAN, before=None):
 
 
 EXACT = sent((1, 0.1, 2000), (0, 0, 500), (-1, 0.2, 1000))
+
+
+def test_commands_that_come_late():
+    """The car was where it was when the first one was due, not where it waits for the second."""
+    car = CarWatch("/car/car_pose")
+    for stamp, x in ((BEGIN - 10 * MS, 1.0), (BEGIN + 300 * MS, 1.2)):
+        msg = PoseStamped()
+        msg.header.stamp = rospy.Time(0, stamp)
+        msg.pose.position.x, msg.pose.orientation.w = x, 1.0
+        car.report(msg, stamp)
+    assert WatchedDrive(EXACT[0], car).drive.before.pose.x == 1.0
+    assert CarWatch("/car/car_pose").before(BEGIN) is None
 
 
 def test_an_exact_drive():
