@@ -57,51 +57,44 @@ class Fault(NamedTuple):
     """Values with which the fit begins; shares of the largest command if it limits commands."""
     least: float
     """A smaller value does not matter."""
-    leaves_gains: bool
-    """Whether the fitted gains and the offset are right beside this fault."""
-    is_in_profile: bool
-    """Whether a profile needs no number for it."""
     sentence: str
     """What the car does; {0} is the value, {1} the side of a signed one, {2} the time."""
     remedy: str
+    leaves_gains: bool = False
+    """Whether the fitted gains and the offset are right beside this fault."""
+    is_in_profile: bool = False
+    """Whether a profile needs no number for it."""
 
 
 _INF = math.inf
+
+
+def _stop(side: str) -> Fault:
+    return Fault(
+        Number(f"{side}_stop", "rad", _INF, 0.03, 1e-4, 0.0, _INF),
+        (0.3, 0.5, 0.7, 0.85, 0.95),
+        0.0,
+        f"steers at most {{0:.3f}} rad to the {side}",
+        "check the stops of the steering, and servo_min and servo_max in vesc.yaml",
+        leaves_gains=True,
+    )
+
 
 FAULTS = (
     Fault(
         Number("speed_cap", "m/s", _INF, 0.05, 1e-3, 0.01, _INF),
         (0.4, 0.6, 0.8, 0.9, 0.95),
         0.0,
-        True,
-        False,
         "drives at most {0:.2f} m/s",
         "check speed_max and speed_min in vesc.yaml and the battery, or drive slower",
+        leaves_gains=True,
     ),
-    Fault(
-        Number("left_stop", "rad", _INF, 0.03, 1e-4, 0.0, _INF),
-        (0.3, 0.5, 0.7, 0.85, 0.95),
-        0.0,
-        True,
-        False,
-        "steers at most {0:.3f} rad to the left",
-        "check the stops of the steering, and servo_min and servo_max in vesc.yaml",
-    ),
-    Fault(
-        Number("right_stop", "rad", _INF, 0.03, 1e-4, 0.0, _INF),
-        (0.3, 0.5, 0.7, 0.85, 0.95),
-        0.0,
-        True,
-        False,
-        "steers at most {0:.3f} rad to the right",
-        "check the stops of the steering, and servo_min and servo_max in vesc.yaml",
-    ),
+    _stop("left"),
+    _stop("right"),
     Fault(
         Number("imbalance", "", 0.0, 0.05, 1e-3, -0.9, 0.9),
         (-0.2, -0.08, 0.08, 0.2),
         0.015,
-        False,
-        False,
         "steers {0:.0%} more to the {1} than the mean of both sides",
         "check the linkage of the steering; one gain cannot correct both sides",
     ),
@@ -109,8 +102,6 @@ FAULTS = (
         Number("play", "rad", 0.0, 0.05, 1e-4, 0.0, 0.5),
         (0.02, 0.05, 0.1),
         0.01,
-        False,
-        False,
         "has {0:.3f} rad of play in the steering",
         "tighten the linkage of the steering and the horn of the servo, and drive again",
     ),
@@ -118,8 +109,6 @@ FAULTS = (
         Number("fading", "1/s", 0.0, 0.05, 1e-4, 0.0, 0.5),
         (0.005, 0.02, 0.05),
         0.003,
-        False,
-        False,
         "loses {0:.1%} of its speed in each second",
         "charge the battery, and drive again",
     ),
@@ -127,28 +116,27 @@ FAULTS = (
         Number("steering_lag", "s", 0.0, 0.2, 1e-3, 0.0, 5.0),
         (0.05, 0.15, 0.4),
         0.03,
-        True,
-        False,
         "follows a steering angle with a lag of {0:.2f} s",
         "check the supply of the servo; no number of vesc.yaml corrects it",
+        leaves_gains=True,
     ),
     Fault(
         Number("point", "m", 0.0, 0.1, 1e-3, -3.0, 3.0),
         (-0.2, -0.05, 0.1, 0.3),
         0.02,
-        True,
-        True,
         "reports the pose of a point {0:.2f} m {1} the rear axle",
         "use --pose_offset",
+        leaves_gains=True,
+        is_in_profile=True,
     ),
     Fault(
         Number("jump", "rad", 0.0, _INF, 1e-4, -4.0, 4.0),
         (),
         0.05,
-        True,
-        True,
         "has a localisation that jumps at {2:.1f} s",
         "repeat the drive, and set the pose of the localisation first",
+        leaves_gains=True,
+        is_in_profile=True,
     ),
 )
 
