@@ -72,8 +72,8 @@ def run() -> int:
     is_profile = all(each.is_profile for each in fits)
     if len(fits) > 1 and is_certain:
         show(*diagnosis.combined_text(both), "")
-    if (arguments.fit or arguments.vesc) and is_certain:
-        show(*vesc_text(both.car, arguments.vesc and user_path(arguments.vesc)), "")
+    if arguments.vesc and is_certain:
+        show(*vesc_text(both.car, user_path(arguments.vesc)), "")
     if arguments.fit and is_profile:
         path = user_path(arguments.fit)
         write_profile(path, both, profile, arguments.bags)
@@ -129,7 +129,7 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
     offset_help = "how far in front of the rear axle the reported point is; default 0"
     add("--pose_offset", metavar="METRES", default=0.0, help=offset_help)
     add("--fit", metavar="FILE.yaml", help="write the profile of the fitted car")
-    add("--vesc", metavar="FILE.yaml", default="", help="MuSHR's vesc.yaml, to compute new values")
+    add("--vesc", metavar="FILE.yaml", help="MuSHR's vesc.yaml, to compute new values")
     add("--out", metavar="FOLDER", help="write both paths as a table and as a picture")
     return parser.parse_args()
 

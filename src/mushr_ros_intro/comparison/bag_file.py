@@ -50,8 +50,11 @@ def read_bag(path: str, commands: str, pose: str, pose_offset: float, timeout: i
         reason = " ".join(f"{type(problem).__name__}: {problem}".split())[:200]
         text = f"the bag cannot be read ({reason}); expected a bag that rosbag play can play"
         raise UserError(f"{path}: {text}") from None
-    sent = _commands(path, commands, types, messages)
-    poses = _poses(path, pose, types, messages)
+    _check_type(path, commands, types, [_COMMAND], "commands")
+    _check_type(path, pose, types, list(_POSES), "poses")
+    part = _POSES[types[pose]]
+    sent = _received(commands, messages, _speed_and_angle)
+    poses = _received(pose, messages, lambda msg: conversions.pose_from_msg(part(msg)))
     values = [drive_arc(Pose(*each), -pose_offset, 0.0) for each in poses.values]
     return drive_log(path, sent, poses._replace(values=values), timeout)
 
@@ -82,19 +85,6 @@ def _received(topic: str, messages: List[Any], get: Callable[[Any], Any]) -> Rec
     return Received(topic, arrivals, stamps, values, tuple(ignored))
 
 
-def _commands(path: str, topic: str, types: Dict[str, str], messages: List[Any]) -> Received:
-    """Return the commands; see `read_bag`."""
-    _check_type(path, topic, types, [_COMMAND], "commands")
-
-    def get(msg: Any) -> Tuple[float, float]:
-        command = conversions.command_from_msg(msg)
-        return command.speed, command.steering_angle
-
-    return _received(topic, messages, get)
-
-
-def _poses(path: str, topic: str, types: Dict[str, str], messages: List[Any]) -> Received:
-    """Return the poses of a topic; see `read_bag`."""
-    _check_type(path, topic, types, list(_POSES), "poses")
-    part = _POSES[types[topic]]
-    return _received(topic, messages, lambda msg: conversions.pose_from_msg(part(msg)))
+def _speed_and_angle(msg: Any) -> Tuple[float, float]:
+    command = conversions.command_from_msg(msg)
+    return command.speed, command.steering_angle

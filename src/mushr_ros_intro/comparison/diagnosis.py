@@ -68,7 +68,8 @@ def _advice(fit: Fit) -> Iterator[str]:
         yield f"the delay from a command to its effect is {fit.delay:.3f} s"
     unknown = [name for name, value in fit.values.items() if not value.is_fitted]
     if unknown:
-        yield f"the drive does not determine {' and '.join(unknown)}"
+        names = " and ".join(unknown)
+        yield f"the drive does not determine {names}; plans/identification.txt is made for this"
 
 
 def _change(value: Value) -> str:
@@ -121,19 +122,12 @@ def fit_text(fit: Fit) -> Iterator[str]:
         return
     yield from _table("parameter", fit.values)
     yield "the delay contains the difference of the clocks, so it may be negative"
-    if fit.misfit.is_found:
-        yield (
-            "note: the drive differs from the fitted car by more than random errors, so the true "
-            "values may be outside of the 95 % ranges"
-        )
     if fit.position_noise < _NO_NOISE:
         yield (
             "note: the poses have no random errors. If they come from wheel speeds or commands, "
             "as MuSHR's car_pose does, they cannot show a wrong gain: use a localisation that "
             "measures the car from outside, or on a map"
         )
-    if not all(value.is_fitted for value in fit.values.values()):
-        yield "plans/identification.txt drives so that all parameters can be fitted"
 
 
 def combined_text(both: Combined) -> Iterator[str]:

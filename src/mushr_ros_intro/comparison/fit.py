@@ -34,6 +34,9 @@ _AT_ONCE = 1e-3
 _MIN_GAIN = 15.0
 """A fault is found if it improves the criterion by more. With healthy cars it is at most 12."""
 
+_MIN_CHANGE = 5.0
+"""A fault that may reduce the cost by less is not worth a fit."""
+
 _AS_GOOD = 6.0
 """Two faults explain a drive equally well if their criteria differ by less."""
 
@@ -224,12 +227,13 @@ def _found(
     For each, also return the gain of the criterion and the vector of its fit.
     """
     path_error = problem.path_error(vector, aligned=True)
+    cost = problem.costs(vector[None])[0]
     found = []
     for fault in (each for each in FAULTS if each not in used):
         starts = problem.starts(fault, vector)
         best = starts[int(np.argmin(problem.costs(starts)))]
         columns = [*free, *columns_of(fault)]
-        if not problem.may_improve(vector, best, columns):
+        if problem.cost_after_step(best, columns) > cost - _MIN_CHANGE:
             continue
         tried = problem.solve(best, columns)
         # The step of a jump is also a number that was chosen.

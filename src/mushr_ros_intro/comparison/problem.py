@@ -46,9 +46,6 @@ _MEDIAN_SQUARE = 0.455
 _JUMPS = 3
 """In so many steps, a jump of the localisation is tried."""
 
-_MIN_CHANGE = 5.0
-"""A fault that reduces the cost by less is not worth a fit."""
-
 _MOVED = 0.05
 """A car that moves by more in the second before the first command moves already [m]."""
 
@@ -140,12 +137,12 @@ class Problem:
         for delay in DELAYS:
             tried = vector.copy()
             tried[DELAY] = delay
-            cost = self._cost_after_step(tried, others)  # so that a wrong gain hides no delay
+            cost = self.cost_after_step(tried, others)  # so that a wrong gain hides no delay
             if cost < lowest:
                 lowest, best = cost, tried
         return best
 
-    def _cost_after_step(self, vector: np.ndarray, free: Sequence[int]) -> float:
+    def cost_after_step(self, vector: np.ndarray, free: Sequence[int]) -> float:
         """Return what one weakly bounded step of Gauss and Newton leaves of the cost."""
         free = list(free)
         bounds = np.diag(0.1 / np.minimum(_MAX_ERRORS[free], 1.0))
@@ -153,10 +150,6 @@ class Problem:
         right = np.append(self.residuals(vector[None])[0], np.zeros(len(free)))
         normal = system.T @ system
         return float(right @ right - (system.T @ right) @ np.linalg.solve(normal, system.T @ right))
-
-    def may_improve(self, before: np.ndarray, start: np.ndarray, free: Sequence[int]) -> bool:
-        """Return whether a fit from `start` on may be better than the fit `before`."""
-        return self._cost_after_step(start, free) < self.costs(before[None])[0] - _MIN_CHANGE
 
     @property
     def levels(self) -> Tuple[int, int]:

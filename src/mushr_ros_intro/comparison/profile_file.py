@@ -62,19 +62,13 @@ def vesc_text(car: Car, path: str) -> Iterator[str]:
 
     Args:
         car: the fitted car.
-        path: MuSHR's vesc.yaml with the old values, or "".
+        path: MuSHR's vesc.yaml with the old values.
 
     Raises:
         UserError: the file cannot be read, or lacks a parameter.
     """
     if (car.speed_gain, car.steering_gain, car.steering_offset) == (1.0, 1.0, 0.0):
         yield "MuSHR's vesc.yaml needs no correction"
-        return
-    if not path:
-        yield "to correct the car, change MuSHR's vesc.yaml (--vesc FILE computes the new values):"
-        yield f"  {_VESC[0]}: divide by {car.speed_gain:.4f}"
-        yield f"  {_VESC[1]}: divide by {car.steering_gain:.4f}"
-        yield f"  {_VESC[2]}: subtract {car.steering_offset:.4f} times the new {_VESC[1]}"
         return
     table = [number(name, REQUIRED, "", -1e9, 1e9) for name in _VESC]
     read = Parameters(read_mapping(path, "MuSHR's vesc.yaml"), f"{path}: ").read(table)

@@ -138,9 +138,6 @@ def test_two_drives_of_one_car(run):
 def test_new_values_for_a_car_that_steers_too_much_and_to_the_left(tmp_path):
     """A servo at 0.5 + 0.8 a gives the angle 1.25 (a + 0.025) on a car that needs 0.48 + 0.64 a."""
     car = NANO._replace(steering_gain=1.25, steering_offset=0.03125)
-    text = "\n".join(vesc_text(car, ""))
-    assert "steering_angle_to_servo_gain: divide by 1.2500" in text
-    assert "steering_angle_to_servo_offset: subtract 0.0312 times the new" in text
     path = tmp_path / "vesc.yaml"
     names = ("speed_to_erpm_gain", "steering_angle_to_servo_gain", "steering_angle_to_servo_offset")
     path.write_text("".join(f"{name}: {old}\n" for name, old in zip(names, (4614, 0.8, 0.5))))
