@@ -34,10 +34,14 @@ class TrueCar:
     speed_cap: float = math.inf
     left_stop: float = math.inf
     right_stop: float = math.inf
+    speed_dead_band: float = 0.0
+    steering_dead_band: float = 0.0
     imbalance: float = 0.0
     play: float = 0.0
     fading: float = 0.0
+    speed_lag: float = 0.0
     steering_lag: float = 0.0
+    understeer: float = 0.0
     point: float = 0.0
     jump: Tuple[float, float, float] = (0.0, 0.0, 0.0)
     """x and y [m] and turn [rad] in the map, about the origin, ..."""
@@ -46,6 +50,8 @@ class TrueCar:
 
     def targets(self, speed, angle, now):
         """Return the speed [m/s] and the steering angle [rad] that a command leads to."""
+        speed = speed if abs(speed) > self.speed_dead_band else 0.0
+        angle = angle if abs(angle) > self.steering_dead_band else 0.0
         speed *= self.speed_gain * (1.0 - self.fading) ** now
         side = 1.0 + self.imbalance * ((angle > 0.0) - (angle < 0.0))
         angle = angle * self.steering_gain * side + self.steering_offset
@@ -66,7 +72,7 @@ def commands_of(plan, corrected=lambda speed, angle: (speed, angle)) -> Commands
 
 def driven_path(commands, car, dice):
     """Return x [m], y [m] and theta [rad] every 1 ms, from _BEFORE until _AFTER."""
-    x = y = theta = speed = angle = lagged_angle = wheel = 0.0
+    x = y = theta = speed = angle = lagged_speed = lagged_angle = wheel = 0.0
     target, poses, todo = (0.0, 0.0), [], list(commands)
     noise = (0.0, 0.0)
     raw = (0.0, 0.0)
@@ -82,11 +88,13 @@ def driven_path(commands, car, dice):
         if now >= 0:  # the wheels stand straight until the first command
             reach = car.steering_rate / 1000.0
             angle += max(-reach, min(reach, target[1] - angle))
+        lagged_speed = _lag(lagged_speed, speed, car.speed_lag)
         lagged_angle = _lag(lagged_angle, angle, car.steering_lag)
         wheel = max(lagged_angle - car.play / 2, min(lagged_angle + car.play / 2, wheel))
-        turn = speed * math.tan(wheel) / car.wheelbase / 1000.0
-        x += speed * math.cos(theta + turn / 2) / 1000.0
-        y += speed * math.sin(theta + turn / 2) / 1000.0
+        longer = car.wheelbase * (1.0 + car.understeer * lagged_speed**2)
+        turn = lagged_speed * math.tan(wheel) / longer / 1000.0
+        x += lagged_speed * math.cos(theta + turn / 2) / 1000.0
+        y += lagged_speed * math.sin(theta + turn / 2) / 1000.0
         theta += turn
         poses.append((x, y, theta))
     return poses

@@ -54,7 +54,7 @@ class Fault(NamedTuple):
 
     number: Number
     starts: Tuple[float, ...]
-    """Values with which the fit begins; shares of the largest command if it limits commands."""
+    """Values with which the fit begins; shares of the largest command for a limit or dead band."""
     least: float
     """A smaller value does not matter."""
     sentence: str
@@ -67,6 +67,10 @@ class Fault(NamedTuple):
 
 
 _INF = math.inf
+
+_LEVELS = (0.171, 0.283, 0.391, 0.517, 0.623, 0.737, 0.853)
+_NO_SLOPE = 1e-9
+"""A dead band changes the drive only where it reaches a command, so one of its starts stays."""
 
 
 def _stop(side: str) -> Fault:
@@ -92,6 +96,20 @@ FAULTS = (
     _stop("left"),
     _stop("right"),
     Fault(
+        Number("speed_dead_band", "m/s", 0.0, 0.05, _NO_SLOPE, 0.0, _INF),
+        _LEVELS,
+        0.05,
+        "does not move at commands below {0:.2f} m/s",
+        "drive faster, or lower the minimum ERPM of the motor controller, and drive again",
+    ),
+    Fault(
+        Number("steering_dead_band", "rad", 0.0, 0.03, _NO_SLOPE, 0.0, _INF),
+        _LEVELS,
+        0.02,
+        "does not steer at commands below {0:.3f} rad",
+        "check the servo and the linkage of the steering, and drive again",
+    ),
+    Fault(
         Number("imbalance", "", 0.0, 0.05, 1e-3, -0.9, 0.9),
         (-0.2, -0.08, 0.08, 0.2),
         0.015,
@@ -113,12 +131,27 @@ FAULTS = (
         "charge the battery, and drive again",
     ),
     Fault(
+        Number("speed_lag", "s", 0.0, 0.2, 1e-3, 0.0, 5.0),
+        (0.05, 0.15, 0.4),
+        0.05,
+        "follows a speed with a lag of {0:.2f} s",
+        "check the controller of the motor; no number of vesc.yaml corrects it",
+        leaves_gains=True,
+    ),
+    Fault(
         Number("steering_lag", "s", 0.0, 0.2, 1e-3, 0.0, 5.0),
         (0.05, 0.15, 0.4),
         0.03,
         "follows a steering angle with a lag of {0:.2f} s",
         "check the supply of the servo; no number of vesc.yaml corrects it",
         leaves_gains=True,
+    ),
+    Fault(
+        Number("understeer", "s^2/m^2", 0.0, 0.2, 1e-3, 0.0, 5.0),
+        (0.05, 0.2, 0.6, 1.5),
+        0.02,
+        "turns less with the speed v, by the factor 1 / (1 + {0:.2f} v^2)",
+        "drive slower, and check the tyres and the floor",
     ),
     Fault(
         Number("point", "m", 0.0, 0.1, 1e-3, -3.0, 3.0),
@@ -186,14 +219,16 @@ def paths(plan: Plan, car: Car, vectors: np.ndarray, instants: np.ndarray) -> np
 
     begins = begins[begins <= times[-1]]  # a command may be years after the last pose
     speed_targets, angle_targets = _targets(plan, car, numbers)
-    _, speeds = _follow(speed_targets, numbers["acceleration"], begins, of_step, times)
+    speed_begins, speeds = _follow(speed_targets, numbers["acceleration"], begins, of_step, times)
+    _, speeds = _lagged(speed_begins, speeds, numbers["speed_lag"], seconds)
     angle_begins, angles = _follow(angle_targets, numbers["steering_rate"], begins, of_step, times)
     angle_begins, angles = _lagged(angle_begins, angles, numbers["steering_lag"], seconds)
     angles = _with_play(angle_begins, angles, numbers["play"], of_step)
 
     middles = times[:-1, None] + 0.5 * seconds
     speeds = speeds * np.exp(-numbers["fading"] * middles)
-    chords, turns = arcs(speeds * seconds, angles, car.wheelbase)
+    tangents = np.tan(angles) / (1.0 + numbers["understeer"] * speeds**2)
+    chords, turns = arcs(speeds * seconds, np.arctan(tangents), car.wheelbase)
     headings = _sums(turns)
     moves = chords * np.exp(1j * (headings[:-1] + 0.5 * turns))
     places = _sums(moves) + numbers["point"] * np.exp(1j * headings)
@@ -210,6 +245,8 @@ def _targets(plan: Plan, car: Car, numbers: Dict[str, np.ndarray]) -> Tuple[np.n
     """Return the speeds and the steering angles that the rows lead to, (rows + 1, cars)."""
     commands = [car.within_limits(*row[:2]) for row in plan.rows]
     speed, angle = np.array([*commands, (0.0, 0.0)]).T[..., None]
+    speed = np.where(np.abs(speed) > numbers["speed_dead_band"], speed, 0.0)
+    angle = np.where(np.abs(angle) > numbers["steering_dead_band"], angle, 0.0)
     speed = np.clip(speed * numbers["speed_gain"], -numbers["speed_cap"], numbers["speed_cap"])
     gain = numbers["steering_gain"] * (1.0 + numbers["imbalance"] * np.sign(angle))
     angle = np.clip(

@@ -243,9 +243,7 @@ class Problem:
         return tried
 
     def _largest(self, fault: Fault, vector: np.ndarray) -> float:
-        """Return the largest command that a fault limits, as a car drives it; 1 for no limit."""
-        if fault.number.neutral < math.inf:
-            return 1.0
+        """Return the largest command that a fault limits, as it does; 1 for other faults."""
         commands = np.array([self._car.within_limits(*row[:2]) for row in self._log.plan.rows])
         speeds, angles = commands.T
         speed_gain, gain, offset = vector[:3]
@@ -253,8 +251,10 @@ class Problem:
             "speed_cap": np.abs(speeds * speed_gain),
             "left_stop": angles * gain + offset,
             "right_stop": -angles * gain - offset,
-        }[fault.number.name]
-        return max(0.03, float(driven.max()))
+            "speed_dead_band": np.abs(speeds),
+            "steering_dead_band": np.abs(angles),
+        }.get(fault.number.name)
+        return 1.0 if driven is None else max(0.03, float(driven.max()))
 
     def jump_time(self, vector: np.ndarray) -> float:
         """Return when the localisation jumps, after the first command [s]."""

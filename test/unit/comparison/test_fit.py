@@ -175,11 +175,15 @@ FAULTS = [
         False,
     ),
     ({"speed_cap": 0.45, "point": 0.2}, "reports the pose.* and drives at most 0.4", True, False),
+    ({"speed_dead_band": 0.4}, r"does not move at commands below 0.3\d m/s", False, False),
+    ({"steering_dead_band": 0.15}, r"does not steer at commands below 0.1\d\d rad", False, False),
     ({"imbalance": 0.08}, r"steers \d+% more to the left", False, False),
     ({"fading": 0.02}, r"loses \d.\d% of its speed", False, False),
     # Another gain may make up for some of the play, so a correction of the gain could do harm.
     ({"play": 0.08}, r"has 0.0\d\d rad of play", False, False),
+    ({"speed_lag": 0.3}, r"follows a speed with a lag of 0.(2[5-9]|3[0-5]) s", True, False),
     ({"steering_lag": 0.3}, r"follows a steering angle with a lag of 0.[23]\d s", True, False),
+    ({"understeer": 1.5}, r"turns less .* 1 / \(1 \+ [12].\d\d v\^2\)", False, False),
     ({"point": 0.2}, r"reports the pose of a point 0.(19|2\d) m in front of", True, True),
     (
         {"jump": (0.2, 0.1, 0.05), "jump_time": 5.0},
