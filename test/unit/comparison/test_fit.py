@@ -142,6 +142,29 @@ def test_two_centimetres_are_neither_a_misfit_nor_a_jump():
     assert (result.is_found, result.causes) == (True, ())
 
 
+def test_a_healthy_car_has_no_cause():
+    """Its random errors are larger than usual; understeer improves the criterion by 9.6."""
+    car = TrueCar(speed_gain=0.96, steering_offset=0.01, speed_noise=0.03, steering_noise=0.02)
+    log = recorded(plan_named("identification"), car, random.Random(3), 20.0)
+    assert fit(log, NANO).causes == ()
+
+
+def test_a_cause_that_makes_the_path_worse_is_none():
+    """The headings are wrong for 0.4 s.
+
+    A jump explains where this begins, but then the rest of the path turns.
+    """
+    car = TrueCar(speed_gain=0.96, steering_offset=0.01)
+    log = recorded(
+        plan_named("identification"), car, random.Random(1), 20.0, position=0.01, heading=0.01
+    )
+    seconds = log.stamps / NANOSECONDS
+    is_wrong = (seconds > 4.0) & (seconds < 4.4)
+    result = fit(log._replace(poses=log.poses + np.outer(is_wrong, (0.0, 0.0, 0.2))), NANO)
+    assert (result.is_found, result.causes) == (True, ())
+    assert result.path_error < 0.04  # and 0.11 with the jump
+
+
 def test_a_drive_that_tells_nothing():
     plan = plan_of("0, 0, 0\n0.02, 0, 4")
     log = driven(plan, NANO, random.Random(1), rate=6.0)
