@@ -188,13 +188,11 @@ NUMBERS = (
 
 JUMP_STEP = len(NUMBERS) - 4
 
-_JUMP_COLUMNS = (JUMP_STEP + 1, JUMP_STEP + 2, JUMP_STEP + 3)
-
 
 def columns_of(fault: Fault) -> Tuple[int, ...]:
     """Return the columns of a vector that are fitted for a fault."""
     if fault is JUMP:
-        return _JUMP_COLUMNS
+        return (JUMP_STEP + 1, JUMP_STEP + 2, JUMP_STEP + 3)
     return ([each.name for each in NUMBERS].index(fault.number.name),)
 
 
@@ -268,12 +266,14 @@ def _follow(
         At the beginning of each step, and the mean in each step, (steps, cars).
     """
     rate = 1.0 / np.maximum(inverse_rate, 1.0 / _AT_ONCE)
-    firsts = np.zeros_like(targets)
-    for row, duration in enumerate(np.diff(begins)):
-        reach = rate * duration
-        firsts[row + 1] = np.minimum(
-            np.maximum(targets[row], firsts[row] - reach), firsts[row] + reach
-        )
+    reaches = rate * np.diff(begins)[:, None]
+    firsts = np.concatenate([np.zeros_like(targets[:1]), targets[:-1]])
+    is_far = (np.abs(targets - firsts)[: len(reaches)] > reaches).any(axis=1).tolist()
+    is_behind = False
+    for row, reach in enumerate(reaches):
+        if is_far[row] or is_behind:  # the others reach their targets
+            firsts[row + 1] = np.clip(targets[row], firsts[row] - reach, firsts[row] + reach)
+            is_behind = bool((firsts[row + 1] != targets[row]).any())
     since = (times[:-1] - begins[of_step])[:, None] * rate
     goals = targets[of_step]
     values = np.clip(goals, firsts[of_step] - since, firsts[of_step] + since)

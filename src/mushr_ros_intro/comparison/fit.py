@@ -227,13 +227,12 @@ def _found(
     For each, also return the gain of the criterion and the vector of its fit.
     """
     path_error = problem.path_error(vector, aligned=True)
-    cost = problem.costs(vector[None])[0]
     found = []
     for fault in (each for each in FAULTS if each not in used):
         starts = problem.starts(fault, vector)
         best = starts[int(np.argmin(problem.costs(starts)))]
         columns = [*free, *columns_of(fault)]
-        if problem.cost_after_step(best, columns) > cost - _MIN_CHANGE:
+        if problem.cost_after_step(best, columns) > problem.costs(vector[None])[0] - _MIN_CHANGE:
             continue
         tried = problem.solve(best, columns)
         # The step of a jump is also a number that was chosen.
