@@ -86,7 +86,8 @@ def _change(value: Value) -> str:
         return f"{what} {after} and not {then}"
     is_speed = name == "speed_gain"
     if abs(now) < DEAD:
-        return "hardly drives" if is_speed else "hardly steers: check the servo and its cable"
+        what, part = ("drives", "motor") if is_speed else ("steers", "servo")
+        return f"hardly {what} at these commands: check the {part} and its cable"
     if now < 0.0:
         if is_speed:
             return f"drives backwards (the motor is reversed) at {-now:.0%} of the speed commanded"
