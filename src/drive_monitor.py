@@ -14,7 +14,6 @@ from std_msgs.msg import String
 
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.car.profile import names_in
-from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.monitor.car_watch import CarWatch
 from mushr_ros_intro.monitor.expectation import Expectations
 from mushr_ros_intro.monitor.results import Results, take_result_files
@@ -224,7 +223,8 @@ class DriveMonitor:
         if self._fixed and self._seen and not names:
             self._take_events()  # its commands may have arrived since the last time
             if not self._watched:
-                raise UserError(f"{', '.join(self._seen)} has ended, and has not moved the car")
+                text = f"{', '.join(self._seen)} has ended, and has not moved the car"
+                self._results.end(Verdict(False, [text]), is_planned=False)
         self._seen = names
 
     def _has_to_identify(self) -> bool:

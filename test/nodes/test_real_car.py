@@ -4,6 +4,7 @@ import contextlib
 import math
 import re
 import signal
+from xml.etree import ElementTree
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -20,6 +21,7 @@ from support.helpers import (
     Recording,
     RosTestCase,
     driver,
+    failures_in,
     monitor,
     publisher,
     wait_for,
@@ -109,14 +111,18 @@ class TestRealCar(RosTestCase):
         self.addCleanup(broken.unregister)
         broken.publish(OccupancyGrid())
         plan = self.plan("49.4,0,0\n0.5,0.1\n")
-        with monitor(plan, "/map:=/broken_map") as watching, driver(plan) as process:
+        results = f"{plan}.xml"
+        of_rostest = f"--gtest_output=xml:{results}", "--text"
+        with monitor(plan, "/map:=/broken_map", *of_rostest) as watching, driver(plan) as process:
             wait_for(lambda: self.placements.last, "the start pose")
             said = "the map on /broken_map cannot be read: "
             wait_for(lambda: said in watching.output, "the message")
             process.send_signal(signal.SIGINT)
             self.assertEqual(process.wait(), 1)
             self.assertEqual(watching.wait(), 1)
-        self.assertIn("/path_publisher has ended, and has not moved the car", watching.output)
+        said = "/path_publisher has ended, and has not moved the car"
+        self.assertIn(said, watching.output)
+        self.assertEqual(failures_in(ElementTree.parse(results)), {"drive": said})
         self.assertEqual(self.commands.messages, [])
 
     # A real car

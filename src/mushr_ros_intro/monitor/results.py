@@ -15,7 +15,7 @@ from mushr_ros_intro.ros.junit import write_junit
 def take_result_files() -> List[str]:
     """Remove rostest's arguments from the command line; return the JUnit files that it expects."""
     given = [each for each in sys.argv if each.startswith("--gtest_output")]
-    sys.argv = [each for each in sys.argv if each not in given]
+    sys.argv = [each for each in sys.argv if each not in (*given, "--text", "--cov")]
     return [each.partition("xml:")[2] for each in given]
 
 
