@@ -124,19 +124,30 @@ def test_the_workspace_around_the_checkout(shell, tmp_path):
     assert shell(typed="echo $MINE\ngreet\n", checkout=checkout) == ["yes", "greeting"]
 
 
-def test_only_one_script_builds(tmp_path):
-    """In a new checkout, the second of two scripts waits for the first one."""
-    checkout = tmp_path / "checkout"
-    shutil.copytree(CHECKOUT, checkout, ignore=shutil.ignore_patterns("build", ".git"))
-    workspace = checkout / "build" / ".workspace"
+def waits_for_another_script(workspace, *command):
+    """Check that a script waits while another one works in a workspace."""
     workspace.mkdir(parents=True)
-    with open(workspace / "lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        with Process(f"{checkout}/scripts/setup") as second:
+    folder = os.open(workspace, os.O_RDONLY)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        with Process(*command) as second:
             wait_for(lambda: "waiting for another script" in second.output, "a message")
             second.send_signal(signal.SIGINT)
             assert second.wait() == 130
-    assert os.listdir(workspace) == ["lock"]
+    finally:
+        os.close(folder)
+
+
+def test_only_one_script_builds(tmp_path):
+    """In a new checkout, and in a new workspace of the tutorial, the second of two scripts waits."""
+    checkout = tmp_path / "checkout"
+    shutil.copytree(CHECKOUT, checkout, ignore=shutil.ignore_patterns("build", ".git"))
+    workspace = checkout / "build" / ".workspace"
+    waits_for_another_script(workspace, f"{checkout}/scripts/setup")
+    assert os.listdir(workspace) == []
+    tutorial = tmp_path / "catkin_ws"
+    waits_for_another_script(tutorial, f"{CHECKOUT}/scripts/shell", "--tutorial", str(tutorial))
+    assert os.listdir(tutorial / "src" / "mushr") == []
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can change the owner of files")
