@@ -111,7 +111,7 @@ class WebView:
             self._actions(),
         )
         rospy.loginfo(
-            "open http://localhost:%d in a browser. Pages of other servers need the token %s",
+            "open http://localhost:%d in a browser. Only pages of other servers need a token: %s",
             self._port,
             self._token,
         )
