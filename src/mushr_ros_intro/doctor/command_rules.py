@@ -52,8 +52,8 @@ def _strays(facts: Facts) -> List[Finding]:
         Finding(
             f"the commands of {listed(nodes) or 'a node that has ended'} have no effect: no node "
             f"subscribes to {topic}",
-            f"Send them to the car '{facts.car}': in the node or its launch file, correct the topic to "
-            f"{_closest(topic, facts)}. To connect it without a change, add to its <node> in the "
+            f"Send them to the car '{facts.car}': in the node or its launch file, correct the topic "
+            f"to {_closest(topic, facts)}. To connect it without a change, add to its <node> in the "
             f'launch file: <remap from="{topic}" to="{_closest(topic, facts)}" />; with rosrun, '
             f"add the argument {topic}:={_closest(topic, facts)}",
         )
