@@ -67,7 +67,7 @@ def collect(
     Print which files of a class are no submissions.
 
     Args:
-        paths: packages, zips, nodes, folders of these, exports of Gradescope and of Canvas.
+        paths: packages, zips, nodes; or one folder of these, or export of Gradescope or Canvas.
         workspace: an empty folder, outside of the paths. All users can read what is copied into
             it; the permissions of the folder itself stay the same.
         node: the name of the executable file of a submission.
@@ -80,11 +80,10 @@ def collect(
     unpacked = os.path.join(workspace, ".unpacked")
     found: List[Submission] = []
     taken: Dict[str, str] = {}
-    for path in paths:
-        try:
-            sources = _sources(path, node, Files(unpacked, MAX_CLASS))
-            if not sources:
-                raise UserError(f"{path} contains no submission; {_EXPECTED}")
+    try:
+        for path, entries in _places(paths).items():
+            files = Files(unpacked, MAX_CLASS)
+            sources = _class(path, entries) if entries else _sources(path, node, files)
             for source in sources:
                 name, shown = short_name(source.name), f"{source.name!r} of {path}"
                 other = taken.setdefault(name.lower(), shown)  # some file systems ignore case
@@ -93,11 +92,32 @@ def collect(
                     raise UserError(f"{text}; rename or remove one of these folders or files")
                 files = Files(os.path.join(workspace, name))
                 found.append(_submission(source, name, files, node))
-        except OSError as error:
-            raise UserError(f"{error.filename or workspace}: {error.strerror}") from None
-        finally:
-            shutil.rmtree(unpacked, ignore_errors=True)
+    except OSError as error:
+        raise UserError(f"{error.filename or workspace}: {error.strerror}") from None
+    finally:
+        shutil.rmtree(unpacked, ignore_errors=True)
+    if not found:
+        raise UserError(f"no submission in {', '.join(paths)}; {_EXPECTED}")
     return found
+
+
+def _places(paths: Sequence[str]) -> Dict[str, List[str]]:
+    """Return a single path without entries, or the folders of several paths with these as entries.
+
+    So several paths, such as those of a pattern, count as a folder that has no other entries.
+
+    Raises:
+        OSError: a path does not exist.
+    """
+    if not paths[1:]:
+        return {paths[0]: []}
+    places: Dict[str, List[str]] = {}
+    for path in paths:
+        os.lstat(path)
+        folder, entry = os.path.split(os.path.abspath(path))
+        if not is_junk(entry):
+            places.setdefault(folder, []).append(entry)
+    return places
 
 
 def _sources(path: str, node: str, unpacked: Files) -> List[_Source]:
@@ -148,7 +168,7 @@ def _class_folder(path: str) -> Optional[str]:
 
 
 def _class(folder: str, entries: Sequence[str]) -> List[_Source]:
-    """Return the submissions in a folder; all files of a student in Canvas are one.
+    """Return the submissions among entries of a folder; all files of a student in Canvas are one.
 
     Of the versions of a file in Canvas, the last upload counts.
     """

@@ -172,8 +172,8 @@ def test_canvas_with_several_versions_of_a_file(tmp_path, student, older, newest
     [
         ("a/Ann Lee", "a/Ann_Lee", "Ann_Lee"),
         ("a/Ann", "a/Ann.py", "Ann"),
+        ("a/X", "a/x.py", "x"),
         ("a/x", "b/x", "x"),
-        ("a/x", "b/X", "X"),
     ],
 )
 def test_equal_names_are_refused(tmp_path, one, other, name):
@@ -181,7 +181,7 @@ def test_equal_names_are_refused(tmp_path, one, other, name):
     for each in (one, other):
         fill(tmp_path, {each: NODE} if each.endswith(".py") else inside(each))
     with pytest.raises(UserError) as caught:
-        collected(tmp_path, *sorted({os.path.dirname(one), os.path.dirname(other)}))
+        collected(tmp_path, *(["a"] if other.startswith("a/") else [one, other]))
     shown = ", ".join(
         f"{os.path.splitext(os.path.basename(each))[0]!r} of {tmp_path}/{os.path.dirname(each)}"
         for each in (one, other)
@@ -198,6 +198,29 @@ def test_files_that_are_no_submissions(tmp_path, capsys):
     left_out = ", ".join(map(repr, others))
     text = f"{tmp_path}/class: left out, not taken for submissions: {left_out}; expected a package"
     assert capsys.readouterr().err.startswith(text)
+
+
+def test_several_paths(tmp_path, capsys):
+    """They count as a folder with only these entries; the metadata of an entry have no effect."""
+    fill(tmp_path / "class" / "karl_empty", {"README": b""})
+    os.mkdir(tmp_path / "class" / "lea_empty")
+    canvas = {"jo_7_90_path_publisher.py": NODE, "jo_7_91_helper.py": b""}
+    fill(tmp_path / "class", {**inside("ann/my_ros_intro"), "notes.txt": b"", **canvas})
+    fill(tmp_path / "class", {**inside("eve/bob"), "eve/submission_metadata.yml": b"{bob: {}}"})
+    found = {}
+    for paths in (["class"], [f"class/{each}" for each in os.listdir(tmp_path / "class")]):
+        submissions = collected(tmp_path, *paths)
+        found[len(paths)] = [(each.name, each.fault, each.students) for each in submissions]
+        assert f"{tmp_path}/class: left out" in capsys.readouterr().err
+        shutil.rmtree(tmp_path / "workspace")
+    assert found[7] == found[1]
+    names = [name for name, _, _ in found[7]]
+    assert names == ["ann", "eve", "jo_7", "karl_empty", "lea_empty"]
+    assert [bool(fault) for _, fault, _ in found[7]] == [False, False, False, True, True]
+    for others, said in (("a", "/a: No such file"), ("class/notes.txt", "no submission in ")):
+        with pytest.raises(UserError) as caught:
+            collected(tmp_path, "class/notes.txt", others)
+        assert said in str(caught.value)
 
 
 FOREIGN = {
@@ -234,7 +257,7 @@ def test_a_name_with_blanks(tmp_path):
     ("files", "path", "said"),
     [
         ({}, "a", "a: No such file or directory"),
-        ({"a/README": b""}, "a", "a contains no submission; expected a package folder"),
+        ({"a/README": b""}, "a", "no submission in "),
         ({"a.txt": b""}, "a.txt", "a.txt is not a submission; expected a package folder"),
         ({"a/submission_metadata.yml": b"- 1"}, "a", "expected the metadata of Gradescope"),
         ({**inside("a"), "workspace/a/b": b""}, "a", "workspace/a: File exists"),
