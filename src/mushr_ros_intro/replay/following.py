@@ -10,7 +10,7 @@ from typing import Any, Callable, Iterator, List, Mapping, NamedTuple, Tuple
 import numpy as np
 
 from mushr_ros_intro.geometry import Pose
-from mushr_ros_intro.replay.judge import CHECKS, Judgement, checked, judge
+from mushr_ros_intro.replay.judge import CHECKS, Judgement, checked, judge, missing_module
 from mushr_ros_intro.replay.recording import Drive, Recorded, frechet_distance
 from mushr_ros_intro.replay.reference import STEP, Reference, lengths, resampled
 from mushr_ros_intro.replay.tolerances import default_tolerances
@@ -59,7 +59,8 @@ def judge_drive(recorded: Recorded, changes: Mapping[str, float]) -> Judgement:
 
 
 def _notes(recorded: Recorded) -> Iterator[str]:
-    """Yield which common mistakes of a controller its commands show."""
+    """Yield which common mistakes of a controller its commands show, or a missing module."""
+    yield from missing_module(recorded)
     if recorded.ignored:
         yield f"the car ignored {recorded.ignored}"
     sent, valid = recorded.sent, recorded.car.command_timeout

@@ -40,6 +40,7 @@ _SAME_END = 1e-3
 _WAS_NOT_LOADED = re.compile(
     r"^(SyntaxError|IndentationError|TabError|ImportError|ModuleNotFoundError): .*\Z", re.MULTILINE
 )
+_IS_MISSING = re.compile(r"^ModuleNotFoundError: No module named '([^'.]+)'\Z", re.MULTILINE)
 
 
 class Check(NamedTuple):
@@ -94,8 +95,18 @@ class Judgement(NamedTuple):
         return "\n".join(lines)
 
 
+def missing_module(recorded: Recorded) -> Iterator[str]:
+    """Yield a note if a module is missing, which may be a fault of the machine."""
+    for name in _IS_MISSING.findall(recorded.outcome):
+        yield (
+            f"the module {name} is neither in the node's files nor on the machine that ran the "
+            "node; if nodes may use it, install it there (docs/teach.md)"
+        )
+
+
 def _notes(recorded: Recorded) -> Iterator[str]:
     """Yield what a node might do better, although no check fails because of it."""
+    yield from missing_module(recorded)
     if recorded.outcome.endswith("KeyError: '~plan_file'"):
         yield "~plan_file exists only after rospy.init_node; call rospy.get_param after it"
     elif not recorded.plan_is_read and not _WAS_NOT_LOADED.search(recorded.outcome):

@@ -223,6 +223,8 @@ def test_collisions_and_other_actions():
     assert set(messages) == {"topics", "map"}
     assert messages["map"].startswith("the car hit a wall at (1.0000 m, 0.0000 m,")
     assert judge_drive(seen, {}).notes == ("the car ignored a message",)
+    lacks = drive("line")._replace(outcome="it ended:\nModuleNotFoundError: No module named 'x'")
+    assert judge_drive(lacks, {}).notes[0].startswith("the module x is neither in the node's files")
 
 
 def test_the_nearest_point_is_near_along_the_path():

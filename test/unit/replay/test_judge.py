@@ -93,6 +93,16 @@ def test_a_node_that_was_not_loaded_could_not_read_the_plan():
         assert verdict.count("note: the node did not read") == count
 
 
+def test_a_module_that_is_missing_on_this_machine_is_noted():
+    """It may not be the student's fault."""
+    for module, count in (("pandas", 1), ("numpy.pandas", 0)):
+        error = f"ModuleNotFoundError: No module named '{module}'"
+        outcome = f"the node ended with exit status 1; its last output:\n{error}"
+        _, verdict = judged(replay(outcome=outcome, plan_is_read=False, sent=()))
+        assert verdict.count("note: the module pandas is neither in the node's files nor") == count
+        assert verdict.count("nor on the machine that ran the node; if nodes may") == count
+
+
 @pytest.mark.parametrize(
     ("changes", "name", "message"),
     [
