@@ -36,6 +36,13 @@ _NOT_OF_THE_NODE = re.compile(
 )
 """The lines of a traceback about the program that runs the node in simulated time."""
 
+_OF_THE_END = re.compile(
+    r"^(?:Exception in thread .*:\n)?Traceback \(most recent call last\):\n(?:[ \t].*\n)*"
+    r"rospy\.exceptions\.ROSInterruptException: .*\n?",
+    re.MULTILINE,
+)
+"""The traceback of a node that waits while it is ended."""
+
 
 def _memory_of(process: int) -> int:
     """Return the memory that a process uses, without that of files [bytes]; raise OSError.
@@ -81,6 +88,7 @@ class NodeProcess:
         self._threads = Threads(self._process.pid, starters=2 * has_namespaces)
         self._output = b""
         self._printed = 0
+        self._is_interrupted = False
         assert self._process.stdout
         self._pipe = self._process.stdout.fileno()
         os.set_blocking(self._pipe, False)
@@ -122,9 +130,14 @@ class NodeProcess:
 
     @property
     def output(self) -> str:
-        """The end of the node's output, without control characters, which XML must not contain."""
+        """The end of the node's output, without control characters, which XML must not contain.
+
+        It does not contain the exceptions that `end` causes.
+        """
         self._read()  # not to the end of the pipe, which a child process may hold
         text = _NOT_OF_THE_NODE.sub("", self._output.decode(errors="replace"))
+        if self._is_interrupted:
+            text = _OF_THE_END.sub("", text)
         lines = text.splitlines()
         return "\n".join("".join(c for c in line if c.isprintable()) for line in lines)
 
@@ -136,6 +149,7 @@ class NodeProcess:
     def end(self) -> None:
         """End the node, its child processes, and all processes of its group."""
         self._threads.observe()
+        self._is_interrupted = not self.has_ended
         with contextlib.suppress(OSError, IndexError):  # it has ended
             processes = self._threads.processes
             # The first process in bwrap's namespace ignores the signal.

@@ -53,6 +53,28 @@ def test_signal_in_bwrap():
     assert "exit status 137" in run("sh", "-c", "exit 137")
 
 
+@pytest.mark.parametrize(
+    ("waits", "shown"), [("time.sleep(300)", []), ("stop()", ["Traceback", "rospy."])]
+)
+def test_the_exception_of_a_node_that_is_ended_is_not_shown(tmp_path, waits, shown):
+    """Only if the end caused it."""
+    program = tmp_path / "node.py"
+    program.write_text(f"""
+import os, rospy, signal, time
+def stop(*_):
+    raise rospy.ROSInterruptException("ROS shutdown request")
+signal.signal(signal.SIGINT, stop)
+os.write(1, b"drives\\n")
+{waits}
+""")
+    process = NodeProcess([sys.executable, str(program)])
+    wait_for(lambda: process.has_ended if shown else "drives" in process.output, "the node")
+    process.end()
+    lines = [line for line in process.output.splitlines() if not line.startswith(" ")]
+    assert [line[: len(start)] for line, start in zip(lines[1:], shown)] == shown
+    assert lines[0] == "drives" and len(lines) == 1 + len(shown)
+
+
 def test_the_last_output(monkeypatch):
     """It is complete, also if the thread that reads it waits for a processor."""
     monkeypatch.setattr(NodeProcess, "_read_all", lambda process: None)
