@@ -38,14 +38,13 @@ def grade_with_progress(grading: Grading, tasks: Sequence[Task], points: Points)
 
 
 def _line(result: Grade, points: Points) -> str:
-    """Return the line of a result: the score, and what failed."""
+    """Return the line of a result: the score, what failed, and the notes."""
     state = "passed" if result.passed else "FAILED"
     text = result.fault
     if result.error:
         state, text = "ERROR", result.error
     failed = (f"{each.plan}: {', '.join(each.failed)}" for each in result.plans if each.failed)
-    text = text or "; ".join(failed)
-    text = (text or "; ".join(result.notes)).partition("\n")[0]
+    text = (text or "; ".join([*failed, *result.notes])).partition("\n")[0]
     score = f"{points.score(result):g}/{points.max_score():g}"
     line = f"{result.name:30s} {state} {score:>7s} {text}".rstrip()
     return line if len(line) <= _WIDTH else f"{line[: _WIDTH - 3]}..."

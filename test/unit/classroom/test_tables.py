@@ -79,6 +79,14 @@ def test_a_long_line_of_a_result():
         assert line.endswith(end) and len(line) <= 200
 
 
+def test_the_notes_of_a_submission_that_failed(tmp_path):
+    """Such as that a file of the node hides a module, which explains the failure."""
+    result = BAD._replace(notes=("src/random.py hides random",))
+    line = progress._line(result, POINTS)
+    assert line.endswith(" circle: path, map; secret: path; src/random.py hides random")
+    assert "hides random" in words(written(tmp_path, result)[0])
+
+
 def test_results_that_are_not_graded_yet_are_not_unchanged(capsys):
     results = [each._replace(name=name) for name, each in zip("abc", (BROKEN, GOOD, BROKEN))]
     tasks = [SimpleNamespace(submission=SimpleNamespace(name=each.name)) for each in results]
