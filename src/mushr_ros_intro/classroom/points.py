@@ -138,7 +138,8 @@ def read_points(path: Optional[str], plan_names: Iterable[str], follows: bool = 
         return Points(names, check_names=check_names)
     values = _mapping(read_mapping(path, _FORM), f"{path}: ", ("default", "plans", "tolerances"))
     default = _plan_points(values.get("default"), f"{path}: default: ", None, check_names)
-    entries = _mapping(values.get("plans"), f"{path}: plans: ", names)
+    remedy = ", or another file for --points; {} gives one point for each check"
+    entries = _mapping(values.get("plans"), f"{path}: plans: ", names, remedy)
     plans = {
         name: _plan_points(entry, f"{path}: plans: {name}: ", default, check_names)
         for name, entry in entries.items()
@@ -171,8 +172,10 @@ def _plan_points(
     return PlanPoints({**default.checks, **checks}, *options.values())
 
 
-def _mapping(value: Any, place: str, keys: Sequence[str]) -> Dict[str, Any]:
+def _mapping(value: Any, place: str, keys: Sequence[str], remedy: str = "") -> Dict[str, Any]:
     """Return a mapping with its keys as text; an empty value is an empty mapping.
+
+    `remedy` is what a user can do about an unknown key, besides choosing one of `keys`.
 
     Raises:
         UserError: the value is something else, or has other keys than `keys`.
@@ -181,7 +184,8 @@ def _mapping(value: Any, place: str, keys: Sequence[str]) -> Dict[str, Any]:
         raise UserError(f"{place}the value is {value!r}; expected keys of {', '.join(keys)}")
     mapping = {str(key): each for key, each in (value or {}).items()}
     if unknown := [key for key in mapping if key not in keys]:
-        raise UserError(f"{place}unknown key {unknown[0]}; expected one of {', '.join(keys)}")
+        text = f"{place}unknown key {unknown[0]}; expected one of {', '.join(keys)}"
+        raise UserError(text + remedy)
     return mapping
 
 

@@ -41,6 +41,7 @@ def test_without_a_file_each_check_gives_one_point():
     ("text", "circle", "secret"),
     [
         ("", ALL, ALL),
+        ("{}", ALL, ALL),
         ("plans:", ALL, ALL),
         ("default: {hidden: true}", ALL, ALL),
         ("default: {commands: 2, path: 3}", 5, 5),
@@ -102,7 +103,11 @@ def test_failed_checks(tmp_path, text, failed, score, loss):
         ("default: 0", ": default: the value is 0; expected"),
         ("default: {paht: 3}", ": default: unknown key paht; expected one of node, topics, start_"),
         ("plans: [circle]", ": plans: the value is ['circle']; expected keys of circle, secret"),
-        ("plans: {oval: {path: 3}}", ": plans: unknown key oval; expected one of circle, secret"),
+        (
+            "plans: {oval: {path: 3}}",
+            ": plans: unknown key oval; expected one of circle, secret, or another file for "
+            "--points; {} gives one point for each check",
+        ),
         ("plans: {circle: 3}", ": plans: circle: the value is 3; expected keys of node"),
         ("plans: {circle: {path: -1}}", "plans: circle: path is -1; expected a number from 0 to 1"),
         ("default: {path: .inf}", ": default: path is inf; expected a number from 0"),
