@@ -32,6 +32,7 @@ from mushr_ros_intro.parameters import REQUIRED, Parameters, flag, number
 from mushr_ros_intro.replay.following import FOLLOW_CHECK_NAMES, FollowTolerances
 from mushr_ros_intro.replay.judge import CHECK_NAMES, Check
 from mushr_ros_intro.replay.tolerances import Tolerances
+from mushr_ros_intro.wording import counted
 from mushr_ros_intro.yaml_file import read_mapping
 
 _MOST = 1e6  # points of one check, and of a tolerance
@@ -104,9 +105,9 @@ class Points(NamedTuple):
         """Return why a drive gives no points whatever its checks give, or nothing."""
         if "topics" in plan.failed:
             return "the check topics failed"
-        missed = sorted(name for name in plan.failed if self.points(plan.plan, name))
+        missed = [name for name in plan.failed if self.points(plan.plan, name)]
         if missed and self._of(plan.plan).all_or_nothing:
-            return f"a check failed: {', '.join(missed)}"
+            return f"{counted(len(missed), 'check')} failed: {', '.join(missed)}"
         return ""
 
     def plan_score(self, plan: PlanGrade) -> float:

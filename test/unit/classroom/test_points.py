@@ -65,7 +65,7 @@ def test_checks_that_are_not_judged():
     assert Points().plan_score(crashed) == ALL - 2 and not crashed.passed
     strict = Points(plans={"circle": PlanPoints(all_or_nothing=True)})
     assert strict.plan_score(crashed) == 0
-    assert strict.loss(crashed).endswith("because a check failed: node, path.")
+    assert strict.loss(crashed).endswith("because 2 checks failed: node, path.")
 
 
 def test_hidden_plans(tmp_path):
@@ -81,9 +81,9 @@ def test_hidden_plans(tmp_path):
         ("", ["path", "map"], ALL - 2, ""),
         ("", ["topics"], 0, "check topics failed"),
         ("default: {path: 3}", ["topics"], 0, "check topics failed"),
-        ("default: {all_or_nothing: true}", ["path", "map"], 0, "a check failed: map, path."),
+        ("default: {all_or_nothing: true}", ["path", "map"], 0, "2 checks failed: path, map."),
         ("default: {all_or_nothing: true}", [], ALL, ""),
-        ("default: {all_or_nothing: true}\nplans: {circle: {map: 2}}", ["path"], 0, "a check"),
+        ("default: {all_or_nothing: true}\nplans: {circle: {map: 2}}", ["path"], 0, "1 check failed: path."),
         ("plans: {secret: {all_or_nothing: true}}", ["path"], ALL - 1, ""),
         ("default: {path: 3, all_or_nothing: true}", ["map"], 3, ""),  # map gives no points
     ],

@@ -130,7 +130,7 @@ def test_a_page(tmp_path):
     assert "0 / 3 path: as expected" in text and "the output: as expected" in text
     assert "Note: the car ignored it" in text and "print('hello')" in text
     assert "secret (hidden): \u2717 fail, 0 of 10 points" in text
-    assert "This plan gives 0 points, because a check failed: path." in text
+    assert "This plan gives 0 points, because 1 check failed: path." in text
     assert "could not be run" in pages["bob.html"].text and "no file\nof" in pages["bob.html"].text
     assert "did not start" in pages["eve.html"].text and "15 points" not in pages["eve.html"].text
 
