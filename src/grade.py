@@ -9,7 +9,8 @@ A zip:    grade.py --autograder FILE --plans PLAN... [--points FILE]   (for Grad
 
 A class may be interrupted: the same command grades only what is missing or has changed.
 Exit status: 0 if all checks passed, 1 if some failed, 2 if the command line or an input is wrong,
-3 if a result is missing because grading itself failed or was interrupted.
+3 if a result is missing because grading itself failed or was interrupted; scripts/grade ends with
+130 after Ctrl-C.
 """
 
 import argparse
