@@ -42,10 +42,12 @@ def test_exact(tmp_path, name):
 
 
 def test_messages_of_a_node_to_itself(tmp_path):
-    """The clock stands while they are on their way; so all times are the same in each replay."""
-    first, second = (judge(tmp_path, styles.RIGHT["actions"]) for _ in range(2))
-    assert first.passed, first.verdict
-    assert first.recorded.sent == second.recorded.sent
+    """The clock stands while they are on their way, so each row has its commands in its time.
+
+    When the first command comes can differ: the node waits for its connections to itself.
+    """
+    judgement = judge(tmp_path, styles.RIGHT["actions"])
+    assert judgement.passed, judgement.verdict
 
 
 WAITS = "the node sends commands while the simulated clock stands, so it waits"
