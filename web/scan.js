@@ -3,10 +3,12 @@
 const LASER = 0.1227; // from the rear axle ahead to the laser [m]
 export const SAME = 1e-6; // stamps that differ by less are the same [s]
 const PLACED = 1; // if two poses are farther apart, the car was placed [m]
+const GAP = 0.06; // between poses that are further apart, the car may not drive an arc [s]
 
 /**
  * The pose [x, y, theta] at a stamp [s], on the arc between two of the poses {stamp, pose}. Until
  * there is a later pose, it is null: the bridge may leave out the very pose at which a scan was taken.
+ * It is also null if the bridge has left out many poses.
  */
 export function poseAt(poses, stamp) {
   const next = poses.findIndex((each) => each.stamp >= stamp - SAME);
@@ -17,7 +19,7 @@ export function poseAt(poses, stamp) {
   const part = span ? Math.min(1, (stamp - before.stamp) / span) : 1;
   const [dx, dy, turn] = after.pose.map((value, i) => value - before.pose[i]);
   const isBetween = stamp < after.stamp - SAME;
-  if (isBetween && Math.hypot(dx, dy) > PLACED) return null;
+  if (isBetween && (span > GAP || Math.hypot(dx, dy) > PLACED)) return null;
   const whole = Math.atan2(Math.sin(turn), Math.cos(turn));
   // Between two reports the car drives an arc. Its chord up to a part of the turn:
   const ratio = whole

@@ -645,8 +645,18 @@ def test_the_log_of_another_car(sim, page):
     assert "/red" not in page.text("log")
 
 
+POSE_BETWEEN = """
+    const { poseAt } = await import("/scan.js");
+    const [seconds] = arguments;
+    return poseAt([{ stamp: 0, pose: [0, 0, 0] }, { stamp: seconds, pose: [0.1, 0, 0] }], 0.01);
+"""
+"""Returns the pose 0.01 s after the first of two."""
+
+
 def test_scan_in_turns(page):
-    """The laser scan stays on the walls while the car turns."""
+    """The laser scan stays on the walls while the car turns, also if the page gets few poses."""
+    assert page.run(POSE_BETWEEN, 0.05) == pytest.approx([0.02, 0.0, 0.0])
+    assert page.run(POSE_BETWEEN, 0.1) is None  # the car may have begun to drive later
     drive(page, "tight", "2.00 m/s")
     stamp = "return window.mushr.pose.stamp"
     before = page.run(stamp)

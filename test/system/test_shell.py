@@ -139,7 +139,7 @@ def waits_for_another_script(workspace, *command):
 
 
 def test_only_one_script_builds(tmp_path):
-    """In a new checkout, and in a new workspace of the tutorial, the second of two scripts waits."""
+    """In a new checkout, and in a new workspace of the tutorial, the second script waits."""
     checkout = tmp_path / "checkout"
     shutil.copytree(CHECKOUT, checkout, ignore=shutil.ignore_patterns("build", ".git"))
     workspace = checkout / "build" / ".workspace"

@@ -52,10 +52,10 @@ def _strays(facts: Facts) -> List[Finding]:
         Finding(
             f"the commands of {listed(nodes) or 'a node that has ended'} have no effect: no node "
             f"subscribes to {topic}",
-            f"Send them to the car '{facts.car}': in the node or its launch file, correct the topic "
-            f"to {_closest(topic, facts)}. To connect it without a change, add to its <node> in the "
-            f'launch file: <remap from="{topic}" to="{_closest(topic, facts)}" />; with rosrun, '
-            f"add the argument {topic}:={_closest(topic, facts)}",
+            f"Send them to the car '{facts.car}': in the node or its launch file, correct the "
+            f"topic to {_closest(topic, facts)}. To connect it without a change, add to its <node> "
+            f'in the launch file: <remap from="{topic}" to="{_closest(topic, facts)}" />; with '
+            f"rosrun, add the argument {topic}:={_closest(topic, facts)}",
         )
         for topic, nodes in facts.strays.items()
     ]

@@ -83,7 +83,10 @@ def test_hidden_plans(tmp_path):
         ("default: {path: 3}", ["topics"], 0, "check topics failed"),
         ("default: {all_or_nothing: true}", ["path", "map"], 0, "2 checks failed: path, map."),
         ("default: {all_or_nothing: true}", [], ALL, ""),
-        ("default: {all_or_nothing: true}\nplans: {circle: {map: 2}}", ["path"], 0, "1 check failed: path."),
+        (
+            *("default: {all_or_nothing: true}\nplans: {circle: {map: 2}}", ["path"], 0),
+            "1 check failed: path.",
+        ),
         ("plans: {secret: {all_or_nothing: true}}", ["path"], ALL - 1, ""),
         ("default: {path: 3, all_or_nothing: true}", ["map"], 3, ""),  # map gives no points
     ],
