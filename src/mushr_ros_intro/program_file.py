@@ -229,7 +229,8 @@ def _first_line_faults(
     problem = f"{name} names the interpreter {interpreter!r}, which"
     names = [os.path.basename(each) for each in (program, os.path.realpath(program))]
     if not program:
-        yield f"{problem} is not installed", _REMEDY
+        if is_trusted or interpreter != "python":  # a replay runs it with Python 3
+            yield f"{problem} is not installed", _REMEDY
     elif not any(each.startswith("python") for each in names):
         if is_python:
             yield f"{problem} is not Python", _REMEDY

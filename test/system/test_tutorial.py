@@ -57,7 +57,9 @@ def tutorial():
         launch = launch.replace("my_ros_intro", "mushr_ros_intro")
         names = ("plans/straight_line.txt", "plans/figure_8.txt")
         plans = {name: read(f"{example}/{name}") for name in names}
-        return COMMANDS.split("\n"), read(f"{example}/src/path_publisher.py"), launch, plans
+        code = read(f"{example}/src/path_publisher.py")
+        code = code.replace("/usr/bin/python3", "/usr/bin/env python", 1)
+        return COMMANDS.split("\n"), code, launch, plans
     (text,) = texts
     code = re.search(r"^ (#!/usr/bin/env python\n.*?)^The code, explained", text, re.S | re.M)[1]
     launch = re.search(r"containing:\s*(<launch>.*?</launch>)", text, re.S)[1]

@@ -4,6 +4,7 @@ import contextlib
 import os
 import re
 import shutil
+import sys
 import tempfile
 import time
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
@@ -11,7 +12,7 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.isolation.node_process import WAS_KILLED, NodeProcess
 from mushr_ros_intro.isolation.sandbox import Sandbox
-from mushr_ros_intro.isolation.workspace import environment_of
+from mushr_ros_intro.isolation.workspace import environment_of, search_path
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.judge import Judgement
@@ -118,12 +119,19 @@ def _run_here(job: Job) -> Recorded:
 
 
 def interpreter_of(path: str) -> List[str]:
-    """Return the words in the first line of a Python program; none of another program."""
+    """Return the words in the first line of a Python program; none of another program.
+
+    A `python` that the node cannot see, as in the home directory, is replaced by this Python.
+    """
     with open(path, "rb") as file:
         line = os.fsdecode(file.readline(200))
     words = re.fullmatch(r"#![ \t]*([^ \t]+)[ \t]*(.*?)[ \t]*\n", line)
     is_python = words and "python" in words[0] and os.access(path, os.X_OK)
-    return [each for each in words.groups() if each] if words and is_python else []
+    found = [each for each in words.groups() if each] if words and is_python else []
+    is_searched = re.fullmatch(r"/usr/bin/env python[\d.]*", " ".join(found))
+    if is_searched and not shutil.which(found[1], path=search_path()):
+        return [sys.executable]
+    return found
 
 
 def sandboxed(job: Job, folder: str, due_file: Optional[int] = None) -> List[str]:

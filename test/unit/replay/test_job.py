@@ -1,5 +1,6 @@
 """Check what happens if the process of a replay, or the node, is killed."""
 
+import sys
 from types import SimpleNamespace
 
 import pytest
@@ -57,6 +58,7 @@ def test_a_killed_replay_is_repeated_once(monkeypatch, results, expected):
         ("#!/usr/bin/python3 -u -B\n", 0o755, ["/usr/bin/python3", "-u -B"]),
         ("#!/usr/bin/env python3 \t\n", 0o755, ["/usr/bin/env", "python3"]),
         ("#!/usr/bin/env python3\r\n", 0o755, ["/usr/bin/env", "python3\r"]),
+        ("#!/usr/bin/env python3.99\n", 0o755, [sys.executable]),
         ("#!/usr/bin/python3\n", 0o644, []),
         ("#!/bin/bash\n", 0o755, []),
         ("import rospy\n", 0o755, []),
