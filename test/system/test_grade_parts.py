@@ -50,7 +50,7 @@ def parts(tmp_path_factory):
     fails = f"{sees}add_custom_target(broken ALL COMMAND false)\n"
     submissions.write(folder / "class", "cannot_build", submissions.RIGHT, cmake=fails)
     (folder / "plan.txt").write_text(PLAN)
-    (folder / "points.yaml").write_text("default: {path: 3, rest: 1}\n")
+    (folder / "points.yaml").write_text("default: {path: 3, map: 1}\n")
     (folder / "private").mkdir(0o700)
     plan = ("--plans", folder / "plan.txt", "--points", folder / "points.yaml")
     first = (folder / "class" / "zipped.zip", folder / "class" / "builds", *plan)

@@ -243,14 +243,6 @@ def _final_pose(judgement: Judgement) -> Tuple[bool, str]:
     return ends, f"the car ended at {end}"
 
 
-def _rest(judgement: Judgement) -> Tuple[bool, str]:
-    recorded = judgement.recorded
-    tail = recorded.poses[recorded.stamps >= recorded.stamps[-1] - recorded.car.command_timeout]
-    if (tail == tail[-1]).all():
-        return True, "the car stands at the end"
-    return False, "the car still moves at the end; expected it to stand"
-
-
 def _map(judgement: Judgement) -> Tuple[bool, str]:
     """Judge whether the car hit no wall and stayed on the map."""
     grid, collisions = judgement.recorded.grid, judgement.recorded.collisions
@@ -280,7 +272,6 @@ CHECKS: Mapping[str, Callable[[Judgement], Tuple[Optional[bool], str]]] = {
     "rate": lambda judgement: judge_rate(judgement.recorded),
     "path": _path,
     "final_pose": _final_pose,
-    "rest": _rest,
     "map": _map,
 }
 """Each function returns whether a check passed, or None if it cannot be judged, and a message."""

@@ -45,7 +45,7 @@ def test_without_a_file_each_check_gives_one_point():
         ("plans:", ALL, ALL),
         ("default: {hidden: true}", ALL, ALL),
         ("default: {commands: 2, path: 3}", 5, 5),
-        ("default: {path: 0.1, rest: 0.2}", 0.3, 0.3),  # not 0.30000000000000004
+        ("default: {path: 0.1, map: 0.2}", 0.3, 0.3),  # not 0.30000000000000004
         ("default: {path: 1e1}", 10, 10),
         ("plans: {circle: {path: 4}}", ALL + 3, ALL),
         ("default: {commands: 2}\nplans: {circle: {path: 4, commands: 0}}", 4, 2),
