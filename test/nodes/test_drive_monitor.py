@@ -175,12 +175,24 @@ class TestDriveMonitor(RosTestCase):
         self.addCleanup(sender.unregister)
         placements = publisher("/initialpose", PoseWithCovarianceStamped)
         self.addCleanup(placements.unregister)
-        named = f"{rospy.get_name()} also published commands|The input teleop of the mux"
+        poses = self.ending(Recording("/car/car_pose", PoseStamped).connected())
+
+        def drive_too():
+            sender.publish(command(rospy.Time.now(), -3.0, 0.0))
+            self.output.first(lambda msg: msg.drive.speed == -3.0, "the other command")
+
+        def place():
+            placements.publish(placement(rospy.Time.now(), 9.0, 9.0, 1.0))
+
+            def is_placed():
+                self.control("step")  # the car reports its pose when the clock advances
+                return poses.last.pose.position.x > 8.0
+
+            wait_for(is_placed, "the other pose")
+
         interferences = {
-            named: lambda: sender.publish(command(rospy.Time.now(), -3.0, 0.0)),
-            r"the car was placed at another pose: it was at \(9\.": lambda: placements.publish(
-                placement(rospy.Time.now(), 9.0, 9.0, 1.0)
-            ),
+            f"{rospy.get_name()} also published commands|The input teleop of the mux": drive_too,
+            r"the car was placed at another pose: it was at \(9\.": place,
         }
         for cause, interfere in interferences.items():
             self.begin = len(self.watching.output)

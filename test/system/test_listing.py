@@ -13,6 +13,7 @@ import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
+from mushr_ros_intro.replay.judge import CHECK_NAMES
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between, closed_form
 from support.helpers import PATIENCE, ForkedProcess, Recording, node, wait_for
 from support.listing_page import states
@@ -133,7 +134,7 @@ def test_replay(example, tmp_path, name):
     with node("grade.py", str(plan), *drives) as process:
         assert process.wait(2 * PATIENCE) == 0, process.output
     lines = process.output.splitlines()
-    assert len([line for line in lines if line.startswith("ok  ")]) > 8
+    assert [line.split(":")[0] for line in lines[1:9]] == [f"ok   {name}" for name in CHECK_NAMES]
     assert lines[-1] == "all checks passed"  # there is no note about a missing stop
 
 
