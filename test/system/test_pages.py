@@ -1,14 +1,17 @@
 """Type the commands of the pages as they are printed, in order, and compare what they print."""
 
 import contextlib
+import glob
 import os
 import re
+import shutil
 import signal
 import subprocess
 import textwrap
 
 import pytest
 
+from support.controllers import CONTROLLERS
 from support.helpers import PATIENCE, free_port, wait_for
 from support.listing_page import states
 from support.paths import CHECKOUT, copy_package
@@ -18,14 +21,24 @@ pytestmark = [pytest.mark.full, needs_workspace]
 
 NOT_TYPED = {
     "scripts/shell": "each terminal begins with it",
-    "scripts/test": "this is a test of it",
+    "scripts/(test|dev/)": "this is a test of it",
+    "python3 -m pytest": "the same",
+    "docker": "no container engine",
+    "(unset ROS_HOSTNAME|export ROS_(MASTER_URI|IP)=)": "a second machine; test_network.py has one",
+    "git clone https://github.com/ORGANISATION": "the course of a reader",
+    "rosrun mushr_sim grade.py submissions/ .* --file control_node": "the packages of CSE 478",
     "rosrun rviz": "nodes/test_rviz.py opens the view",
     "roslaunch mushr_ros_intro view.launch": "the same",
     "roslaunch mushr_ros_intro real_car.launch": "it drives the actual car",
+    "rosbag record": "the actual car has a localisation",
+    "rosrun mushr_ros_intro compare_drive": "the same; unit/comparison has such drives",
     "rostest .*my_package": "docs/checks.md has it with a package that exists",
     # Text that no command prints.
     "0, 0, 0.785 ": "a plan",
     "<launch>": "a launch file",
+    "default: ": "points.yaml",
+    "- run:": "for GitHub",
+    "parameter  ": "the drive of an actual car",
     "saved /home/student/": "the result of a drive by hand",
 }
 """The begin of a command or block, and the reason."""
@@ -37,7 +50,7 @@ ENDLESS = {
     "rosrun mushr_ros_intro drive_monitor.py": "watching the drives",
     "rosrun mushr_ros_intro click_planner.py": "steering from",
     "rosrun mushr_ros_intro plan_recorder.py": "recording begins",
-    "rostopic echo /": "",
+    "rostopic (echo /|pub -r)": "",
     "rosrun .* _loop:=true": "",
 }
 """A command that only Ctrl-C ends, and what its terminal shows when it is ready."""
@@ -51,6 +64,7 @@ BEFORE = {
         "roslaunch mushr_ros_intro sim.launch",
         "rosrun mushr_ros_intro path_publisher.py _plan_file:=figure_8",
     ],
+    "cd ~/ros_ws": ["mkdir -p ~/ros_ws/src"],
 }
 """What is typed before a command or a text, which the page describes in words."""
 
@@ -77,6 +91,8 @@ WRITTEN = {
     "rosrun mushr_sim check_plan.py figure_8 --car mushr_nano": [(None, 1, "1 fault")],
     "rosrun mushr_sim doctor.py": [(None, 1, "no node publishes commands")],
     "rosrun mushr_ros_intro doctor.py": [(None, 1, "no node publishes commands")],
+    "scripts/grade": [(None, 1, "submissions? passed")],
+    "scripts/grade --autograder": [(None, 0, "")],
     "chmod a+x src/path_publisher.py": [(LISTING, 0, "")],
     "rosrun mushr_sim grade.py plans/durations.txt": [
         (LISTING, 1, "ValueError: too many values to unpack"),
@@ -89,6 +105,13 @@ WRITTEN = {
     ],
 }
 """The student's nodes with which a command is typed, its exit status, and what then is printed."""
+
+SUBMISSIONS = {
+    "ann": EXACT,
+    "bob": EXACT.replace("speed=v)", "speed=-v)"),
+    "carl": EXACT.replace("\n", "\r\n"),
+}
+"""The class of docs/teach.md."""
 
 
 class Terminal:
@@ -145,6 +168,11 @@ class Terminal:
         self._log.close()
 
 
+def read(page):
+    with open(f"{CHECKOUT}/{page}", encoding="utf-8") as file:
+        return file.read()
+
+
 def ready_sign(command):
     """Return what a command that does not end shows when it is ready; None for one that ends."""
     return next((sign for begin, sign in ENDLESS.items() if re.match(begin, command)), None)
@@ -157,10 +185,14 @@ def terminal_of(command):
     return "3" if ready_sign(command) is None else "2"
 
 
+FILES = glob.glob(f"{CHECKOUT}/*.md") + glob.glob(f"{CHECKOUT}/docs/*.md")
+PAGES = {os.path.relpath(path, CHECKOUT) for path in FILES} - {"docs/exact.md"}
+"""Not docs/exact.md: support/listing_page.py types its program, and nothing types its commands."""
+
+
 def steps(page):
     """Yield (file, text) to write, (terminal, command) to type, and ("", line) to be printed."""
-    with open(f"{CHECKOUT}/{page}", encoding="utf-8") as file:
-        blocks = re.findall(r"(?:^ {4}.*\n)+|(?:^\S.*\n)+", file.read(), re.M)
+    blocks = re.findall(r"(?:^ {4}.*\n)+|(?:^\S.*\n)+", read(page), re.M)
     name, text = None, ""
     for block in blocks:
         if block[0] != " ":
@@ -173,29 +205,29 @@ def steps(page):
             yield name, text
         elif not re.match("|".join(NOT_TYPED), block):
             for line in re.sub(r"\\\n *", "", block).splitlines():
-                number, is_command, line = re.match(r"(\d?)(\$ )?(.*)", line).groups()
+                number, is_command, line = re.match(r"(?:(\d?)(\$ ))?(.*)", line).groups()
                 for typed in next((BEFORE[each] for each in BEFORE if line.startswith(each)), ()):
                     yield terminal_of(typed), typed
                 yield (number or terminal_of(line)) if is_command else "", line
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        "docs/tutorial.md",
-        "README.md",
-        "docs/checks.md",
-        "docs/nodes.md",
-        "docs/time.md",
-        "docs/view.md",
-    ],
-)
+@pytest.mark.parametrize("page", sorted(page for page in PAGES if "$ " in read(page)))
 def test_page(tmp_path, page):
     add_programs(tmp_path / "bin", ("python",), 'exec /usr/bin/python3 "$@"')
-    for name in ("packages/my_ros_intro", "submissions/ann"):
+    for name in ("packages/my_ros_intro", *(f"submissions/{each}" for each in SUBMISSIONS)):
         copy_package(f"{CHECKOUT}/examples/my_ros_intro", tmp_path / name)
+    for name, program in SUBMISSIONS.items():
+        (tmp_path / "submissions" / name / "src" / "path_publisher.py").write_text(program)
+        shutil.copy(f"{CONTROLLERS}/pursuit.py", tmp_path / f"submissions/{name}/src/controller.py")
+    (tmp_path / "hidden").mkdir()
+    shutil.copy(f"{CHECKOUT}/plans/test_drive.txt", tmp_path / "hidden" / "s_curve.txt")
+    (points,) = re.findall(r"^ {4}default: .*\n(?: {4}.*\n)+", read("docs/teach.md"), re.M)
+    (tmp_path / "points.yaml").write_text(textwrap.dedent(points))
+    (tmp_path / "my_plan.txt").write_text("0, 0, 0\n0.5, 0.1\n")
     own = tmp_path / "catkin_ws" / "src" / "mushr_ros_intro"
     shell = [f"{CHECKOUT}/scripts/shell", *(["--tutorial"] if "tutorial" in page else [])]
+    if "install" in page:
+        shell = ["bash"]
     master = free_port()
     terminals = {}
 
@@ -224,7 +256,7 @@ def test_page(tmp_path, page):
                 for program, status, printed in WRITTEN[begin]:
                     if program:
                         (own / "src" / "path_publisher.py").write_text(program)
-                    terminals[place].type(re.sub("^scripts/", f"{CHECKOUT}/scripts/", text))
+                    terminals[place].type(re.sub("^(?=scripts/)|CHECKOUT/?", f"{CHECKOUT}/", text))
                     if ready_sign(text) is None:
                         assert terminals[place].wait() == status, terminals[place].shown
                     wait_to_show(ready_sign(text) or "", place)
