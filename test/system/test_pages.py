@@ -187,7 +187,7 @@ def terminal_of(command):
 
 FILES = glob.glob(f"{CHECKOUT}/*.md") + glob.glob(f"{CHECKOUT}/docs/*.md")
 PAGES = {os.path.relpath(path, CHECKOUT) for path in FILES} - {"docs/exact.md"}
-"""Not docs/exact.md: support/listing_page.py types its program, and nothing types its commands."""
+"""Not docs/exact.md: test_listing.py types its program after each change, and grades it."""
 
 
 def steps(page):
