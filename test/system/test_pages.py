@@ -30,6 +30,7 @@ NOT_TYPED = {
     "rosrun rviz": "nodes/test_rviz.py opens the view",
     "roslaunch mushr_ros_intro view.launch": "the same",
     "roslaunch mushr_ros_intro real_car.launch": "it drives the actual car",
+    "rostopic pub -r 6 /car/mux": "for the command before; it has no output, so it is never ready",
     "rosbag record": "the actual car has a localisation",
     "rosrun mushr_ros_intro compare_drive": "the same; unit/comparison has such drives",
     "rostest .*my_package": "docs/checks.md has it with a package that exists",
@@ -50,7 +51,7 @@ ENDLESS = {
     "rosrun mushr_ros_intro drive_monitor.py": "watching the drives",
     "rosrun mushr_ros_intro click_planner.py": "steering from",
     "rosrun mushr_ros_intro plan_recorder.py": "recording begins",
-    "rostopic (echo /|pub -r)": "",
+    "rostopic echo /": "",
     "rosrun .* _loop:=true": "",
 }
 """A command that only Ctrl-C ends, and what its terminal shows when it is ready."""
@@ -142,9 +143,9 @@ class Terminal:
     def type(self, command):
         """Type a command, after Ctrl-C if the last one still runs."""
         if self._count and not self._status():
-            with open(f"/proc/{self._shell.pid}/task/{self._shell.pid}/children") as file:
-                for pid in file.read().split():
-                    os.kill(int(pid), signal.SIGINT)
+            wait_for(lambda: self._children() or self._status(), "the shell to start the command")
+            for pid in self._children():
+                os.kill(int(pid), signal.SIGINT)
             self.wait()
         if command != self._command:
             self._begin += len(self.shown)
@@ -157,6 +158,10 @@ class Terminal:
         """Wait for the end of the command; return its exit status."""
         wait_for(self._status, f"the end of {self._command}:\n{self.shown}", 10 * PATIENCE)
         return int(self._status()[1])
+
+    def _children(self):
+        with open(f"/proc/{self._shell.pid}/task/{self._shell.pid}/children") as file:
+            return file.read().split()
 
     def _status(self):
         return re.search(rf"status (\d+) of {self._count}\n", self.shown)
