@@ -318,8 +318,8 @@ import os, queue, signal, sys, threading, time, types
 import mushr_ros_intro.replay.simulated_time as simulated
 for name, program in eval(sys.argv[1]).items():
     if not os.fork():
-        children = []  # the signal that the next child gets when it begins
-        os.register_at_fork(after_in_child=lambda: children and os.kill(os.getpid(), children.pop()))
+        signals = []  # that the next child gets when it begins
+        os.register_at_fork(after_in_child=lambda: signals and os.kill(os.getpid(), signals.pop()))
         simulated.simulate()
         exec(program)
         os._exit(0)
@@ -346,7 +346,7 @@ assert os.WEXITSTATUS(os.wait()[1]) == 3
 """,
     "a child that is terminated when it begins ends, as one of multiprocessing.Pool": """
 simulated.rospy.core.register_signals()
-children.append(signal.SIGTERM)
+signals.append(signal.SIGTERM)
 if not os.fork():
     os._exit(0)
 assert os.WTERMSIG(os.wait()[1]) == signal.SIGTERM
