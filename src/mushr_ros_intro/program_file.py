@@ -229,7 +229,7 @@ def _first_line_faults(
     problem = f"{name} names the interpreter {interpreter!r}, which"
     names = [os.path.basename(each) for each in (program, os.path.realpath(program))]
     if not program:
-        if is_trusted or interpreter != "python":  # a replay runs it with Python 3
+        if is_trusted or not searches_python(line[2:], search_path):
             yield f"{problem} is not installed", _REMEDY
     elif not any(each.startswith("python") for each in names):
         if is_python:
@@ -254,6 +254,15 @@ def _imports_rospy(program: str) -> bool:
     except (OSError, subprocess.SubprocessError):
         return False
     return True
+
+
+def searches_python(line: bytes, search_path: Optional[str]) -> bool:
+    """Return whether a first line, after #!, searches a `python` that is not on a PATH.
+
+    A replay runs such a program with Python 3: the line is that of the tutorial.
+    """
+    found = _interpreter(line.decode(errors="replace"), search_path)
+    return found == ("python", "") and b"/" in line
 
 
 def _interpreter(line: str, search_path: Optional[str]) -> Tuple[str, str]:

@@ -14,6 +14,7 @@ from mushr_ros_intro.isolation.node_process import WAS_KILLED, NodeProcess
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.isolation.workspace import environment_of, search_path
 from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.program_file import searches_python
 from mushr_ros_intro.replay.following import judge_drive
 from mushr_ros_intro.replay.judge import Judgement
 from mushr_ros_intro.replay.mistakes import printed_error
@@ -128,10 +129,8 @@ def interpreter_of(path: str) -> List[str]:
     words = re.fullmatch(r"#![ \t]*([^ \t]+)[ \t]*(.*?)[ \t]*\n", line)
     is_python = words and "python" in words[0] and os.access(path, os.X_OK)
     found = [each for each in words.groups() if each] if words and is_python else []
-    is_searched = re.fullmatch(r"/usr/bin/env python[\d.]*", " ".join(found))
-    if is_searched and not shutil.which(found[1], path=search_path()):
-        return [sys.executable]
-    return found
+    is_hidden = found and searches_python(os.fsencode(line[2:-1]), search_path())
+    return [sys.executable] if is_hidden else found
 
 
 def sandboxed(job: Job, folder: str, due_file: Optional[int] = None) -> List[str]:

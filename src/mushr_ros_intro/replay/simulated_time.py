@@ -81,9 +81,6 @@ CLOCKS = {
 }
 """Their names by the numbers for clock_gettime; the other clocks measure processor time."""
 
-_ENDS = (signal.SIGINT, signal.SIGTERM)
-"""The signals for which rospy has a handler."""
-
 SHUTDOWN_POLL = 0.001
 """Period at which a thread waits for the end of a shutdown of ROS [s of wall-clock time]."""
 
@@ -413,6 +410,31 @@ def simulate_files() -> None:
     select.epoll = partial(Poll, select.epoll, 1_000_000_000)  # type: ignore
 
 
+def simulate_forks() -> None:
+    """Let a child process keep the real time, and end at a signal.
+
+    rospy's handler would end ROS for the node, too. Python drops a signal that comes while the
+    child begins, as from multiprocessing.Pool; so both signals are blocked until then.
+    """
+    signals, masks = (signal.SIGINT, signal.SIGTERM), threading.local()
+
+    def block() -> None:
+        masks.before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+
+    def unblock() -> None:
+        signal.pthread_sigmask(signal.SIG_SETMASK, masks.before)
+
+    def begin() -> None:
+        global is_child
+        is_child = is_child or is_initialized()  # otherwise the child can become the node
+        for number in signals:
+            if signal.getsignal(number) == rospy.core._ros_signal:
+                signal.signal(number, signal.SIG_DFL)
+        unblock()
+
+    os.register_at_fork(before=block, after_in_parent=unblock, after_in_child=begin)
+
+
 def show_exception(kind: Any, error: BaseException, trace: Any) -> None:
     """Print an exception, as if Python had started the program."""
     while trace and trace.tb_frame.f_code.co_filename.startswith(LIBRARIES):
@@ -448,25 +470,7 @@ def simulate() -> None:
         process(*arguments)
         sleepers.on_processed()
 
-    masks = threading.local()
-
-    def before_fork() -> None:
-        # Python drops the signals of a new child, which the parent can send at once; not these.
-        masks.before = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDS)
-
-    def after_fork() -> None:
-        signal.pthread_sigmask(signal.SIG_SETMASK, masks.before)
-
-    def on_fork() -> None:
-        global is_child
-        is_child = is_child or is_initialized()  # otherwise the child can become the node
-        # A child that is terminated, as by multiprocessing.Pool, would end ROS for the node, too.
-        for number in _ENDS:
-            if signal.getsignal(number) == rospy.core._ros_signal:
-                signal.signal(number, signal.SIG_DFL)
-        after_fork()
-
-    os.register_at_fork(before=before_fork, after_in_parent=after_fork, after_in_child=on_fork)
+    simulate_forks()
     rospy.core.add_preshutdown_hook(sleepers.on_shutdown)
     rospy.impl.simtime._set_rostime_clock_wrapper = on_message
     rospy.topics._SubscriberImpl.receive_callback = receive

@@ -58,14 +58,17 @@ def test_a_killed_replay_is_repeated_once(monkeypatch, results, expected):
         ("#!/usr/bin/python3 -u -B\n", 0o755, ["/usr/bin/python3", "-u -B"]),
         ("#!/usr/bin/env python3 \t\n", 0o755, ["/usr/bin/env", "python3"]),
         ("#!/usr/bin/env python3\r\n", 0o755, ["/usr/bin/env", "python3\r"]),
-        ("#!/usr/bin/env python3.99\n", 0o755, [sys.executable]),
+        ("#!/usr/bin/env python\n", 0o755, [sys.executable]),
+        ("#!/bin/env -S python -u\n", 0o755, [sys.executable]),
+        ("#!python\n", 0o755, ["python"]),
         ("#!/usr/bin/python3\n", 0o644, []),
         ("#!/bin/bash\n", 0o755, []),
         ("import rospy\n", 0o755, []),
     ],
 )
-def test_interpreter(tmp_path, first_line, mode, expected):
+def test_interpreter(tmp_path, monkeypatch, first_line, mode, expected):
     """A faulty first line has the same effect as without simulated time."""
+    monkeypatch.setenv("PATH", str(tmp_path))  # where no node finds a program
     path = tmp_path / "node.py"
     path.write_bytes(first_line.encode() + b"import sys\n")
     path.chmod(mode)

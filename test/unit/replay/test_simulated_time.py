@@ -350,6 +350,7 @@ signals.append(signal.SIGTERM)
 if not os.fork():
     os._exit(0)
 assert os.WTERMSIG(os.wait()[1]) == signal.SIGTERM
+assert not signal.pthread_sigmask(signal.SIG_BLOCK, [])
 """,
     "after a message, the world knows when a thread is due, also if none sleeps": """
 reader, simulated.sleepers.file = os.pipe()
