@@ -86,6 +86,8 @@ class Drive:
         """The reports since the newest command that moves the car."""
         self.placed: Optional[Report] = None
         """The first report after another node has placed the car."""
+        self.before_placed = 0
+        """The stamp of the report before it."""
         self._fastest = 0.0
         self.add(first)
 
@@ -112,7 +114,7 @@ class Drive:
         if last and not self.placed:
             seconds = (report.stamp - last.stamp) / NANOSECONDS
             if report.pose.distance_to(last.pose) > self._fastest * max(seconds, 0.0) + JUMP:
-                self.placed = report
+                self.placed, self.before_placed = report, last.stamp
         self.reports.append(report)
 
     @property

@@ -58,7 +58,7 @@ def start_fault(planned: PlannedDrive, expected: Expectation) -> str:
     """
     drive, start = planned.drive, planned.plan.start
     reports = [report for report in (drive.before, drive.since) if report]
-    if drive.placed and _is_start_pose(planned, drive.placed):
+    if drive.placed and _is_start_pose(planned):
         reports.append(drive.placed)
     stamps = [state.stamp for state in expected.states]
     for report in reports:
@@ -76,10 +76,15 @@ def start_fault(planned: PlannedDrive, expected: Expectation) -> str:
     return text
 
 
-def _is_start_pose(planned: PlannedDrive, placed: Report) -> bool:
-    """Return whether the node of the drive placed the car, about when its first command came."""
-    is_at_begin = placed.stamp <= planned.drive.first + COMMAND_PERIOD
-    return is_at_begin and placed.pose.is_close_to(planned.plan.start, TOLERANCE)
+def _is_start_pose(planned: PlannedDrive) -> bool:
+    """Return whether the node of the drive placed the car, about when its first command came.
+
+    The car may have been placed right after the report that does not show it.
+    """
+    drive = planned.drive
+    if not drive.placed or drive.before_placed > drive.first + COMMAND_PERIOD:
+        return False
+    return drive.placed.pose.is_close_to(planned.plan.start, TOLERANCE)
 
 
 def verdict(
@@ -176,7 +181,7 @@ def _cause(planned: PlannedDrive, observed: Observed) -> str:
     if observed.lost:
         return f"In {observed.lost}, the car did not report its pose, or it was restarted"
     placed = planned.drive.placed
-    if placed and not _is_start_pose(planned, placed):
+    if placed and not _is_start_pose(planned):
         where = planned.position(placed.stamp)
         return f"In {where}, the car was placed at another pose: it was at {placed.pose}"
     if difference := planned.difference():

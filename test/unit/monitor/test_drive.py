@@ -124,7 +124,7 @@ def test_the_car_is_placed_during_the_drive():
     drive.report(Report(BEGIN + 500 * MS, Pose(0.5, 0.0, 0.0)))
     assert not drive.placed
     drive.report(Report(BEGIN + 600 * MS, Pose(3.0, 0.0, 0.0)))
-    assert drive.placed.pose.x == 3.0
+    assert (drive.placed.pose.x, drive.before_placed) == (3.0, BEGIN + 500 * MS)
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,7 @@ def test_who_is_named_for_a_wrong_pose():
 
 def test_a_car_that_was_placed_during_the_drive():
     drive = planned()
-    drive.drive.placed = Report(BEGIN + 1200 * MS, AWAY)
+    place(drive, 1200, AWAY)
     assert (
         f"In line 3 of 3, the car was placed at another pose: it was at {AWAY}"
         in (judged(drive, AWAY).lines[0])
@@ -137,18 +137,28 @@ def test_where_the_car_was_at_the_start(before, since, fault):
     assert not fault or f"the car was not at the start pose {PLAN.start}" in text
 
 
+def place(drive, milliseconds, pose):
+    """Let a report show that the car was placed after the report 0.02 s earlier."""
+    drive.drive.placed = Report(BEGIN + milliseconds * MS, pose)
+    drive.drive.before_placed = BEGIN + (milliseconds - 20) * MS
+
+
 def test_a_start_pose_that_comes_late():
     drive = planned(before=AWAY)
-    drive.drive.placed = Report(BEGIN + 250 * MS, PLAN.start)
+    place(drive, 140, PLAN.start)
     text = judged(drive, END).lines[0]
-    assert f"it was at {AWAY}, and was placed at the start pose 0.25 s later" in text
+    assert f"it was at {AWAY}, and was placed at the start pose 0.14 s later" in text
 
 
-def test_a_start_pose_just_after_the_first_command():
-    """ROS does not order topics. The final pose shows what it changes."""
+@pytest.mark.parametrize("milliseconds", [30, 120])
+def test_a_start_pose_just_after_the_first_command(milliseconds):
+    """ROS does not order topics. The final pose shows what it changes.
+
+    A clock that waits for the second command stands 0.1 s after the first one.
+    """
     drive = planned(before=AWAY)
     drive.drive.since = Report(BEGIN + 10 * MS, AWAY)
-    drive.drive.placed = Report(BEGIN + 30 * MS, PLAN.start)
+    place(drive, milliseconds, PLAN.start)
     assert judged(drive, END).is_good
     assert judged(drive, AWAY).lines[0].endswith("The start pose came after the first command")
     drive.drive.runs[-1] = drive.drive.runs[-1]._replace(begin=BEGIN + 2100 * MS)
