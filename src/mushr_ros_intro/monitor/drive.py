@@ -88,6 +88,8 @@ class Drive:
         """The first report after another node has placed the car."""
         self.before_placed = 0
         """The stamp of the report before it."""
+        self._last: Optional[Report] = None
+        """The newest report that is newer than the first command."""
         self._fastest = 0.0
         self.add(first)
 
@@ -109,7 +111,7 @@ class Drive:
         if report.stamp <= self.first:
             self.before = report
             return
-        last = self.reports[-1] if self.reports else self.since or self.before
+        last, self._last = self._last or self.before, report
         self.since = self.since or report
         if last and not self.placed:
             seconds = (report.stamp - last.stamp) / NANOSECONDS
