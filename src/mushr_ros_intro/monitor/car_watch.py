@@ -9,6 +9,7 @@ from geometry_msgs.msg import PoseStamped
 from mushr_ros_intro.monitor.drive import KEPT, Report
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import is_dead
+from mushr_ros_intro.stamps import STAMP_TOLERANCE
 
 MAX_SILENCE = 0.4
 """If no report comes for this time, it is checked whether the car responds [s of wall-clock time].
@@ -49,9 +50,10 @@ class CarWatch:
         """The newest report, None if there is none."""
         return self._reports[-1] if self._reports else None
 
-    def before(self, stamp: int) -> Optional[Report]:
-        """Return the newest report that is not newer than `stamp` [ns], None if there is none."""
-        return next((each for each in reversed(self._reports) if each.stamp <= stamp), None)
+    def before(self, stamp: int) -> List[Report]:
+        """Return the reports of the second before `stamp` [ns], at least the newest one if any."""
+        older = [each for each in self._reports if each.stamp <= stamp]
+        return [each for each in older if each.stamp >= stamp - STAMP_TOLERANCE] or older[-1:]
 
     def changes(self) -> List[str]:
         """Return what has happened to the car since the last call, for messages."""

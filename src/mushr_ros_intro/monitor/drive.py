@@ -7,7 +7,7 @@ a drive begins with the first such command.
 import itertools
 from bisect import bisect_right
 from collections import deque
-from typing import Deque, List, NamedTuple, Optional, Union
+from typing import Deque, Iterable, List, NamedTuple, Optional, Union
 
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.geometry import Pose
@@ -70,16 +70,16 @@ def sections_of(plan: Plan) -> List[Section]:
 class Drive:
     """The commands of a drive since the first one, and the reports before and after them."""
 
-    def __init__(self, first: Command, before: Optional[Report]) -> None:
-        """Begin with the first command that moves the car, and the newest report before it."""
+    def __init__(self, first: Command, before: Iterable[Report]) -> None:
+        """Begin with the first command that moves the car, and the last reports before it."""
         self.first = first.stamp
         self.runs: List[Run] = []
         self.newest = first.stamp
         """The stamp of the newest command that moves the car."""
         self.stop: Optional[int] = None
         """The stamp of the first stop after it, None if there is none."""
-        self.before = before
-        """The newest report that is not newer than the first command."""
+        self.before = [*before]
+        """The last reports that are not newer than the first command."""
         self.since: Optional[Report] = None
         """The first report that is newer than the first command."""
         self.reports: Deque[Report] = deque(maxlen=KEPT)
@@ -109,14 +109,15 @@ class Drive:
     def report(self, report: Report) -> None:
         """Add a report of the car."""
         if report.stamp <= self.first:
-            self.before = report
+            self.before.append(report)
             return
-        last, self._last = self._last or self.before, report
         self.since = self.since or report
-        if last and not self.placed:
-            seconds = (report.stamp - last.stamp) / NANOSECONDS
-            if report.pose.distance_to(last.pose) > self._fastest * max(seconds, 0.0) + JUMP:
-                self.placed, self.before_placed = report, last.stamp
+        before = self._last or (self.before[-1] if self.before else None)
+        self._last = report
+        if before and not self.placed:
+            seconds = (report.stamp - before.stamp) / NANOSECONDS
+            if report.pose.distance_to(before.pose) > self._fastest * max(seconds, 0.0) + JUMP:
+                self.placed, self.before_placed = report, before.stamp
         self.reports.append(report)
 
     @property

@@ -55,9 +55,10 @@ def start_fault(planned: PlannedDrive, expected: Expectation) -> str:
 
     ROS does not order two topics: the start pose may come just before the first command, and after
     the report before it; or up to COMMAND_PERIOD late. Then the final pose shows what it changes.
+    A command without a stamp gets the time of its arrival here, when the car may have moved.
     """
     drive, start = planned.drive, planned.plan.start
-    reports = [report for report in (drive.before, drive.since) if report]
+    reports = [*reversed(drive.before), *filter(None, [drive.since])]
     if drive.placed and _is_start_pose(planned):
         reports.append(drive.placed)
     stamps = [state.stamp for state in expected.states]

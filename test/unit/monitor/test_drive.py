@@ -29,8 +29,8 @@ def sent(*rows, begin=BEGIN):
     return [*commands, Command(begin, 0.0, 0.0)]
 
 
-def driven(commands, plan=PLAN, before=None):
-    drive = Drive(commands[0], before)
+def driven(commands, plan=PLAN):
+    drive = Drive(commands[0], [])
     for command in commands[1:]:
         drive.add(command)
     return PlannedDrive(plan, drive)
@@ -42,13 +42,17 @@ EXACT = sent((1, 0.1, 2000), (0, 0, 500), (-1, 0.2, 1000))
 def test_commands_that_come_late():
     """The car was where it was when the first one was due, not where it waits for the second."""
     car = CarWatch("/car/car_pose")
-    for stamp, x in ((BEGIN - 10 * MS, 1.0), (BEGIN + 300 * MS, 1.2)):
+    for milliseconds, x in ((-1700, 0.8), (-1300, 0.9), (-10, 1.0), (300, 1.2)):
+        stamp = BEGIN + milliseconds * MS
         msg = PoseStamped()
         msg.header.stamp = rospy.Time(0, stamp)
         msg.pose.position.x, msg.pose.orientation.w = x, 1.0
         car.report(msg, stamp)
-    assert WatchedDrive(EXACT[0], car).drive.before.pose.x == 1.0
-    assert CarWatch("/car/car_pose").before(BEGIN) is None
+    assert [each.pose.x for each in WatchedDrive(EXACT[0], car).drive.before] == [1.0]
+    assert [each.pose.x for each in car.before(BEGIN - 500 * MS)] == [0.9]
+    assert [each.pose.x for each in car.before(BEGIN - 50 * MS)] == [0.9]
+    assert [each.pose.x for each in car.before(BEGIN - 900 * MS)] == [0.8, 0.9]
+    assert not CarWatch("/car/car_pose").before(BEGIN)
 
 
 def test_an_exact_drive():

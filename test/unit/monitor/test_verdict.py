@@ -27,7 +27,7 @@ def planned(seconds=2.0, before=PLAN.start):
     """Return a drive whose node sends the commands of the plan for some time, and then a stop."""
     rows = [(BEGIN + i * 100 * MS, PLAN.rows[i // 10]) for i in range(round(10 * seconds))]
     first, *others = (Command(stamp, row.speed, row.steering_angle) for stamp, row in rows)
-    drive = Drive(first, Report(BEGIN - 10 * MS, before) if before else None)
+    drive = Drive(first, [Report(BEGIN - 10 * MS, before)])
     for each in others:
         drive.add(each)
     drive.add(Command(BEGIN + round(seconds * 1000) * MS, 0.0, 0.0))
@@ -131,10 +131,18 @@ def test_without_a_start_pose_the_end_is_relative_to_the_start():
 )
 def test_where_the_car_was_at_the_start(before, since, fault):
     drive = planned()
-    drive.drive.before, drive.drive.since = before, since
+    drive.drive.before, drive.drive.since = [*filter(None, [before])], since
     text = start_fault(drive, expected())
     assert bool(text) is fault
     assert not fault or f"the car was not at the start pose {PLAN.start}" in text
+
+
+def test_a_first_command_without_a_stamp_that_arrives_late():
+    drive = planned()
+    drive.drive.before = [Report(BEGIN - 400 * MS, PLAN.start), Report(BEGIN, AWAY)]
+    assert not start_fault(drive, expected())
+    drive.drive.before[0] = Report(BEGIN - 400 * MS, Pose(9.0, 9.0, 0.0))
+    assert f"it was at {AWAY}" in start_fault(drive, expected())
 
 
 def place(drive, milliseconds, pose):
