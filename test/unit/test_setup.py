@@ -73,7 +73,7 @@ BWRAP = "bwrap --dev-bind / /"
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ('ID=ubuntu\nVERSION_ID="22.04"\nPRETTY_NAME="Ubuntu 22.04"', "Ubuntu 22.04"),
+        ('ID=ubuntu\nVERSION_ID="24.04"\nPRETTY_NAME="Ubuntu 24.04"', "Ubuntu 24.04"),
         ("", "an unknown system"),
     ],
 )
@@ -85,6 +85,15 @@ def test_a_system_that_is_not_supported(tmp_path, text, expected):
     assert done.returncode == 1 and done.stdout.startswith(
         f"setup: this is {expected}, without ROS Noetic; supported: Debian 11, 12 and 13, and ROS"
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [("debian:12:Debian", "yes"), ("ubuntu:22.04:Ubuntu", "yes"), ("ubuntu:24.04:Ubuntu", "no")],
+)
+def test_a_system_whose_packages_contain_ros(name, found):
+    """Gradescope's images have Ubuntu 22.04."""
+    assert run_function("has_ros", f"has_ros '{name}' && echo yes || echo no") == f"{found}\n"
 
 
 @pytest.mark.skipif(not shutil.which("git"), reason="git is not installed")
