@@ -15,7 +15,7 @@ USAGE = "usage: view.py CAR_NAME [options of rviz]"
 
 def view_of(car_name: str, text: str) -> str:
     """Return the rviz configuration of a car, given that of the car named "car"."""
-    for topic in ("/initialpose", "/path_publisher/"):
+    for topic in ("/initialpose", "/clicked_point", "/click_planner/"):
         text = text.replace(f" {topic}", f" /{car_name}{topic}")
     for start in (" /", " "):
         text = text.replace(f"{start}car/", f"{start}{car_name}/")

@@ -170,6 +170,17 @@ def test_programs_start(path):
     assert re.search("^Example: ", process.output, re.M), process.output
 
 
+def test_the_view_of_another_car(monkeypatch):
+    """Its topics are those of this car; only the map is that of all cars."""
+    monkeypatch.syspath_prepend(f"{PACKAGE}/src")
+    import view
+
+    text = view.view_of("car2", read("rviz/default.rviz"))
+    topics = set(re.findall(r"^ *Topic: (/.*)", text, re.M))
+    assert len(topics) > 5 and {each for each in topics if "/car2/" not in each} == {"/map"}
+    assert "car/" not in text.replace("car2/", "")
+
+
 def test_versions_agree():
     version = ElementTree.fromstring(read("package.xml")).findtext("version")
     assert re.search(rf"^{re.escape(version)} \(", read("CHANGELOG.rst"), re.MULTILINE)
