@@ -48,7 +48,7 @@ class PlanDrive:
 
     @property
     def state(self) -> Optional[Dict[str, Any]]:
-        """The latest drive, or None before the first one; see docs/view.md."""
+        """The latest drive, or None before the first one."""
         if not self._begun:
             return None
         return {

@@ -61,7 +61,7 @@ def name_of(path: str, folders: Sequence[str]) -> Optional[str]:
 
 
 def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:
-    """Check a plan with a car, and on a map (a `Grid`) if there is one; see docs/view.md."""
+    """Check a plan with a car, and on a map (a `Grid`) if there is one."""
     try:
         plan = read_plan(path)
     except PlanError as error:
