@@ -86,8 +86,6 @@ class Drive:
         """The reports since the newest command that moves the car."""
         self.placed: Optional[Report] = None
         """The first report after another node has placed the car."""
-        self.before_placed = 0
-        """The stamp of the report before it."""
         self._last: Optional[Report] = None
         """The newest report that is newer than the first command."""
         self._fastest = 0.0
@@ -117,7 +115,7 @@ class Drive:
         if before and not self.placed:
             seconds = (report.stamp - before.stamp) / NANOSECONDS
             if report.pose.distance_to(before.pose) > self._fastest * max(seconds, 0.0) + JUMP:
-                self.placed, self.before_placed = report, before.stamp
+                self.placed = report
         self.reports.append(report)
 
     @property

@@ -54,13 +54,13 @@ def start_fault(planned: PlannedDrive, expected: Expectation) -> str:
     """Return a message if the car was not at the start pose when the plan began, or an empty one.
 
     ROS does not order two topics: the start pose may come just before the first command, and after
-    the report before it; or up to COMMAND_PERIOD late. Then the final pose shows what it changes.
-    A command without a stamp gets the time of its arrival here, when the car may have moved.
+    the report before it; or a little late. A command without a stamp gets the time of its arrival
+    here, when the car may have moved.
     """
     drive, start = planned.drive, planned.plan.start
+    if _is_start_pose(planned):
+        return ""
     reports = [*reversed(drive.before), *filter(None, [drive.since])]
-    if drive.placed and _is_start_pose(planned):
-        reports.append(drive.placed)
     stamps = [state.stamp for state in expected.states]
     for report in reports:
         index = bisect_left(stamps, report.stamp - planned.begin)
@@ -78,14 +78,11 @@ def start_fault(planned: PlannedDrive, expected: Expectation) -> str:
 
 
 def _is_start_pose(planned: PlannedDrive) -> bool:
-    """Return whether the node of the drive placed the car, about when its first command came.
-
-    The car may have been placed right after the report that does not show it.
-    """
-    drive = planned.drive
-    if not drive.placed or drive.before_placed > drive.first + COMMAND_PERIOD:
+    """Return whether the node of the drive placed the car, about when its first command came."""
+    placed = planned.drive.placed
+    if not placed or placed.stamp > planned.drive.first + 2 * COMMAND_PERIOD:
         return False
-    return drive.placed.pose.is_close_to(planned.plan.start, TOLERANCE)
+    return placed.pose.is_close_to(planned.plan.start, TOLERANCE)
 
 
 def verdict(
@@ -150,20 +147,20 @@ def _fault(
         how = "stopped at" if planned.drive.stands else "was last reported at"
         stopped = f"; the car {how} {last}" if last else ""
         ended = f"the drive of {name} ended in {where}{stopped}"
-        return ". ".join(filter(None, (ended, observed.wall, start)))
+        return "; ".join(filter(None, (ended, observed.wall, start)))
     if expected.is_placed and is_reported and not report:
         where = observed.lost or "the end of the plan"
         return (
             f"the car has not reported its pose since {where}, so it is not known where it is. "
             "If it has ended, start it again"
         )
-    if start:
-        return f"{start}. It stopped at {report.pose}" if report else start
     if observed.wall:
-        return f"{observed.wall}. {cause}" if observed.others else observed.wall
-    if not report or not expected.is_placed or not expected.is_exact:
+        return "; ".join(filter(None, (observed.wall, start, cause if observed.others else "")))
+    if not report or not expected.is_placed or report.pose.is_close_to(expected.pose, TOLERANCE):
         return ""
-    if report.pose.is_close_to(expected.pose, TOLERANCE):
+    if start:
+        return f"{start}. It stopped at {report.pose}"
+    if not expected.is_exact:
         return ""
     distance = report.pose.distance_to(expected.pose)
     return (

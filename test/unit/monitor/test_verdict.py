@@ -86,7 +86,7 @@ def test_who_is_named_for_a_wrong_pose():
 
 def test_a_car_that_was_placed_during_the_drive():
     drive = planned()
-    place(drive, 1200, AWAY)
+    drive.drive.placed = Report(BEGIN + 1200 * MS, AWAY)
     assert (
         f"In line 3 of 3, the car was placed at another pose: it was at {AWAY}"
         in (judged(drive, AWAY).lines[0])
@@ -145,32 +145,35 @@ def test_a_first_command_without_a_stamp_that_arrives_late():
     assert f"it was at {AWAY}" in start_fault(drive, expected())
 
 
-def place(drive, milliseconds, pose):
-    """Let a report show that the car was placed after the report 0.02 s earlier."""
-    drive.drive.placed = Report(BEGIN + milliseconds * MS, pose)
-    drive.drive.before_placed = BEGIN + (milliseconds - 20) * MS
-
-
 def test_a_start_pose_that_comes_late():
     drive = planned(before=AWAY)
-    place(drive, 140, PLAN.start)
-    text = judged(drive, END).lines[0]
-    assert f"it was at {AWAY}, and was placed at the start pose 0.14 s later" in text
+    drive.drive.placed = Report(BEGIN + 240 * MS, PLAN.start)
+    text = judged(drive, AWAY).lines[0]
+    assert f"it was at {AWAY}, and was placed at the start pose 0.24 s later" in text
 
 
-@pytest.mark.parametrize("milliseconds", [30, 120])
-def test_a_start_pose_just_after_the_first_command(milliseconds):
-    """ROS does not order topics. The final pose shows what it changes.
-
-    A clock that waits for the second command stands 0.1 s after the first one.
-    """
+def test_a_start_pose_just_after_the_first_command():
+    """ROS does not order topics. The final pose shows what it changes."""
     drive = planned(before=AWAY)
     drive.drive.since = Report(BEGIN + 10 * MS, AWAY)
-    place(drive, milliseconds, PLAN.start)
+    drive.drive.placed = Report(BEGIN + 120 * MS, PLAN.start)
     assert judged(drive, END).is_good
     assert judged(drive, AWAY).lines[0].endswith("The start pose came after the first command")
     drive.drive.runs[-1] = drive.drive.runs[-1]._replace(begin=BEGIN + 2100 * MS)
     assert "of line 3 lasted 1.10 s" in judged(drive, AWAY).lines[0]
+
+
+@pytest.mark.parametrize("is_exact", [True, False])
+def test_a_car_that_was_not_at_the_start_pose(is_exact):
+    """A wrong start moves the whole drive, so a right final pose shows that it was there."""
+    drive = planned(before=AWAY)
+    assert judged(drive, END, expectation=expected(is_exact=is_exact)).is_good
+    text = judged(drive, Pose(6.0, 7.0, 0.0), expectation=expected(is_exact=is_exact)).lines[0]
+    assert f"not at the start pose {PLAN.start} when the first command came: it was at" in text
+    observed = Observed()
+    observed.wall = "the car stopped at a wall in line 3 of 3 at x"
+    text = judged(drive, AWAY, observed).lines[0]
+    assert text.startswith(f"{observed.wall}; the car was not at the start pose {PLAN.start}")
 
 
 @pytest.mark.parametrize(
