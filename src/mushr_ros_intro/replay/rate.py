@@ -26,7 +26,7 @@ def judge_rate(recorded: Recorded) -> Tuple[Optional[bool], str]:
     steps = span = planned = 0
     for run, group in matched(recorded):
         # If the last row of the plan is a stop, the final stop belongs to the same group.
-        extra = int(run is runs[-1] and run.speed == 0.0 and len(group) > run.expected)
+        extra = int(run == runs[-1] and run.speed == 0.0 and len(group) > run.expected)
         surplus += len(group) - run.expected - extra
         planned += run.duration
         fault = _stamp_fault(group) or _rate_fault(run, group, surplus)

@@ -576,6 +576,8 @@ def test_stops_before_the_plan_are_a_note():
         (STANDING, STANDING, set()),
         (STANDING, [*STANDING, STOP], set()),
         (STEERED, [*STEERED, STOP], set()),
+        (STANDING, [(1.0, 0.0, 1.1), STANDING[1]], set()),
+        (STANDING, [(1.0, 0.0, 1.1), STANDING[1], STOP], set()),
         (STANDING, [*STANDING, STOP, STOP, STOP], {"rate"}),
         (STANDING[:1], [(1.0, 0.0, 1.2), STOP], {"rate"}),
         ([*STANDING, (1.0, 0.0, 0.5)], [*STANDING, *[STOP] * 2, (1.0, 0.0, 0.5), STOP], {"rate"}),
