@@ -115,8 +115,12 @@ def grade_class(arguments: argparse.Namespace) -> int:
     """Grade submissions; print a line for each new result, and write the results."""
     plans = Plans(arguments)
     points = read_points(arguments.points, plans.names, bool(arguments.follow))
-    store = Store(arguments.out)
     folder = os.path.realpath(arguments.out)
+    for each in filter(os.path.isdir, arguments.inputs):
+        if f"{folder}/".startswith(f"{os.path.realpath(each)}/"):
+            text = f"--out {arguments.out} is in {each}, which is graded"
+            raise UserError(f"{text}; expected a folder outside of the submissions")
+    store = Store(arguments.out)
     inputs = [each if os.path.isdir(each) else os.path.dirname(each) for each in arguments.inputs]
     hidden = [*inputs, *map(os.path.dirname, plans.paths), folder]
     with tempfile.TemporaryDirectory(dir=temporary_folder()) as workspace:
@@ -152,7 +156,8 @@ def merge(arguments: argparse.Namespace) -> int:
     drives = [drive for each in stored for drive in each.drives]
     plans = dict.fromkeys(each.plan for each in drives)
     follows = any(each.recorded and isinstance(each.recorded.plan, Reference) for each in drives)
-    points = read_points(arguments.points, plans, follows)
+    # If no submission could be run, there are no points.
+    points = read_points(arguments.points, plans, follows) if plans else Points()
     with judges() as pool:
         results = judged(stored, points.tolerances, pool)
     return finish(arguments.out, results, points)

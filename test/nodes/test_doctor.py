@@ -243,7 +243,12 @@ class TestDoctor(RosTestCase):
         self.assertEqual(last_drive(Observer("car", self.uri).observe()), expected)
 
     def test_another_car(self):
-        self.expect("the car 'car2' is not running: no node subscribes to /car2/mux/", car="car2")
+        expected = "the car 'car2' is not running: no node subscribes to /car2/mux/"
+        self.expect(expected, car="car2")
+        topics = [f"/car2/mux/ackermann_cmd_mux/{each}" for each in ("output", "input/navigation")]
+        viewer = Ghost(subscribes=topics, name="/rostopic_123")
+        self.addCleanup(viewer.end)
+        self.expect(expected, car="car2")
 
     def test_masters(self):
         running, self.uri = self.uri, "http://nosuch.invalid:11311"

@@ -109,6 +109,7 @@ NODE = ("--node", "mushr_ros_intro", "path_publisher.py")
         (("figure_8", *NODE, "--car", "nano"), 2, f"{max(CARS)}; did you mean mushr_nano?"),
         (("--merge", "/nowhere", "--out", "/nowhere"), 2, "/nowhere: not the output of grade.py"),
         (("/nowhere", "--plans", "figure_8", "--out", "/proc/x"), 3, "/proc/x"),
+        ((PACKAGE, "--plans", "figure_8", "--out", f"{PACKAGE}/new"), 2, "which is graded; exp"),
         (("figure_8", *NODE, "--out", "/dev/null"), 2, "--out: /dev/null is not a folder"),
         (("/nowhere", "--out", "out"), 2, "or SUBMISSION... --plans PLAN... --out FOLDER"),
         (

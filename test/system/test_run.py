@@ -40,10 +40,12 @@ def as_terminal(path):
 class Run:
     """The script during a drive, in an environment with wrong settings for ROS."""
 
+    PLAN = "Ann's plan #1: a.txt"
+
     def __init__(self, folder, seconds, terminal=False, **variables):
         self.mark = f"MARK={uuid.uuid4()}"
         add_programs(folder / "bin", ("cmake", "python", "python3"))
-        (folder / "a plan.txt").write_text(f"1, 2, 0.5\n1.0, 0.1, {seconds}\n")
+        (folder / self.PLAN).write_text(f"1, 2, 0.5\n1.0, 0.1, {seconds}\n")
         environment = dict(
             [self.mark.split("=")],
             PATH=f"{folder}/bin:/usr/bin:/bin",
@@ -66,7 +68,7 @@ class Run:
             if terminal:
                 log = files.enter_context(as_terminal(self.log))
             self.process = subprocess.Popen(
-                [f"{CHECKOUT}/scripts/run", "a plan.txt"],
+                [f"{CHECKOUT}/scripts/run", self.PLAN],
                 cwd=str(folder),
                 env=environment,
                 stdout=log,

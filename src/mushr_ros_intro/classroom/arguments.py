@@ -49,7 +49,9 @@ def words_of(options: Dict[str, Any]) -> List[str]:
     for name, value in options.items():
         if value not in (None, "", []):
             values = value if isinstance(value, list) else [value]
-            words += [f"--{name.replace('_', '-')}", *map(str, values)]
+            option = f"--{name.replace('_', '-')}"
+            is_like_option = str(values[0]).startswith("-")
+            words += [f"{option}={value}"] if is_like_option else [option, *map(str, values)]
     return words
 
 
@@ -89,7 +91,7 @@ def _content(name: str, value: Any) -> Any:
     """Return the value of an option to compare; of a file with points, its text."""
     if name != "points" or value is None:
         return value
-    with open(value, encoding="utf-8") as file:
+    with open(value, "rb") as file:
         return file.read()
 
 
@@ -160,6 +162,10 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
     `of_a_class` contains the options that need submissions.
     """
     is_class = not (arguments.node or arguments.merge or arguments.autograder)
+    plans = arguments.plans or arguments.follow
+    grades = arguments.inputs or plans or arguments.node or arguments.autograder or of_a_class
+    if arguments.merge and (grades or not arguments.out):
+        return "expected --merge FOLDER... --out FOLDER, and at most --points: it grades nothing"
     if arguments.node and of_a_class:
         option = of_a_class[0].replace("_", "-")
         return f"--{option} needs submissions; --node grades one installed node"
@@ -167,13 +173,10 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
         return "expected --follow or --plans"
     if arguments.node and (arguments.plans or bool(arguments.inputs) == bool(arguments.follow)):
         return "expected PLAN... --node PACKAGE FILE, or --follow PATH... --node PACKAGE FILE"
-    plans = arguments.plans or arguments.follow
     if is_class and not (arguments.inputs and plans and arguments.out):
         return "expected PLAN... --node PACKAGE FILE, or SUBMISSION... --plans PLAN... --out FOLDER"
     if arguments.autograder and (arguments.inputs or not plans):
         return "expected --autograder FILE, and --plans PLAN... or --follow PATH..."
-    if arguments.merge and not arguments.out:
-        return "expected --out FOLDER"
     if arguments.out and os.path.exists(arguments.out) and not os.path.isdir(arguments.out):
         return f"--out: {arguments.out} is not a folder"
     if arguments.jobs < 1:

@@ -13,7 +13,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import package_folder
-from mushr_ros_intro.plan.parse import read_plan, read_plans
+from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.plan.write import plan_text
 from mushr_ros_intro.preview.report import check
@@ -39,8 +39,8 @@ class Plans:
             if DRAWN in self.names:
                 raise UserError(f"there are two plans with the name '{DRAWN}'; rename the file")
             named = [each for each in self._named.values() if isinstance(each, Plan)]
-            test_drive = read_plans(["test_drive"], package_folder("plans"))
-            self._like = [*named, *test_drive.values()][0]
+            test_drive = os.path.join(package_folder("plans"), "test_drive.txt")
+            self._like = named[0] if named else read_plan(test_drive)
             self.names.append(DRAWN)
         self._refuse_plans_of_submissions(arguments.inputs)
 

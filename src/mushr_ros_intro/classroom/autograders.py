@@ -19,7 +19,7 @@ from mushr_ros_intro.wording import counted
 from mushr_ros_intro.yaml_file import read_mapping
 
 FILES = (
-    *("LICENSE", "package.xml", "setup.py", "src/grade.py"),
+    *("LICENSE", "package.xml", "setup.py", "src/grade.py", "plans/test_drive.txt"),
     *("scripts/grade", "scripts/dev/loopback.c", "scripts/dev/packages", "scripts/setup"),
 )
 FOLDERS = ("config", "src/mushr_ros_intro", "underlay/ackermann_msgs", "urdf", "web/results")
@@ -111,7 +111,7 @@ def _copy_package(package: str, copy: str) -> None:
 
 def _copy_map(path: str, folder: str) -> str:
     """Copy a map without faults to a folder; return its name there."""
-    values = read_mapping(path, "a map")
+    values = read_mapping(path, "a map", is_map=True)
     image = os.path.join(os.path.dirname(path), values["image"])
     name = os.path.splitext(os.path.basename(path))[0]
     values["image"] = name + os.path.splitext(image)[1]

@@ -143,11 +143,12 @@ class Grading:
     def _drive_all(self, due: Sequence[Task]) -> Iterator[Tuple[Grade, bool]]:
         """Drive all that is missing; yield results as `run`."""
         futures: Dict[Future[StoredDrive], Tuple[Task, str]] = {}
+        builds: List[Future[str]] = []
         with ThreadPoolExecutor(self._jobs) as pool:
             for task in due:
-                built = pool.submit(build, task.submission, self._setting)
+                builds.append(pool.submit(build, task.submission, self._setting))
                 for name in task.missing:
-                    futures[pool.submit(self._drive, task, name, built)] = task, name
+                    futures[pool.submit(self._drive, task, name, builds[-1])] = task, name
             try:
                 for future in as_completed(futures):
                     task, name = futures[future]
@@ -159,6 +160,8 @@ class Grading:
                     if not task.missing:
                         yield from self._judged([task])
             finally:
+                for built in builds:
+                    built.cancel()
                 for future in futures:
                     future.cancel()
                 # If this was interrupted, the nodes end, too. A replay that is killed is repeated.
@@ -182,7 +185,7 @@ class Grading:
                 key = task.keys[name] = hash_of(*parts)
                 is_used = name in old and old[name].key == key
                 task.drives[name] = old[name] if is_used else None
-        task.is_new = bool(task.missing)
+        task.is_new = bool(task.missing) or list(old) != list(task.drives)
 
     def _drive(self, task: Task, name: str, built: "Future[str]") -> StoredDrive:
         """Replay a plan with a submission that has been built.

@@ -148,9 +148,11 @@ class Store:
         write_text(os.path.join(self._top, _SETTINGS), yaml.safe_dump(others))
         copy = os.path.join(self._top, _POINTS)
         if points := values.get("points"):
-            with open(points, encoding="utf-8") as file:
-                text = file.read()
-            write_text(copy, text)
+            with open(points, "rb") as file:
+                content = file.read()
+            with open(copy, "wb") as file:
+                file.write(content)
+            give_to_user(copy)
         elif os.path.exists(copy):
             os.unlink(copy)
 

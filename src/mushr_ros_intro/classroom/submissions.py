@@ -83,7 +83,7 @@ def collect(
     try:
         for path, entries in _places(paths).items():
             files = Files(unpacked, MAX_CLASS)
-            sources = _class(path, entries) if entries else _sources(path, node, files)
+            sources = _among(path, entries) if entries else _sources(path, node, files)
             for source in sources:
                 name, shown = short_name(source.name), f"{source.name!r} of {path}"
                 other = taken.setdefault(name.lower(), shown)  # some file systems ignore case
@@ -146,11 +146,17 @@ def _sources(path: str, node: str, unpacked: Files) -> List[_Source]:
             raise UserError(f"{typed}: {fault}") from None
         path = os.path.join(unpacked.folder, folder)
     entries = sorted(each for each in os.listdir(path) if not is_junk(each))
-    if _METADATA in entries:
-        return _gradescope(path, entries, typed)
-    if any(each in entries for each in ("package.xml", node, "src", "scripts")):
+    is_one = any(each in entries for each in ("package.xml", node, "src", "scripts"))
+    if is_one and _METADATA not in entries:
         return [_Source(name, {name: path})]
-    return _class(path, entries)
+    return _among(path, entries, typed)
+
+
+def _among(folder: str, entries: Sequence[str], typed: str = "") -> List[_Source]:
+    """Return the submissions among entries of a folder; `typed` is its name for messages."""
+    if _METADATA in entries:
+        return _gradescope(folder, entries, typed or folder)
+    return _class(folder, entries)
 
 
 def _class_folder(path: str) -> Optional[str]:

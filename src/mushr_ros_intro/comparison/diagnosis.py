@@ -27,12 +27,12 @@ def sentence(log: DriveLog, fit: Fit) -> str:
         )
     if not fit.is_explained:
         misfit = fit.misfit
-        row = log.plan.rows[misfit.row]
-        begin = sum(each.duration for each in log.plan.rows[: misfit.row])
+        before, rows = log.plan.rows[: misfit.row], log.plan.rows[misfit.row :]
+        begin = sum(each.duration for each in before) / NANOSECONDS
+        when = f"{rows[0].speed:.3g} m/s, {rows[0].steering_angle:.3g} rad" if rows else "the end"
         return (
-            f"nothing known explains this drive: from {begin / NANOSECONDS:.1f} s on "
-            f"({row.speed:.3g} m/s, {row.steering_angle:.3g} rad), the {misfit.what} is "
-            f"{misfit.size:.1f} standard errors away from the best fit. Perhaps the tyres slip, "
+            f"nothing known explains this drive: from {begin:.1f} s on ({when}), the {misfit.what} "
+            f"is {misfit.size:.1f} standard errors away from the best fit. Perhaps the tyres slip, "
             "the car touches something, or the poses are wrong"
         )
     of_car = [value for name, value in fit.values.items() if name != "delay"]

@@ -82,11 +82,12 @@ def drive_log(name: str, commands: Received, poses: Received, timeout: int) -> D
     times = _times(commands, moving, notes)
     begin = min(time for time, moves in zip(times, moving) if moves)
     end = max(time for time, moves in zip(times, moving) if moves)
-    events = sorted(
+    events = [
         Command(time - begin, speed, angle)
         for time, (speed, angle) in zip(times, commands.values)
         if time >= begin
-    )
+    ]
+    events.sort(key=lambda each: each.stamp)  # of two with one stamp, the later one applies
     rows = rows_from(events, timeout)
 
     arrived = _times(poses, [True] * len(poses.values), notes)

@@ -330,5 +330,5 @@ def _segments(plan: Plan) -> Tuple[List[int], List[int]]:
         now += row.duration
         if now - (ends[-1] if ends else 0) >= _MIN_SEGMENT:
             ends.append(now)
-            rows.append(min(index, len(plan.rows) - 1))
+            rows.append(index)
     return ends, rows

@@ -9,6 +9,7 @@ from mushr_ros_intro.car.profile import NUMBERS
 from mushr_ros_intro.comparison.fit import Combined
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import REQUIRED, Parameters, number
+from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.yaml_file import read_mapping
 
 _VESC = ("speed_to_erpm_gain", "steering_angle_to_servo_gain", "steering_angle_to_servo_offset")
@@ -54,6 +55,9 @@ def _lines(combined: Combined, profile: str, drives: Sequence[str]) -> Iterator[
         yield f"# {meaning[0].upper()}{meaning[1:]} [{unit or '1'}], {ends}."
         yield f"# {source}"
         yield f"{name}: {'.inf' if math.isinf(car[name]) else f'{car[name]:.5g}'}"
+    yield ""
+    yield f"# How long a command is valid after its stamp [s]; {profile}."
+    yield f"command_timeout: {combined.car.command_timeout / NANOSECONDS:g}"
     yield ""
 
 

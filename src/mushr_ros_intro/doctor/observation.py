@@ -27,8 +27,10 @@ from mushr_ros_intro.simulator.mux import IDLE, full_topic, parse_config
 _CLOCK_TIMEOUT = 5.5
 """How long to wait until /clock advances [s]; in lock-step it waits 5 s for commands."""
 
-_VIEWERS = ("rviz", "rqt", "rostopic", "record", "web_view", "car_sim", "drive_monitor", "doctor")
-"""How the names of nodes begin that subscribe to topics which may have no publisher."""
+_VIEWERS = (
+    *("rviz", "rqt", "rostopic", "record", "plan_recorder", "web_view", "drive_monitor", "doctor"),
+)
+"""How the names of nodes begin that only show or record messages."""
 
 _MUX_INPUTS = ("safety", "teleop", "navigation", "default")
 """The inputs of MuSHR's mux, for a mux without parameters."""
@@ -241,7 +243,7 @@ class Observer:
         """Return the subscribers of each topic of the car that no node publishes."""
         found = {}
         for topic, nodes in sorted(graph.subscribers.items()):
-            waiting = [each for each in nodes if not each.rpartition("/")[2].startswith(_VIEWERS)]
+            waiting = [each for each in _users(nodes) if not each.endswith("/car_sim")]
             is_of_car = topic.startswith(f"/{self._car}/") and topic not in known
             if is_of_car and waiting and not graph.live(graph.publishers, topic):
                 found[topic] = tuple(waiting)
@@ -286,8 +288,13 @@ def _topic(graph: _Graph, heard: Listener, name: str, kind: Any = AckermannDrive
                 tuple(arrival for _, arrival in commands),
             )
         )
-    subscribers = tuple(graph.subscribers.get(name, []))
+    subscribers = _users(graph.subscribers.get(name, []))
     return Topic(name, kind._type, tuple(publishers), subscribers)
+
+
+def _users(nodes: Iterable[str]) -> Tuple[str, ...]:
+    """Return the nodes that do not only show or record messages."""
+    return tuple(each for each in nodes if not each.rpartition("/")[2].startswith(_VIEWERS))
 
 
 def _is_like_initial_pose(name: str) -> bool:

@@ -177,7 +177,8 @@ class NodeProcess:
             status = 128 - status
         how = f"ended with exit status {status}"
         if status < 0:
-            how = f"was killed by signal {signal.Signals(-status).name}"
+            names = {each.value: each.name for each in signal.Signals}
+            how = f"was killed by signal {names.get(-status, -status)}"  # real-time ones have none
         if status in (126, 127):  # of env
             how += " (does its first line name an existing interpreter, and is it executable?)"
         if status == 1 and self._output and b"Traceback" not in self._output:

@@ -142,7 +142,8 @@ def sandboxed(job: Job, folder: str, due_file: Optional[int] = None) -> List[str
         due_file: the number of an open pipe for `simulated_time`; None for the real time.
     """
     os.chmod(folder, 0o755)
-    plan = os.path.join(folder, os.path.basename(job.plan.path))
+    # rospy reads the value of an argument as YAML, in which ": " and " #" have a meaning.
+    plan = os.path.join(folder, re.sub(r"[^\w.-]", "_", os.path.basename(job.plan.path)))
     shutil.copyfile(job.plan.path, plan)
     os.chmod(plan, 0o644)
     home = os.path.join(folder, "home")

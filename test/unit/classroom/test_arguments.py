@@ -56,3 +56,23 @@ def test_folders_with_other_options_are_not_merged(tmp_path):
     with pytest.raises(UserError, match="different values of --points"):
         parse_arguments(words, "")
     assert parse_arguments([*words, "--points", str(points)], "").points == str(points)
+
+
+@pytest.mark.parametrize(
+    "words", [["class"], ["--plans", "circle"], ["--jobs", "1"], ["--node", "a", "b"]]
+)
+def test_merge_grades_nothing(words, capsys):
+    with pytest.raises(SystemExit):
+        parse_arguments([*words, "--merge", "one", "--out", "all"], "")
+    assert "it grades nothing" in capsys.readouterr().err
+
+
+def test_points_in_another_encoding(tmp_path):
+    """That of PowerShell's > in Windows."""
+    points = tmp_path / "points.yaml"
+    points.write_text("default: {path: 3}", encoding="utf-16")
+    for _ in range(2):
+        remembered(tmp_path / "out", "--points", str(points))
+    words = ["class", "--plans", "circle", "--out", str(tmp_path / "out")]
+    with open(parse_arguments(words, "").points, encoding="utf-16") as file:
+        assert file.read() == "default: {path: 3}"

@@ -7,6 +7,7 @@ import re
 import runpy
 import shutil
 import signal
+import subprocess
 import sys
 import zipfile
 
@@ -138,6 +139,22 @@ def test_options_of_grade(make, folder, options, sources, summary, map_name):
     assert found == {name: expected[name] for name in found}
 
 
+def test_drawn_plans_alone(make, folder):
+    """They are drawn from test_drive, which the zip contains; a secret may look like an option."""
+    status, output = make("--plans", "drawn", "--secret=-7")
+    assert status == 0, output
+    with zipfile.ZipFile(folder / "autograder.zip") as archive:
+        archive.extractall(folder / "source")
+    words = (folder / "source" / "arguments").read_text().splitlines()
+    program = "import sys\nfrom mushr_ros_intro.classroom import arguments, assignment\n"
+    program += "found = arguments.parse_arguments(sys.argv[1:], '')\n"
+    program += "print(assignment.Plans(found).names, found.secret)"
+    python = [sys.executable, "-c", program, "submission", *words, "--out", "out"]
+    path = f"{folder}/source/mushr_ros_intro/src:{os.environ['PYTHONPATH']}"
+    environment = {**os.environ, "PYTHONPATH": path}
+    assert subprocess.check_output(python, env=environment, text=True) == "['drawn'] -7\n"
+
+
 def test_no_solution(make, folder):
     """The zip contains no node that drives, and the programs that CMakeLists.txt names."""
     assert make("--plans", "open.txt")[0] == 0
@@ -148,5 +165,5 @@ def test_no_solution(make, folder):
     assert {f"mushr_ros_intro/{each}" for each in re.findall(r"src/\w+\.py", build)} == nodes
     assert nodes == {"mushr_ros_intro/src/grade.py"}
     assert "mushr_ros_intro/urdf/mushr_car.urdf" in files  # a replay reads it
-    names = "path_publisher|listing|examples|test_|/drive/|/authoring/|/browser/"
+    names = r"path_publisher|listing|examples|test_\w+\.py|/drive/|/authoring/|/browser/"
     assert not [each for each in files if re.search(names, each)]

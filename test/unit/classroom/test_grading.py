@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from mushr_ros_intro.classroom import grading
-from mushr_ros_intro.classroom.store import Store, from_json, load_all, to_json
+from mushr_ros_intro.classroom.store import Record, Store, from_json, load_all, to_json
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
@@ -43,6 +43,7 @@ class Course:
         for name in ("ann", "bob", "eve"):
             fill(folder / "class" / name, FILES)
         (folder / "plan.txt").write_text(TEXT)
+        self.plans = {"plan": str(folder / "plan.txt")}
         self.options = {"jobs": 1}
         self.setting = {"tolerances": {}, "remap": ()}
         self.fail = {}
@@ -69,7 +70,7 @@ class Course:
         gc.collect()  # the store of the last run, with its lock
         workspace = pathlib.Path(tempfile.mkdtemp(dir=self.folder))
         found = collect([str(self.folder / "class")], str(workspace))
-        plans = {"plan": read_plan(str(self.folder / "plan.txt"))}
+        plans = {name: read_plan(path) for name, path in self.plans.items()}
         others = {"sandbox": Sandbox(), "ros": {}}
         setting = read_setting(PACKAGE, "ideal", "none", **self.setting, **others)
         store = Store(str(self.out))
@@ -176,6 +177,17 @@ def test_an_interruption_also_ends_the_repetition_of_a_killed_replay(course, mon
     assert codes[1:] and set(codes) == {-signal.SIGKILL}
 
 
+def test_a_plan_that_is_dropped(course):
+    """It is not stored any more, so --merge does not count it."""
+    course.plans["other"] = course.plans["plan"]
+    course.run()
+    del course.plans["other"]
+    course.run()
+    assert course.driven == []
+    plans = [[drive.plan for drive in each.drives] for each in load_all(str(course.out))]
+    assert plans == 3 * [["plan"]]
+
+
 def test_a_student_who_left(course):
     course.run()
     ann = course.folder / "class" / "ann"
@@ -217,6 +229,22 @@ def test_merge(tmp_path, monkeypatch, capsys):
         "2 of 2 submissions passed" in printed.out
         and f"ann: that of {folders[1]} is used" in printed.err
     )
+
+
+def test_merge_of_submissions_that_could_not_be_run(tmp_path, monkeypatch):
+    """They know no plan, so the file of points cannot be compared with the plans."""
+    main = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))["main"]
+    monkeypatch.setenv("ROS_HOSTNAME", "localhost")
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.setitem(main.__globals__, "judges", lambda: ThreadPoolExecutor(1))
+    (tmp_path / "points.yaml").write_text("plans: {test_drive: {path: 3}}")
+    submission = SimpleNamespace(name="ann", students=())
+    grade = grading.not_graded(submission)._replace(fault="There is no node.", error="")
+    Store(str(tmp_path / "one")).save(Record(grade, ()))
+    words = ["--merge", "one", "--out", "all", "--points", "points.yaml"]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["grade.py", *words])
+    assert main() == 1
 
 
 def test_two_processes(tmp_path):

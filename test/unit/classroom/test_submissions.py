@@ -223,6 +223,17 @@ def test_several_paths(tmp_path, capsys):
         assert said in str(caught.value)
 
 
+def test_several_paths_of_an_export(tmp_path):
+    """A pattern such as export/* also names the metadata."""
+    fill(tmp_path / "export", EXPORT)
+    entries = sorted(os.listdir(tmp_path / "export"))
+    found = collected(tmp_path, *(f"export/{each}" for each in entries))
+    shutil.rmtree(tmp_path / "workspace")
+    one = collected(tmp_path, "export")
+    assert [each.students for each in found] == [each.students for each in one]
+    assert any(each.students for each in found)
+
+
 FOREIGN = {
     "Zoe\u0308": "Zoe-c106d1",  # the first digits of sha256sum
     "\u674e\u660e": "submission-aa2271",

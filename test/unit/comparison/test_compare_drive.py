@@ -98,7 +98,7 @@ def test_files(run, tmp_path):
     assert "% slower than predicted" in text.splitlines()[-1]
     car = car_from(Parameters({**read_profile(str(profile)), "noise": True}))
     assert car.speed_gain == pytest.approx(0.9, abs=0.05)
-    unchanged = ("wheelbase", "track", "speed_limit", "steering_gain")
+    unchanged = ("wheelbase", "track", "speed_limit", "steering_gain", "command_timeout")
     for name in unchanged:
         assert getattr(car, name) == getattr(NANO, name)
     assert car.speed_noise > 0.0

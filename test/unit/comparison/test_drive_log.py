@@ -116,3 +116,13 @@ def test_a_note_says_that_the_poses_end_before_the_commands():
     commands, poses = messages()
     (note,) = log_of(commands, part(poses, 51)).notes
     assert "the poses end 0.9 s before the commands" in note
+
+
+def test_of_two_commands_with_one_stamp_the_later_one_applies():
+    """As in the car: here a stop that ends the drive early."""
+    commands, poses = messages()
+    count = next(i for i, value in enumerate(commands.values) if value[1] < 0.0)
+    values = [*commands.values[:count], (0.0, 0.0)]
+    stamps = [*commands.stamps[:count], commands.stamps[count - 1]]
+    log = log_of(commands._replace(values=values, stamps=stamps, arrivals=stamps), poses)
+    assert sum(row.duration for row in log.plan.rows if row.speed) == from_seconds(1.9)

@@ -130,6 +130,16 @@ def test_a_drive_that_no_car_of_the_model_drives_is_a_misfit():
     assert not result.is_certain
 
 
+def test_a_misfit_after_the_last_command():
+    """The car is pushed after its drive of 4 s."""
+    plan = plan_of("0, 0, 0\n0.6, 0.1, 2\n0.6, -0.1, 2")
+    log = driven(plan, NANO._replace(**NOISE), random.Random(3), rate=5.0)
+    poses = log.poses.copy()
+    poses[:, 1] += np.clip(log.stamps / NANOSECONDS - 4.5, 0.0, 1.0)
+    text = diagnosis.sentence(log, fit(log._replace(poses=poses), NANO))
+    assert text.startswith("nothing known explains this drive: from 4.0 s on (the end), ")
+
+
 def test_two_centimetres_are_neither_a_misfit_nor_a_jump():
     """The car rolls on for 0.3 s after its stop, as a car with motion capture did."""
     plan = plan_of("0, 0, 0\n0.6, 0.1, 2\n0.6, -0.1, 2\n0.3, 0, 2")

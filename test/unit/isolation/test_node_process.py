@@ -51,6 +51,7 @@ def test_signal_in_bwrap():
     assert "killed by signal SIGHUP" in run("sh", "-c", "exit 129", has_namespaces=True)
     assert "exit status 128" in run("sh", "-c", "exit 128", has_namespaces=True)
     assert "exit status 137" in run("sh", "-c", "exit 137")
+    assert "killed by signal 35;" in run("sh", "-c", "kill -35 $$")  # it has no name
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,19 @@
 """Check what happens if the process of a replay, or the node, is killed."""
 
+import os
 import sys
 from types import SimpleNamespace
 
 import pytest
+import yaml
 
 from mushr_ros_intro.isolation.sandbox import Sandbox
+from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.replay import job
 from mushr_ros_intro.replay.job import Job, record
 from mushr_ros_intro.replay.own_process import KilledError, ReplayError
+from mushr_ros_intro.replay.setting import read_setting
+from support.paths import PACKAGE
 from support.recorded import PLAN, replay
 
 RIGHT = replay()
@@ -87,3 +92,18 @@ def test_hashes_are_the_same_in_each_run(tmp_path):
     command = job.sandboxed(replayed, str(tmp_path / "replay"), 5)
     assert "PYTHONHASHSEED=0" in command
     assert command[command.index("-c") + 2 :][:2] == ["5", str(node)]
+
+
+@pytest.mark.parametrize("name", ["week 3: slalom.txt", "plan #2.txt", "a'b.txt"])
+def test_the_node_gets_the_path_of_the_plan_as_text(tmp_path, name):
+    """rospy reads the values of arguments as YAML."""
+    (tmp_path / name).write_text("0,0,0\n1,0\n")
+    setting = read_setting(
+        PACKAGE, "ideal", "none", remap=(), tolerances={}, sandbox=Sandbox(), ros={}
+    )
+    replay = Job("node", ("/bin/true",), read_plan(str(tmp_path / name)), setting)
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    *_, argument = job.sandboxed(replay, str(folder))
+    path = yaml.safe_load(argument.partition(":=")[2])
+    assert os.path.dirname(path) == str(folder) and os.path.isfile(path)
