@@ -13,6 +13,7 @@ Example: rostest mushr_ros_intro replay.test plan_file:=test_drive
 import argparse
 import shlex
 import sys
+from contextlib import suppress
 from typing import List, Optional
 
 import rospy
@@ -68,7 +69,9 @@ def judge() -> Judgement:
     parameters = Parameters(given)
     values = parameters.read(PARAMETERS)
     exercise = _exercise(values["plan_file"], values["follow"])
-    words = shlex.split(values["publisher"])
+    words: List[str] = []
+    with suppress(ValueError):  # a quotation mark is missing
+        words = shlex.split(values["publisher"])
     if len(words) < 2:
         raise parameters.error("publisher", "'PACKAGE NODE [ARGUMENT...]'")
     position = values["position_tolerance"]

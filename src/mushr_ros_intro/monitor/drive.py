@@ -168,7 +168,15 @@ class PlannedDrive:
 
     @property
     def reaches_end(self) -> bool:
-        """Return whether the commands reach the end of the plan."""
+        """Return whether the commands reach the end of the plan.
+
+        A drive with the rows of the plan, but slower ones, also has to drive the last of them.
+        """
+        runs = self.drive.runs
+        is_same = all(part[:2] == run[:2] for part, run in zip(self._sections, runs))
+        left = self._sections[len(runs) :]
+        if is_same and any(each.speed or each.steering_angle for each in left):
+            return False
         return self.drive.newest + 2 * COMMAND_PERIOD >= self.begin + self._moving_end
 
     @property
@@ -188,6 +196,8 @@ class PlannedDrive:
             if section[:2] != run[:2]:
                 asked = f"the plan asks for {shown(section)} in {section.lines}"
                 return f"{asked}, but {shown(run)} came"
+            if run is runs[-1] and not run.moves:
+                break  # the stop at the end of the plan
             lasted, planned = then.begin - run.begin, section.end - section.begin
             if abs(lasted - planned) > COMMAND_PERIOD // 2:
                 text = f"the command of {section.lines} lasted {lasted / NANOSECONDS:.2f} s; the "

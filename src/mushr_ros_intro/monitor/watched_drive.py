@@ -20,7 +20,13 @@ from mushr_ros_intro.monitor.verdict import (
     verdict,
 )
 from mushr_ros_intro.ros import ros_time
-from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, from_seconds
+from mushr_ros_intro.stamps import (
+    COMMAND_PERIOD,
+    NANOSECONDS,
+    SETTLING,
+    STAMP_TOLERANCE,
+    from_seconds,
+)
 
 SILENCE = 1.5
 """A drive has ended if no command has moved the car for this time [s].
@@ -146,11 +152,12 @@ class WatchedDrive:
         """Return the verdict if the drive has ended, else None."""
         if self.planned and self.planned.is_complete:
             assert self.expected
-            waited = time.monotonic() - self._arrival
-            braking = (self.expected.rest - self.planned.plan.duration) / NANOSECONDS
+            braking = self.expected.rest - self.planned.plan.duration
+            rest = self.planned.end + braking
             report = settled(self.planned, self.expected)
             is_settled = report or not self.expected.is_placed or not self._car.last
-            if is_settled or waited > REPORT_TIMEOUT + braking + 1.0:
+            limit = REPORT_TIMEOUT + braking / NANOSECONDS + 1.0
+            if is_settled or self._has_passed(limit, rest + SETTLING + STAMP_TOLERANCE):
                 return self._judge(report)
         elif self._is_silent():
             return self._judge(None)
@@ -171,9 +178,13 @@ class WatchedDrive:
     def _is_silent(self) -> bool:
         pause = self.planned.longest_stop if self.planned else 0
         allowed = SILENCE + pause / NANOSECONDS
-        if time.monotonic() < self._arrival + allowed:
+        return self._has_passed(allowed, self.drive.newest + from_seconds(allowed))
+
+    def _has_passed(self, seconds: float, instant: int) -> bool:
+        """Return whether a time since the newest command, and an instant [ns], have passed."""
+        if time.monotonic() < self._arrival + seconds:
             return False
-        if ros_time.now() > self.drive.newest + from_seconds(allowed):
+        if ros_time.now() > instant:
             return True
         lost = self._car.lost_since  # then simulated time stands still
         return lost is not None and time.monotonic() > lost + REPORT_TIMEOUT

@@ -160,7 +160,8 @@ def _if_it_arrives(check: "_Check") -> "_Check":
     """Return a check that fails if the car does not stop at the end: it proves nothing then."""
 
     def judged(judgement: Judgement) -> Tuple[bool, str]:
-        if miss_of(judgement) > judgement.tolerances.position:
+        poses = judgement.recorded.poses
+        if miss_of(judgement) > judgement.tolerances.position or (poses == poses[0]).all():
             return False, "the car did not stop at the end of the path"
         return check(judgement)
 

@@ -255,7 +255,8 @@ def _map(judgement: Judgement) -> Tuple[bool, str]:
         return True, "there is no map"
     width, height = grid.width * grid.resolution, grid.height * grid.resolution
     size = f"{width:g} m x {height:g} m"
-    for pose in (Pose(*row) for row in judgement.recorded.poses):
+    recorded = judgement.recorded  # before its start, the car waits at the origin
+    for pose in (Pose(*row) for row in recorded.poses[placed_pose(recorded) :]):
         x, y, _ = grid.to_grid(pose)
         if not (0.0 <= x <= width and 0.0 <= y <= height):
             return False, f"the car left the map at {pose}; the map is {size}"

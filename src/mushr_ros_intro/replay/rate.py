@@ -1,6 +1,6 @@
 """Judge the rate of the commands of a replay, by their stamps or their arrival."""
 
-from typing import Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Tuple
 
 from mushr_ros_intro.replay.recording import MAX_SHIFT, Recorded, Run, Sent, matched, runs_of
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, STAMP_TOLERANCE
@@ -23,25 +23,27 @@ the last command of a row from the time at which the plan has it [ns]."""
 def judge_rate(recorded: Recorded) -> Tuple[Optional[bool], str]:
     """Judge whether each row has its number of commands, evenly spaced, by stamp or arrival."""
     runs, count, surplus, end = runs_of(recorded.plan), 0, 0, None
-    steps = span = planned = 0
+    commands: List[Sent] = []
+    span = planned = 0
     for run, group in matched(recorded):
         # If the last row of the plan is a stop, the final stop belongs to the same group.
-        extra = int(run == runs[-1] and run.speed == 0.0 and len(group) > run.expected)
-        surplus += len(group) - run.expected - extra
+        if run == runs[-1] and run.speed == 0.0 and len(group) > run.expected:
+            group.pop()
+        commands += group
+        surplus += len(group) - run.expected
         planned += run.duration
         fault = _stamp_fault(group) or _rate_fault(run, group, surplus)
         if not fault and end is not None and group[0].time - end > _LEAD_TOLERANCE:
             seconds = (group[0].time - end) / NANOSECONDS
             fault = f"its first command comes {seconds:.3g} s after the last one of {runs[count-1]}"
-        steps += len(group) - 1
-        span += group[-1].time - group[0].time
-        last = planned - run.duration + (len(group) - 1 - extra) * COMMAND_PERIOD
-        late = group[-1 - extra].time - recorded.begin - last
+        span = group[-1].time - recorded.begin
+        late = span - (planned - run.duration + (len(group) - 1) * COMMAND_PERIOD)
         if not fault and abs(late) > _SPAN_TOLERANCE and span:
             when = f"{abs(late) / NANOSECONDS:.3g} s {'late' if late > 0 else 'early'}"
+            period = span / (len(commands) - 1) / NANOSECONDS
             fault = (
                 f"its last command comes {when}: the commands come every "
-                f"{span / steps / NANOSECONDS:.4g} s; expected every 0.1 s, so that the times add "
+                f"{period:.4g} s; expected every 0.1 s, so that the times add "
                 "up to those of the plan"
             )
         if fault:
@@ -50,8 +52,8 @@ def judge_rate(recorded: Recorded) -> Tuple[Optional[bool], str]:
         count += 1
     if count < len(runs):
         return None, f"not judged: the commands of {runs[count]} did not arrive in the plan's order"
-    fault = _lead_fault(recorded.commands)
-    pace = f"{steps * NANOSECONDS / span:.3g} commands per second; " if span else ""
+    fault = _lead_fault(commands)
+    pace = f"{(len(commands) - 1) * NANOSECONDS / span:.3g} commands per second; " if span else ""
     limit = _SPAN_TOLERANCE / NANOSECONDS
     return not fault, fault or f"{pace}each row is as long as in the plan, tolerance {limit:g} s"
 

@@ -62,7 +62,7 @@ class Received:
         if self._begin is None:
             self.start = pose
         else:
-            self.start_delay = self.start_delay or now - self._begin
+            self.start_delay = self.start_delay or max(1, now - self._begin)
         return ""
 
     def add_command(self, msg: AckermannDriveStamped, now: int) -> None:

@@ -163,7 +163,9 @@ def runs_of(plan: Plan) -> List[Run]:
 def groups_of(recorded: Recorded) -> List[List[Sent]]:
     """Return the commands in groups of equal neighbours, without the stop at the end."""
     groups = [list(group) for _, group in groupby(recorded.commands, lambda sent: sent.values)]
-    if groups and groups[-1][0].speed == 0.0 and len(groups) == len(runs_of(recorded.plan)) + 1:
+    runs = runs_of(recorded.plan)
+    has_more = len(groups) == len(runs) + 1 and groups[-1][0].values != runs[-1][:2]
+    if has_more and groups[-1][0].speed == 0.0:
         groups.pop()
     return groups
 
@@ -190,6 +192,8 @@ def driven_plan(recorded: Recorded) -> Plan:
             left = sent[number].time
             if sent[number].speed == 0.0:
                 left = min(left, max(due + before, group[-1].time + COMMAND_PERIOD))
+        elif run.speed == 0.0:  # the length of a stop at the end changes nothing
+            left = due + before
         else:
             left = group[-1].time + run.duration - (run.expected - 1) * COMMAND_PERIOD
         shift = round((left - due) / _BORDER) * _BORDER

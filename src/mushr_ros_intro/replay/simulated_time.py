@@ -5,8 +5,8 @@ that a stamp of one of them is recognised. The program sleeps in this time with 
 `rospy.sleep`, `rospy.Rate` and `rospy.Timer`, and waits in it with the timeouts of threading,
 queue, select, selectors, asyncio and `rospy.wait_for_message`. A thread that reads the time, or
 counts the connections of a topic, again and again sleeps for POLL_PERIOD. Before ROS publishes the
-time, and after it has ended, the clocks advance by such sleeps only. The random numbers of `random`
-and `numpy.random` are the same in each run.
+time, and after it has ended, the clocks advance by such sleeps only. The functions of `random`
+and `numpy.random` give the same random numbers in each run; a generator without a seed does not.
 
 If several threads are due, each message on /clock wakes one of them, in the order of their due
 times. So the order does not depend on the load of the machine. The program writes to FILE, the

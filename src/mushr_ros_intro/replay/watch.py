@@ -10,7 +10,7 @@ from mushr_ros_intro.replay.following import EXTRA_TIME
 from mushr_ros_intro.replay.judge import STILL_SENDS
 from mushr_ros_intro.replay.pace import STEP, Pace
 from mushr_ros_intro.replay.received import CONTROL
-from mushr_ros_intro.replay.recording import Sent, count_leading_stops
+from mushr_ros_intro.replay.recording import MAX_SHIFT, Sent, count_leading_stops
 from mushr_ros_intro.replay.reference import Exercise, Reference
 from mushr_ros_intro.replay.world import ReplayWorld
 from mushr_ros_intro.stamps import NANOSECONDS
@@ -106,7 +106,7 @@ def has_followed(world: ReplayWorld) -> bool:
 def _has_driven(world: ReplayWorld, more: int) -> bool:
     """Return whether a plan has been driven, given by how many commands there are more."""
     stops = more > 0 and _are_stops(world.received.commands[-more:])
-    return stops or (more >= 0 and world.silence > DONE_AFTER)
+    return stops or (more >= -MAX_SHIFT and world.silence > DONE_AFTER)
 
 
 def _are_stops(commands: Sequence[Sent]) -> bool:
@@ -119,6 +119,7 @@ def _fault(world: ReplayWorld, exercise: Exercise, seconds: float) -> str:
     """Return why a node that has used `seconds` of its own time has failed; "" if it has not."""
     is_path, duration = isinstance(exercise, Reference), exercise.duration / NANOSECONDS
     limit, sent = MAX_TIMES[is_path] * duration + EXTRA_TIME, world.received.commands
+    sent = sent[next((index for index, each in enumerate(sent) if each.speed), len(sent)) :]
     kind = "path" if is_path else "plan"
     if sent and (sent[-1].time - sent[0].time) / NANOSECONDS > limit:
         return (

@@ -19,7 +19,7 @@ from nav_msgs.msg import OccupancyGrid
 from nav_msgs.srv import GetMap
 from rosgraph_msgs.msg import Clock
 
-from mushr_ros_intro.car.model import Car, State
+from mushr_ros_intro.car.model import Car, State, at_rest
 from mushr_ros_intro.geometry import ORIGIN
 from mushr_ros_intro.isolation.node_process import NodeProcess
 from mushr_ros_intro.isolation.threads import Threads
@@ -298,7 +298,9 @@ class ReplayWorld:
             car: the car.
             outcome: how the node failed; "" if it did not.
         """
-        states, received, master = self._car.corrected_states(), self.received, self._master
+        received, master = self.received, self._master
+        # A node that shuts down this process at once gets a verdict, too.
+        states = self._car.corrected_states() or [at_rest(self.now, ORIGIN)]
         contacts = [state.collision for state in states if state.collision]
         return Recorded(
             plan=plan,

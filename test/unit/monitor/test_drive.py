@@ -133,6 +133,23 @@ def test_the_car_is_placed_during_the_drive():
     assert drive.placed.pose.x == 0.02
 
 
+def test_a_plan_that_ends_with_a_stop():
+    """The stop of the plan, and that at its end, are one command."""
+    plan = parse_plan(b"0,0,0\n1,0.1\n1,0.1\n0,0,1\n", "plan.txt")
+    assert not driven(sent((1, 0.1, 2000), (0, 0, 1000)), plan).difference()
+
+
+def test_a_slow_drive_ends_with_its_last_row():
+    """The stop of row 21 comes when the whole plan would have been driven."""
+    rows = [(1, 0.1), (1, -0.1)] * 10 + [(0, 0), (-1, 0)]
+    text = "0,0,0\n" + "\n".join(f"{speed},{angle}" for speed, angle in rows)
+    plan = parse_plan(text.encode(), "plan.txt")
+    slow = sent(*((speed, angle, 1100) for speed, angle in rows))
+    is_complete = [driven(slow[:count], plan).is_complete for count in range(1, len(slow) + 1)]
+    assert is_complete.index(True) == len(slow) - 1
+    assert "line 2 lasted 1.10 s" in driven(slow, plan).difference()
+
+
 @pytest.mark.parametrize(
     ("poses", "stands"),
     [([], False), ([1], False), ([1, 1.1], False), ([1.1, 1, 1], True), ([1, 1, 1.1], False)],

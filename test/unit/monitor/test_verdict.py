@@ -1,9 +1,12 @@
 """Test how a drive is judged, with commands and reports that a test makes."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from mushr_ros_intro.car.model import Car, Command
 from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.monitor import watched_drive
 from mushr_ros_intro.monitor.drive import Drive, PlannedDrive, Report
 from mushr_ros_intro.monitor.expectation import Expectation
 from mushr_ros_intro.monitor.verdict import Observed, settled, start_fault, verdict
@@ -193,3 +196,28 @@ def test_when_the_car_has_come_to_rest(reports, found):
         drive.drive.report(Report(BEGIN + stamp * MS, pose))
     report = settled(drive, expected())
     assert (report and (report.stamp - BEGIN) // MS) == found
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.1])
+def test_a_slow_clock_changes_no_verdict(monkeypatch, factor):
+    """The car reports a wrong pose all the time."""
+    now = BEGIN
+    monkeypatch.setattr(watched_drive.ros_time, "now", lambda: now)
+    monkeypatch.setattr(watched_drive.time, "monotonic", lambda: now / 1e9 / factor)
+    commands = [
+        Command(BEGIN + i * 100 * MS, row.speed, row.steering_angle)
+        for i, row in enumerate(row for row in PLAN.rows for _ in range(10))
+    ]
+    start = Report(BEGIN - 10 * MS, PLAN.start)
+    car = SimpleNamespace(before=lambda _: [start], last=start, lost_since=None)
+    watched = watched_drive.WatchedDrive(commands[0], car)
+    watched.identified(expected())
+    for command in [*commands[1:], Command(BEGIN + 2000 * MS, 0.0, 0.0)]:
+        now = command.stamp
+        watched.add(command)
+    result = None
+    while not result:
+        now += 20 * MS
+        watched.begins_again(Report(now, AWAY))
+        result = watched.ended()
+    assert f"after the plan, the car was at {AWAY}" in result.lines[0]

@@ -237,3 +237,10 @@ def test_the_nearest_point_is_near_along_the_path():
     assert len(found.driven) == len(seen.poses) - 100
     assert found.predicted[0] == pytest.approx([0, 0, 0], abs=0.02)
     assert math.dist(found.predicted[-1][:2], found.driven[-1][:2]) < 0.02
+
+
+def test_a_controller_that_never_moves():
+    """Also if the tolerance covers the whole path."""
+    seen = drive("wave", part=0.0)
+    seen = seen._replace(sent=(Sent(recorded.BEGIN, True, 0.0, 0.0, recorded.BEGIN, 0),))
+    assert {"time", "smoothness"} <= set(failed(seen, position=1000.0))

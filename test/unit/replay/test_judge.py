@@ -697,3 +697,64 @@ def test_a_car_that_deviates(part, shift, messages):
 def test_pose(pose, angle, is_right, said):
     passed, difference = compare(Pose(*pose), Pose(1.0, 2.0, math.pi), 0.2, angle)
     assert passed == is_right and said in difference
+
+
+LATE_ROW = [(2.0, 0.18, 1.0), (2.0, -0.18, 1.0), (2.0, 0.0, 5.0), (0.0, 0.0, 1.0)]
+
+
+@pytest.mark.parametrize("stop", [[STOP], []])
+def test_a_row_that_is_longer_in_a_plan_that_ends_with_a_stop(stop):
+    rows = [(*LATE_ROW[0][:2], 1.1), *LATE_ROW[1:]]
+    plan = recorded.plan_of((0, 0, 0), LATE_ROW)
+    poses = replay(recorded.plan_of((0, 0, 0), rows)).poses[: len(replay(plan).poses)]
+    assert judged(replay(plan, commands([*rows, *stop]), poses=poses))[0] == {}
+
+
+@pytest.mark.parametrize("rows", [STANDING[:1], STANDING])
+def test_a_final_stop_may_come_late(rows):
+    *sent, stop = commands([*rows, STOP])
+    stop = moved([stop], [10 * TENTH])[0]
+    assert judged(replay(recorded.plan_of((0, 0, 0), rows), [*sent, stop]))[0] == {}
+
+
+def test_a_final_stop_with_an_old_stamp():
+    """A node that sends its last message again."""
+    *sent, stop = COMMANDS
+    stop = stop._replace(
+        time=sent[-1].time, stamp=sent[-1].stamp, arrived=sent[-1].arrived + 4 * TENTH
+    )
+    assert judged(replay(sent=[*sent, stop]))[0] == {}
+
+
+def test_pauses_between_rows():
+    """The mean period contains them."""
+    rows = 3 * [(2.0, 0.1, 1.0), (1.0, -0.1, 1.0)]
+    sent = commands(rows)
+    sent = moved(sent, [number // 10 * TENTH for number in range(len(sent))])
+    failed, _ = judged(replay(recorded.plan_of((0, 0, 0), rows), sent))
+    assert "row 4 (1 s): its last command comes 0.3 s late" in failed["rate"]
+    assert f"come every {4.2 / 39:.4g} s; expected every 0.1 s" in failed["rate"]
+
+
+def test_a_map_without_the_origin():
+    """Before its start pose, the car waits at the origin."""
+    seen = replay(grid=map_of(20, 20, Pose(0.5, 0.5, 0.0)))
+    poses = seen.poses.copy()
+    poses[:3] = 0.0
+    assert judged(seen._replace(poses=poses))[0] == {}
+
+
+def test_the_start_pose_as_a_row_of_a_plan_that_ends_with_a_stop():
+    rows = [(2.0, 0.1, 1.0), (1.0, -0.1, 1.0), (0.0, 0.0, 1.0)]
+    sent = commands([(1.0, 2.0, 1.0), *rows, STOP])
+    failed, _ = judged(replay(recorded.plan_of((1.0, 2.0, 0.5), rows), sent))
+    assert "The first command is the start pose" in failed["commands"]
+
+
+def test_a_start_pose_with_the_first_command():
+    """They can arrive at the same instant, because the clock stands while a node computes."""
+    received, command = Received(), AckermannDriveStamped()
+    command.drive.speed = 1.0
+    received.add_command(command, BEGIN)
+    received.add_initial_pose(pose_msg(1.0), BEGIN)
+    assert received.start_delay and not received.start

@@ -160,3 +160,30 @@ def test_a_car_that_has_not_driven_yet(sent):
     standing = 300 * [SimpleNamespace(pose=0)]
     world = SimpleNamespace(received=received, now=3 * watch.REST, states=standing)
     assert not watch.has_followed(world)
+
+
+def test_a_node_that_sends_one_command_less_and_no_stop():
+    """The checks allow both, so it has driven the plan."""
+    world = World(commands()[:-1])
+    assert world.watch(PLAN) == ""
+    assert world.silence == pytest.approx(watch.DONE_AFTER, abs=0.06)
+
+
+class Stopping(World):
+    """The same, but the node has sent stops for a minute before the plan."""
+
+    def observe(self, pace, left):
+        more = commands()
+        self.silence += 0.05
+        if self.count < 600 + len(more):
+            self.received.commands.append(more[self.count - 600])
+            self.count, self.silence = self.count + 1, 0.0
+
+
+def test_stops_before_the_plan_are_no_part_of_the_drive():
+    first = commands()[0]
+    stops = [
+        first._replace(speed=0.0, steering_angle=0.0, time=first.time - COMMAND_PERIOD * number)
+        for number in range(600, 0, -1)
+    ]
+    assert Stopping(stops).watch(PLAN) == ""
