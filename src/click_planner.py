@@ -82,8 +82,8 @@ class ClickPlanner:
         self._plan: Optional[Plan] = None
         self._car_pose: Optional[Pose] = None
         """The latest one since the car was placed."""
-        self._placed_at: Optional[Pose] = None
-        """The start pose that the car has not reported yet; older reports may still arrive."""
+        self._placed = 0
+        """The stamp of the last start pose [ns]; older reports of the car may still arrive."""
 
         self._path_pub = rospy.Publisher("~path", Path, queue_size=1, latch=True)
         self._publish_path()
@@ -102,22 +102,23 @@ class ClickPlanner:
 
     @conversions.ignore_bad_messages
     def _on_start(self, msg: PoseWithCovarianceStamped) -> None:
-        pose = conversions.initial_pose_from_msg(msg).pose
+        stamp, pose, _ = conversions.initial_pose_from_msg(msg)
         with self._lock:
             # path_publisher sends the start pose of the plan that it drives: keep that plan.
             if self._plan is not None and pose.is_close_to(self._plan.start, SAME_POSE):
                 return
             if not self._file.is_saved(self._plan):
                 rospy.logwarn("new start pose: the clicks before it were not saved")
-            self._plan, self._car_pose, self._placed_at = Plan("", pose, ()), None, pose
+            self._plan, self._car_pose = Plan("", pose, ()), None
+            self._placed = ros_time.received_stamp(stamp)
             self._publish_path()
 
     @conversions.ignore_bad_messages
     def _on_car_pose(self, msg: PoseStamped) -> None:
-        pose = conversions.initial_pose_from_msg(msg).pose
+        stamp, pose, _ = conversions.initial_pose_from_msg(msg)
         with self._lock:
-            if self._placed_at is None or pose.is_close_to(self._placed_at, SAME_POSE):
-                self._car_pose, self._placed_at = pose, None
+            if ros_time.received_stamp(stamp) >= self._placed:
+                self._car_pose = pose
 
     @conversions.ignore_bad_messages
     def _on_point(self, msg: PointStamped) -> None:

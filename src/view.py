@@ -9,6 +9,7 @@ import os
 import sys
 
 from mushr_ros_intro.paths import package_folder
+from mushr_ros_intro.ros.commands import as_typed
 
 USAGE = "usage: view.py CAR_NAME [options of rviz]"
 
@@ -31,9 +32,10 @@ def main() -> None:
         sys.exit(USAGE)
     car_name = sys.argv[1].strip("/")
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        command = as_typed("roslaunch mushr_ros_intro web.launch")
         sys.exit(
             "view.py: DISPLAY is not set; expected a display for the window of rviz. "
-            "To see the car in a browser, type: roslaunch mushr_ros_intro web.launch"
+            f"To see the car in a browser, type: {command}"
         )
     path = package_folder("rviz/default.rviz")
     if car_name != "car":

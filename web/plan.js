@@ -224,7 +224,7 @@ export function stopPlan() {
 }
 buttons.stop.onclick = stopPlan;
 buttons.stop.onpointerdown = stopPlan; // a finger that rests on a button makes no click
-names.onfocus = () => listPlans(names.value);
+names.onfocus = () => server.state && listPlans(names.value);
 names.onchange = async () => {
   // What an earlier drive has published does not belong to this plan.
   if (!drive?.running) view.set({ predicted: [] });

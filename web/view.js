@@ -237,6 +237,7 @@ function resize() {
   back.width = (width + 2 * MARGIN) * ratio;
   back.height = (height + 2 * MARGIN) * ratio;
   view.set({ width, height, ratio });
+  view.isBackOld = true;
   draw(); // at once: the new size has cleared the canvas
 }
 resize();

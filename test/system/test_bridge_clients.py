@@ -326,6 +326,8 @@ def test_what_foxglove_asks_for(sim):
     for args in (pose_rate, {**pose_rate, "default": "1"}, [pose_rate["name"]]):
         assert client.call("/rosapi/get_param", args) == (True, {"value": "50.0"}), args
     assert client.call("/rosapi/get_param", {"name": "/no"}) == (True, {"value": "null"})
+    unlimited = {"name": "/car/car_sim/speed_limit"}  # JSON has no infinity
+    assert client.call("/rosapi/get_param", unlimited) == (True, {"value": "null"})
     assert client.call("/rosapi/get_param", ["/no", "1"]) == (True, {"value": "1"})
     assert pose_rate["name"] in client.call("/rosapi/get_param_names")[1]["names"]
     client.close()

@@ -188,6 +188,16 @@ def test_move_view(page):
     assert max(most for _, most in differences.getextrema()) < 16, "only rounded colours differ"
 
 
+def test_a_size_that_differs_by_less_than_a_pixel(page):
+    """The browser clears the canvas all the same."""
+    before = seen(page, "wall", "unknown")
+    page.run("window.mushr.view.canvas.style.width = 'calc(100% - 0.3px)'")
+    page.wait(lambda: not page.run("return window.mushr.view.request"), "the next frame")
+    after = seen(page, "wall", "unknown")
+    page.run("window.mushr.view.canvas.style.width = ''")
+    assert min(after) > 0 and after == before
+
+
 def test_keys(page):
     place(page, 1.0, 0.0, 0.0)
     page.find("view").click()

@@ -137,6 +137,12 @@ def test_arguments_of_mushrs_launch_files():
         assert ("/ten/car_sim/y" in found) == ("car2_name:=ten" in arguments)
 
 
+def test_the_port_of_the_page_in_mushrs_launch_files():
+    arguments = ["web:=true", "web_port:=9091", "web_address:=0.0.0.0"]
+    found = parameters_of("underlay/mushr_sim/launch/teleop.launch", arguments)
+    assert (found["/web_view/port"], found["/web_view/address"]) == (9091, "0.0.0.0")
+
+
 def test_the_page_says_which_of_mushrs_files_exist():
     """The names are those of MuSHR's branches master and noetic."""
     rows = re.findall(r"^\| `(mushr_\w+)` \| (.*) \| (.*) \|$", read("docs/teach.md"), re.M)

@@ -30,7 +30,7 @@ def refusal(
         secret: the token that any other page needs.
     """
     name = _host_name(host)
-    if name not in (*LOCAL_HOSTS, *hosts):
+    if name not in (*LOCAL_HOSTS, *map(str.lower, hosts)):  # a URL has it in lower case
         return f"the host {name!r} is not a name of this server; expected one of its ~hosts"
     if origin in (None, f"http://{host}"):
         return ""

@@ -65,6 +65,8 @@ def to_values(value: Any) -> Any:
         if value and isinstance(value[0], int):
             return value  # quickly, because a map has millions
         return [to_values(each) for each in value]
+    if isinstance(value, dict):  # of the parameter server
+        return {name: to_values(each) for name, each in value.items()}
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, bytes):

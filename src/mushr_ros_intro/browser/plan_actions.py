@@ -9,7 +9,11 @@ from mushr_ros_intro.browser.plan_drive import PlanDrive
 from mushr_ros_intro.browser.server import Action
 from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
+from mushr_ros_intro.simulator.car_parameters import (
+    COLLISION,
+    FOOTPRINTS,
+    simulated_car_parameters,
+)
 
 
 class PlanActions:
@@ -51,7 +55,8 @@ class PlanActions:
             parameters = simulated_car_parameters(self._parameters["car_name"], must_run=True)
         except OSError as error:
             raise UserError(rosapi.no_answer(error)) from None
-        return plans.describe(name, path, "car", car_from(parameters), self._map.grid)
+        footprint = FOOTPRINTS[parameters.get(COLLISION)]
+        return plans.describe(name, path, "car", car_from(parameters), self._map.grid, footprint)
 
     async def _path(self, name: Any) -> str:
         """Return the path of a plan; raise a LookupError if there is none with this name."""

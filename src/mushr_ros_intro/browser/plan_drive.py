@@ -150,6 +150,7 @@ class PlanDrive:
     ) -> None:
         """Note that a drive has begun; needs the lock."""
         self._process, self._plan, self._written = process, plan, written
+        self._is_elsewhere = process is None
         self._begun = time.time()
         self._is_stopped = False
 

@@ -11,6 +11,7 @@ from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Fault, PlanError, shortest_decimal
 from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.stamps import NANOSECONDS
+from mushr_ros_intro.world.footprint import BODY, Footprint
 
 SUFFIX = ".txt"
 
@@ -60,14 +61,16 @@ def name_of(path: str, folders: Sequence[str]) -> Optional[str]:
     return None if is_other else name
 
 
-def describe(name: str, path: str, car_name: str, car: Car, grid: Any) -> Dict[str, Any]:
+def describe(
+    name: str, path: str, car_name: str, car: Car, grid: Any, footprint: Footprint = BODY
+) -> Dict[str, Any]:
     """Check a plan with a car, and on a map (a `Grid`) if there is one."""
     try:
         plan = read_plan(path)
     except PlanError as error:
         nothing: Dict[str, Any] = {"start": None, "rows": [], "row_count": 0, "path": []}
         return {"name": name, **nothing, **_faults(error.faults)}
-    report = check(plan, car_name, car, "the map" if grid else "", grid)
+    report = check(plan, car_name, car, "the map" if grid else "", grid, footprint)
     step = -(-len(report.states) // MAX_PATH_POINTS)
     states = [*report.states[:-1:step], report.states[-1]]
     return {

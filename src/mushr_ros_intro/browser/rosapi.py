@@ -10,7 +10,7 @@ import rospy
 
 from mushr_ros_intro.browser.messages import to_values
 from mushr_ros_intro.ros.conversions import MessageError
-from mushr_ros_intro.ros.xmlrpc_client import ask
+from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
 from mushr_ros_intro.stamps import CALL_TIMEOUT
 
 PREFIX = "/rosapi/"
@@ -108,7 +108,9 @@ def _get_param(name: str, default: str = "") -> Values:
         value = rospy.get_param(name)
     except KeyError:
         return {"value": default or "null"}
-    return {"value": json.dumps(value, default=str)}
+    except OSError as error:
+        raise CallError(no_answer(error)) from None
+    return {"value": json.dumps(to_values(value), default=str)}
 
 
 def _get_time() -> Values:

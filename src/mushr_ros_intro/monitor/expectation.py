@@ -21,10 +21,15 @@ from mushr_ros_intro.preview.limits import slowed
 from mushr_ros_intro.preview.report import Report, check
 from mushr_ros_intro.ros import conversions, ros_time
 from mushr_ros_intro.ros.connections import is_published
-from mushr_ros_intro.simulator.car_parameters import EXPECTS_MAP, simulated_car_parameters
+from mushr_ros_intro.simulator.car_parameters import (
+    COLLISION,
+    EXPECTS_MAP,
+    FOOTPRINTS,
+    simulated_car_parameters,
+)
 from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, NANOSECONDS
 from mushr_ros_intro.wording import counted
-from mushr_ros_intro.world.footprint import World
+from mushr_ros_intro.world.footprint import BODY, Footprint, World
 from mushr_ros_intro.world.grid import Grid
 
 
@@ -122,7 +127,8 @@ class Expectations:
             parameters = Parameters(read_profile(path), "~car: ")
         car = car_from(parameters)
         grid = read_walls(simulated.get(EXPECTS_MAP), is_placed)
-        report, states = predict(slow_plan, self._profile or "car", car, grid)
+        footprint = FOOTPRINTS[simulated.get(COLLISION)]
+        report, states = predict(slow_plan, self._profile or "car", car, grid, footprint)
         for line in fault_lines([*changes, *report.faults]):
             rospy.logwarn("%s", line)
         distance = report.length if states is report.states else None
@@ -131,7 +137,11 @@ class Expectations:
 
 
 def predict(
-    plan: Plan, car_name: str, car: Car, grid: Optional[Grid]
+    plan: Plan,
+    car_name: str,
+    car: Car,
+    grid: Optional[Grid],
+    footprint: Footprint = BODY,
 ) -> Tuple[Report, Sequence[State]]:
     """Return the check of a plan, and the predicted states from the first command to the rest.
 
@@ -143,11 +153,12 @@ def predict(
         car_name: the name of the car in messages.
         car: the car.
         grid: the map, or None.
+        footprint: what walls stop.
     """
-    report = check(plan, car_name, car, grid=grid)
+    report = check(plan, car_name, car, grid=grid, footprint=footprint)
     if not report.collision and not car.has_command_noise:
         return report, report.states
-    world = World(grid) if grid and report.collision else None
+    world = World(grid, footprint) if grid and report.collision else None
     return report, tuple(prediction.trajectory(plan, car, world))
 
 

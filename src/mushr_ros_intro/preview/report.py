@@ -13,6 +13,7 @@ from mushr_ros_intro.plan.plan import Fault, Plan
 from mushr_ros_intro.preview.limits import Step, limit_faults, ramp_faults
 from mushr_ros_intro.preview.prediction import Leg, legs_of, sampled
 from mushr_ros_intro.preview.walls import map_fault
+from mushr_ros_intro.world.footprint import BODY, Footprint
 from mushr_ros_intro.world.grid import Grid
 
 
@@ -56,11 +57,16 @@ class Report(NamedTuple):
 
 
 def check(
-    plan: Plan, car_name: str, car: Car, map_name: str = "", grid: Optional[Grid] = None
+    plan: Plan,
+    car_name: str,
+    car: Car,
+    map_name: str = "",
+    grid: Optional[Grid] = None,
+    footprint: Footprint = BODY,
 ) -> Report:
     """Check a plan against the limits of a car without its noise, and against a map, if any.
 
-    The plan is simulated once. The names of car and map are for messages.
+    The plan is simulated once. The names of car and map are for messages; walls stop the footprint.
     """
     car = car._replace(speed_noise=0.0, steering_noise=0.0)
     legs = list(legs_of(plan, car))
@@ -68,7 +74,7 @@ def check(
     faults = [*limit_faults(plan, car_name, car), *ramp_faults(plan, steps, car_name, car)]
     collision = None
     if grid is not None:
-        fault, collision = map_fault(plan, legs, car, grid)
+        fault, collision = map_fault(plan, legs, car, grid, footprint)
         faults += [fault] if fault else []
     if collision is not None:
         last = next(index for index, leg in enumerate(legs) if leg.end >= collision.stamp)

@@ -81,7 +81,7 @@ def spread(plan: Plan, car: Car, runs: int, seed: int) -> Spread:
             f"expected {MAX_CAR_COMMANDS} at most, so fewer --runs"
         )
     errors = Errors()
-    if car.has_command_noise:
+    if car.has_command_noise or car.speed_gain_spread or car.steering_offset_spread:
         errors = START_ERRORS._replace(
             speed_scale=car.speed_gain_spread / car.speed_gain,
             steering_offset=car.steering_offset_spread,

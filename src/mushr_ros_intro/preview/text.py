@@ -101,7 +101,9 @@ def _spread_text(report: Report, spread: Spread) -> Iterator[str]:
         yield f"  the {report.car_name} car has no errors, so all runs end in the same place"
         return
     yield ""
-    for title, values in (("mean", spread.poses.mean(0)), ("deviation", spread.poses.std(0))):
+    mean = spread.poses.mean(0)
+    mean[2] = math.remainder(mean[2], math.tau)
+    for title, values in (("mean", mean), ("deviation", spread.poses.std(0))):
         x, y, theta = map(_near, values.tolist())
         yield f"  {title:15} x {x} m, y {y} m, theta {theta} rad"
     most, rms = np.percentile(spread.distances, 95), math.sqrt(np.mean(spread.distances**2))

@@ -9,6 +9,7 @@ _PUBLISHER = "roslaunch mushr_ros_intro path_publisher.launch plan_file:="
 
 STAND_INS = (
     ("roslaunch mushr_ros_intro sim.launch", "roslaunch mushr_sim teleop.launch"),
+    ("roslaunch mushr_ros_intro web.launch", "roslaunch mushr_sim teleop.launch web:=true"),
     (_PUBLISHER, "rosrun mushr_sim path_publisher.py _plan_file:="),
     ("rosrun mushr_ros_intro ", "rosrun mushr_sim "),
 )

@@ -2,10 +2,18 @@
 
 import rospy
 
-from mushr_ros_intro.parameters import Parameters, flag
+from mushr_ros_intro.parameters import Parameters, choice, flag
 from mushr_ros_intro.ros.connections import is_alive
+from mushr_ros_intro.world.footprint import BODY, POINT
 
 EXPECTS_MAP = flag("expects_map", False, "the car is ready only when it has received a map")
+FOOTPRINTS = {"body": BODY, "point": POINT}
+COLLISION = choice(
+    "collision",
+    tuple(FOOTPRINTS),
+    "body",
+    "what walls stop: the car's body, or the point at its rear axle",
+)
 
 
 def simulated_car_parameters(car_name: str, must_run: bool = False) -> Parameters:

@@ -12,12 +12,12 @@ from rospy.numpy_msg import numpy_msg
 from mushr_ros_intro.car.model import Car, Event
 from mushr_ros_intro.car.profile import CAR_PARAMETERS, car_of
 from mushr_ros_intro.geometry import MAX_COORDINATE, ORIGIN, Pose
-from mushr_ros_intro.parameters import Values, choice, flag, number, text
+from mushr_ros_intro.parameters import Values, flag, number, text
 from mushr_ros_intro.ros import conversions, node
 from mushr_ros_intro.ros.connections import has_live_publisher, wait_until_connected
 from mushr_ros_intro.simulator import sim_clock
 from mushr_ros_intro.simulator.car_core import CarCore
-from mushr_ros_intro.simulator.car_parameters import EXPECTS_MAP
+from mushr_ros_intro.simulator.car_parameters import COLLISION, EXPECTS_MAP, FOOTPRINTS
 from mushr_ros_intro.simulator.state_publisher import StatePublisher
 from mushr_ros_intro.stamps import (
     NANOSECONDS,
@@ -25,10 +25,9 @@ from mushr_ros_intro.stamps import (
     STAMP_TOLERANCE,
     from_seconds,
 )
-from mushr_ros_intro.world.footprint import POINT, Footprint, World, is_free
+from mushr_ros_intro.world.footprint import World, is_free
 
 FACTOR = "speed of simulated time relative to wall-clock time; 0 is lock-step"
-COLLISION = "what walls stop: the car's body, or the point at its rear axle"
 
 
 class CarSim:
@@ -51,7 +50,7 @@ class CarSim:
         number("real_time_factor", 1.0, "", 0.0, 1e6, FACTOR),
         EXPECTS_MAP,
         text("profile", None, "name of the car, for the log"),
-        choice("collision", ("body", "point"), "body", COLLISION),
+        COLLISION,
         node.FRAME_PREFIX,
         flag("publish_map_to_odom", True, "publish the transform from the map to the odometry"),
         flag("mushr_interface", False, "offer the topics and services of MuSHR's simulator, too"),
@@ -75,7 +74,7 @@ class CarSim:
         described = values["profile"] or "without a profile", car
         time = self.clock.description
         rospy.loginfo("car %s: %s; pose rate %g Hz; time: %s", *described, pose_rate, time)
-        self._footprint = POINT if values["collision"] == "point" else Footprint()
+        self._footprint = FOOTPRINTS[values["collision"]]
         now = self.clock.read()
         tolerance = SIMULATED_STAMP_TOLERANCE if publishes_clock else STAMP_TOLERANCE
         self._core = CarCore(car, start, now, rospy.logwarn_throttle, tolerance)

@@ -35,6 +35,9 @@ class Footprint(NamedTuple):
     """Distance from the middle to each side [m]."""
 
 
+BODY = Footprint()
+"""The car's body."""
+
 POINT = Footprint(1e-6, 1e-6, 1e-6)
 """The rear axle alone, as in MuSHR's simulator. A point without size can be between two cells."""
 

@@ -17,7 +17,7 @@ from mushr_ros_intro.browser.access import refusal
     ],
 )
 def test_allowed(host, origin, token):
-    assert not refusal(host, origin, token, ["lab.example"], "secret")
+    assert not refusal(host, origin, token, ["Lab.example"], "secret")
 
 
 @pytest.mark.parametrize(
@@ -36,4 +36,4 @@ def test_allowed(host, origin, token):
     ],
 )
 def test_refused(host, origin, token, message):
-    assert refusal(host, origin, token, ["lab.example"], "secret").startswith(message)
+    assert refusal(host, origin, token, ["Lab.example"], "secret").startswith(message)

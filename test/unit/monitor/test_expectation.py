@@ -11,6 +11,7 @@ from mushr_ros_intro.monitor.expectation import predict, read_walls
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.ros import conversions
+from mushr_ros_intro.world.footprint import BODY, POINT
 from mushr_ros_intro.world.grid import Grid
 
 PLAN = parse_plan(b"0,0,0\n1,0.1\n1,-0.1\n-1,0\n", "plan.txt")
@@ -52,6 +53,17 @@ def test_with_a_wall_or_noise_a_plan_is_simulated_twice(car, grid, begun):
     assert bool(report.collision) == (grid is ROOM)
     assert states[-1].pose != report.final_pose
     assert states[-1].stamp == PLAN.duration
+
+
+def test_walls_stop_only_the_point_at_the_rear_axle():
+    """As in MuSHR's simulator: a wall 0.1 m beside the path stops the body only."""
+    cells = np.zeros((80, 80), np.int8)
+    cells[41:, 50:] = 100
+    plan = parse_plan(b"0,0,0\n1,0\n1,0\n", "plan.txt")
+    grid = Grid(cells, FREE.resolution, FREE.origin)
+    ends = [predict(plan, "car", Car(), grid, each)[1][-1].pose.x for each in (BODY, POINT)]
+    assert ends[0] < 1.0 and ends[1] == pytest.approx(2.0)
+    assert predict(plan, "car", Car(), grid, POINT)[0].faults == ()
 
 
 @pytest.fixture

@@ -372,6 +372,14 @@ def test_the_text_on_the_spread():
     assert "  the ideal car has no errors, so all runs end in the same place" in text
 
 
+def test_the_mean_heading_is_shown_as_the_final_one():
+    """From -pi to pi."""
+    report = checked("0,0,3.1\n1,0.2,1\n")
+    text = list(as_text(report, spread(report.plan, Car(steering_noise=0.01), 50, 3)))
+    shown = [re.search(r"theta (-?[\d.]+) rad", each)[1] for each in text if "theta -" in each]
+    assert len(shown) == 2 and float(shown[0]) == pytest.approx(float(shown[1]), abs=0.05)
+
+
 @pytest.fixture(name="run")
 def _run(monkeypatch, capsys, tmp_path):
     """Return a function that runs the program in a folder; it returns (status, output, errors)."""

@@ -161,6 +161,12 @@ def test_the_errors_are_those_of_the_car_and_of_placing_it():
     assert (result.poses == drive(plan, result.errors, RUNS, 3, car)).all()
 
 
+def test_a_car_that_only_differs_between_drives():
+    car = IDEAL._replace(speed_gain_spread=0.05, steering_offset_spread=0.02)
+    errors = spread(plan_named("circle"), car, 10, 1).errors
+    assert (errors.speed_scale, errors.steering_offset) == (0.05, 0.02)
+
+
 def test_the_planned_pose_and_distance_are_those_of_the_car_without_errors():
     """It turns round after 1 m at 2 m/s^2, and rolls out for 1 m."""
     plan = plan_of("0, 0, 0\n2, 0, 3\n-2, 0.1, 2")

@@ -11,6 +11,7 @@ from mushr_ros_intro.ros.commands import as_typed, drive_command
     "text, expected",
     [
         ("roslaunch mushr_ros_intro sim.launch", "roslaunch mushr_sim teleop.launch"),
+        ("roslaunch mushr_ros_intro web.launch", "roslaunch mushr_sim teleop.launch web:=true"),
         ("a, rosrun mushr_ros_intro doctor.py b", "a, rosrun mushr_sim doctor.py b"),
         (drive_command("car"), "rosrun mushr_sim path_publisher.py _plan_file:=figure_8"),
         (
