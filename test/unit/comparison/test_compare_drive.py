@@ -9,7 +9,8 @@ import pytest
 
 from mushr_ros_intro.car.profile import car_from, read_profile
 from mushr_ros_intro.comparison.drive_log import drive_log
-from mushr_ros_intro.comparison.profile_file import vesc_text
+from mushr_ros_intro.comparison.fit import Combined
+from mushr_ros_intro.comparison.profile_file import vesc_text, write_profile
 from mushr_ros_intro.parameters import Parameters
 from support.cars import CARS, plan_of
 from support.paths import PACKAGE
@@ -98,7 +99,7 @@ def test_files(run, tmp_path):
     assert "% slower than predicted" in text.splitlines()[-1]
     car = car_from(Parameters({**read_profile(str(profile)), "noise": True}))
     assert car.speed_gain == pytest.approx(0.9, abs=0.05)
-    unchanged = ("wheelbase", "track", "speed_limit", "steering_gain", "command_timeout")
+    unchanged = ("wheelbase", "track", "speed_limit", "steering_gain")
     for name in unchanged:
         assert getattr(car, name) == getattr(NANO, name)
     assert car.speed_noise > 0.0
@@ -171,3 +172,11 @@ def test_wrong_arguments(run, arguments, expected):
     assert "written" not in text
     assert expected in errors
     assert errors.count("\n") == 1
+
+
+def test_a_fitted_profile_keeps_the_other_numbers(tmp_path):
+    path = str(tmp_path / "my_car.yaml")
+    slow = NANO._replace(command_timeout=500_000_000)
+    write_profile(path, Combined(slow, {}, {}), "mushr_nano.yaml", ["a.bag"])
+    car = car_from(Parameters({**read_profile(path), "noise": True}))
+    assert car._replace(seed=slow.seed) == slow
