@@ -19,6 +19,7 @@ from mushr_ros_intro.plan.plan import MAX_SPEED, MAX_STEERING_ANGLE, Plan
 from mushr_ros_intro.preview.prediction import trajectory
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
+from mushr_ros_intro.stamps import STAMP_TOLERANCE
 
 DEFAULT_STEERING_LIMIT = 0.34
 """For a car whose profile has no limit [rad]; the one of MuSHR's teleop."""
@@ -117,7 +118,8 @@ class ClickPlanner:
     def _on_car_pose(self, msg: PoseStamped) -> None:
         stamp, pose, _ = conversions.initial_pose_from_msg(msg)
         with self._lock:
-            if ros_time.received_stamp(stamp) >= self._placed:
+            late = self._placed - ros_time.received_stamp(stamp)
+            if not 0 < late <= STAMP_TOLERANCE:  # more if the clock was set back
                 self._car_pose = pose
 
     @conversions.ignore_bad_messages

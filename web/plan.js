@@ -27,6 +27,7 @@ let verdict = ""; // of drive_monitor, on the latest drive that has ended
 let refusal = ""; // the server's answer to the last press of a button in this drive
 let beside = ""; // the version of the chosen plan when the latest drive ended in this page
 export let isRead = true; // whether the last reading of the plan has succeeded
+let asked = 0; // the number of the newest request for a plan
 let missing = ""; // the plan to show as soon as the server lists it
 
 /** Show the names of the server's state; read the plan with this name, and show it. */
@@ -49,7 +50,9 @@ export async function listPlans(
   }
   if (!names.value) return;
   const path = `plans/${encodeURIComponent(names.value)}`;
+  const number = (asked += 1);
   const found = await request(path).catch((error) => error);
+  if (number !== asked) return; // answers may come in another order
   isRead = !(found instanceof Error);
   if (!isRead) say("check", found.message);
   else if (found.name === names.value) show((plan = found));

@@ -257,12 +257,13 @@ def _imports_rospy(program: str) -> bool:
 
 
 def searches_python(line: bytes, search_path: Optional[str]) -> bool:
-    """Return whether a first line, after #!, searches a `python` that is not on a PATH.
+    """Return whether a first line, after #!, names a `python` that a machine does not have.
 
     A replay runs such a program with Python 3: the line is that of the tutorial.
     """
     found = _interpreter(line.decode(errors="replace"), search_path)
-    return found == ("python", "") and b"/" in line
+    usual = ("python", "/usr/bin/python", "/bin/python")
+    return found[0] in usual and not found[1] and b"/" in line
 
 
 def _interpreter(line: str, search_path: Optional[str]) -> Tuple[str, str]:

@@ -148,6 +148,24 @@ class TestRecording(RosTestCase):
             self.commands.publish(command(at(begin, seconds), speed, angle))
         return self.poses.pose_at_rest(at(begin, DRIVE[-1][0] + 0.2))
 
+    def test_a_start_pose_in_a_wall(self):
+        """The car rejects it, so the plan begins at the car."""
+        self.start_planner()
+        paths = Recording(f"{self.name}/path", Path).connected()
+
+        def begins_at(x, y, rows):
+            poses = paths.last.poses if paths.last else []
+            is_there = poses and math.dist(planar(poses[0].pose)[:2], (x, y)) < CLICK_TOLERANCE
+            return is_there and (len(poses) > 1) == (rows > 0)
+
+        for x in (3.0, 24.9):
+            placed = placement(rospy.Time.now(), x, 1.0, 0.0)
+            self.initial_poses.publish(placed)
+            wait_for(lambda x=x: begins_at(x, 1.0, 0), f"a plan that begins at {x}")
+        self.poses.shows((3.0, 1.0, 0.0), placed.header.stamp + rospy.Duration(1.0))
+        self.click(4.0, 1.0)
+        wait_for(lambda: begins_at(3.0, 1.0, 1), "a plan that begins at the car")
+
     def test_clicks(self):
         planner = self.start_planner()
         paths = Recording(f"{self.name}/path", Path).connected()

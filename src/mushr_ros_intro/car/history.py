@@ -53,8 +53,9 @@ class History:
         self._recompute(first)
         self._forget(now - LENGTH)
 
-    def set_walls(self, world: World) -> None:
-        """Replace the walls by those of `world`, and recompute all states."""
+    def set_walls(self, world: World, now: int) -> None:
+        """Replace the walls at `now` [ns] by those of `world`; recompute the states kept."""
+        self._forget(now - LENGTH)
         self._world = world
         self._recompute(0)
 

@@ -99,7 +99,9 @@ def named_car(name: str, folder: str) -> Tuple[str, str, Car]:
     """
     path = find_file(name, folder, ".yaml")
     car_name = os.path.splitext(os.path.basename(path))[0]
-    return path, car_name, car_from(Parameters({**read_profile(path), "noise": True}, f"{path}: "))
+    parameters = Parameters({**read_profile(path), "noise": True}, f"{path}: ")
+    parameters.refuse_unknown(CAR_PARAMETERS)
+    return path, car_name, car_from(parameters)
 
 
 def car_from(parameters: Parameters) -> Car:

@@ -50,7 +50,7 @@ def words_of(options: Dict[str, Any]) -> List[str]:
         if value not in (None, "", []):
             values = value if isinstance(value, list) else [value]
             option = f"--{name.replace('_', '-')}"
-            is_like_option = str(values[0]).startswith("-")
+            is_like_option = values == [value] and str(value).startswith("-")
             words += [f"{option}={value}"] if is_like_option else [option, *map(str, values)]
     return words
 
@@ -133,7 +133,12 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
         "Example: rosrun mushr_ros_intro grade.py test_drive --node my_ros_intro path_publisher.py"
     )
     parser = argparse.ArgumentParser(
-        "grade.py", usage, description=description, epilog=example, formatter_class=form
+        "grade.py",
+        usage,
+        description=description,
+        epilog=example,
+        formatter_class=form,
+        fromfile_prefix_chars="@",  # of an autograder: a node could read a command line
     )
     add = parser.add_argument
     add("inputs", nargs="*", metavar="PLAN or SUBMISSION")
@@ -165,7 +170,7 @@ def _fault(arguments: argparse.Namespace, of_a_class: Sequence[str]) -> str:
     plans = arguments.plans or arguments.follow
     grades = arguments.inputs or plans or arguments.node or arguments.autograder or of_a_class
     if arguments.merge and (grades or not arguments.out):
-        return "expected --merge FOLDER... --out FOLDER, and at most --points: it grades nothing"
+        return "expected --merge FOLDER... --out FOLDER without submissions: it grades nothing"
     if arguments.node and of_a_class:
         option = of_a_class[0].replace("_", "-")
         return f"--{option} needs submissions; --node grades one installed node"

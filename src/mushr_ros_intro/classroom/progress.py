@@ -4,6 +4,7 @@ import sys
 from contextlib import closing
 from typing import Dict, List, Sequence
 
+from mushr_ros_intro.classroom.csv_text import clean
 from mushr_ros_intro.classroom.grades import Grade
 from mushr_ros_intro.classroom.grading import Grading, Task, not_graded
 from mushr_ros_intro.classroom.points import Points
@@ -44,7 +45,7 @@ def _line(result: Grade, points: Points) -> str:
     if result.error:
         state, text = "ERROR", result.error
     failed = (f"{each.plan}: {', '.join(each.failed)}" for each in result.plans if each.failed)
-    text = (text or "; ".join([*failed, *result.notes])).partition("\n")[0]
+    text = clean((text or "; ".join([*failed, *result.notes])).partition("\n")[0])
     score = f"{points.score(result):g}/{points.max_score():g}"
     line = f"{result.name:30s} {state} {score:>7s} {text}".rstrip()
     return line if len(line) <= _WIDTH else f"{line[: _WIDTH - 3]}..."

@@ -24,7 +24,9 @@ MAX_CLASS = 100_000, 10_000_000_000
 
 _METADATA = "submission_metadata.yml"
 _EXPECTED = "expected a package folder, a .zip, a .py, or a folder of these"
-_CANVAS = re.compile(r"(?P<who>.+?)(?P<late>_LATE)?_(?P<id>\d+)_(?P<upload>\d+)_(?P<file>[^.].*)")
+_CANVAS = re.compile(
+    r"(?P<who>.+?)(?P<late>_LATE)?_(?P<id>\d+|(?<=anon_)\w+?)_(?P<upload>\d+)_" r"(?P<file>[^.].*)"
+)
 
 
 class Submission(NamedTuple):
@@ -170,7 +172,8 @@ def _class_folder(path: str) -> Optional[str]:
     for name in names:
         if os.path.basename(name) == _METADATA and name.count("/") <= 1:
             return os.path.dirname(name)
-    return "" if names and all("/" not in each and _CANVAS.match(each) for each in names) else None
+    is_flat = not any("/" in each for each in names)  # a text that was handed in has no upload
+    return "" if is_flat and any(map(_CANVAS.fullmatch, names)) else None
 
 
 def _class(folder: str, entries: Sequence[str]) -> List[_Source]:

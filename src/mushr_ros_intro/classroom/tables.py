@@ -35,7 +35,8 @@ def write_results(folder: str, results: Sequence[Grade], points: Points) -> None
         for name, result in names.items():
             write_text(os.path.join(folder, kind, name), function(result, points))
         for name in set(os.listdir(folder + kind)) - set(names):
-            os.unlink(os.path.join(folder, kind, name))
+            if name.endswith(".html"):  # of a student who left
+                os.unlink(os.path.join(folder, kind, name))
     write_text(f"{folder}grades.csv", as_csv(_grades(results, points)))
     write_text(f"{folder}canvas.csv", as_csv(_canvas(results, points)))
     write_text(f"{folder}results.xml", _junit(results))

@@ -128,7 +128,8 @@ def _no_commands(facts: Facts, package: str) -> Finding:
         )
     own = drive_command(facts.car)
     if f"/{facts.car}/car_sim" not in facts.output.subscribers:  # maybe an actual car
-        own = "roslaunch mushr_ros_intro real_car.launch plan_file:=my_plan.txt (see car.md)"
+        own = "roslaunch mushr_ros_intro real_car.launch plan_file:=my_plan.txt in scripts/shell, "
+        own += "without --tutorial (see car.md)"
     remedy = f"Start the node of {package}, and read its terminal"
     if not package:
         remedy = "Start your node, and read its terminal. To find out why it does not start, type: "

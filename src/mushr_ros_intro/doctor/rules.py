@@ -191,7 +191,9 @@ def _not_running(facts: Facts) -> Finding:
         remedies = ["End the launch file of the car (Ctrl-C in its terminal), and start it again"]
     if facts.other_cars:
         problem += f"; running: {listed(facts.other_cars)}"
-        remedies.append(f"for that car, type: doctor.py --car {facts.other_cars[0]}")
+        remedies.append(
+            f"for that car, type: rosrun mushr_ros_intro doctor.py --car {facts.other_cars[0]}"
+        )
     if facts.master.other:
         problem += f"; another master runs at {facts.master.other}"
         remedies.append(f"for that master, type: export ROS_MASTER_URI={facts.master.other}")

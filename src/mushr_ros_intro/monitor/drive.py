@@ -149,7 +149,9 @@ class PlannedDrive:
         A row may last longer in the drive than in the plan; then the next row begins later.
         """
         elapsed = instant - self.begin
-        index, run = len(self.drive.runs) - 1, self.drive.runs[-1]
+        begins = [run.begin for run in self.drive.runs]
+        index = max(bisect_right(begins, instant) - 1, 0)
+        run = self.drive.runs[index]
         if index < len(self._sections) and self._sections[index][:2] == run[:2]:
             section = self._sections[index]
             elapsed = min(section.begin + max(instant - run.begin, 0), section.end - 1)

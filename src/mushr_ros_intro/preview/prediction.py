@@ -44,7 +44,7 @@ def legs_of(plan: Plan, car: Car, world: Optional[World] = None) -> Iterator[Leg
     one command per row.
     """
     period = COMMAND_PERIOD
-    if world is None and not car.has_command_noise and car.command_timeout >= period:
+    if world is None and not car.has_command_noise and car.command_timeout > period:
         period = MAX_DURATION
         car = car._replace(command_timeout=MAX_DURATION)
     state = at_rest(0, plan.start)

@@ -49,6 +49,8 @@ def write_trajectory(folder: str, drive: Drive, start: Pose) -> None:
 
 def _title(judgement: Judgement) -> str:
     """Return the name of the plan, and the checks that failed, if any."""
-    failed = ", ".join(check.name for check in judgement.checks if not check.passed)
+    failed = ", ".join(
+        check.name for check in judgement.checks if check.is_judged and not check.passed
+    )
     name = os.path.basename(judgement.recorded.plan.path)
     return f"{name}: {'failed: ' + failed if failed else 'passed'}"

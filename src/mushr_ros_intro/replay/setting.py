@@ -1,7 +1,7 @@
 """Describe replays: find the car, the map and the node."""
 
 import glob
-import json
+import math
 import os
 import shlex
 from itertools import islice
@@ -9,6 +9,7 @@ from typing import Any, Dict, Iterator, Sequence, Tuple
 
 import roslib.packages
 import rospkg
+import yaml
 
 from mushr_ros_intro.car.profile import read_parameters
 from mushr_ros_intro.errors import UserError
@@ -57,7 +58,8 @@ def parameter_words(path: str) -> Tuple[str, ...]:
             if isinstance(value, dict):
                 yield from words(f"{prefix}{name}/", value)
             else:
-                yield f"{prefix}{name}:={json.dumps(value, default=str)}"
+                text = yaml.safe_dump([value], default_flow_style=True, width=math.inf)
+                yield f"{prefix}{name}:={text.strip()[1:-1]}"  # rospy reads YAML
 
     mapping = read_mapping(path, "keys with the names of parameters")
     return tuple(islice(words("_", mapping), MAX_PARAMETERS))

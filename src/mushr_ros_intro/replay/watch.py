@@ -59,7 +59,7 @@ def watch(process: NodeProcess, world: ReplayWorld, exercise: Exercise) -> str:
     count, heard, checked = 0, 0.0, time.monotonic()
     while not process.has_ended:
         commands = world.received.commands
-        driven = len(commands) - (count_leading_stops(commands, plan) if plan else 0)
+        driven = len(commands) - (_count_leading_stops(commands, plan) if plan else 0)
         if plan:
             world.observe(pace, world.time_left if driven <= expected else None)
         else:
@@ -106,7 +106,16 @@ def has_followed(world: ReplayWorld) -> bool:
 def _has_driven(world: ReplayWorld, more: int) -> bool:
     """Return whether a plan has been driven, given by how many commands there are more."""
     stops = more > 0 and _are_stops(world.received.commands[-more:])
-    return stops or (more >= -MAX_SHIFT and world.silence > DONE_AFTER)
+    has_begun = bool(world.received.commands)
+    return stops or (has_begun and more >= -MAX_SHIFT and world.silence > DONE_AFTER)
+
+
+def _count_leading_stops(commands: Sequence[Sent], plan: Plan) -> int:
+    """Return the number of stops before the first command of a plan, which may not have come."""
+    has_begun = any(each.values != (0.0, 0.0) for each in commands)
+    if has_begun or plan.rows[0][:2] == (0.0, 0.0):
+        return count_leading_stops(commands, plan)
+    return len(commands)
 
 
 def _are_stops(commands: Sequence[Sent]) -> bool:
@@ -119,7 +128,7 @@ def _fault(world: ReplayWorld, exercise: Exercise, seconds: float) -> str:
     """Return why a node that has used `seconds` of its own time has failed; "" if it has not."""
     is_path, duration = isinstance(exercise, Reference), exercise.duration / NANOSECONDS
     limit, sent = MAX_TIMES[is_path] * duration + EXTRA_TIME, world.received.commands
-    sent = sent[next((index for index, each in enumerate(sent) if each.speed), len(sent)) :]
+    sent = sent[next((index for index, each in enumerate(sent) if each.speed), 0) :]
     kind = "path" if is_path else "plan"
     if sent and (sent[-1].time - sent[0].time) / NANOSECONDS > limit:
         return (

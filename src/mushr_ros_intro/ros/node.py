@@ -101,7 +101,7 @@ def _handle_signals() -> None:
     threading.Thread(target=read, daemon=True).start()
 
 
-def _full_name(name: str) -> str:
+def full_name(name: str) -> str:
     """Return the name and namespace that this node is going to have."""
     name = rosgraph.names.load_mappings(sys.argv).get("__name", name)
     return str(rosgraph.names.ns_join(rosgraph.names.get_ros_namespace(argv=sys.argv), name))
@@ -109,7 +109,7 @@ def _full_name(name: str) -> str:
 
 def _refuse_a_second_one(name: str) -> None:
     """Raise SystemExit if a node with the name that this one is going to have runs already."""
-    name = _full_name(name)
+    name = full_name(name)
     with suppress(OSError):  # the master does not answer, which init_node reports
         if is_alive(name):
             expected = "end it first, or start this one with __name:=NAME"
@@ -182,7 +182,7 @@ def init_node(name: str, table: Optional[Table] = None, **options: Any) -> Value
         sys.exit(f"{name}: ROS_MASTER_URI is '{uri}'; expected an address such as {DEFAULT_MASTER}")
     try:
         if table is not None:
-            values, logs = _read_parameters(_full_name(name), table)
+            values, logs = _read_parameters(full_name(name), table)
         rospy.init_node(name, **options)
     except (TimeoutError, ConnectionError):
         sys.exit(no_master)

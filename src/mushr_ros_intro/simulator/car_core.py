@@ -104,7 +104,7 @@ class CarCore:
     def set_walls(self, world: World, now: int) -> None:
         """Use a map from now on [ns]."""
         self.world = world
-        self._history.set_walls(world)
+        self._history.set_walls(world, self.read(now))
         pose = self._history.state_at(self.read(now)).pose
         if not is_free(*world, pose):
             self._warn(

@@ -20,7 +20,6 @@ from mushr_ros_intro.simulator.car_core import CarCore
 from mushr_ros_intro.simulator.car_parameters import COLLISION, EXPECTS_MAP, FOOTPRINTS
 from mushr_ros_intro.simulator.state_publisher import StatePublisher
 from mushr_ros_intro.stamps import (
-    NANOSECONDS,
     SIMULATED_STAMP_TOLERANCE,
     STAMP_TOLERANCE,
     from_seconds,
@@ -161,4 +160,4 @@ class CarSim:
         now = self.clock.read()
         self._core.reset(now)
         self.clock.reset()
-        return f"at the start pose since {now / NANOSECONDS:.9f} s"
+        return f"at the start pose since {sim_clock.shown(now)}"

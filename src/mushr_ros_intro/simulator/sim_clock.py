@@ -10,7 +10,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger, TriggerResponse
 
 from mushr_ros_intro.car.model import Event
-from mushr_ros_intro.ros import ros_time
+from mushr_ros_intro.ros import node, ros_time
 from mushr_ros_intro.ros.connections import is_alive
 from mushr_ros_intro.ros.xmlrpc_client import CallError, ask
 from mushr_ros_intro.simulator.clock import CLOCK_PATIENCE, Stream, first_report
@@ -26,6 +26,11 @@ MAX_CATCH_UP = 0.1
 """A clock that is later than this does not catch up [s of wall-clock time]."""
 
 
+def shown(instant: int) -> str:
+    """Return an instant [ns] in seconds, with all its digits."""
+    return "{}.{:09d} s".format(*divmod(instant, NANOSECONDS))
+
+
 def has_to_publish_clock() -> bool:
     """Return whether time is simulated and no node that runs publishes /clock.
 
@@ -37,6 +42,7 @@ def has_to_publish_clock() -> bool:
             return False
         publishers, _, _ = ask(master, CALL_TIMEOUT, "car_sim", "getSystemState")
         names = {name for topic, nodes in publishers if topic == "/clock" for name in nodes}
+        names.discard(node.full_name("car_sim"))  # which ends when this node is registered
         return not any(map(is_alive, names))
     except (CallError, OSError):
         return False  # the parameter is not set, or there is no master, which init_node reports
@@ -197,4 +203,4 @@ class OwnClock:
             if step:
                 self._advance_to(self._next_pose)
             self._changed.notify_all()
-            return TriggerResponse(True, f"{self._now / NANOSECONDS:.9f} s")
+            return TriggerResponse(True, f"{shown(self._now)}")

@@ -73,10 +73,17 @@ def test_a_node_that_is_compiled_for_ever(tmp_path, monkeypatch):
     assert found.fault.endswith("is too complex to compile. Expected a program in Python.")
 
 
+def test_a_package_with_the_name_test(tmp_path):
+    """Its node is no test."""
+    files = {f"test/{name}": content for name, content in PACKAGE.items()}
+    assert not only(tmp_path, zipped(tmp_path / "a.zip", files)).fault
+
+
 @pytest.mark.parametrize(
     "source",
     [
         NAMED("python3").encode(),
+        b"#!/usr/bin/python\n",  # python-is-python3 may be missing here
         NAMED("-S -i A=1 python3 -u").encode(),
         b"#! /usr/bin/python3 -u \n",
         b"#!/usr/bin/env python\n",

@@ -144,6 +144,20 @@ def test_canvas(tmp_path, form):
     assert [any("late" in note for note in each.notes) for each in found] == [True, *3 * [False]]
 
 
+@pytest.mark.parametrize("form", ["folder", "zip"])
+def test_canvas_with_a_text_and_with_anonymous_students(tmp_path, form):
+    """A text that was handed in has no number of an upload; an anonymous id has letters."""
+    files = {
+        "carlo_13_text.html": b"",
+        "anon_Ab1cD_101_path_publisher.py": NODE,
+        "anon_Ef2gH_102_path_publisher-1.py": NODE,
+    }
+    fill(tmp_path / "class", files, 0o644)
+    zipped(tmp_path / "class.zip", files)
+    found = collected(tmp_path, "class" if form == "folder" else "class.zip")
+    assert [(each.name, each.fault) for each in found] == [("anon_Ab1cD", ""), ("anon_Ef2gH", "")]
+
+
 @pytest.mark.parametrize(
     ("student", "older", "newest"),
     [

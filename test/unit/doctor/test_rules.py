@@ -165,7 +165,8 @@ def test_master(master, problem, remedy):
             },
             f"the car 'car2' is not running: no node subscribes to {MUX}/output; running: "
             f"car and car3; another master runs at {LOCAL}",
-            "type: doctor.py --car car; for that master, type: export ROS_MASTER_URI=" + LOCAL,
+            "type: rosrun mushr_ros_intro doctor.py --car car; for that master, type: "
+            f"export ROS_MASTER_URI={LOCAL}",
         ),
         (
             {**NO_PUBLISHER, "strays": {"/cmd": ("/student",)}},

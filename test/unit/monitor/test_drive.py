@@ -69,6 +69,12 @@ def test_the_position_names_the_line_of_the_file(elapsed, line):
     assert driven(EXACT[:count]).position(BEGIN + elapsed * MS) == f"line {line} of 5"
 
 
+def test_the_position_of_an_earlier_instant():
+    """A wall can be reported when all commands have arrived already."""
+    found = [driven(EXACT).position(BEGIN + elapsed * MS) for elapsed in (500, 2200, 3000)]
+    assert found == ["line 2 of 5", "line 4 of 5", "line 5 of 5"]
+
+
 def test_the_position_follows_rows_that_last_longer():
     """The tutorial's listing sends eleven commands instead of ten in some rows."""
     commands = sent((1, 0.1, 2300), (0, 0, 500), (-1, 0.2, 100))

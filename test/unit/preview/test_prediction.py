@@ -134,6 +134,15 @@ def test_every_car_drives_as_predicted(name, profile, noise, walls):
     assert prediction.rest(plan, car, world) == (trajectory[-1].stamp, trajectory[-1].pose)
 
 
+def test_a_command_that_expires_when_the_stop_comes():
+    """The car ignores the stop, and steers on while it brakes."""
+    car = Car(acceleration=2.0, command_timeout=SECOND // 10)
+    plan = plan_of("0, 0, 0\n2, 0.25, 1")
+    assert prediction.rest(plan, car)[1] == pytest.approx(
+        driven(car, plan, None)[-1].pose, abs=DRIVEN
+    )
+
+
 def test_noise_of_the_steering_angle_alone_is_drawn_for_each_command():
     plan, car = plan_of("0,0,0\n1,0.1\n"), Car(steering_noise=0.1, seed=3)
     last = driven(car, plan, None)[-1]

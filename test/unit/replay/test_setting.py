@@ -1,9 +1,11 @@
 """Find the node of a replay."""
 
+import math
 import os
 import subprocess
 
 import pytest
+import yaml
 
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.replay.setting import find_executable, parameter_words
@@ -90,8 +92,11 @@ def test_two_nodes_of_the_same_name(node):
 def test_parameters_of_a_file(tmp_path):
     path = tmp_path / "parameters.yaml"
     path.write_text("pid: {kp: 1, gains: [1, 2.5]}\nname: a b\n")
-    words = ("_pid/kp:=1", "_pid/gains:=[1, 2.5]", '_name:="a b"')
+    words = ("_pid/kp:=1", "_pid/gains:=[1, 2.5]", "_name:=a b")
     assert parameter_words(str(path)) == words
+    path.write_text("ki: 0.00001\nlimit: 1.0e+20\ninf: .inf\nlist: [0.00002, 1.0]\n")
+    values = [yaml.safe_load(each.partition(":=")[2]) for each in parameter_words(str(path))]
+    assert values == [1e-5, 1e20, math.inf, [2e-5, 1.0]]
     path.write_text("- 1")
     with pytest.raises(UserError, match="expected keys with the names of parameters"):
         parameter_words(str(path))

@@ -170,20 +170,38 @@ def test_a_node_that_sends_one_command_less_and_no_stop():
 
 
 class Stopping(World):
-    """The same, but the node has sent stops for a minute before the plan."""
+    """The same, but the node sends some stops, and then other commands."""
+
+    def __init__(self, count, others):
+        super().__init__([])
+        stop = commands()[0]._replace(speed=0.0, steering_angle=0.0)
+        times = [stop.time - COMMAND_PERIOD * number for number in range(count, 0, -1)]
+        self._left = [*(stop._replace(time=time) for time in times), *others]
 
     def observe(self, pace, left):
-        more = commands()
         self.silence += 0.05
-        if self.count < 600 + len(more):
-            self.received.commands.append(more[self.count - 600])
+        self.ran += 0.05
+        if self._left:
+            self.received.commands.append(self._left.pop(0))
             self.count, self.silence = self.count + 1, 0.0
 
 
 def test_stops_before_the_plan_are_no_part_of_the_drive():
-    first = commands()[0]
-    stops = [
-        first._replace(speed=0.0, steering_angle=0.0, time=first.time - COMMAND_PERIOD * number)
-        for number in range(600, 0, -1)
-    ]
-    assert Stopping(stops).watch(PLAN) == ""
+    """They may last as long as the limit of the drive, here 7.6 s."""
+    world = Stopping(70, commands())
+    assert world.watch(PLAN) == ""
+    assert len(world.received.commands) == 70 + len(commands())
+
+
+@pytest.mark.parametrize("exercise", [PLAN, WAVE])
+def test_a_node_that_sends_only_stops(exercise, monkeypatch):
+    monkeypatch.setattr(watch, "has_followed", lambda world: False)
+    monkeypatch.setattr(Stopping, "time_left", 0)
+    assert "still sends commands" in Stopping(2000, []).watch(exercise)
+
+
+def test_a_plan_of_one_command():
+    """A node that begins late has not driven it."""
+    plan = PLAN._replace(rows=PLAN.rows[:1])
+    plan = plan._replace(rows=(plan.rows[0]._replace(duration=COMMAND_PERIOD),))
+    assert "sent no command" in World([]).watch(plan)

@@ -106,6 +106,18 @@ def test_a_wall_stops_the_car_also_after_a_reset():
         assert car.pose(1.0) == (1.0, 0.0, 0.0)
 
 
+def test_another_map_does_not_move_a_car_that_stands():
+    """Walls apply from then on; only late commands of the last second are driven again."""
+    car = Logged(start=Pose(1.0, 0.0, 0.0))
+    car.set_walls(ROOM, NOW)
+    for tenth in range(10):
+        car.drive(NOW + tenth * SECOND // 10, 2.0)
+    before = car.pose(2.0)
+    later = NOW + 3600 * SECOND
+    car.set_walls(World(Grid(np.zeros((80, 80), np.int8), 0.1, Pose(-4.0, -4.0, 0.0))), later)
+    assert car.states([later], later)[0].pose == before
+
+
 def test_a_clock_that_is_set_back():
     """The car stops where it was, and forgets its commands."""
     car = Logged()
