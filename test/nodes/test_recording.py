@@ -158,7 +158,7 @@ class TestRecording(RosTestCase):
             is_there = poses and math.dist(planar(poses[0].pose)[:2], (x, y)) < CLICK_TOLERANCE
             return is_there and (len(poses) > 1) == (rows > 0)
 
-        for x in (3.0, 24.9):
+        for x in (3.0, 49.6):
             placed = placement(rospy.Time.now(), x, 1.0, 0.0)
             self.initial_poses.publish(placed)
             wait_for(lambda x=x: begins_at(x, 1.0, 0), f"a plan that begins at {x}")
