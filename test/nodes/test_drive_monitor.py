@@ -173,7 +173,7 @@ class TestDriveMonitor(RosTestCase):
 
     def test_what_others_do_is_not_the_fault_of_the_node(self):
         """Another input drives the car; then another node places it."""
-        path = self.plan("1,2,0.5\n0.2,0.2,3\n")
+        path = self.plan("1,2,0.5\n0.2,0.2,30\n")  # it is held long before its end
         sender = publisher(TELEOP, AckermannDriveStamped)
         self.addCleanup(sender.unregister)
         placements = publisher("/initialpose", PoseWithCovarianceStamped)

@@ -168,10 +168,11 @@ def test_a_start_pose_just_after_the_first_command():
 
 @pytest.mark.parametrize("is_exact", [True, False])
 def test_a_car_that_was_not_at_the_start_pose(is_exact):
-    """A wrong start moves the whole drive, so a right final pose shows that it was there."""
+    """An exact final pose proves that it was there."""
     drive = planned(before=AWAY)
     assert judged(drive, END, expectation=expected(is_exact=is_exact)).is_good
-    text = judged(drive, Pose(6.0, 7.0, 0.0), expectation=expected(is_exact=is_exact)).lines[0]
+    near = END._replace(x=END.x + 0.09)  # as if a slow car is placed one second late
+    text = judged(drive, near, expectation=expected(is_exact=is_exact)).lines[0]
     assert f"not at the start pose {PLAN.start} when the first command came: it was at" in text
     observed = Observed()
     observed.wall = "the car stopped at a wall in line 3 of 3 at x"
