@@ -18,6 +18,7 @@ from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.ros import connections, ros_time, rospy_fixes
 from mushr_ros_intro.ros.connections import registered_nodes, wait_until_connected
+from mushr_ros_intro.ros.node import full_name
 from mushr_ros_intro.simulator import sim_clock
 from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
 from mushr_ros_intro.simulator.car_sim import CarSim
@@ -275,6 +276,9 @@ class TestCarSim(RosTestCase):
         self.addCleanup(rospy.delete_param, "/use_sim_time")
         rospy.set_param("/use_sim_time", True)
         self.assertTrue(has_to_publish_it())
+        replaced = self.ending(Ghost(publishes=["/clock"], name=full_name("car_sim")))
+        self.assertTrue(has_to_publish_it())
+        replaced.die()
         ghost = self.ending(Ghost(publishes=["/clock"]))
         self.assertFalse(has_to_publish_it())
         ghost.suspend()

@@ -137,10 +137,19 @@ def test_arguments_of_mushrs_launch_files():
         assert ("/ten/car_sim/y" in found) == ("car2_name:=ten" in arguments)
 
 
+def test_a_click_places_its_own_car():
+    for car, topic in (("car", "/clicked_point"), ("car2", "/car2/clicked_point")):
+        config = ROSLaunchConfig()
+        arguments = [f"car_name:={car}", "map:=none"]
+        XmlLoader().load(os.path.join(PACKAGE, "launch/sim.launch"), config, argv=arguments)
+        (node,) = (each for each in config.nodes if each.name == "car_sim")
+        assert [to for name, to in node.remap_args if name.endswith("clicked_point")] == [topic]
+
+
 def test_the_port_of_the_page_in_mushrs_launch_files():
-    arguments = ["web:=true", "web_port:=9091", "web_address:=0.0.0.0"]
+    arguments = ["web:=true", "web_port:=9091"]
     found = parameters_of("underlay/mushr_sim/launch/teleop.launch", arguments)
-    assert (found["/web_view/port"], found["/web_view/address"]) == (9091, "0.0.0.0")
+    assert found["/web_view/port"] == 9091
 
 
 def test_the_page_says_which_of_mushrs_files_exist():

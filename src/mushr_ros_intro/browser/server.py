@@ -105,7 +105,7 @@ def serve(
         raise UserError(
             f"port {port} of {address} cannot be used ({error}); a rosbridge, such as that of "
             "MuSHR's installation, uses port 9090. Expected a free port, such as "
-            f"web_port:={port + 1} of the launch file of the car"
+            f"web_port:={port + 1} of the car's launch file, or port:={port + 1} of web.launch"
         ) from None
     return server
 

@@ -50,7 +50,7 @@ def words_of(options: Dict[str, Any]) -> List[str]:
         if value not in (None, "", []):
             values = value if isinstance(value, list) else [value]
             option = f"--{name.replace('_', '-')}"
-            is_like_option = values == [value] and str(value).startswith("-")
+            is_like_option = values == [value] and str(value).startswith(("-", "@"))
             words += [f"{option}={value}"] if is_like_option else [option, *map(str, values)]
     return words
 

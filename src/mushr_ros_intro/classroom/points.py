@@ -97,12 +97,11 @@ class Points(NamedTuple):
         if failure := self._failure(plan):
             return f"This plan gives 0 points, because {failure}."
         if plan.share < 1.0:
-            is_path = self.check_names == FOLLOW_CHECK_NAMES
-            part = (
-                "the path was followed" if is_path else "the plan was driven right, from its start"
-            )
-            part = f"{100.0 * plan.share:.3g} % of {part}"
-            return f"{part}. So the checks give {100.0 * plan.share:.3g} % of their points."
+            what = "plan was driven right, from its start"
+            if self.check_names == FOLLOW_CHECK_NAMES:
+                what = "path was followed"
+            share = f"{100.0 * plan.share:.3g} %"
+            return f"{share} of the {what}. So the checks give {share} of their points."
         return ""
 
     def _failure(self, plan: PlanGrade) -> str:

@@ -150,9 +150,7 @@ class Store:
         if points := values.get("points"):
             with open(points, "rb") as file:
                 content = file.read()
-            with open(copy, "wb") as file:
-                file.write(content)
-            give_to_user(copy)
+            _write(copy, content)
         elif os.path.exists(copy):
             os.unlink(copy)
 
@@ -258,8 +256,12 @@ def make_folder(path: str, mode: int = 0o755) -> None:
 
 def write_text(path: str, text: str) -> None:
     """Write a file of the user who called sudo; another process sees the old or the new one."""
+    _write(path, text.encode())
+
+
+def _write(path: str, content: bytes) -> None:
     part = f"{path}.part"
-    with open(part, "w", encoding="utf-8", newline="") as file:
-        file.write(text)
+    with open(part, "wb") as file:
+        file.write(content)
     give_to_user(part)
     os.replace(part, path)

@@ -25,7 +25,7 @@ MAX_CLASS = 100_000, 10_000_000_000
 _METADATA = "submission_metadata.yml"
 _EXPECTED = "expected a package folder, a .zip, a .py, or a folder of these"
 _CANVAS = re.compile(
-    r"(?P<who>.+?)(?P<late>_LATE)?_(?P<id>\d+|(?<=anon_)\w+?)_(?P<upload>\d+)_" r"(?P<file>[^.].*)"
+    r"(?P<who>.+?)(?P<late>_LATE)?_(?P<id>\d+|(?<=anon_)[^\W_]+)_(?P<upload>\d+)_(?P<file>[^.].*)"
 )
 
 
@@ -85,7 +85,7 @@ def collect(
     try:
         for path, entries in _places(paths).items():
             files = Files(unpacked, MAX_CLASS)
-            sources = _among(path, entries) if entries else _sources(path, node, files)
+            sources = _among(path, entries, path) if entries else _sources(path, node, files)
             for source in sources:
                 name, shown = short_name(source.name), f"{source.name!r} of {path}"
                 other = taken.setdefault(name.lower(), shown)  # some file systems ignore case
@@ -154,10 +154,10 @@ def _sources(path: str, node: str, unpacked: Files) -> List[_Source]:
     return _among(path, entries, typed)
 
 
-def _among(folder: str, entries: Sequence[str], typed: str = "") -> List[_Source]:
+def _among(folder: str, entries: Sequence[str], typed: str) -> List[_Source]:
     """Return the submissions among entries of a folder; `typed` is its name for messages."""
     if _METADATA in entries:
-        return _gradescope(folder, entries, typed or folder)
+        return _gradescope(folder, entries, typed)
     return _class(folder, entries)
 
 

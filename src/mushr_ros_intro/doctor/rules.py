@@ -162,7 +162,7 @@ def _time(clock: Clock, dead: Set[str]) -> List[Finding]:
         remedy = (
             "Stop all nodes. Then, for wall-clock time, type: rosparam set use_sim_time false; "
         )
-        remedy += "or, for simulated time: roslaunch mushr_ros_intro sim.launch use_sim_time:=true"
+        remedy += "or, for simulated time, start sim.launch again, with use_sim_time:=true"
         return [Finding(problem, remedy)]
     if clock.advances or not dead.isdisjoint(clock.publishers):
         return []

@@ -92,8 +92,8 @@ class Recorded(NamedTuple):
 
     @property
     def commands(self) -> Tuple[Sent, ...]:
-        """The commands without the stops before the plan."""
-        return self.sent[count_leading_stops(self.sent, self.plan) :]
+        """The commands without the stops before the plan; only stops are all of them."""
+        return self.sent[count_leading_stops(self.sent, self.plan) :] or self.sent
 
     @property
     def begin(self) -> int:
@@ -146,7 +146,7 @@ def count_leading_stops(sent: Sequence[Sent], plan: Plan) -> int:
     """Return the number of stops before the first command of a plan."""
     if plan.rows[0][:2] == (0.0, 0.0):
         return 0
-    return next((index for index, each in enumerate(sent) if each.values != (0.0, 0.0)), 0)
+    return next((index for index, each in enumerate(sent) if each.values != (0.0, 0.0)), len(sent))
 
 
 def runs_of(plan: Plan) -> List[Run]:

@@ -59,7 +59,7 @@ def watch(process: NodeProcess, world: ReplayWorld, exercise: Exercise) -> str:
     count, heard, checked = 0, 0.0, time.monotonic()
     while not process.has_ended:
         commands = world.received.commands
-        driven = len(commands) - (_count_leading_stops(commands, plan) if plan else 0)
+        driven = len(commands) - (count_leading_stops(commands, plan) if plan else 0)
         if plan:
             world.observe(pace, world.time_left if driven <= expected else None)
         else:
@@ -108,14 +108,6 @@ def _has_driven(world: ReplayWorld, more: int) -> bool:
     stops = more > 0 and _are_stops(world.received.commands[-more:])
     has_begun = bool(world.received.commands)
     return stops or (has_begun and more >= -MAX_SHIFT and world.silence > DONE_AFTER)
-
-
-def _count_leading_stops(commands: Sequence[Sent], plan: Plan) -> int:
-    """Return the number of stops before the first command of a plan, which may not have come."""
-    has_begun = any(each.values != (0.0, 0.0) for each in commands)
-    if has_begun or plan.rows[0][:2] == (0.0, 0.0):
-        return count_leading_stops(commands, plan)
-    return len(commands)
 
 
 def _are_stops(commands: Sequence[Sent]) -> bool:

@@ -3,11 +3,14 @@
 import asyncio
 import json
 
+import pytest
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 
+from mushr_ros_intro.browser import rosapi
 from mushr_ros_intro.browser.bridge import SILENCE, Bridge
 from mushr_ros_intro.browser.outbox import MAX_CALLS, Outbox
+from mushr_ros_intro.ros.xmlrpc_client import CallError
 
 
 async def subscribe(bridge):
@@ -88,3 +91,12 @@ def test_calls_wait_for_each_other(monkeypatch):
         assert all(each["result"] for each in frames) and max(most) == MAX_CALLS
 
     asyncio.run(run())
+
+
+def test_a_parameter_without_a_master(monkeypatch):
+    def refuse(_):
+        raise ConnectionRefusedError(111, "Connection refused")
+
+    monkeypatch.setattr(rospy, "get_param", refuse)
+    with pytest.raises(CallError, match="the ROS master does not answer"):
+        rosapi.call("/rosapi/get_param", {"name": "/x"})

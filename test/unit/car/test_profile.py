@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from mushr_ros_intro.car.model import Car, Command, at_rest
 from mushr_ros_intro.car.motion import advance, apply
-from mushr_ros_intro.car.profile import NUMBERS, car_from, read_profile
+from mushr_ros_intro.car.profile import NUMBERS, car_from, named_car, read_profile
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import ORIGIN
 from mushr_ros_intro.parameters import Parameters
@@ -121,3 +121,10 @@ def test_any_parameters_make_a_car_or_an_error(values):
     driving = apply(at_rest(0, ORIGIN), Command(0, 1.0, 0.3), car)
     state = advance(driving, 10**9, car)
     assert all(map(math.isfinite, (*state.pose, *state.odom_pose)))
+
+
+def test_a_misspelt_key(tmp_path):
+    """The limit would not exist."""
+    (tmp_path / "mine.yaml").write_text("wheelbase: 0.33\nspeed_limt: 0.5\n")
+    with pytest.raises(UserError, match="speed_limt is 0.5; expected only the keys noise, wheel"):
+        named_car("mine", str(tmp_path))

@@ -79,6 +79,21 @@ def test_a_long_line_of_a_result():
         assert line.endswith(end) and len(line) <= 200
 
 
+def test_a_line_without_the_control_characters_of_a_build():
+    """They could hide the result in the terminal of the teacher."""
+    line = progress._line(submission(name="ann", fault="\x1b[2J\x1b]0;x\x07error"), POINTS)
+    assert line.isprintable() and line.endswith("error")
+
+
+def test_other_files_in_the_results_are_kept(tmp_path):
+    written(tmp_path, GOOD._replace(name="left"))
+    (tmp_path / "students" / "old").mkdir()
+    (tmp_path / "students" / "notes.txt").touch()
+    written(tmp_path, GOOD)
+    kept = {path.name for path in (tmp_path / "students").iterdir()}
+    assert kept == {f"{GOOD.name}.html", "old", "notes.txt"}
+
+
 def test_the_notes_of_a_submission_that_failed(tmp_path):
     """Such as that a file of the node hides a module, which explains the failure."""
     result = BAD._replace(notes=("src/random.py hides random",))

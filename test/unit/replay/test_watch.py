@@ -188,9 +188,9 @@ class Stopping(World):
 
 def test_stops_before_the_plan_are_no_part_of_the_drive():
     """They may last as long as the limit of the drive, here 7.6 s."""
-    world = Stopping(70, commands())
+    world = Stopping(74, commands())
     assert world.watch(PLAN) == ""
-    assert len(world.received.commands) == 70 + len(commands())
+    assert len(world.received.commands) == 74 + len(commands())
 
 
 @pytest.mark.parametrize("exercise", [PLAN, WAVE])

@@ -13,6 +13,7 @@ from mushr_ros_intro.simulator.clock import (
     Stream,
     first_report,
 )
+from mushr_ros_intro.simulator.sim_clock import shown
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
 
 SECOND = NANOSECONDS
@@ -208,3 +209,8 @@ def test_no_event_is_late_while_the_clock_is_held(event):
 )
 def test_the_first_report_of_an_initial_pose(stamp, clock, expected):
     assert first_report(stamp, clock, next_pose=1000, pose_period=20) == expected
+
+
+def test_an_instant_is_shown_with_all_its_digits():
+    """A float has 16, of which nine are those of the seconds since 1970."""
+    assert shown(1_764_417_600_020_000_001) == "1764417600.020000001 s"
