@@ -92,7 +92,7 @@ class Recorded(NamedTuple):
 
     @property
     def commands(self) -> Tuple[Sent, ...]:
-        """The commands without the stops before the plan; only stops are all of them."""
+        """The commands without the stops before the plan; all of them if there are only stops."""
         return self.sent[count_leading_stops(self.sent, self.plan) :] or self.sent
 
     @property
