@@ -44,7 +44,8 @@ def test_exact(tmp_path, name):
 def test_messages_of_a_node_to_itself(tmp_path):
     """The clock stands while they are on their way, so each row has its commands in its time.
 
-    When the first command comes can differ: the node waits for its connections to itself.
+    A row can begin 0.1 s late, in ROS as here: SimpleActionServer looks for a goal, and then waits
+    for 0.1 s. It misses the notification of a goal that arrives between the two.
     """
     judgement = judge(tmp_path, styles.RIGHT["actions"])
     assert judgement.passed, judgement.verdict
