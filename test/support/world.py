@@ -13,7 +13,6 @@ from roslaunch.node_args import create_local_process_args
 from roslaunch.xmlloader import XmlLoader
 
 from mushr_ros_intro.replay.guarded_master import GuardedMaster
-from mushr_ros_intro.ros import rospy_fixes
 from support.helpers import ForkedProcess, Process
 from support.paths import PACKAGE
 
@@ -75,8 +74,6 @@ def running(start):
     try:
         processes += start()
         rospy.init_node("test", disable_signals=True)
-        rospy_fixes.end_server()
-        rospy_fixes.end_at_once()
         yield
     finally:
         rospy.signal_shutdown("the tests are over")

@@ -186,7 +186,6 @@ def init_node(name: str, table: Optional[Table] = None, **options: Any) -> Value
         rospy.init_node(name, **options)
     except (TimeoutError, ConnectionError):
         sys.exit(no_master)
-    rospy_fixes.end_at_once()
     if not rospy.rostime.is_wallclock():
         # rospy may not connect its own subscription to /clock; a second subscription repairs this.
         clock = rospy.Subscriber("/clock", Clock)

@@ -31,7 +31,6 @@ def apply_before_init_node() -> None:
     keep_latest_link()
     forget_log_parameter()
     write_at_once()
-    end_server()
     connect_once()
 
 
@@ -96,20 +95,6 @@ def forget_log_parameter() -> None:
     """
     cache = rospy.impl.paramserver.get_param_server_cache()
     cache.set("/rosout_disable_topics_generation", False)
-
-
-def end_server() -> None:
-    """End the thread that serves calls to this node when the node is shut down.
-
-    Symptom: the process of a node that has been shut down uses a processor until it ends.
-    Cause: the thread polls a closed socket (XmlRpcNode.shutdown in rosgraph/xmlrpc.py).
-    """
-
-    def end(server: Any) -> None:
-        if server.socket.fileno() < 0:
-            raise OSError(errno.EBADF, "the socket is closed")
-
-    rosgraph.xmlrpc.ThreadingXMLRPCServer.service_actions = end
 
 
 def connect_once() -> None:
@@ -211,29 +196,6 @@ def set_time(now: int) -> None:
     rospy.rostime._set_rostime(rospy.Time(*divmod(now, NANOSECONDS)))
 
 
-def _registration_manager() -> Any:
-    """Return rospy's manager of the topics of this node, after rospy.init_node."""
-    listeners = rospy.impl.registration.get_registration_listeners().listeners
-    (manager,) = (each for each in listeners if hasattr(each, "publisher_update"))
-    return manager
-
-
-def end_at_once() -> None:
-    """Let this node end without a wait. Call this function after rospy.init_node.
-
-    Symptom: a node that ends uses a processor for 0.5 s more than necessary.
-    Cause: rospy waits for a thread that looks every 0.5 s whether the node ends
-    (rospy/impl/registration.py). Meanwhile, another thread polls a closed socket.
-    """
-    condition = _registration_manager().cond
-
-    def wake_up(_: str) -> None:
-        with condition:
-            condition.notify_all()
-
-    rospy.core.add_shutdown_hook(wake_up)
-
-
 def take_publisher_updates(on_call: Callable[[], None]) -> Callable[[str, List[str]], None]:
     """Ignore what other processes report about publishers; return the function that sets them.
 
@@ -243,7 +205,8 @@ def take_publisher_updates(on_call: Callable[[], None]) -> Callable[[str, List[s
     Args:
         on_call: called instead if another process reports the publishers of a topic.
     """
-    manager = _registration_manager()
+    listeners = rospy.impl.registration.get_registration_listeners().listeners
+    (manager,) = (each for each in listeners if hasattr(each, "publisher_update"))
     update: Callable[[str, List[str]], None] = manager.publisher_update
     manager.publisher_update = lambda topic, publishers: on_call()
     return update

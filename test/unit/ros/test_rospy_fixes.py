@@ -9,7 +9,6 @@ from functools import partial
 from types import SimpleNamespace
 
 import pytest
-import rosgraph.xmlrpc
 import rospy
 from rospy.exceptions import TransportException
 from rospy.impl.masterslave import ROSHandler
@@ -20,11 +19,9 @@ from std_msgs.msg import String
 from mushr_ros_intro.ros.rospy_fixes import (
     DirectConnection,
     connect_once,
-    end_at_once,
-    end_server,
     publish_together,
 )
-from support.helpers import PATIENCE, wait_for
+from support.helpers import wait_for
 
 
 @pytest.fixture
@@ -140,21 +137,6 @@ def test_messages_that_are_published_together_are_one_packet(ends, monkeypatch):
     assert sent == 2 * [(b"one", True), (b"two", True), (b"three", False), (b"alone", False)]
 
 
-def test_a_node_ends_at_once(monkeypatch):
-    """The hook wakes up rospy's thread after the shutdown has begun."""
-    manager = SimpleNamespace(cond=threading.Condition(), publisher_update=None)
-    listeners = rospy.impl.registration.get_registration_listeners()
-    monkeypatch.setattr(listeners, "listeners", [manager])
-    monkeypatch.setattr(rospy.core, "_shutdown_hooks", [])
-    end_at_once()
-    (hook,) = rospy.core._shutdown_hooks
-    with manager.cond:
-        thread = threading.Thread(target=hook, args=["the node ends"])
-        thread.start()
-        assert manager.cond.wait(10.0)
-    thread.join()
-
-
 def test_a_publisher_that_is_reported_twice_is_connected_once(monkeypatch):
     """Two threads see that there is no connection yet; without the lock, they do so twice."""
     both, added = threading.Barrier(2), []
@@ -190,17 +172,3 @@ def test_a_publisher_that_is_reported_twice_is_connected_once(monkeypatch):
     for each in threads:
         each.join()
     assert len(added) == 1
-
-
-def test_a_node_that_is_shut_down_stops_serving(monkeypatch):
-    """Its thread ends; otherwise, it polls a closed socket."""
-    server = rosgraph.xmlrpc.ThreadingXMLRPCServer
-    monkeypatch.setattr(server, "service_actions", server.service_actions)
-    end_server()
-    node = rosgraph.xmlrpc.XmlRpcNode(0, rosgraph.xmlrpc.XmlRpcHandler())
-    thread = threading.Thread(target=node.run, daemon=True)
-    thread.start()
-    wait_for(lambda: node.uri, "the node to serve")
-    node.shutdown("end")
-    thread.join(PATIENCE)
-    assert not thread.is_alive()
