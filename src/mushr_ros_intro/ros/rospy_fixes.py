@@ -3,7 +3,6 @@
 Each docstring describes the symptom, and the cause in rospy 1.16. No other module patches rospy.
 """
 
-import errno
 import os
 import socket
 import tempfile
@@ -22,7 +21,8 @@ import rospy.impl.paramserver
 import rospy.impl.registration
 from rospy.impl.tcpros_pubsub import QueuedConnection, TCPROSHandler
 
-from mushr_ros_intro.stamps import CALL_TIMEOUT, NANOSECONDS
+from mushr_ros_intro.ros.xmlrpc_client import LimitedTransport
+from mushr_ros_intro.stamps import NANOSECONDS
 
 
 def apply_before_init_node() -> None:
@@ -34,31 +34,14 @@ def apply_before_init_node() -> None:
     connect_once()
 
 
-def limit_calls(seconds: float = CALL_TIMEOUT) -> None:
-    """Limit the duration of calls to the master and to other nodes to `seconds`.
+def limit_calls() -> None:
+    """Limit the duration of calls to the master and to other nodes.
 
     Symptom: if the network to the master is cut, a node hangs for minutes, also during shutdown,
     because even a log line calls the master.
     Cause: rospy's XML-RPC clients have no timeout (xmlrpcapi in rospy/core.py).
     """
-    transport = xmlrpc.client.Transport
-    make_connection, single_request = transport.make_connection, transport.single_request
-
-    def make_limited_connection(self: Any, host: Any) -> Any:
-        connection = make_connection(self, host)
-        connection.timeout = seconds
-        if connection.sock is not None:  # kept from the last call
-            connection.sock.settimeout(seconds)
-        return connection
-
-    def make_limited_request(*arguments: Any, **options: Any) -> Any:
-        try:
-            return single_request(*arguments, **options)
-        except socket.timeout:  # has no errno, but rospy reads errno when a node unregisters
-            raise OSError(errno.ETIMEDOUT, f"no answer within {seconds:g} s") from None
-
-    transport.make_connection = make_limited_connection  # type: ignore
-    transport.single_request = make_limited_request  # type: ignore
+    xmlrpc.client.Transport = LimitedTransport  # type: ignore
 
 
 def write_logs_somewhere() -> None:

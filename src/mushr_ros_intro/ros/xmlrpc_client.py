@@ -1,11 +1,14 @@
 """Call the master or a node, by XML-RPC, with a timeout."""
 
+import errno
 import http.client
 import socket
 import xml.parsers.expat
 import xmlrpc.client
 from enum import Enum
 from typing import Any
+
+from mushr_ros_intro.stamps import CALL_TIMEOUT
 
 DEFAULT_MASTER = "http://localhost:11311"
 """The address of the master if ROS_MASTER_URI is not set."""
@@ -43,10 +46,12 @@ def ask(uri: str, timeout: float, caller: str, method: str, *arguments: Any) -> 
         CallError: the call failed. If the other side answers with an error, it has replaced the one
             that was called.
     """
+    transport = LimitedTransport()
+    transport.timeout = timeout
     try:
-        server = xmlrpc.client.ServerProxy(uri, transport=_Transport(timeout))
+        server = xmlrpc.client.ServerProxy(uri, transport=transport)
         code, message, value = getattr(server, method)(caller, *arguments)
-    except (socket.timeout, TimeoutError):
+    except TimeoutError:
         raise CallError(f"{uri}: no response within {timeout:g} s", CallFault.NO_RESPONSE) from None
     except socket.gaierror:
         raise CallError(f"{uri}: unknown host", CallFault.UNKNOWN_HOST) from None
@@ -67,15 +72,21 @@ def ask(uri: str, timeout: float, caller: str, method: str, *arguments: Any) -> 
     return value
 
 
-class _Transport(xmlrpc.client.Transport):
-    """An XML-RPC connection with a timeout."""
+class LimitedTransport(xmlrpc.client.Transport):
+    """An XML-RPC connection with a timeout; see rospy_fixes.limit_calls."""
 
-    def __init__(self, timeout: float) -> None:
-        super().__init__()
-        self._timeout = timeout
+    timeout = CALL_TIMEOUT
+    """For connecting and for each read [s]."""
 
     def make_connection(self, host: Any) -> http.client.HTTPConnection:
         """Return a connection to a host, with the timeout set."""
         connection = super().make_connection(host)
-        connection.timeout = self._timeout
+        connection.timeout = self.timeout
         return connection
+
+    def single_request(self, *arguments: Any, **options: Any) -> Any:
+        """Send a request, and return the answer."""
+        try:
+            return super().single_request(*arguments, **options)
+        except socket.timeout:  # has no errno, but rospy reads errno when a node unregisters
+            raise OSError(errno.ETIMEDOUT, f"no answer within {self.timeout:g} s") from None
