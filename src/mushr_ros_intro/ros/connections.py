@@ -164,15 +164,6 @@ def _is_connected(end: Any, role: str, ignores_dead: bool) -> bool:
     return role == "subscribers" or all(_serves(name, end.resolved_name) for name in names)
 
 
-def has_live_publisher(subscriber: rospy.Subscriber) -> bool:
-    """Return whether a live node publishes to a subscriber of this node, as that node reports."""
-    topic = subscriber.resolved_name
-    try:
-        return any(_serves(name, topic) for name in registered_nodes(topic, "publishers"))
-    except (rosgraph.MasterException, OSError):
-        return False
-
-
 def responds(name: str) -> bool:
     """Return whether a node responds within a few seconds."""
     with suppress(rosgraph.MasterException, OSError, CallError):
