@@ -4,7 +4,6 @@ import contextlib
 import math
 import os
 import re
-import shlex
 import signal
 
 import rosgraph
@@ -327,15 +326,3 @@ class TestPathPublisher(RosTestCase):
             )
             self.ending(node("car_sim.py", "__ns:=/late"))
             self.assertEqual(plan.wait(), 0, plan.output)
-
-    def test_the_car_of_mushrs_branch_noetic(self):
-        """It is placed on another topic; the message contains the command that places it."""
-        reposition = Recording("/mushr_sim/reposition", PoseStamped)
-        self.addCleanup(reposition.subscriber.unregister)
-        with self.assertRaises(UserError) as raised:
-            StartPose("car", Pose(5.0, 6.0, 0.5)).wait_until_reported(0, 0.0, is_last=True)
-        command = re.search("Type: (.*) and then start", str(raised.exception))[1]
-        with ForkedProcess(*shlex.split(command)) as place:
-            self.assertEqual(place.wait(), 0)
-        wait_for(lambda: reposition.last, "the pose")
-        self.assert_pose(planar(reposition.last.pose), (5.0, 6.0, 0.5))

@@ -1,10 +1,8 @@
 """Wait until the car reports the start pose."""
 
 import math
-from contextlib import suppress
 from typing import Optional
 
-import rosgraph
 import rospy
 from geometry_msgs.msg import PoseStamped
 
@@ -14,9 +12,6 @@ from mushr_ros_intro.ros import connections, ros_time
 
 POSE_TOLERANCE = 1e-3
 """How far the reported pose may differ from the start pose [m, rad]."""
-
-_REPOSITION = "/mushr_sim/reposition"
-"""The topic on which the simulator of MuSHR's branch noetic is placed."""
 
 
 class StartPose:
@@ -72,7 +67,9 @@ class StartPose:
             last = _pose(self._last) if self._last else "nothing"
             raise UserError(
                 f"the car was not at the start pose {self._pose} within {seconds:g} s; "
-                f"{self._topic} reports {last}. {self._why_not()}"
+                f"{self._topic} reports {last}. Is the start pose inside a wall, is the clock "
+                "held, does another node place or drive the car, or is it placed on another topic "
+                "than ~init_pose_topic?"
             )
         if is_last:
             self._subscriber.unregister()
@@ -88,29 +85,6 @@ class StartPose:
 
     def _on_pose(self, msg: PoseStamped) -> None:
         self._last = msg
-
-    def _why_not(self) -> str:
-        """Return the likely reason why a car does not report its start pose, with the remedy."""
-        names = []
-        with suppress(rosgraph.MasterException, OSError):
-            # car_sim can be placed on both topics.
-            placed = connections.registered_nodes("/initialpose", "subscribers")
-            both = {each for each in placed if each.endswith("/car_sim")}
-            nodes = connections.registered_nodes(_REPOSITION, "subscribers")
-            names = [name for name in nodes if name not in both]
-        if not names:
-            return (
-                "Is the start pose inside a wall, is the clock held, or does another node place or "
-                "drive the car?"
-            )
-        x, y, theta = self._pose
-        z, w = math.sin(theta / 2.0), math.cos(theta / 2.0)
-        return (
-            f"The car of {names[0]} is placed on {_REPOSITION} (MuSHR, branch noetic). Type: "
-            f"rostopic pub -1 {_REPOSITION} geometry_msgs/PoseStamped '{{pose: {{position: "
-            f"{{x: {x:g}, y: {y:g}}}, orientation: {{z: {z:g}, w: {w:g}}}}}}}' and then start "
-            "path_publisher again"
-        )
 
 
 def _pose(msg: PoseStamped) -> Pose:
