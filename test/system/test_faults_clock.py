@@ -44,11 +44,17 @@ class OtherClock:
     STEP = rospy.Duration(0, 10_000_000)
 
     def __init__(self):
-        self._publisher = rospy.Publisher("/clock", Clock, queue_size=100, tcp_nodelay=True)
+        self.begin()
         self._lock = threading.Lock()
         self._now = rospy.Time(1000)
         self._stands = False
         threading.Thread(target=self._run, daemon=True).start()
+
+    def begin(self):
+        self._publisher = rospy.Publisher("/clock", Clock, queue_size=100, tcp_nodelay=True)
+
+    def end(self):
+        self._publisher.unregister()
 
     def _run(self):
         while not rospy.is_shutdown():
@@ -160,6 +166,14 @@ class TestClockFaults(DrivenCarTestCase):
         pose = self.poses.pose_at_rest(self.output.last.header.stamp)
         self.assert_pose(pose, closed_form((1.0, -1.0, 0.5), [(1.0, 0.2, 1.5)]))
         self.assert_recovered()
+
+    def test_the_clock_ends(self):
+        """Then no command is due any more, so the node ends by itself."""
+        with self.driving("1,-1,0.5\n1.0,0.2,60\n") as process:
+            self.clock.end()
+            self.addCleanup(self.clock.begin)
+        self.assertEqual(process.wait(), 1)
+        self.assertIn("the node that published /clock has ended", process.output)
 
     def test_the_clock_jumps(self):
         """The drive ends with a message, and the car stops when its last command expires."""

@@ -9,6 +9,7 @@ from typing import Any, Dict, NamedTuple, Optional, Set, Tuple
 import rosgraph
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from mushr_ros_intro.errors import UserError
@@ -18,9 +19,6 @@ from mushr_ros_intro.stamps import CALL_TIMEOUT
 
 MASTER_PERIOD = 0.4
 """Period at which the master is called during a drive [s of wall-clock time]."""
-
-CLOCK_TIMEOUT = 10.0
-"""Simulated time may stand still for this time if no live node publishes it [s]."""
 
 NOBODY = ("idle", "default")
 """The active inputs, in lower case, if no input drives: MuSHR's `default` gets only stops."""
@@ -129,7 +127,7 @@ class CommandPublisher:
         if self._active_topic:
             fault = f"the node that published {self._active_topic} is no longer connected"
             self._mux[fault] = self._active, set(connections.connected_nodes(self._active))
-        threading.Thread(target=self._call_master, daemon=True).start()
+        threading.Thread(target=self._watch, daemon=True).start()
         end = time.monotonic() + countdown
         for left in range(math.ceil(countdown), 0, -1):
             rospy.loginfo("the car starts to drive in %d s; Ctrl-C cancels", left)
@@ -171,30 +169,25 @@ class CommandPublisher:
                 rospy_fixes.flush(self._publisher)
             self._is_stopped = True
 
-    def _call_master(self) -> None:
-        """End the drive if the master does not answer, in a thread: a call takes up to 5 s.
+    def _watch(self) -> None:
+        """End the drive if the master or the clock is lost, in a thread: a call takes up to 5 s.
 
-        If the network is cut, no command arrives, and TCP reports no error for minutes. In
-        simulated time, also end it if the node that publishes the clock has died.
+        If the network is cut, no command arrives, and TCP reports no error for minutes. Without
+        simulated time, no command is due any more.
         """
-        seen, since = 0, time.monotonic()
+        clock = rospy.Subscriber("/clock", Clock) if ros_time.is_simulated() else None
         while not self._is_stopped:
             time.sleep(MASTER_PERIOD)
-            now = ros_time.now()
-            if now != seen:
-                seen, since = now, time.monotonic()
+            lost = ""
+            if clock and not connections.connected_nodes(clock):
+                lost = "simulated time stands still: the node that published /clock has ended"
             try:
                 ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), "getPid")
-                if time.monotonic() > since + CLOCK_TIMEOUT and connections.is_dead("/clock"):
-                    text = "simulated time stands still: the node that published it has died"
-                    node.end_with_error(UserError(f"{text}. The drive ends"))
-                    return
             except CallError as error:
-                if error.fault is CallFault.REFUSED:
-                    continue  # the master has ended; the nodes remain connected
-                if not self._is_stopped:
-                    text = f"{error}. The master is suspended, or the network to the master is cut"
-                    node.end_with_error(UserError(f"{text}. The drive ends"))
+                if error.fault is not CallFault.REFUSED:  # else it has ended; nodes stay connected
+                    lost = f"{error}. The master is suspended, or the network to the master is cut"
+            if lost and not self._is_stopped:
+                node.end_with_error(UserError(f"{lost}. The drive ends"))
                 return
 
     def _publish(self, msg: AckermannDriveStamped) -> None:
