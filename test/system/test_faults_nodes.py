@@ -12,6 +12,7 @@ import rosgraph
 import rosgraph.xmlrpc
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
+from std_msgs.msg import String
 
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.errors import UserError
@@ -24,12 +25,13 @@ from support.helpers import (
     Process,
     Recording,
     driven,
+    driver,
     kill,
     master,
     node,
     wait_for,
 )
-from support.messages import MUX, NAVIGATION, at, command
+from support.messages import MUX, NAVIGATION, at, command, is_stop
 
 COMPARISON = re.compile(r"the car drove (\S+) m .* difference (\S+) m")
 
@@ -107,6 +109,21 @@ class TestNodeFaults(DrivenCarTestCase):
 
         wait_for(lambda: MUX in new_nodes(), "the new mux to be connected")
         self.assert_recovered()
+
+    def test_no_input_drives_between_two_laps(self):
+        """Then the commands were not late."""
+        mux = rospy.Publisher("/laps", String, queue_size=10, latch=True)
+        self.addCleanup(mux.unregister)
+        mux.publish(String("Default"))
+
+        def report(msg):
+            mux.publish(String("Navigation" if msg.drive.speed else "Default"))
+
+        sent = self.ending(Recording(NAVIGATION, AckermannDriveStamped, report))
+        arguments = ("_loop:=true", "_send_init_pose:=false", "_active_topic:=/laps")
+        with driver(self.plan("0,0,0\n0.5,0.1,0.5\n"), *arguments) as process:
+            wait_for(lambda: len([m for m in sent.messages if is_stop(m)]) >= 4, "four laps")
+            self.assertTrue(process.running, process.output)
 
     def test_the_mux_is_replaced_between_two_commands(self):
         """It is noticed although a node is connected whenever a command is published."""

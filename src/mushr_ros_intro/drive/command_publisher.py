@@ -4,7 +4,7 @@ import math
 import threading
 import time
 from contextlib import suppress
-from typing import Any, Dict, NamedTuple, Optional, Set, Tuple
+from typing import Any, Dict, Optional, Set, Tuple
 
 import rosgraph
 import rospy
@@ -24,33 +24,16 @@ NOBODY = ("idle", "default")
 """The active inputs, in lower case, if no input drives: MuSHR's `default` gets only stops."""
 
 
-class TakeoverMonitor(NamedTuple):
-    """The monitor of a node that sends commands to one input of the mux.
+def is_taken_over(active: str, own: str, has_driven: bool) -> bool:
+    """Return whether the sender of an input has lost the car.
 
-    The car is taken over if another input drives. It also counts as taken over if no input drives
-    after the sender's input has driven, because then the commands arrived too late. This does not
-    change any more, even if the sender's input drives again.
+    Args:
+        active: the name of the input that drives, in lower case.
+        own: the name of the sender's input, in lower case.
+        has_driven: whether the sender's input has driven the car in this plan. If no input drives
+            after that, the commands arrived too late.
     """
-
-    input: str
-    """The name of the sender's input, such as navigation; case does not matter."""
-    has_driven: bool = False
-    """Whether the sender's input has driven the car in this plan."""
-    taken_over_by: str = ""
-    """The active input at the takeover; empty if there was none."""
-
-    def on_active(self, active: str, is_sending: bool) -> "TakeoverMonitor":
-        """Return the state after the mux published the name `active` of the input that drives."""
-        name = active.strip().lower()
-        if name == self.input.lower():
-            return self._replace(has_driven=self.has_driven or is_sending)
-        if self.taken_over_by or not self.has_driven and name in NOBODY:
-            return self
-        return self._replace(taken_over_by=active.strip() or "idle")
-
-    def plan_ended(self) -> "TakeoverMonitor":
-        """Return the state after the stop of a plan; the mux may then be idle."""
-        return self._replace(has_driven=False)
+    return active != own and (has_driven or active not in NOBODY)
 
 
 class CommandPublisher:
@@ -76,8 +59,9 @@ class CommandPublisher:
         )
         self.topic = self._publisher.resolved_name
         rospy.on_shutdown(self.stop)
-        self._monitor = TakeoverMonitor(topic.rsplit("/", 1)[-1])
+        self._input = topic.rsplit("/", 1)[-1].lower()
         self._is_known = False  # which input drives
+        self._has_driven = False  # this input, in this plan
         self._active_topic = active_topic
         self._mux: Dict[str, Tuple[Any, Set[int]]] = {}
         """Publishers and subscribers with the ids of their connections to the mux.
@@ -157,7 +141,7 @@ class CommandPublisher:
         assert self._last  # a plan has at least one row
         self.publish(_stop_after(self._last, stamp))
         with self._lock:
-            self._monitor = self._monitor.plan_ended()
+            self._has_driven = False  # the mux may then be idle
 
     def stop(self) -> None:
         """Stop the car if a command has been sent; flush the stop, and refuse later commands."""
@@ -197,19 +181,19 @@ class CommandPublisher:
 
     def _on_active(self, msg: String) -> None:
         """Stop the car and end the node if another input drives the car."""
+        active = msg.data.strip() or NOBODY[0]
         with self._lock:
             self._is_known = True
-            if self._is_stopped:
+            is_lost = is_taken_over(active.lower(), self._input, self._has_driven)
+            if self._is_stopped or not is_lost:
+                self._has_driven |= active.lower() == self._input and self._last is not None
                 return
-            self._monitor = self._monitor.on_active(msg.data, is_sending=self._last is not None)
-        if self._monitor.taken_over_by:
-            # First the error: after the stop, the node's thread ends without one.
-            node.end_with_error(UserError(self._takeover()))
-            self.stop()
+        # First the error: after the stop, the node's thread ends without one.
+        node.end_with_error(UserError(self._takeover(active)))
+        self.stop()
 
-    def _takeover(self) -> str:
-        """Return the message for a takeover."""
-        active = self._monitor.taken_over_by
+    def _takeover(self, active: str) -> str:
+        """Return the message for a takeover by the input `active`."""
         why = "another input drives the car"
         if active.lower() in NOBODY:
             why = "the commands did not reach the car in time"

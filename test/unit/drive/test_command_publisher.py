@@ -2,49 +2,21 @@
 
 import pytest
 
-from mushr_ros_intro.drive.command_publisher import TakeoverMonitor
-
-
-def after(names, monitor=None, is_sending=True):
-    """Return the monitor after the mux has published names, separated by spaces."""
-    monitor = monitor or TakeoverMonitor("navigation")
-    for name in names.split(" "):
-        monitor = monitor.on_active(name, is_sending)
-    return monitor
+from mushr_ros_intro.drive.command_publisher import is_taken_over
 
 
 @pytest.mark.parametrize(
-    "names, taken_over_by",
+    "active, has_driven, is_lost",
     [
-        ("idle navigation", ""),
-        ("Default Navigation", ""),  # MuSHR's, whose default gets six stops per second
-        ("idle Default idle", ""),
-        ("idle teleop", "teleop"),
-        ("Teleoperation", "Teleoperation"),
-        ("navigation teleop idle navigation", "teleop"),  # lost for good
-        ("Navigation Safety", "Safety"),
-        ("navigation idle", "idle"),
-        ("Navigation Default", "Default"),
-        ("navigation ", "idle"),
+        ("navigation", False, False),
+        ("navigation", True, False),
+        ("idle", False, False),
+        ("default", False, False),  # MuSHR's, which gets six stops per second
+        ("idle", True, True),
+        ("default", True, True),
+        ("teleop", False, True),
+        ("safety", True, True),
     ],
 )
-def test_when_the_car_is_lost(names, taken_over_by):
-    assert after(names).taken_over_by == taken_over_by
-
-
-def test_the_end_of_another_plan_on_the_same_input_is_no_loss():
-    monitor = after("navigation idle", is_sending=False)
-    assert not monitor.taken_over_by
-    assert after("navigation idle", monitor).taken_over_by == "idle"
-
-
-def test_a_monitor_keeps_the_car_while_it_sends_nothing():
-    monitor = after("navigation", after("navigation"), is_sending=False)
-    assert monitor.on_active(" \n", is_sending=False).taken_over_by == "idle"
-
-
-def test_between_two_plans_the_car_may_be_idle_but_not_taken_over():
-    resting = after("navigation").plan_ended()
-    assert not after("idle", resting).taken_over_by
-    assert after("idle navigation idle", resting).taken_over_by == "idle"
-    assert after("teleop", resting).taken_over_by == "teleop"
+def test_when_the_car_is_lost(active, has_driven, is_lost):
+    assert is_taken_over(active, "navigation", has_driven) == is_lost
