@@ -30,6 +30,9 @@ from mushr_ros_intro.ros.xmlrpc_client import DEFAULT_MASTER
 SHUTDOWN_TIMEOUT = 14.0
 """Timeout for the end of a node [s]; roslaunch waits 15 s, a call to the master may take 5 s."""
 
+SIGNAL_PERIOD = 0.1
+"""Longest time until a signal is noticed [s]; mostly, it is noticed at once."""
+
 _ends: "SimpleQueue[Tuple[str, Optional[int]]]" = SimpleQueue()
 """The reason for the end of the node, and the exit status if it is known."""
 
@@ -60,12 +63,13 @@ def main(
     check_arguments(node_class)
     if not is_replaceable:
         _refuse_a_second_one(name)
-    _handle_signals()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: _ends.put((f"signal {number}", None)))
     values = init_node(name, node_class.PARAMETERS, disable_signals=True, **options)
     rospy.on_shutdown(lambda: _ends.put(("shut down", None)))
     run = partial(_run, lambda: node_class(values, *arguments))
     threading.Thread(target=run, daemon=True).start()
-    reason, status = _ends.get()
+    reason, status = _wait_for_end()
     # In a thread, because rospy's shutdown may wait for ever for a lock that the node holds.
     threading.Thread(target=rospy.signal_shutdown, args=[reason], daemon=True).start()
     deadline = time.monotonic() + SHUTDOWN_TIMEOUT
@@ -82,23 +86,11 @@ def main(
     os._exit(status)  # not sys.exit, which waits for threads of rospy that may sleep for a minute
 
 
-def _handle_signals() -> None:
-    """End the node at SIGINT and SIGTERM.
-
-    A thread reads the number of the signal. Python runs a handler in the main thread only, which
-    does not notice a signal that comes just before it waits, or in another thread.
-    """
-    reader, writer = os.pipe()
-    os.set_blocking(writer, False)
-    signal.set_wakeup_fd(writer)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
-
-    def read() -> None:
-        (number,) = os.read(reader, 1)
-        _ends.put((f"signal {number}", None))
-
-    threading.Thread(target=read, daemon=True).start()
+def _wait_for_end() -> Tuple[str, Optional[int]]:
+    """Return what ends the node; the main thread alone runs Python's handlers of signals."""
+    while True:
+        with suppress(Empty):  # for a signal that came in another thread, or just before the wait
+            return _ends.get(timeout=SIGNAL_PERIOD)
 
 
 def full_name(name: str) -> str:
