@@ -12,6 +12,7 @@ from sensor_msgs.msg import LaserScan
 from mushr_ros_intro.geometry import Pose, compose
 from mushr_ros_intro.parameters import Values, integer, number
 from mushr_ros_intro.ros import conversions, node
+from mushr_ros_intro.simulator.car_parameters import FRAME_PREFIX
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 from mushr_ros_intro.world.laser import Beams, Laser, add_noise
 
@@ -39,7 +40,7 @@ class LaserSim:
         number("offset", 0.1227, "m", -10.0, 10.0, "from the rear axle forward to the laser"),
         number("noise_std", 0.0, "m", 0.0, 1e3, "standard deviation of the noise of each range"),
         integer("seed", 0, 0, 1e9, "seed of the noise"),
-        node.FRAME_PREFIX,
+        FRAME_PREFIX,
     )
 
     def __init__(self, values: Values) -> None:

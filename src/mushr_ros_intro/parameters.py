@@ -182,17 +182,6 @@ def text(name: str, default: Any, meaning: str = "", expected: str = "") -> Para
     return Parameter(name, default, expected, not_empty, meaning)
 
 
-def any_text(name: str, default: Any, meaning: str = "") -> Parameter:
-    """Declare text, which may be empty."""
-    return Parameter(
-        name,
-        default,
-        "",
-        lambda value: _checked(value, isinstance(value, str), "text"),
-        meaning,
-    )
-
-
 def loaded(
     name: str, load: Callable[[str], Any], meaning: str = "", expected: str = ""
 ) -> Parameter:

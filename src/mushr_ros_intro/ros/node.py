@@ -20,7 +20,7 @@ from rospy.client import load_command_line_node_params
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.parameters import Parameter, Parameters, Table, Values, any_text, text
+from mushr_ros_intro.parameters import Parameter, Parameters, Table, Values, text
 from mushr_ros_intro.ros import rospy_fixes
 from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.ros.connections import is_alive, wait_until_connected
@@ -277,16 +277,6 @@ def init_pose_topic(meaning: str) -> Parameter:
     """Declare the topic of the initial pose; ~car_name precedes it in the table."""
     meaning += "; by default /initialpose, for another car than 'car' /CAR_NAME/initialpose"
     return text("init_pose_topic", lambda values: initial_pose_topic(values["car_name"]), meaning)
-
-
-def _namespace_prefix(_: Values) -> str:
-    return f"{rosgraph.names.get_ros_namespace(argv=sys.argv).strip('/')}/".lstrip("/")
-
-
-FRAME_PREFIX = any_text(
-    "frame_prefix", _namespace_prefix, "precedes the names of the frames; by default CAR_NAME/"
-)
-"""The prefix of the frames of the car in the node's namespace."""
 
 
 def offer_service(name: str, lock: ContextManager[Any], act: Callable[[], str]) -> None:

@@ -1,8 +1,11 @@
-"""The parameters of a simulated car, for other nodes."""
+"""The parameters that several nodes of a simulated car have, or that other nodes read."""
 
+import sys
+
+import rosgraph
 import rospy
 
-from mushr_ros_intro.parameters import Parameters, choice, flag
+from mushr_ros_intro.parameters import Parameter, Parameters, choice, flag
 from mushr_ros_intro.ros.connections import is_alive
 from mushr_ros_intro.world.footprint import BODY, POINT
 
@@ -14,6 +17,14 @@ COLLISION = choice(
     "body",
     "what walls stop: the car's body, or the point at its rear axle",
 )
+FRAME_PREFIX = Parameter(
+    "frame_prefix",
+    lambda _: rosgraph.names.get_ros_namespace(argv=sys.argv).lstrip("/"),
+    "text",
+    str,
+    "precedes the names of the frames; by default CAR_NAME/",
+)
+"""Of the car in the node's namespace; it may be empty."""
 
 
 def simulated_car_parameters(car_name: str, must_run: bool = False) -> Parameters:

@@ -17,7 +17,12 @@ from mushr_ros_intro.ros import conversions, node
 from mushr_ros_intro.ros.connections import wait_until_connected
 from mushr_ros_intro.simulator import sim_clock
 from mushr_ros_intro.simulator.car_core import CarCore
-from mushr_ros_intro.simulator.car_parameters import COLLISION, EXPECTS_MAP, FOOTPRINTS
+from mushr_ros_intro.simulator.car_parameters import (
+    COLLISION,
+    EXPECTS_MAP,
+    FOOTPRINTS,
+    FRAME_PREFIX,
+)
 from mushr_ros_intro.simulator.state_publisher import StatePublisher
 from mushr_ros_intro.stamps import (
     SIMULATED_STAMP_TOLERANCE,
@@ -50,7 +55,7 @@ class CarSim:
         EXPECTS_MAP,
         text("profile", None, "name of the car, for the log"),
         COLLISION,
-        node.FRAME_PREFIX,
+        FRAME_PREFIX,
         flag("publish_map_to_odom", True, "publish the transform from the map to the odometry"),
         flag("mushr_interface", False, "offer the topics and services of MuSHR's simulator, too"),
     )
