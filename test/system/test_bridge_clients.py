@@ -351,32 +351,6 @@ def test_a_long_frame(sim):
 
 
 @pytest.mark.full
-def test_too_many_frames(sim):
-    flood, other = sim.client(), sim.client()
-    frame = '{"op": "set_level"}'
-    for _ in range(2000):
-        flood.send_text(frame)
-    assert "more than 200 frames per second" in flood.error()
-    assert other.call("/rosapi/topics")[0] is True
-    flood.close()
-    other.close()
-
-
-@pytest.mark.full
-def test_too_many_clients(sim):
-    clients = []
-    while web.fetch(sim.port, "/", headers=web.upgrade())[0] == 101:
-        clients.append(sim.client(web.POSE))
-        assert len(clients) <= 200, "no limit"
-    assert len(clients) >= 20
-    assert sim.get("/")[0] == 200, "the page has no limit"
-    for client in clients:
-        client.message(web.POSE)
-        client.close()
-    sim.client().close()
-
-
-@pytest.mark.full
 def test_twenty_clients_of_which_some_do_not_read(sim):
     mapped = sim.client("/map")
     mapped.message("/map")  # from now on, the server has the map
@@ -520,7 +494,7 @@ FRAMES = int(os.environ.get("FUZZ_FRAMES", "2000"))
 """To try many: FUZZ_FRAMES=100000 scripts/test --all FILE, with the path of this file."""
 
 BURST = 390
-"""Fewer frames than those that a client may send at once."""
+"""Frames of one client."""
 
 
 def with_odd_values(dice, value):
@@ -546,7 +520,7 @@ def test_random_frames(sim):
                 client.send_text(json.dumps(with_odd_values(dice, dice.choice(SEEDS))))
             else:
                 client.send_text(mutated(dice, texts))
-        client.call("/rosapi/get_time")  # is answered, perhaps with an error: too many calls
+        client.call("/rosapi/get_time")
         client.close()
         with socket.create_connection(("127.0.0.1", sim.port), PATIENCE) as garbage:
             garbage.sendall(

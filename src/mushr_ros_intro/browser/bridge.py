@@ -34,12 +34,6 @@ from mushr_ros_intro.stamps import CALL_TIMEOUT
 SILENCE = 0.2
 """Longest time between two commands of clients [s]; the mux takes a command for that long, too."""
 
-MAX_TOPICS = 100
-"""The number of topics that a client can subscribe to."""
-
-MAX_WAITING = 1000
-"""Calls of services by one client that wait for an answer; more fail at once."""
-
 THREADS = 16
 """The number of calls that run at the same time."""
 
@@ -210,8 +204,6 @@ class Bridge:
 
     async def _subscribe(self, outbox: Outbox, request: Request) -> None:
         name = request.topic
-        if len(outbox.topics) >= MAX_TOPICS:
-            raise ProtocolError(f"the client has {MAX_TOPICS} topics; expected fewer")
         if not self._topics.get(name, SharedTopic(name)).is_local:
             if not name.isascii() or not rosgraph.names.is_legal_name(name) or name == "/":
                 raise ProtocolError(f"topic is {name!r}; expected a name such as /car/car_pose")
@@ -269,10 +261,7 @@ class Bridge:
             listener(raw)
 
     async def _answer(self, outbox: Outbox, request: Request) -> None:
-        outbox.waiting += 1
         try:
-            if outbox.waiting > MAX_WAITING:
-                raise ProtocolError(f"{MAX_WAITING} calls have no answer yet; expected fewer")
             async with outbox.running:
                 call = self.in_thread(self._call, request.service, request.args)
                 reply = response(request, await asyncio.wait_for(call, 2 * CALL_TIMEOUT))
@@ -281,8 +270,6 @@ class Bridge:
             reply = response(request, text, result=False)
         except (ProtocolError, MessageError, CallError, rospy.ServiceException) as error:
             reply = response(request, str(error), result=False)
-        finally:
-            outbox.waiting -= 1
         outbox.reply(reply)
 
     def _call(self, service: str, args: Union[Dict[str, Any], List[Any]]) -> Any:

@@ -55,8 +55,6 @@ class Outbox:
         self._replies: Deque[str] = deque(maxlen=MAX_REPLIES)
         self._queues: Dict[str, _Queue] = {}
         self._changed = asyncio.Event()
-        self.waiting = 0
-        """Calls of services that have no answer yet."""
         self.running = asyncio.Semaphore(MAX_CALLS)
 
     @property

@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import time
 from typing import Any, Awaitable, Callable, Collection, Dict, NamedTuple, Union
 
 from tornado.httpserver import HTTPServer
@@ -14,14 +13,8 @@ from mushr_ros_intro.browser.outbox import Outbox
 from mushr_ros_intro.browser.protocol import status
 from mushr_ros_intro.errors import UserError
 
-MAX_CLIENTS = 50
-"""Clients that are connected at the same time; more are refused."""
-
 MAX_FRAME = 100_000
 """The longest frame of a client [bytes]; after a longer one, the connection is closed."""
-
-MAX_RATE = 200.0
-"""Frames per second of a client; more are refused. Twice as many may come at once."""
 
 PING_PERIOD = 10.0
 """A client that does not answer for three periods is disconnected [s]."""
@@ -182,17 +175,12 @@ class _ActionHandler(_Handler):
 class _Root(_Handler, WebSocketHandler):
     """The page, or with a request to upgrade the connection, a client of rosbridge."""
 
-    count = 0
-    """The number of connected clients."""
-
     def initialize(self, clients: Clients, folder: str) -> None:
         self._clients = clients
         self._folder = folder
 
     async def get(self) -> None:
         if self.request.headers.get("Upgrade", "").lower() == "websocket":
-            if _Root.count >= MAX_CLIENTS:
-                raise HTTPError(503, f"{MAX_CLIENTS} clients are connected; expected fewer")
             await super().get()
         else:
             with open(f"{self._folder}/index.html", encoding="utf-8") as file:
@@ -202,23 +190,12 @@ class _Root(_Handler, WebSocketHandler):
         return True  # see `prepare`
 
     def open(self, *args: str, **kwargs: str) -> None:
-        _Root.count += 1
         self.set_nodelay(True)
         self._outbox = Outbox()
-        self._allowed, self._refilled = 2.0 * MAX_RATE, time.monotonic()
         self._sender = asyncio.ensure_future(self._send(self._outbox))
 
     async def on_message(self, frame: Union[str, bytes]) -> None:
-        now = time.monotonic()
-        refill = (now - self._refilled) * MAX_RATE
-        self._allowed = min(self._allowed + refill, 2.0 * MAX_RATE) - 1.0
-        self._refilled = now
-        if self._allowed < 0.0:
-            self._allowed = max(self._allowed, -1.0)
-            text = f"a frame is ignored: more than {MAX_RATE:g} frames per second"
-            self._outbox.reply(status(text, None))
-        else:
-            await self._clients.handle(self._outbox, frame)
+        await self._clients.handle(self._outbox, frame)
 
     async def _send(self, outbox: Outbox) -> None:
         """Send frames while the client reads them."""
@@ -232,6 +209,5 @@ class _Root(_Handler, WebSocketHandler):
                 outbox.reply(status(str(error), None))
 
     def on_close(self) -> None:
-        _Root.count -= 1
         self._sender.cancel()
         self._clients.disconnect(self._outbox)
