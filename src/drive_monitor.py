@@ -152,7 +152,7 @@ class DriveMonitor:
         sender = self._watched.sender if self._watched else None
         is_other = sender and not self._senders.is_input_of(sender, name)
         if self._watched and is_other and name.lower() not in NOBODY:
-            self._watched.note_input(name)
+            self._watched.note_other(f"the input {name} of the mux")
 
     def _on_driver(self, msg: String, _: int) -> None:
         self._driver = msg.data
@@ -171,7 +171,7 @@ class DriveMonitor:
             self._announced = self._announced[-1:]
         if self._watched and self._watched.is_identified:
             for name in self._announced:
-                self._watched.note_driver(name)
+                self._watched.note_other(name)
             self._announced = []
 
     def _is_of_new_node(self, command: Command) -> bool:

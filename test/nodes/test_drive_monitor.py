@@ -194,7 +194,7 @@ class TestDriveMonitor(RosTestCase):
             wait_for(is_placed, "the other pose")
 
         interferences = {
-            f"{rospy.get_name()} also published commands|The input teleop of the mux": drive_too,
+            f"({rospy.get_name()}|teleop of the mux) also published commands": drive_too,
             r"the car was placed at another pose: it was at \(9\.": place,
         }
         for cause, interfere in interferences.items():

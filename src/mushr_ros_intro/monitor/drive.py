@@ -7,9 +7,9 @@ a drive begins with the first such command.
 import itertools
 from bisect import bisect_right
 from collections import deque
-from typing import Deque, Iterable, List, NamedTuple, Optional, Union
+from typing import Deque, Iterable, List, NamedTuple, Optional, Sequence, Set, Union
 
-from mushr_ros_intro.car.model import Command
+from mushr_ros_intro.car.model import Command, State
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.plan import Plan, shortest_decimal
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
@@ -67,8 +67,28 @@ def sections_of(plan: Plan) -> List[Section]:
     return sections
 
 
+class Expectation(NamedTuple):
+    """What is expected of a drive."""
+
+    plan: Plan
+    """With its speeds limited to that of the node."""
+    states: Sequence[State]
+    """The predicted states, in the map frame if the car is placed at the start pose."""
+    distance: Optional[float]
+    """The driven distance, forward and in reverse [m]; None if noise or a wall changes it."""
+    is_placed: bool
+    """Whether the node places the car at the start pose."""
+    is_exact: bool
+    """Whether the parameters of the car are known, and it has no noise."""
+
+    @property
+    def pose(self) -> Pose:
+        """The predicted final pose."""
+        return self.states[-1].pose
+
+
 class Drive:
-    """The commands of a drive since the first one, and the reports before and after them."""
+    """The commands of a drive since the first one, the reports, and what else was observed."""
 
     def __init__(self, first: Command, before: Iterable[Report]) -> None:
         """Begin with the first command that moves the car, and the last reports before it."""
@@ -86,6 +106,12 @@ class Drive:
         """The reports since the newest command that moves the car."""
         self.placed: Optional[Report] = None
         """The first report after another node has placed the car."""
+        self.wall = ""
+        """Where the car hit a wall."""
+        self.lost = ""
+        """Where the car was lost or restarted."""
+        self.others: Set[str] = set()
+        """Other nodes, and inputs of the mux, whose commands the car got or may have got."""
         self._last: Optional[Report] = None
         """The newest report that is newer than the first command."""
         self._fastest = 0.0
@@ -126,10 +152,11 @@ class Drive:
 
 
 class PlannedDrive:
-    """A drive beside its plan."""
+    """A drive beside its plan, and what is expected of it."""
 
-    def __init__(self, plan: Plan, drive: Drive) -> None:
-        self.plan = plan
+    def __init__(self, expected: Expectation, drive: Drive) -> None:
+        self.expected = expected
+        self.plan = plan = expected.plan
         self.drive = drive
         self._ends = list(itertools.accumulate(row.duration for row in plan.rows))
         sections = sections_of(plan)
@@ -167,6 +194,16 @@ class PlannedDrive:
     def end(self) -> int:
         """When the plan ends; if rows last longer in the drive than in the plan, the stop."""
         return max(self.drive.stop or 0, self.begin + self.plan.duration)
+
+    @property
+    def braking(self) -> int:
+        """The predicted time from the end of the plan until the car is at rest [ns]."""
+        return self.expected.states[-1].stamp - self.plan.duration
+
+    @property
+    def rest(self) -> int:
+        """When the car should be at rest."""
+        return self.end + self.braking
 
     @property
     def reaches_end(self) -> bool:

@@ -2,7 +2,7 @@
 
 import math
 import os
-from typing import Any, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Optional, Sequence, Tuple
 
 import rospy
 from nav_msgs.msg import OccupancyGrid, Path
@@ -11,7 +11,7 @@ from rospy.numpy_msg import numpy_msg
 from mushr_ros_intro.car.model import Car, State
 from mushr_ros_intro.car.profile import car_from, read_profile
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.geometry import Pose
+from mushr_ros_intro.monitor.drive import Expectation
 from mushr_ros_intro.monitor.senders import Sender, plan_of
 from mushr_ros_intro.parameters import Parameters
 from mushr_ros_intro.paths import package_folder
@@ -31,31 +31,6 @@ from mushr_ros_intro.stamps import CONNECTION_TIMEOUT, NANOSECONDS
 from mushr_ros_intro.wording import counted
 from mushr_ros_intro.world.footprint import BODY, Footprint, World
 from mushr_ros_intro.world.grid import Grid
-
-
-class Expectation(NamedTuple):
-    """What is expected of a drive."""
-
-    plan: Plan
-    """With its speeds limited to that of the node."""
-    states: Sequence[State]
-    """The predicted states, in the map frame if the car is placed at the start pose."""
-    distance: Optional[float]
-    """The driven distance, forward and in reverse [m]; None if noise or a wall changes it."""
-    is_placed: bool
-    """Whether the node places the car at the start pose."""
-    is_exact: bool
-    """Whether the parameters of the car are known, and it has no noise."""
-
-    @property
-    def pose(self) -> Pose:
-        """The predicted final pose."""
-        return self.states[-1].pose
-
-    @property
-    def rest(self) -> int:
-        """When the car comes to rest, counted from the first command [ns]."""
-        return self.states[-1].stamp
 
 
 class Expectations:

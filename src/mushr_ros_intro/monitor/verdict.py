@@ -1,11 +1,10 @@
 """Judge a drive: what its node, its plan and the reports of the car say about its end."""
 
 from bisect import bisect_left
-from typing import List, NamedTuple, Optional, Set
+from typing import List, NamedTuple, Optional
 
 from mushr_ros_intro.geometry import Pose, compose, inverse
 from mushr_ros_intro.monitor.drive import PlannedDrive, Report
-from mushr_ros_intro.monitor.expectation import Expectation
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, SETTLING, STAMP_TOLERANCE
 
 POSE_TOLERANCE = 1e-3
@@ -23,34 +22,19 @@ class Verdict(NamedTuple):
     lines: List[str]
 
 
-class Observed:
-    """What else was observed during a drive."""
-
-    def __init__(self) -> None:
-        self.wall = ""
-        """Where the car hit a wall."""
-        self.lost = ""
-        """Where the car was lost or restarted."""
-        self.others: Set[str] = set()
-        """Other nodes that published on the same input."""
-        self.inputs: Set[str] = set()
-        """Other inputs that drove the car."""
-
-
-def settled(planned: PlannedDrive, expected: Expectation) -> Optional[Report]:
+def settled(planned: PlannedDrive) -> Optional[Report]:
     """Return a report of the car at rest after the plan, None if there is none yet.
 
     A late command is inserted into the car's history, and can still change the pose.
     """
-    rest = planned.end + expected.rest - planned.plan.duration + SETTLING
-    for report in list(planned.drive.reports):
-        is_close = report.pose.is_close_to(expected.pose, POSE_TOLERANCE)
-        if report.stamp >= rest + (0 if is_close else STAMP_TOLERANCE):
+    for report in planned.drive.reports:
+        is_close = report.pose.is_close_to(planned.expected.pose, POSE_TOLERANCE)
+        if report.stamp >= planned.rest + SETTLING + (0 if is_close else STAMP_TOLERANCE):
             return report
     return None
 
 
-def start_fault(planned: PlannedDrive, expected: Expectation) -> str:
+def start_fault(planned: PlannedDrive) -> str:
     """Return a message if the car was not at the start pose when the plan began, or an empty one.
 
     ROS does not order two topics: the start pose may come just before the first command, and after
@@ -61,10 +45,11 @@ def start_fault(planned: PlannedDrive, expected: Expectation) -> str:
     if _is_start_pose(planned):
         return ""
     reports = [*reversed(drive.before), *filter(None, [drive.since])]
-    stamps = [state.stamp for state in expected.states]
+    states = planned.expected.states
+    stamps = [state.stamp for state in states]
     for report in reports:
         index = bisect_left(stamps, report.stamp - planned.begin)
-        predicted = expected.states[min(index, len(stamps) - 1)].pose
+        predicted = states[min(index, len(stamps) - 1)].pose
         if any(report.pose.is_close_to(each, TOLERANCE) for each in (start, predicted)):
             return ""
     if not reports:
@@ -86,29 +71,22 @@ def _is_start_pose(planned: PlannedDrive) -> bool:
 
 
 def verdict(
-    name: str,
-    planned: PlannedDrive,
-    expected: Expectation,
-    observed: Observed,
-    report: Optional[Report],
-    is_reported: bool,
+    name: str, planned: PlannedDrive, report: Optional[Report], is_reported: bool
 ) -> Verdict:
     """Judge a drive that has ended.
 
     Args:
         name: of the node that sent the commands.
         planned: the drive, beside its plan.
-        expected: the prediction.
-        observed: what else was observed.
         report: a report of the car at rest, None if there is none.
         is_reported: whether the car has reported its pose during the drive.
     """
-    if fault := _fault(name, planned, expected, observed, report, is_reported):
+    expected = planned.expected
+    if fault := _fault(name, planned, report, is_reported):
         return Verdict(False, [fault])
     if not expected.is_placed:
-        return Verdict(
-            True, [f"all commands have been sent; {_move(planned.plan.start, expected)}"]
-        )
+        move = _move(planned.plan.start, expected.pose)
+        return Verdict(True, [f"all commands have been sent; {move}"])
     if not report:
         text = f"all commands have been sent; the car should end at {expected.pose}. No node "
         return Verdict(True, [f"{text}reports the car's pose, so it is not known where the car is"])
@@ -130,32 +108,26 @@ def verdict(
     )
 
 
-def _fault(
-    name: str,
-    planned: PlannedDrive,
-    expected: Expectation,
-    observed: Observed,
-    report: Optional[Report],
-    is_reported: bool,
-) -> str:
+def _fault(name: str, planned: PlannedDrive, report: Optional[Report], is_reported: bool) -> str:
     """Return the reason why the plan has not been driven, or an empty text; see `verdict`."""
-    cause = _cause(planned, observed)
-    start = start_fault(planned, expected) if expected.is_placed else ""
+    drive, expected = planned.drive, planned.expected
+    cause = _cause(planned)
+    start = start_fault(planned) if expected.is_placed else ""
     if not planned.is_complete:
-        where = planned.position(planned.drive.newest)
-        last = planned.drive.reports[-1].pose if planned.drive.reports else None
-        how = "stopped at" if planned.drive.stands else "was last reported at"
+        where = planned.position(drive.newest)
+        last = drive.reports[-1].pose if drive.reports else None
+        how = "stopped at" if drive.stands else "was last reported at"
         stopped = f"; the car {how} {last}" if last else ""
         ended = f"the drive of {name} ended in {where}{stopped}"
-        return "; ".join(filter(None, (ended, observed.wall, start)))
+        return "; ".join(filter(None, (ended, drive.wall, start)))
     if expected.is_placed and is_reported and not report:
-        where = observed.lost or "the end of the plan"
+        where = drive.lost or "the end of the plan"
         return (
             f"the car has not reported its pose since {where}, so it is not known where it is. "
             "If it has ended, start it again"
         )
-    if observed.wall:
-        return "; ".join(filter(None, (observed.wall, start, cause if observed.others else "")))
+    if drive.wall:
+        return "; ".join(filter(None, (drive.wall, start, cause if drive.others else "")))
     if not report or not expected.is_placed:
         return ""
     # Only an exact final pose proves that the start was right.
@@ -173,15 +145,14 @@ def _fault(
     )
 
 
-def _cause(planned: PlannedDrive, observed: Observed) -> str:
+def _cause(planned: PlannedDrive) -> str:
     """Return the likely cause of a wrong final pose."""
-    if observed.others:
-        return f"{', '.join(sorted(observed.others))} also published commands"
-    if observed.inputs:
-        return f"The input {', '.join(sorted(observed.inputs))} of the mux drove the car, too"
-    if observed.lost:
-        return f"In {observed.lost}, the car did not report its pose, or it was restarted"
-    placed = planned.drive.placed
+    drive = planned.drive
+    if drive.others:
+        return f"{', '.join(sorted(drive.others))} also published commands"
+    if drive.lost:
+        return f"In {drive.lost}, the car did not report its pose, or it was restarted"
+    placed = drive.placed
     if placed and not _is_start_pose(planned):
         where = planned.position(placed.stamp)
         return f"In {where}, the car was placed at another pose: it was at {placed.pose}"
@@ -192,9 +163,9 @@ def _cause(planned: PlannedDrive, observed: Observed) -> str:
     return "The commands for the car were those of the plan. Did another node place it?"
 
 
-def _move(start: Pose, expected: Expectation) -> str:
+def _move(start: Pose, end: Pose) -> str:
     """Return the predicted final pose, relative to the start."""
-    move = compose(inverse(start), expected.pose)
+    move = compose(inverse(start), end)
     x, y, theta = (round(value, 2) + 0.0 for value in move)  # no negative zero
     return (
         f"the car should stand {abs(x):.2f} m {'ahead of' if x >= 0.0 else 'behind'} its start, "

@@ -8,13 +8,11 @@ import rospy
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.monitor.car_watch import CarWatch
-from mushr_ros_intro.monitor.drive import Drive, PlannedDrive, Report, shown
-from mushr_ros_intro.monitor.expectation import Expectation
+from mushr_ros_intro.monitor.drive import Drive, Expectation, PlannedDrive, Report, shown
 from mushr_ros_intro.monitor.senders import Sender
 from mushr_ros_intro.monitor.verdict import (
     POSE_TOLERANCE,
     TOLERANCE,
-    Observed,
     Verdict,
     settled,
     verdict,
@@ -51,14 +49,12 @@ class WatchedDrive:
 
     def __init__(self, first: Command, car: CarWatch) -> None:
         self.drive = Drive(first, car.before(first.stamp))
-        self.observed = Observed()
         self.is_identified = False
         """Whether the monitor has looked for the node of the drive."""
         self.sender: Optional[Sender] = None
         """The node of the drive; None if it is not known."""
         self.why_not = ""
         """Why the drive is not judged."""
-        self.expected: Optional[Expectation] = None
         self.planned: Optional[PlannedDrive] = None
         self._wall: Optional[Tuple[int, Pose]] = None
         """A contact with a wall before the monitor has looked for the plan."""
@@ -76,8 +72,7 @@ class WatchedDrive:
         """Note that the monitor has looked for the node and its plan, and what is expected."""
         self.is_identified = True
         if expected:
-            self.expected = expected
-            self.planned = PlannedDrive(expected.plan, self.drive)
+            self.planned = PlannedDrive(expected, self.drive)
             self._log_progress(self.drive.newest)
         if self._wall:
             self.note_wall(*self._wall)
@@ -85,25 +80,20 @@ class WatchedDrive:
     def note_car(self, changes: Iterable[str]) -> None:
         """Note and log what has happened to the car."""
         for text in changes:
-            self.observed.lost = self.observed.lost or self.position()
+            self.drive.lost = self.drive.lost or self.position()
             rospy.logwarn("%s: %s", self.position(), text)
 
     def note_others(self, senders: Iterable[Sender]) -> None:
         """Note other nodes that publish on the topic of the node of the drive."""
         for each in senders:
             if self.sender and each.topic == self.sender.topic:
-                self.note_driver(each.name)
+                self.note_other(each.name)
 
-    def note_driver(self, name: str) -> None:
-        """Note and log another node whose commands the car gets, or may get."""
-        if name not in (self.name, *self.observed.others):
-            self.observed.others.add(name)
-            rospy.logwarn("%s also publishes commands. The car gets those of both nodes", name)
-
-    def note_input(self, name: str) -> None:
-        """Note and log that another input of the mux drives the car."""
-        self.observed.inputs.add(name)
-        rospy.logwarn("%s: the input %s drives the car", self.position(), name)
+    def note_other(self, name: str) -> None:
+        """Note and log another node or input of the mux whose commands the car gets, or may get."""
+        if name not in (self.name, *self.drive.others):
+            self.drive.others.add(name)
+            rospy.logwarn("%s also publishes commands. The car gets those of both", name)
 
     def note_wall(self, stamp: int, pose: Pose) -> None:
         """Note and log a contact with a wall, at `stamp` [ns]."""
@@ -111,8 +101,8 @@ class WatchedDrive:
             self._wall = stamp, pose
         elif stamp >= self.drive.first:
             where = self.planned.position(stamp) if self.planned else "the drive"
-            self.observed.wall = f"the car stopped at a wall in {where} at {pose}"
-            rospy.logwarn("%s", self.observed.wall)
+            self.drive.wall = f"the car stopped at a wall in {where} at {pose}"
+            rospy.logwarn("%s", self.drive.wall)
 
     def is_next(self, command: Command) -> bool:
         """Return whether a command belongs to the next drive."""
@@ -151,13 +141,11 @@ class WatchedDrive:
     def ended(self) -> Optional[Verdict]:
         """Return the verdict if the drive has ended, else None."""
         if self.planned and self.planned.is_complete:
-            assert self.expected
-            braking = self.expected.rest - self.planned.plan.duration
-            rest = self.planned.end + braking
-            report = settled(self.planned, self.expected)
-            is_settled = report or not self.expected.is_placed or not self._car.last
-            limit = REPORT_TIMEOUT + braking / NANOSECONDS + 1.0
-            if is_settled or self._has_passed(limit, rest + SETTLING + STAMP_TOLERANCE):
+            report = settled(self.planned)
+            is_settled = report or not self.planned.expected.is_placed or not self._car.last
+            limit = REPORT_TIMEOUT + self.planned.braking / NANOSECONDS + 1.0
+            latest = self.planned.rest + SETTLING + STAMP_TOLERANCE
+            if is_settled or self._has_passed(limit, latest):
                 return self._judge(report)
         elif self._is_silent():
             return self._judge(None)
@@ -167,11 +155,9 @@ class WatchedDrive:
         """Return the verdict when the next drive begins; None if the car has not come to rest."""
         if not self.planned or not self.planned.is_complete:
             return self._judge(None)
-        assert self.expected
-        rest = self.planned.end + self.expected.rest - self.planned.plan.duration
         for report in self.drive.reports:
-            is_there = report.pose.is_close_to(self.expected.pose, POSE_TOLERANCE)
-            if report.stamp >= rest and is_there:
+            is_there = report.pose.is_close_to(self.planned.expected.pose, POSE_TOLERANCE)
+            if report.stamp >= self.planned.rest and is_there:
                 return self._judge(report)
         return None
 
@@ -190,12 +176,9 @@ class WatchedDrive:
         return lost is not None and time.monotonic() > lost + REPORT_TIMEOUT
 
     def _judge(self, report: Optional[Report]) -> Verdict:
-        if self.planned and self.expected:
-            is_reported = self._car.last is not None
-            return verdict(
-                self.name, self.planned, self.expected, self.observed, report, is_reported
-            )
         last = self._car.last
+        if self.planned:
+            return verdict(self.name, self.planned, report, last is not None)
         where = f"; the car stopped at {last.pose}" if last else ""
         return Verdict(
             False, [f"the drive of {self.name} has ended{where}. It is not judged: {self.why_not}"]

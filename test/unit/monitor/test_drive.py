@@ -7,7 +7,7 @@ from geometry_msgs.msg import PoseStamped
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.monitor.car_watch import CarWatch
-from mushr_ros_intro.monitor.drive import Drive, PlannedDrive, Report
+from mushr_ros_intro.monitor.drive import Drive, Expectation, PlannedDrive, Report
 from mushr_ros_intro.monitor.watched_drive import WatchedDrive
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.plan.plan import as_float32
@@ -33,7 +33,7 @@ def driven(commands, plan=PLAN):
     drive = Drive(commands[0], [])
     for command in commands[1:]:
         drive.add(command)
-    return PlannedDrive(plan, drive)
+    return PlannedDrive(Expectation(plan, (), None, True, True), drive)
 
 
 EXACT = sent((1, 0.1, 2000), (0, 0, 500), (-1, 0.2, 1000))

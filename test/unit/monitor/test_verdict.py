@@ -7,9 +7,8 @@ import pytest
 from mushr_ros_intro.car.model import Car, Command
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.monitor import watched_drive
-from mushr_ros_intro.monitor.drive import Drive, PlannedDrive, Report
-from mushr_ros_intro.monitor.expectation import Expectation
-from mushr_ros_intro.monitor.verdict import Observed, settled, start_fault, verdict
+from mushr_ros_intro.monitor.drive import Drive, Expectation, PlannedDrive, Report
+from mushr_ros_intro.monitor.verdict import settled, start_fault, verdict
 from mushr_ros_intro.plan.parse import parse_plan
 from mushr_ros_intro.preview.prediction import trajectory
 
@@ -26,7 +25,7 @@ def expected(is_placed=True, is_exact=True):
     return Expectation(PLAN, STATES, 1.5, is_placed, is_exact)
 
 
-def planned(seconds=2.0, before=PLAN.start):
+def planned(seconds=2.0, before=PLAN.start, expectation=None):
     """Return a drive whose node sends the commands of the plan for some time, and then a stop."""
     rows = [(BEGIN + i * 100 * MS, PLAN.rows[i // 10]) for i in range(round(10 * seconds))]
     first, *others = (Command(stamp, row.speed, row.steering_angle) for stamp, row in rows)
@@ -34,13 +33,12 @@ def planned(seconds=2.0, before=PLAN.start):
     for each in others:
         drive.add(each)
     drive.add(Command(BEGIN + round(seconds * 1000) * MS, 0.0, 0.0))
-    return PlannedDrive(PLAN, drive)
+    return PlannedDrive(expectation or expected(), drive)
 
 
-def judged(drive, at, observed=None, expectation=None):
+def judged(drive, at):
     report = Report(BEGIN + 2500 * MS, at) if at else None
-    observed = observed or Observed()
-    return verdict(NAME, drive, expectation or expected(), observed, report, is_reported=True)
+    return verdict(NAME, drive, report, is_reported=True)
 
 
 def test_a_plan_that_has_been_driven():
@@ -65,7 +63,7 @@ def test_a_drive_that_ends_early():
 )
 def test_another_final_pose(is_placed, is_exact, is_good):
     """It is an error if the parameters of the car are known, and it has no noise."""
-    result = judged(planned(), AWAY, expectation=expected(is_placed, is_exact))
+    result = judged(planned(expectation=expected(is_placed, is_exact)), AWAY)
     assert result.is_good is is_good
     if not is_good:
         assert f"the car was at {AWAY}, but it should have ended at {END}" in result.lines[0]
@@ -76,12 +74,12 @@ def test_another_final_pose(is_placed, is_exact, is_good):
 
 def test_who_is_named_for_a_wrong_pose():
     """What has been observed, before the commands of the node."""
-    facts = {"others": {"/bob"}, "inputs": {"teleop"}, "lost": "line 3 of 3"}
-    named = {"others": "/bob also published", "inputs": "teleop of the mux", "lost": "In line 3"}
+    facts = {"others": {"/bob", "the input teleop"}, "lost": "line 3 of 3"}
+    named = {"others": "/bob, the input teleop also published", "lost": "In line 3"}
     while facts:
-        observed = Observed()
-        vars(observed).update(facts)
-        text = judged(planned(), AWAY, observed).lines[0]
+        drive = planned()
+        vars(drive.drive).update(facts)
+        text = judged(drive, AWAY).lines[0]
         name = next(iter(facts))
         assert named[name] in text and "commands for the car" not in text
         del facts[name]
@@ -97,20 +95,20 @@ def test_a_car_that_was_placed_during_the_drive():
 
 
 def test_a_wall():
-    observed = Observed()
-    observed.wall = "the car stopped at a wall in line 3 of 3 at x"
-    assert judged(planned(), END, observed).lines == [observed.wall]
+    drive = planned()
+    drive.drive.wall = "the car stopped at a wall in line 3 of 3 at x"
+    assert judged(drive, END).lines == [drive.drive.wall]
 
 
 def test_a_car_that_is_lost():
-    observed = Observed()
-    observed.lost = "line 2 of 3"
-    result = judged(planned(), None, observed)
+    drive = planned()
+    drive.drive.lost = "line 2 of 3"
+    result = judged(drive, None)
     assert not result.is_good and "since line 2 of 3, so it is not known" in result.lines[0]
 
 
 def test_without_a_start_pose_the_end_is_relative_to_the_start():
-    result = judged(planned(), None, expectation=expected(is_placed=False))
+    result = judged(planned(expectation=expected(is_placed=False)), None)
     assert result.is_good
     assert "the car should stand 0.4" in result.lines[0] and "ahead of its start" in result.lines[0]
 
@@ -135,7 +133,7 @@ def test_without_a_start_pose_the_end_is_relative_to_the_start():
 def test_where_the_car_was_at_the_start(before, since, fault):
     drive = planned()
     drive.drive.before, drive.drive.since = [*filter(None, [before])], since
-    text = start_fault(drive, expected())
+    text = start_fault(drive)
     assert bool(text) is fault
     assert not fault or f"the car was not at the start pose {PLAN.start}" in text
 
@@ -143,9 +141,9 @@ def test_where_the_car_was_at_the_start(before, since, fault):
 def test_a_first_command_without_a_stamp_that_arrives_late():
     drive = planned()
     drive.drive.before = [Report(BEGIN - 400 * MS, PLAN.start), Report(BEGIN, AWAY)]
-    assert not start_fault(drive, expected())
+    assert not start_fault(drive)
     drive.drive.before[0] = Report(BEGIN - 400 * MS, Pose(9.0, 9.0, 0.0))
-    assert f"it was at {AWAY}" in start_fault(drive, expected())
+    assert f"it was at {AWAY}" in start_fault(drive)
 
 
 def test_a_start_pose_that_comes_late():
@@ -169,15 +167,14 @@ def test_a_start_pose_just_after_the_first_command():
 @pytest.mark.parametrize("is_exact", [True, False])
 def test_a_car_that_was_not_at_the_start_pose(is_exact):
     """An exact final pose proves that it was there."""
-    drive = planned(before=AWAY)
-    assert judged(drive, END, expectation=expected(is_exact=is_exact)).is_good
+    drive = planned(before=AWAY, expectation=expected(is_exact=is_exact))
+    assert judged(drive, END).is_good
     near = END._replace(x=END.x + 0.09)  # as if a slow car is placed one second late
-    text = judged(drive, near, expectation=expected(is_exact=is_exact)).lines[0]
+    text = judged(drive, near).lines[0]
     assert f"not at the start pose {PLAN.start} when the first command came: it was at" in text
-    observed = Observed()
-    observed.wall = "the car stopped at a wall in line 3 of 3 at x"
-    text = judged(drive, AWAY, observed).lines[0]
-    assert text.startswith(f"{observed.wall}; the car was not at the start pose {PLAN.start}")
+    drive.drive.wall = "the car stopped at a wall in line 3 of 3 at x"
+    text = judged(drive, AWAY).lines[0]
+    assert text.startswith(f"{drive.drive.wall}; the car was not at the start pose {PLAN.start}")
 
 
 @pytest.mark.parametrize(
@@ -195,7 +192,7 @@ def test_when_the_car_has_come_to_rest(reports, found):
     drive = planned()
     for stamp, pose in reports:
         drive.drive.report(Report(BEGIN + stamp * MS, pose))
-    report = settled(drive, expected())
+    report = settled(drive)
     assert (report and (report.stamp - BEGIN) // MS) == found
 
 
