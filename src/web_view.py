@@ -15,19 +15,23 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 
 from mushr_ros_intro.browser import plans, rosapi
+from mushr_ros_intro.browser.access import refusal
 from mushr_ros_intro.browser.bridge import Bridge
-from mushr_ros_intro.browser.car_limits import car_limits
 from mushr_ros_intro.browser.map import WebMap
-from mushr_ros_intro.browser.plan_actions import PlanActions
 from mushr_ros_intro.browser.plan_drive import PlanDrive
-from mushr_ros_intro.browser.server import Action, Clients, Rules, serve
+from mushr_ros_intro.browser.server import Action, serve
+from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters, Values, folder, integer, text
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.ros import node, ros_time
 from mushr_ros_intro.ros.connections import is_alive, is_published, registered_nodes
 from mushr_ros_intro.ros.xmlrpc_client import CallError
-from mushr_ros_intro.simulator.car_parameters import simulated_car_parameters
+from mushr_ros_intro.simulator.car_parameters import (
+    COLLISION,
+    FOOTPRINTS,
+    simulated_car_parameters,
+)
 
 STATE_TOPIC = "/web_view/state"
 """What the page shows beside ROS's topics. Only clients of this node can subscribe to it."""
@@ -106,8 +110,8 @@ class WebView:
             package_folder("web"),
             self._address,
             self._port,
-            Rules(self._hosts, self._token),
-            Clients(self._bridge.handle, self._bridge.disconnect),
+            partial(refusal, hosts=self._hosts, secret=self._token),
+            self._bridge,
             self._actions(),
         )
         rospy.loginfo(
@@ -126,13 +130,48 @@ class WebView:
 
     def _actions(self) -> Dict[str, Dict[str, Action]]:
         """Return what the server answers, by path and method."""
-        parameters = {"car_name": self._car_name, "init_pose_topic": self._init_pose_topic}
-        plan_actions = PlanActions(self._bridge, self._map, self._drive, self._folders, parameters)
         return {
             r"/map\.json": {"GET": self._map.get_numbers},
             r"/map\.png": {"GET": self._map.get_png},
-            **plan_actions.actions(),
+            r"/plans/(.+)": {"GET": self._get_plan},
+            r"/drive": {"POST": self._start_drive, "DELETE": self._stop_drive},
         }
+
+    async def _get_plan(self, name: str) -> Dict[str, Any]:
+        path = await self._path(name)
+        return await self._bridge.in_thread(self._check, name, path)
+
+    def _check(self, name: str, path: str) -> Dict[str, Any]:
+        try:
+            parameters = simulated_car_parameters(self._car_name, must_run=True)
+        except OSError as error:
+            raise UserError(rosapi.no_answer(error)) from None
+        footprint = FOOTPRINTS[parameters.get(COLLISION)]
+        return plans.describe(name, path, "car", car_from(parameters), self._map.grid, footprint)
+
+    async def _path(self, name: Any) -> str:
+        """Return the path of a plan; raise a LookupError if there is none with this name."""
+        paths = await self._bridge.in_thread(plans.find_plans, self._folders)
+        if not isinstance(name, str) or name not in paths:
+            raise LookupError(f"there is no plan {name!r}; expected one of {', '.join(paths)}")
+        return paths[name]
+
+    async def _start_drive(self, body: Any) -> Dict[str, Any]:
+        options = body if isinstance(body, dict) else {}
+        name = options.get("plan")
+        parameters = {
+            "plan_file": await self._path(name),
+            "loop": bool(options.get("loop")),
+            "car_name": self._car_name,
+            "init_pose_topic": self._init_pose_topic,
+        }
+        written = (await self._bridge.in_thread(plans.versions, self._folders)).get(name)
+        await self._bridge.in_thread(self._drive.start, name, written, parameters)
+        return {}
+
+    async def _stop_drive(self) -> Dict[str, Any]:
+        await self._bridge.in_thread(self._drive.stop)
+        return {}
 
     def _look(self) -> Dict[str, Any]:
         """Return the part of the state that may change without a message; takes time."""
@@ -141,7 +180,7 @@ class WebView:
             "holds_clock": False,
             "has_car": False,
             "has_mux": False,
-            **car_limits(Parameters({})),
+            **plans.car_limits(Parameters({})),
             **self._seen,
             "problem": "",
             "plans": plans.versions(self._folders),
@@ -155,7 +194,7 @@ class WebView:
                 )
             is_simulated = f"{car}/reset" in services and is_alive(car)
             values = simulated_car_parameters(self._car_name) if is_simulated else Parameters({})
-            seen.update(car_limits(values), holds_clock=f"{car}/pause" in services)
+            seen.update(plans.car_limits(values), holds_clock=f"{car}/pause" in services)
             seen["has_car"] = is_simulated
             self._drive.look(services, self._folders)
             self._map.is_published = is_published("/map")

@@ -53,18 +53,14 @@ class Outbox:
 
     def __init__(self) -> None:
         self._replies: Deque[str] = deque(maxlen=MAX_REPLIES)
-        self._queues: Dict[str, _Queue] = {}
+        self.topics: Dict[str, _Queue] = {}
+        """The topics that the client subscribes to."""
         self._changed = asyncio.Event()
         self.running = asyncio.Semaphore(MAX_CALLS)
 
-    @property
-    def topics(self) -> Dict[str, _Queue]:
-        """The topics that the client subscribes to."""
-        return self._queues
-
     def subscribe(self, request: Request) -> None:
         """Add a subscription, or replace the one with the same topic and id."""
-        queue = self._queues.setdefault(request.topic, _Queue())
+        queue = self.topics.setdefault(request.topic, _Queue())
         queue.requests[request.id] = request
         queue.update()
 
@@ -73,14 +69,14 @@ class Outbox:
 
         Return whether no subscription to the topic is left.
         """
-        queue = self._queues.get(request.topic, _Queue())
+        queue = self.topics.get(request.topic, _Queue())
         if request.id is None:
             queue.requests.clear()
         queue.requests.pop(request.id, None)
         if queue.requests:
             queue.update()
             return False
-        self._queues.pop(request.topic, None)
+        self.topics.pop(request.topic, None)
         return True
 
     def reply(self, frame: str) -> None:
@@ -90,7 +86,7 @@ class Outbox:
 
     def put(self, message: Message) -> None:
         """Add a message of a subscribed topic; if too many wait, the oldest is dropped."""
-        queue = self._queues.get(message.topic)
+        queue = self.topics.get(message.topic)
         if queue is None:
             return
         if not queue.messages:
@@ -103,7 +99,7 @@ class Outbox:
         while True:
             if self._replies:
                 return self._replies.popleft()
-            waiting = (queue for queue in self._queues.values() if queue.messages)
+            waiting = (queue for queue in self.topics.values() if queue.messages)
             first = min(waiting, key=lambda queue: queue.due, default=None)
             now = time.monotonic()
             if first and first.due <= now:

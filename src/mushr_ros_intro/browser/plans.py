@@ -1,4 +1,4 @@
-"""Plans for the page, which knows them by name only."""
+"""What the page shows of plans, which it knows by name only, and of the car."""
 
 import glob
 import os
@@ -6,12 +6,15 @@ from contextlib import suppress
 from typing import Any, Dict, Optional, Sequence
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.paths import user_path
+from mushr_ros_intro.car.profile import car_from
+from mushr_ros_intro.parameters import Parameters
+from mushr_ros_intro.paths import package_folder, user_path
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Fault, PlanError, shortest_decimal
 from mushr_ros_intro.preview.report import check
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.world.footprint import BODY, Footprint
+from mushr_ros_intro.yaml_file import read_mapping
 
 SUFFIX = ".txt"
 
@@ -94,6 +97,27 @@ def describe(
         "final_pose": report.final_pose,
         "path": [(state.pose.x, state.pose.y) for state in states],
         "ignores_noise": car.has_command_noise,
+    }
+
+
+def car_limits(parameters: Parameters) -> Dict[str, Any]:
+    """Return the commands of driving by hand within a car's limits.
+
+    Also return the `car` as text, which shows whether it is still the same car.
+
+    Args:
+        parameters: of the simulated car; empty without one.
+
+    Raises:
+        UserError: a parameter is of the wrong type or out of range.
+    """
+    car = car_from(parameters)
+    path = os.path.join(package_folder("config"), "keyboard_teleop.yaml")
+    hand = read_mapping(path, "the keys speed and steering_angle")
+    angles = hand["steering_angle"], car.steering_limit_left, car.steering_limit_right
+    return {
+        "hand": {"speed": min(hand["speed"], car.speed_limit), "steering_angle": min(angles)},
+        "car": str(car),
     }
 
 

@@ -2,13 +2,13 @@
 
 import asyncio
 import json
-from typing import Any, Awaitable, Callable, Collection, Dict, NamedTuple, Union
+from typing import Any, Awaitable, Callable, Dict, Optional, Union
 
 from tornado.httpserver import HTTPServer
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from mushr_ros_intro.browser.access import refusal
+from mushr_ros_intro.browser.bridge import Bridge
 from mushr_ros_intro.browser.outbox import Outbox
 from mushr_ros_intro.browser.protocol import status
 from mushr_ros_intro.errors import UserError
@@ -28,22 +28,6 @@ _HEADERS = {
 }
 
 
-class Clients(NamedTuple):
-    """What to do with the frames of clients."""
-
-    handle: Callable[[Outbox, Union[str, bytes]], Awaitable[None]]
-    """Carries out the request in a frame."""
-    disconnect: Callable[[Outbox], None]
-    """Is called when a client is gone."""
-
-
-class Rules(NamedTuple):
-    """Which programs and pages may use the server; see `access.refusal`."""
-
-    hosts: Collection[str]
-    token: str
-
-
 Answer = Union[Dict[str, Any], bytes]
 """JSON, or a PNG image."""
 
@@ -58,8 +42,8 @@ def serve(
     folder: str,
     address: str,
     port: int,
-    rules: Rules,
-    clients: Clients,
+    refusal: Callable[[Optional[str], Optional[str], Optional[str]], str],
+    bridge: Bridge,
     actions: Dict[str, Dict[str, Action]],
 ) -> HTTPServer:
     """Start the server in the event loop of this thread.
@@ -68,8 +52,8 @@ def serve(
         folder: contains the files of the page.
         address: of the network interface.
         port: of the server.
-        rules: who may use it.
-        clients: what to do with rosbridge's clients, which connect to /.
+        refusal: see `access.refusal`, of which it gets the first three arguments.
+        bridge: for rosbridge's clients, which connect to /.
         actions: for each path, a regular expression, the action of each method (GET, POST, DELETE).
 
     Raises:
@@ -78,13 +62,13 @@ def serve(
     routes = [(path, _ActionHandler, {"actions": methods}) for path, methods in actions.items()]
     application = Application(
         [
-            ("/", _Root, {"clients": clients, "folder": folder}),
+            ("/", _Root, {"bridge": bridge, "folder": folder}),
             *routes,
             (r"/([\w-]+\.(?:js|css|svg))", _File, {"path": folder}),
         ],
         default_handler_class=_ActionHandler,
         default_handler_args={"actions": {}},
-        rules=rules,
+        refusal=refusal,
         websocket_max_message_size=MAX_FRAME,
         websocket_ping_interval=PING_PERIOD,
         log_function=lambda handler: None,
@@ -111,14 +95,8 @@ class _Handler(RequestHandler):
             self.set_header(name, value)
 
     def prepare(self) -> None:
-        headers, rules = self.request.headers, self.settings["rules"]
-        reason = refusal(
-            headers.get("Host"),
-            headers.get("Origin"),
-            self.get_query_argument("token", None),
-            rules.hosts,
-            rules.token,
-        )
+        headers, token = self.request.headers, self.get_query_argument("token", None)
+        reason = self.settings["refusal"](headers.get("Host"), headers.get("Origin"), token)
         if reason:
             raise HTTPError(403, reason=None, log_message=reason)
 
@@ -175,8 +153,8 @@ class _ActionHandler(_Handler):
 class _Root(_Handler, WebSocketHandler):
     """The page, or with a request to upgrade the connection, a client of rosbridge."""
 
-    def initialize(self, clients: Clients, folder: str) -> None:
-        self._clients = clients
+    def initialize(self, bridge: Bridge, folder: str) -> None:
+        self._bridge = bridge
         self._folder = folder
 
     async def get(self) -> None:
@@ -195,7 +173,7 @@ class _Root(_Handler, WebSocketHandler):
         self._sender = asyncio.ensure_future(self._send(self._outbox))
 
     async def on_message(self, frame: Union[str, bytes]) -> None:
-        await self._clients.handle(self._outbox, frame)
+        await self._bridge.handle(self._outbox, frame)
 
     async def _send(self, outbox: Outbox) -> None:
         """Send frames while the client reads them."""
@@ -210,4 +188,4 @@ class _Root(_Handler, WebSocketHandler):
 
     def on_close(self) -> None:
         self._sender.cancel()
-        self._clients.disconnect(self._outbox)
+        self._bridge.disconnect(self._outbox)

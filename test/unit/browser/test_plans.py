@@ -10,7 +10,6 @@ import pytest
 from PIL import Image
 
 from mushr_ros_intro.browser import plans
-from mushr_ros_intro.browser.car_limits import car_limits
 from mushr_ros_intro.browser.map import png
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.car.profile import read_profile
@@ -74,8 +73,8 @@ def test_what_a_car_can_do(profile, hand):
     values = read_profile(f"{PACKAGE}/config/cars/{profile}.yaml") if profile else {}
     speed, steering_angle = hand
     expected = {"speed": speed, "steering_angle": steering_angle}
-    limits = car_limits(Parameters(values))
-    assert limits.pop("car") != car_limits(Parameters({"wheelbase": 0.5}))["car"]
+    limits = plans.car_limits(Parameters(values))
+    assert limits.pop("car") != plans.car_limits(Parameters({"wheelbase": 0.5}))["car"]
     assert limits == {"hand": expected}
 
 
