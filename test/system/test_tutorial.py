@@ -217,8 +217,6 @@ def test_a_course(home):
     assert status == 0 and "RESULT: SUCCESS" in output, output
     with terminal.start("roslaunch course simulation.launch.xml") as simulation:
         wait_for(lambda: "ready: the car is at (3.0000 m" in simulation.output, "the car")
-        ignored = "these arguments have no effect here: racecar_version:=racecar-uw-nano\n"
-        assert ignored in simulation.output
         exercise = f"roslaunch introduction exercise.launch.xml plan_file:={plan}"
         output, status = terminal.type(exercise)
         assert status == 0, output
