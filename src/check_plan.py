@@ -7,12 +7,11 @@ ideal car and 30 s for a car with ramps, and up to twice as long on a map.
 
 import argparse
 import os
-import signal
 import sys
 from typing import List
 
 from mushr_ros_intro.car.profile import named_car, names_in
-from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.errors import exit_status
 from mushr_ros_intro.parameters import Parameters, integer
 from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.plan.parse import read_plan
@@ -24,18 +23,6 @@ from mushr_ros_intro.ros.commands import as_typed
 from mushr_ros_intro.world.map_file import read_map
 
 MAX_RUNS = 100_000
-
-
-def main() -> int:
-    """Check the plans on the command line; return the exit status."""
-    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end quietly if the output is cut off
-    try:
-        return run()
-    except UserError as error:
-        print(f"check_plan.py: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 128 + signal.SIGINT  # as in a shell
 
 
 def run() -> int:
@@ -108,4 +95,4 @@ def shortened(path: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_status("check_plan.py", run))

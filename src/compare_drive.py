@@ -3,7 +3,6 @@
 
 import argparse
 import os
-import signal
 import sys
 from functools import partial
 from typing import List
@@ -16,7 +15,7 @@ from mushr_ros_intro.comparison.bag_file import read_bag
 from mushr_ros_intro.comparison.comparison import Comparison, compare
 from mushr_ros_intro.comparison.fit import Fit, combined, fit
 from mushr_ros_intro.comparison.profile_file import vesc_text, write_profile
-from mushr_ros_intro.errors import UserError
+from mushr_ros_intro.errors import UserError, exit_status
 from mushr_ros_intro.parameters import Parameters, number
 from mushr_ros_intro.paths import package_folder, user_path
 from mushr_ros_intro.replay.recording import Drive
@@ -25,18 +24,6 @@ from mushr_ros_intro.ros.commands import as_typed
 
 show = partial(print, sep="\n")
 _MUX = "/car/mux/ackermann_cmd_mux"
-
-
-def main() -> int:
-    """Compare the drives on the command line; return the exit status."""
-    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # end quietly if the output is cut off
-    try:
-        return run()
-    except UserError as error:
-        print(f"compare_drive.py: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 128 + signal.SIGINT  # as in a shell
 
 
 def run() -> int:
@@ -135,4 +122,4 @@ def parse_arguments(profiles: str) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(exit_status("compare_drive.py", run))

@@ -11,6 +11,7 @@ from mushr_ros_intro.car.profile import car_from, read_profile
 from mushr_ros_intro.comparison.drive_log import drive_log
 from mushr_ros_intro.comparison.fit import Combined
 from mushr_ros_intro.comparison.profile_file import vesc_text, write_profile
+from mushr_ros_intro.errors import exit_status
 from mushr_ros_intro.parameters import Parameters
 from support.cars import CARS, plan_of
 from support.paths import PACKAGE
@@ -47,7 +48,7 @@ def run(monkeypatch, capsys):
     def call(*arguments):
         monkeypatch.setattr("signal.signal", lambda *_: None)  # SIGPIPE would end pytest
         monkeypatch.setattr(sys, "argv", ["compare_drive.py", *arguments])
-        status = compare_drive.main()
+        status = exit_status("compare_drive.py", compare_drive.run)
         return (status, *capsys.readouterr())
 
     def use(slips=False):

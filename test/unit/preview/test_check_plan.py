@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.quiver import Quiver
 
 from mushr_ros_intro.car.model import Car
+from mushr_ros_intro.errors import exit_status
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import PlanError, as_float32
@@ -390,7 +391,7 @@ def _run(monkeypatch, capsys, tmp_path):
         monkeypatch.setenv("PWD", str(folder))
         monkeypatch.setattr(sys, "argv", ["check_plan.py", *arguments])
         try:
-            status = check_plan.main()
+            status = exit_status("check_plan.py", check_plan.run)
         except SystemExit as end:
             status = end.code
         return (status, *capsys.readouterr())
