@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """Watch the drives of any node, and report how each of them ended."""
 
+import sys
 import time
 from collections import deque
 from contextlib import suppress
@@ -10,13 +11,13 @@ import rosgraph
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseArray, PoseStamped
-from std_msgs.msg import String
+from std_msgs.msg import String, Time
 
 from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.car.profile import names_in
+from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.monitor.car_watch import CarWatch
 from mushr_ros_intro.monitor.expectation import Expectations
-from mushr_ros_intro.monitor.results import Results, take_result_files
 from mushr_ros_intro.monitor.senders import Sender, Senders
 from mushr_ros_intro.monitor.verdict import Verdict
 from mushr_ros_intro.monitor.watched_drive import WatchedDrive
@@ -25,6 +26,7 @@ from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.plan.parse import read_named_plan
 from mushr_ros_intro.ros import conversions, node, ros_time
 from mushr_ros_intro.ros.connections import wait_until_connected
+from mushr_ros_intro.ros.junit import write_junit
 
 TICK = 0.1
 """Period at which a drive is looked at [s of wall-clock time]."""
@@ -42,6 +44,13 @@ PLAN = (
     "watch one drive of this plan, whose result is the exit status; by default, the plans of nodes"
 )
 CAR = "car of the prediction, a name in config/cars; by default the simulated car"
+
+
+def take_result_files() -> List[str]:
+    """Remove rostest's arguments from the command line; return the JUnit files that it expects."""
+    given = [each for each in sys.argv if each.startswith("--gtest_output")]
+    sys.argv = [each for each in sys.argv if each not in (*given, "--text", "--cov")]
+    return [each.partition("xml:")[2] for each in given]
 
 
 class DriveMonitor:
@@ -81,8 +90,10 @@ class DriveMonitor:
         """Whether the drive has been seen from its first command."""
         self._watched: Optional[WatchedDrive] = None
         self._seen: List[str] = []
-        self._results = Results(result_files if self._fixed else None)
-
+        self._result_files = result_files
+        self._last: Optional[Verdict] = None
+        self._start_pub = rospy.Publisher("~start", Time, queue_size=1, latch=True)
+        self._verdict_pub = rospy.Publisher("~verdict", String, queue_size=1, latch=True)
         self._mux = [
             self._subscribe(f"{mux}/active", String, self._on_active),
             self._subscribe(f"{mux}/output", AckermannDriveStamped, self._on_command),
@@ -108,7 +119,10 @@ class DriveMonitor:
     def run(self) -> int:
         """Watch until the node is shut down, or with ``~plan_file`` until the end of one drive.
 
-        Returns the exit status: 1 if the plan has not been driven.
+        Returns the exit status.
+
+        Raises:
+            UserError: the plan has not been driven.
         """
         connected = [wait_until_connected(each, "publishers", minimum=1) for each in self._mux]
         deadline = time.monotonic() + 1.0
@@ -125,8 +139,8 @@ class DriveMonitor:
                 continue
             if self._watched and (verdict := self._watched.ended()):
                 self._conclude(verdict)
-            if self._fixed and self._results.last:
-                return self._results.conclude(self._results.last)
+            if self._fixed and self._last:
+                return self._write(self._last)
             if time.monotonic() >= next_check:
                 next_check = time.monotonic() + CHECK_PERIOD
                 self._check()
@@ -224,7 +238,7 @@ class DriveMonitor:
             self._take_events()  # its commands may have arrived since the last time
             if not self._watched:
                 text = f"{', '.join(self._seen)} has ended, and has not moved the car"
-                self._results.end(Verdict(False, [text]), is_planned=False)
+                self._end(Verdict(False, [text]), is_planned=False)
         self._seen = names
 
     def _has_to_identify(self) -> bool:
@@ -253,7 +267,8 @@ class DriveMonitor:
         self._is_judged = True
         watched.identified(expected)
         if watched.planned:
-            self._results.begin(watched.planned.begin)
+            self._verdict_pub.publish(String(""))
+            self._start_pub.publish(Time(ros_time.time_from(watched.planned.begin)))
 
     # Ends
 
@@ -268,8 +283,26 @@ class DriveMonitor:
 
     def _conclude(self, verdict: Verdict) -> None:
         assert self._watched
-        self._results.end(verdict, self._watched.planned is not None)
+        self._end(verdict, self._watched.planned is not None)
         self._watched = None
+
+    def _end(self, verdict: Verdict, is_planned: bool) -> None:
+        """Publish and log the end of a drive, except an error that ends this node."""
+        for line in verdict.lines if verdict.is_good or not self._fixed else ():
+            (rospy.loginfo if verdict.is_good or not is_planned else rospy.logerr)("%s", line)
+        self._last = verdict
+        if is_planned:
+            self._verdict_pub.publish(String("\n".join(verdict.lines)))
+        self._start_pub.publish(Time(ros_time.time_from(0)))
+
+    def _write(self, verdict: Verdict) -> int:
+        """Write the result of the only drive for rostest; see `run`."""
+        text = "\n".join(verdict.lines)
+        for each in self._result_files:
+            write_junit(each, "drive_monitor", {"drive": None if verdict.is_good else text})
+        if not verdict.is_good:
+            raise UserError(text)
+        return 0
 
 
 if __name__ == "__main__":

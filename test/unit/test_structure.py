@@ -45,7 +45,7 @@ WITH_ROS = {
     },
     "comparison": {"bag_file"},
     "drive": {"command_publisher", "start_pose"},
-    "monitor": {"car_watch", "expectation", "results", "senders", "watched_drive"},
+    "monitor": {"car_watch", "expectation", "senders", "watched_drive"},
     "doctor": {"listener", "network", "observation"},
     "isolation": {"workspace"},
     "simulator": {
