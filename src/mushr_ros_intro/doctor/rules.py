@@ -180,9 +180,6 @@ def _not_running(facts: Facts) -> Finding:
     if facts.output.subscribers:
         missing, topic = "the mux of the car", facts.control_topic
     problem = f"{missing} '{facts.car}' is not running: no node subscribes to {topic}"
-    if len(facts.pose_publishers) > 1:
-        remedy = "Two simulations of this car were started, and their muxes have ended each other. "
-        return Finding(problem, f"{remedy}Stop all nodes of both, and start one of them again")
     remedies = [
         f"For the simulated car, type: roslaunch mushr_ros_intro sim.launch{facts.car_argument}",
         "for an actual car, start MuSHR's teleop.launch of mushr_base, and never sim.launch",

@@ -495,14 +495,6 @@ def test_mushrs_systems(system, changes, problem):
         assert problem.format(teleop=SYSTEMS[system][0], manager=MANAGER, mux=MUX) in finding
 
 
-def test_two_systems_whose_muxes_have_ended_each_other():
-    """Starting sim.launch once more would not help."""
-    changed = replace(HEALTHY, inputs=without_mux(), pose_publishers=(CAR, "/mushr_sim"))
-    doubles, mux = map(str, diagnose(changed))
-    assert "each reports a pose of the car" in doubles
-    assert "Stop all nodes of both, and start one of them again" in mux and "Type" not in mux
-
-
 def test_no_hint_about_the_tutorials_listing_for_a_joystick():
     driving = {"stamps": (0, 0), "speeds": (1.0, 1.0), "active": "teleop"}
     assert not hints(in_mushr("car, master", **driving))
