@@ -3,12 +3,12 @@
 const LASER = 0.1227; // from the rear axle ahead to the laser [m]
 export const SAME = 1e-6; // stamps that differ by less are the same [s]
 const PLACED = 1; // if two poses are farther apart, the car was placed [m]
-const GAP = 0.06; // between poses that are further apart, the car may not drive an arc [s]
+const GAP = 0.06; // between poses that are further apart, the car may not drive evenly [s]
 
 /**
- * The pose [x, y, theta] at a stamp [s], on the arc between two of the poses {stamp, pose}. Until
- * there is a later pose, it is null: the bridge may leave out the very pose at which a scan was taken.
- * It is also null if the bridge has left out many poses.
+ * The pose [x, y, theta] at a stamp [s], between two of the poses {stamp, pose}. Until there is a
+ * later pose, it is null: the bridge may leave out the very pose at which a scan was taken. It is
+ * also null if the bridge has left out many poses.
  */
 export function poseAt(poses, stamp) {
   const next = poses.findIndex((each) => each.stamp >= stamp - SAME);
@@ -21,18 +21,9 @@ export function poseAt(poses, stamp) {
   const isBetween = stamp < after.stamp - SAME;
   if (isBetween && (span > GAP || Math.hypot(dx, dy) > PLACED)) return null;
   const whole = Math.atan2(Math.sin(turn), Math.cos(turn));
-  // Between two reports the car drives an arc. Its chord up to a part of the turn:
-  const ratio = whole
-    ? Math.sin((part * whole) / 2) / Math.sin(whole / 2)
-    : part;
-  const back = ((part - 1) * whole) / 2;
-  const [sin, cos] = [ratio * Math.sin(back), ratio * Math.cos(back)];
   const [x, y, theta] = before.pose;
-  return [
-    x + cos * dx - sin * dy,
-    y + sin * dx + cos * dy,
-    theta + part * whole,
-  ];
+  // On the chord: in this time, the arc is a few millimetres beside it.
+  return [x + part * dx, y + part * dy, theta + part * whole];
 }
 /** The points [x, y] that a scan (sensor_msgs/LaserScan) from a pose of the car has hit. */
 export function points({ ranges, angle_min: begin, angle_increment }, pose) {
