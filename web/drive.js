@@ -5,7 +5,6 @@ import { find, say, server } from "./page.js";
 import * as ros from "./ros.js";
 
 const PERIOD = 100; // of the commands [ms]
-const DEAF = 1000; // a mux that passes nothing on for so long is not running [ms]
 const DEAD_ZONE = 0.1; // of a gamepad's stick
 const KEYS = { w: [1, 0], s: [-1, 0], a: [0, 1], d: [0, -1] }; // forward, left
 const PAD_KEYS = {
@@ -19,8 +18,7 @@ const pad = find("pad");
 // What the held keys ask for, by their places on the keyboard: a modifier changes the name of a key.
 const keys = new Map();
 let stick = null; // of the touch pad: forward, left
-let begun = 0; // when the car began to be driven [ms]; 0 if it is not driven
-let heard = 0; // when the mux passed a command on [ms]
+let isDriven = false; // whether the last command was no stop
 let isArmed = true; // after a stop, the gamepad's button has to be pressed again
 
 /** MuSHR's mapping: LB is the deadman button. The axes point down and to the right. */
@@ -59,19 +57,16 @@ function step() {
   const { car_name: car, hand } = server.state ?? { hand: {} };
   const speed = ahead * hand.speed;
   const angle = left * hand.steering_angle;
-  if (car && (device || begun))
+  if (car && (device || isDriven))
     ros.publish(`/${car}/mux/ackermann_cmd_mux/input/teleop`, {
       header: { frame_id: `${car}/base_footprint` },
       drive: { speed, steering_angle: angle },
     });
-  const now = performance.now();
-  begun = device && (begun || now);
-  const isDeaf = begun && now > Math.max(begun, heard) + DEAF;
-  const note = isDeaf ? "; the mux does not pass this on to the car" : "";
+  isDriven = device !== "";
   say(
     "hand-state",
     device
-      ? `${device}: ${speed.toFixed(2)} m/s, ${angle.toFixed(2)} rad${note}`
+      ? `${device}: ${speed.toFixed(2)} m/s, ${angle.toFixed(2)} rad`
       : car
         ? `at most ${hand.speed.toFixed(2)} m/s, ${hand.steering_angle.toFixed(2)} rad`
         : "",
@@ -86,8 +81,6 @@ function pull(event) {
   find("knob").style.transform = `translate(${-left * 42}px, ${-ahead * 42}px)`;
   if (event?.type !== "pointermove") step();
 }
-/** The mux has passed on a command of any input. */
-export const onOutput = () => (heard = performance.now());
 export function stopHand() {
   keys.clear();
   isArmed = false;

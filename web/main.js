@@ -126,14 +126,7 @@ function subscribe(car, mux, prefix) {
     showOwner();
   });
   // Not an input: path_publisher would take the server for a mux, also if the mux is dead.
-  ros.subscribe(
-    `${mux}/output`,
-    (msg) => {
-      hand.onOutput();
-      onOutput(msg);
-    },
-    100,
-  );
+  ros.subscribe(`${mux}/output`, onOutput, 100);
   ros.subscribe(`${car}/drive_monitor/start`, onStart);
   ros.subscribe(`${car}/drive_monitor/verdict`, onVerdict);
   ros.subscribe(`${prefix}/click_planner/path`, (msg) =>
