@@ -25,7 +25,7 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters, Values, folder, integer, text
 from mushr_ros_intro.paths import package_folder
 from mushr_ros_intro.ros import node, ros_time
-from mushr_ros_intro.ros.connections import is_alive, is_published, registered_nodes
+from mushr_ros_intro.ros.connections import is_alive, registered_nodes
 from mushr_ros_intro.ros.xmlrpc_client import CallError
 from mushr_ros_intro.simulator.car_parameters import (
     COLLISION,
@@ -197,7 +197,6 @@ class WebView:
             seen.update(plans.car_limits(values), holds_clock=f"{car}/pause" in services)
             seen["has_car"] = is_simulated
             self._drive.look(services, self._folders)
-            self._map.is_published = is_published("/map")
             active = f"/{self._car_name}/mux/ackermann_cmd_mux/active"
             seen["has_mux"] = any(map(is_alive, registered_nodes(active, "publishers")))
         except (CallError, OSError) as error:
@@ -215,7 +214,7 @@ class WebView:
             "prefix": self._prefix,
             "initial_pose_topic": self._init_pose_topic,
             "simulated_time": ros_time.is_simulated(),
-            "map": self._map.number,
+            "map": self._map.number or None,
             "drive": self._drive.state,
             **self._seen,
         }

@@ -25,21 +25,11 @@ class WebMap:
         self._bridge = bridge
         self._on_change = on_change
         self._png = 0, b""
-        self.is_published = True
-        """Whether a node publishes maps. Those of a node that has ended do not count."""
-        self._grid: Optional[Grid] = None
-        self._number = 0  # of the map, from 1
-        bridge.listen("/map", self._on_map)
-
-    @property
-    def grid(self) -> Optional[Grid]:
+        self.grid: Optional[Grid] = None
         """The map, or None if there is none."""
-        return self._grid if self.is_published else None
-
-    @property
-    def number(self) -> Optional[int]:
-        """Of the map; another map has another number; None if there is no map."""
-        return self._number if self.grid else None
+        self.number = 0
+        """Of the map; another map has another number; 0 if there is no map."""
+        bridge.listen("/map", self._on_map)
 
     def _on_map(self, raw: bytes) -> None:
         asyncio.ensure_future(self._use(raw))
@@ -49,11 +39,11 @@ class WebMap:
             return conversions.grid_from_msg(OccupancyGrid().deserialize_numpy(raw, np))
 
         try:
-            self._grid = await self._bridge.in_thread(read)
+            self.grid = await self._bridge.in_thread(read)
         except conversions.MessageError as error:
             rospy.logwarn("ignored a message on /map: %s", error)
             return
-        self._number += 1
+        self.number += 1
         self._on_change()
 
     async def get_numbers(self) -> Dict[str, Any]:
@@ -69,7 +59,7 @@ class WebMap:
 
     async def get_png(self) -> bytes:
         """Return the image; raise LookupError without a map."""
-        grid, number = self._found(), self._number
+        grid, number = self._found(), self.number
         if self._png[0] != number:
             self._png = number, await self._bridge.in_thread(png, grid)
         return self._png[1]
