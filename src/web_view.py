@@ -187,11 +187,6 @@ class WebView:
         }
         try:
             services = rosapi.services()
-            if f"{rospy.get_name()}/get_loggers" not in services:  # rospy offers it
-                seen["problem"] = (
-                    "the ROS master has been restarted, and does not know this server; press "
-                    "Ctrl-C in the terminal of web.launch or sim.launch, and start it again"
-                )
             is_simulated = f"{car}/reset" in services and is_alive(car)
             values = simulated_car_parameters(self._car_name) if is_simulated else Parameters({})
             seen.update(plans.car_limits(values), holds_clock=f"{car}/pause" in services)

@@ -14,7 +14,6 @@ import subprocess
 
 import numpy as np
 import pytest
-import rosgraph
 from PIL import Image
 
 from support import web
@@ -418,21 +417,6 @@ def test_latched_messages_of_publishers_that_have_ended(sim):
         killed.send_signal(signal.SIGKILL)
         wait_for(lambda: latched(sim, "/latched") == ["lives"], "the end of two publishers")
     first.close()
-
-
-def test_a_master_that_has_been_restarted(sim):
-    """It does not know the node, like a master from which the node is removed."""
-    client = sim.client(web.STATE)
-    client.state(lambda state: not state["problem"], "without a problem")
-    service = "/web_view/get_loggers"
-    server = rosgraph.Master("/web_view", sim.environment["ROS_MASTER_URI"])
-    uri, node_uri = server.lookupService(service), server.lookupNode("/web_view")
-    server.unregisterService(service, uri)
-    state = client.state(lambda state: state["problem"], "with a problem")
-    assert "the ROS master has been restarted" in state["problem"]
-    server.registerService(service, uri, node_uri)
-    client.state(lambda state: not state["problem"], "without a problem")
-    client.close()
 
 
 @pytest.mark.full
