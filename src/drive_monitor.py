@@ -17,6 +17,7 @@ from mushr_ros_intro.car.model import Command
 from mushr_ros_intro.car.profile import names_in
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.monitor.car_watch import CarWatch
+from mushr_ros_intro.monitor.drive import Report
 from mushr_ros_intro.monitor.expectation import Expectations
 from mushr_ros_intro.monitor.senders import Sender, Senders
 from mushr_ros_intro.monitor.verdict import Verdict
@@ -207,7 +208,7 @@ class DriveMonitor:
     def _on_collision(self, msg: PoseArray, _: int) -> None:
         if self._watched and msg.poses:
             pose = conversions.pose_from_msg(msg.poses[0])
-            self._watched.note_wall(msg.header.stamp.to_nsec(), pose)
+            self._watched.note_wall(Report(msg.header.stamp.to_nsec(), pose))
 
     # Nodes and plans
 
@@ -223,7 +224,8 @@ class DriveMonitor:
         except (rosgraph.MasterException, OSError) as error:
             rospy.logwarn_throttle(10.0, f"the master does not answer: {error}")
         if self._watched:
-            self._watched.note_car(self._car.changes())
+            if change := self._car.change():
+                self._watched.note_car(change)
             if self._driver is None:
                 self._watched.note_others(self._senders.known.values())
         else:

@@ -57,19 +57,18 @@ class CarWatch:
         older = [each for each in self._reports if each.stamp <= stamp]
         return [each for each in older if each.stamp >= stamp - STAMP_TOLERANCE] or older[-1:]
 
-    def changes(self) -> List[str]:
-        """Return what has happened to the car since the last call, for messages."""
+    def change(self) -> str:
+        """Return what has happened to the car since the last call, or an empty text."""
         was_lost, is_lost = self.lost_since is not None, self._is_lost()
         is_new, self._is_new = self._is_new, False
         if is_lost and not was_lost:
             self.lost_since = time.monotonic()
             text = f"the car no longer reports its pose on {self.topic}"
-            return [f"{text}. Is it still running (rosnode list)?"]
+            return f"{text}. Is it still running (rosnode list)?"
         if was_lost and not is_lost:
             self.lost_since = None
-        if is_new:
-            return ["the car has been restarted"]
-        return ["the car reports its pose again"] if was_lost and not is_lost else []
+            return "the car has been restarted" if is_new else "the car reports its pose again"
+        return "the car has been restarted" if is_new else ""
 
     def _is_lost(self) -> bool:
         """Return whether the reports have stopped, and no node that publishes them responds."""

@@ -106,8 +106,8 @@ class Drive:
         """The reports since the newest command that moves the car."""
         self.placed: Optional[Report] = None
         """The first report after another node has placed the car."""
-        self.wall = ""
-        """Where the car hit a wall."""
+        self.wall: Optional[Report] = None
+        """The last contact with a wall."""
         self.lost = ""
         """Where the car was lost or restarted."""
         self.others: Set[str] = set()

@@ -113,21 +113,25 @@ def _fault(name: str, planned: PlannedDrive, report: Optional[Report], is_report
     drive, expected = planned.drive, planned.expected
     cause = _cause(planned)
     start = start_fault(planned) if expected.is_placed else ""
+    wall = ""
+    if drive.wall:
+        where = planned.position(drive.wall.stamp)
+        wall = f"the car stopped at a wall in {where} at {drive.wall.pose}"
     if not planned.is_complete:
         where = planned.position(drive.newest)
         last = drive.reports[-1].pose if drive.reports else None
         how = "stopped at" if drive.stands else "was last reported at"
         stopped = f"; the car {how} {last}" if last else ""
         ended = f"the drive of {name} ended in {where}{stopped}"
-        return "; ".join(filter(None, (ended, drive.wall, start)))
+        return "; ".join(filter(None, (ended, wall, start)))
     if expected.is_placed and is_reported and not report:
         where = drive.lost or "the end of the plan"
         return (
             f"the car has not reported its pose since {where}, so it is not known where it is. "
             "If it has ended, start it again"
         )
-    if drive.wall:
-        return "; ".join(filter(None, (drive.wall, start, cause if drive.others else "")))
+    if wall:
+        return "; ".join(filter(None, (wall, start, cause if drive.others else "")))
     if not report or not expected.is_placed:
         return ""
     # Only an exact final pose proves that the start was right.

@@ -1,12 +1,11 @@
 """One drive while it is watched: its node, its progress, and its end."""
 
 import time
-from typing import Iterable, Optional, Tuple
+from typing import Iterable, Optional
 
 import rospy
 
 from mushr_ros_intro.car.model import Command
-from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.monitor.car_watch import CarWatch
 from mushr_ros_intro.monitor.drive import Drive, Expectation, PlannedDrive, Report, shown
 from mushr_ros_intro.monitor.senders import Sender
@@ -56,8 +55,6 @@ class WatchedDrive:
         self.why_not = ""
         """Why the drive is not judged."""
         self.planned: Optional[PlannedDrive] = None
-        self._wall: Optional[Tuple[int, Pose]] = None
-        """A contact with a wall before the monitor has looked for the plan."""
         self._car = car
         self.began = self._arrival = time.monotonic()
         self._next_line = 0
@@ -74,14 +71,11 @@ class WatchedDrive:
         if expected:
             self.planned = PlannedDrive(expected, self.drive)
             self._log_progress(self.drive.newest)
-        if self._wall:
-            self.note_wall(*self._wall)
 
-    def note_car(self, changes: Iterable[str]) -> None:
+    def note_car(self, change: str) -> None:
         """Note and log what has happened to the car."""
-        for text in changes:
-            self.drive.lost = self.drive.lost or self.position()
-            rospy.logwarn("%s: %s", self.position(), text)
+        self.drive.lost = self.drive.lost or self.position()
+        rospy.logwarn("%s: %s", self.position(), change)
 
     def note_others(self, senders: Iterable[Sender]) -> None:
         """Note other nodes that publish on the topic of the node of the drive."""
@@ -95,14 +89,11 @@ class WatchedDrive:
             self.drive.others.add(name)
             rospy.logwarn("%s also publishes commands. The car gets those of both", name)
 
-    def note_wall(self, stamp: int, pose: Pose) -> None:
-        """Note and log a contact with a wall, at `stamp` [ns]."""
-        if not self.is_identified:
-            self._wall = stamp, pose
-        elif stamp >= self.drive.first:
-            where = self.planned.position(stamp) if self.planned else "the drive"
-            self.drive.wall = f"the car stopped at a wall in {where} at {pose}"
-            rospy.logwarn("%s", self.drive.wall)
+    def note_wall(self, contact: Report) -> None:
+        """Note and log a contact with a wall."""
+        if contact.stamp >= self.drive.first:
+            self.drive.wall = contact
+            rospy.logwarn("the car stopped at a wall at %s", contact.pose)
 
     def is_next(self, command: Command) -> bool:
         """Return whether a command belongs to the next drive."""

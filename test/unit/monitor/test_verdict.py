@@ -96,8 +96,8 @@ def test_a_car_that_was_placed_during_the_drive():
 
 def test_a_wall():
     drive = planned()
-    drive.drive.wall = "the car stopped at a wall in line 3 of 3 at x"
-    assert judged(drive, END).lines == [drive.drive.wall]
+    drive.drive.wall = Report(BEGIN + 1200 * MS, AWAY)
+    assert judged(drive, END).lines == [f"the car stopped at a wall in line 3 of 3 at {AWAY}"]
 
 
 def test_a_car_that_is_lost():
@@ -172,9 +172,10 @@ def test_a_car_that_was_not_at_the_start_pose(is_exact):
     near = END._replace(x=END.x + 0.09)  # as if a slow car is placed one second late
     text = judged(drive, near).lines[0]
     assert f"not at the start pose {PLAN.start} when the first command came: it was at" in text
-    drive.drive.wall = "the car stopped at a wall in line 3 of 3 at x"
+    drive.drive.wall = Report(BEGIN + 1200 * MS, AWAY)
     text = judged(drive, AWAY).lines[0]
-    assert text.startswith(f"{drive.drive.wall}; the car was not at the start pose {PLAN.start}")
+    wall = f"the car stopped at a wall in line 3 of 3 at {AWAY}"
+    assert text.startswith(f"{wall}; the car was not at the start pose {PLAN.start}")
 
 
 @pytest.mark.parametrize(
