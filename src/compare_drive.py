@@ -12,15 +12,18 @@ import numpy as np
 from mushr_ros_intro.car.profile import named_car, names_in
 from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.bag_file import read_bag
-from mushr_ros_intro.comparison.comparison import Comparison, compare
+from mushr_ros_intro.comparison.comparison import compare
+from mushr_ros_intro.comparison.drive_log import start_pose
 from mushr_ros_intro.comparison.fit import Fit, combined, fit
 from mushr_ros_intro.comparison.profile_file import vesc_text, write_profile
 from mushr_ros_intro.errors import UserError, exit_status
+from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.parameters import Parameters, number
 from mushr_ros_intro.paths import package_folder, user_path
 from mushr_ros_intro.replay.recording import Drive
 from mushr_ros_intro.replay.report_files import write_trajectory
 from mushr_ros_intro.ros.commands import as_typed
+from mushr_ros_intro.stamps import from_seconds
 
 show = partial(print, sep="\n")
 _MUX = "/car/mux/ackermann_cmd_mux"
@@ -50,7 +53,7 @@ def run() -> int:
         if arguments.out:
             name = f"{index + 1}_{os.path.splitext(os.path.basename(log.name))[0]}"
             folder = os.path.join(user_path(arguments.out), name)
-            write_paths(folder, found)
+            write_paths(folder, found, start_pose(log, from_seconds(result.delay)))
             show(f"written: {folder}", "")
         show(*diagnosis.fit_text(result), "")
         sentences.append(f"{log.name}: {diagnosis.sentence(log, result)}")
@@ -74,21 +77,20 @@ def run() -> int:
     return 0 if all(each.is_found for each in fits) else 2
 
 
-def write_paths(folder: str, found: Comparison) -> None:
-    """Write trajectory.csv and path.png of a drive into a folder.
+def write_paths(folder: str, drive: Drive, start: Pose) -> None:
+    """Write trajectory.csv and path.png of a drive from a start pose into a folder.
 
     Raises:
         UserError: the folder or a file cannot be written.
     """
     from mushr_ros_intro.replay.pictures import picture  # matplotlib is slow to import
 
-    drive = Drive(found.times, found.driven, found.predicted, float("nan"))
-    seconds = np.searchsorted(found.times, np.arange(1.0, found.times[-1])).tolist()
-    title = f"final error {found.sizes[-1]:.3f} m"
-    figure = picture(drive, title, error_indices=[*seconds, len(found.times) - 1])
+    seconds = np.searchsorted(drive.times, np.arange(1.0, drive.times[-1])).tolist()
+    title = f"final error {drive.distances[-1]:.3f} m"
+    figure = picture(drive, title, error_indices=[*seconds, len(drive.times) - 1])
     try:
         os.makedirs(folder, exist_ok=True)
-        write_trajectory(folder, drive, found.start)
+        write_trajectory(folder, drive, start)
         figure.savefig(os.path.join(folder, "path.png"), dpi=120)
     except OSError as error:
         text = f"{error.filename or folder} cannot be written ({error.strerror})"

@@ -1,6 +1,5 @@
 """Work besides the replays of a class: build a submission, try the sandbox, judge a drive."""
 
-import math
 import os
 import subprocess
 import tempfile
@@ -163,7 +162,7 @@ def _draw(drive: Drive) -> str:
         return ""
     times, driven, predicted, _ = drive
     rows = np.unique(np.linspace(0, len(times) - 1, MAX_POINTS).astype(int))
-    return as_svg(picture(Drive(times[rows], driven[rows], predicted[rows], math.nan))).decode()
+    return as_svg(picture(Drive(times[rows], driven[rows], predicted[rows]))).decode()
 
 
 def _share(judgement: Judgement) -> float:

@@ -3,39 +3,19 @@
 Both begin at the same pose, at the first command that moves the car. Times count from there.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison.drive_log import DriveLog, start_pose
-from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.preview.prediction import rest, states_at
+from mushr_ros_intro.replay.recording import Drive
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
 
 _SETTLED = 0.3
 """Time after the predicted rest at which the car counts as standing [s]."""
 
 
-class Comparison(NamedTuple):
-    """A driven and a predicted path."""
-
-    start: Pose
-    """The pose at which both begin."""
-    times: np.ndarray
-    """[s], (N,)."""
-    predicted: np.ndarray
-    """x [m], y [m], theta [rad], (N, 3)."""
-    driven: np.ndarray
-    """Likewise."""
-
-    @property
-    def sizes(self) -> np.ndarray:
-        """The distance of both paths at each time [m], (N,)."""
-        return np.hypot(*(self.driven - self.predicted).T[:2])
-
-
-def compare(log: DriveLog, car: Car, delay: float) -> Comparison:
+def compare(log: DriveLog, car: Car, delay: float) -> Drive:
     """Compare a drive with what a car would have done.
 
     The last pose is the mean of the poses after the car has come to rest.
@@ -60,4 +40,4 @@ def compare(log: DriveLog, car: Car, delay: float) -> Comparison:
     predicted = np.array([state.pose for state in states], float)
     turns = np.round((driven[0, 2] - predicted[0, 2]) / (2.0 * np.pi))
     driven[:, 2] -= 2.0 * np.pi * turns
-    return Comparison(plan.start, stamps / NANOSECONDS, predicted, driven)
+    return Drive(stamps / NANOSECONDS, driven, predicted)

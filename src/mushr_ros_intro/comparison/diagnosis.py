@@ -5,10 +5,10 @@ from typing import Dict, Iterator
 
 import numpy as np
 
-from mushr_ros_intro.comparison.comparison import Comparison
 from mushr_ros_intro.comparison.drive_log import DriveLog
 from mushr_ros_intro.comparison.faults import PARAMETERS
 from mushr_ros_intro.comparison.fit import DEAD, Combined, Fit, Value
+from mushr_ros_intro.replay.recording import Drive
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.wording import counted
 
@@ -98,23 +98,23 @@ def _change(value: Value) -> str:
     return f"steers {abs(change):.1f} % {'more' if change > 0.0 else 'less'} than predicted"
 
 
-def comparison_text(log: DriveLog, found: Comparison, car_name: str) -> Iterator[str]:
+def comparison_text(log: DriveLog, found: Drive, car_name: str) -> Iterator[str]:
     """Yield the lines of a comparison."""
     yield (
         f"{log.name}: {counted(len(log.plan.rows), 'row')} of commands, "
         f"{counted(len(found.times), 'pose')} during the drive; predicted for the {car_name} car"
     )
     yield from (f"note: {note}" for note in log.notes)
-    largest = int(np.argmax(found.sizes))
+    largest = int(np.argmax(found.distances))
     yield (
-        f"largest error   {found.sizes[largest]:.3f} m, {found.times[largest]:.2f} s after the "
+        f"largest error   {found.distances[largest]:.3f} m, {found.times[largest]:.2f} s after the "
         "first command"
     )
     for name, pose in (("predicted end", found.predicted[-1]), ("driven end", found.driven[-1])):
         x, y, theta = pose.tolist()
         theta = math.remainder(theta, math.tau)
         yield f"{name:15} x {x:.3f} m, y {y:.3f} m, theta {theta:.3f} rad"
-    yield f"final error     {found.sizes[-1]:.3f} m"
+    yield f"final error     {found.distances[-1]:.3f} m"
 
 
 def fit_text(fit: Fit) -> Iterator[str]:

@@ -3,6 +3,7 @@
 Stamps are integer nanoseconds of simulated time; poses are in the map frame.
 """
 
+import math
 from itertools import groupby
 from typing import Any, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
@@ -133,8 +134,8 @@ class Drive(NamedTuple):
     """x [m], y [m], theta [rad]; N x 3."""
     predicted: np.ndarray
     """x [m], y [m], theta [rad]; N x 3."""
-    frechet_distance: float
-    """The discrete Frechet distance of the two paths [m]."""
+    frechet_distance: float = math.nan
+    """The discrete Frechet distance of the two paths [m]; NaN if it is not needed."""
 
     @property
     def distances(self) -> np.ndarray:

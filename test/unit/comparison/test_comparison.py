@@ -30,7 +30,7 @@ def test_a_slow_car_on_a_straight_line_falls_short():
     log, found = compared("1, 2, 0\n0.5, 0, 4\n-0.5, 0, 2", Car(speed_gain=0.9))
     assert found.predicted[-1] == pytest.approx((2.0, 2.0, 0.0), abs=NEAR)
     assert found.driven[-1] == pytest.approx((1.9, 2.0, 0.0), abs=NEAR)
-    assert found.sizes.max() == pytest.approx(0.2, abs=NEAR)
+    assert found.distances.max() == pytest.approx(0.2, abs=NEAR)
     text = "\n".join(diagnosis.comparison_text(log, found, "ideal"))
     assert "final error     0.100 m" in text
     assert "largest error   0.200 m, 4.00 s after" in text
@@ -51,12 +51,12 @@ def test_a_car_that_steers_to_the_left():
     true = closed_form((0.0, 0.0, 0.7), [(1.0, 0.12, 1.0)])
     assert found.predicted[-1] == pytest.approx(expected, abs=NEAR)
     assert found.driven[-1] == pytest.approx(true, abs=NEAR)
-    assert found.sizes[-1] == pytest.approx(math.dist(true[:2], expected[:2]), abs=NEAR)
+    assert found.distances[-1] == pytest.approx(math.dist(true[:2], expected[:2]), abs=NEAR)
 
 
 def test_the_heading_may_pass_pi():
     _, found = compared("0, 0, 3\n1, 0.3, 6", Car())
-    assert found.sizes.max() < NEAR
+    assert found.distances.max() < NEAR
     turn = found.driven[-1, 2] - found.driven[0, 2]
     assert turn == pytest.approx(6.0 * math.tan(0.3) / 0.33, abs=1e-5)
 
@@ -74,4 +74,4 @@ def test_a_recording_that_ends_before_the_plan():
     count = sum(log.stamps < 4_000_000_000)
     found = compare(log._replace(stamps=log.stamps[:count], poses=log.poses[:count]), Car(), 0.0)
     assert found.times[-1] < 4.0
-    assert found.sizes.max() < NEAR
+    assert found.distances.max() < NEAR
