@@ -21,7 +21,7 @@ import sys
 import tempfile
 import time
 import traceback
-from typing import Any, List
+from typing import Any, Dict, List
 
 from mushr_ros_intro.classroom import tables
 from mushr_ros_intro.classroom.arguments import parse_arguments, read_exercises
@@ -32,13 +32,7 @@ from mushr_ros_intro.classroom.gradescope import gradescope
 from mushr_ros_intro.classroom.grading import Grading, Task, judged, judges
 from mushr_ros_intro.classroom.points import Points, read_points
 from mushr_ros_intro.classroom.progress import grade_with_progress
-from mushr_ros_intro.classroom.store import (
-    Store,
-    give_to_user,
-    load_merged,
-    make_folder,
-    write_text,
-)
+from mushr_ros_intro.classroom.store import Store, give_to_user, load_all, make_folder, write_text
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox, make_sandbox
@@ -147,10 +141,17 @@ def grade_class(arguments: argparse.Namespace) -> int:
 
 def merge(arguments: argparse.Namespace) -> int:
     """Put results of several runs together; of several of a submission, the last one counts."""
-    records = load_merged(arguments.merge)
+    grades: Dict[str, Grade] = {}
+    for folder in arguments.merge:
+        for each in load_all(folder):
+            if each.name in grades:
+                print(f"{each.name}: that of {folder} is used", file=sys.stderr)
+            grades[each.name] = each
+    if not grades:
+        raise UserError(f"{', '.join(arguments.merge)}: expected at least one result")
     store = Store(arguments.out)
     store.save_settings(arguments.settings)
-    stored = [records[name] for name in sorted(records)]
+    stored = [grades[name] for name in sorted(grades)]
     for each in stored:
         store.save(each)
     drives = [drive for each in stored for drive in each.drives]

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from mushr_ros_intro.classroom.grades import Grade, PlanGrade, Student
-from mushr_ros_intro.classroom.store import Record, Store, StoredDrive
+from mushr_ros_intro.classroom.grades import Grade, PlanGrade, StoredDrive, Student
+from mushr_ros_intro.classroom.store import Store
 from mushr_ros_intro.replay.judge import CHECK_NAMES, Check, Judgement
 from mushr_ros_intro.replay.recording import Drive
 from support.recorded import replay
@@ -50,4 +50,4 @@ def store(folder, *names, **changes):
     stored = Store(str(folder))
     for name in names:
         drives = (StoredDrive("circle", "key", "", replay(**changes)),)
-        stored.save(Record(submission(name=name), drives))
+        stored.save(submission(name=name, drives=drives))

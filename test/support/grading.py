@@ -57,10 +57,10 @@ def verdicts(arguments):
 def load(path):
     """Return the result of a stored submission, judged with the default tolerances."""
     folder, name = os.path.split(os.path.dirname(path))[0], os.path.basename(path)
-    (record,) = (each for each in load_all(folder) if f"{each.grade.name}.json" == name)
-    drives = [each for each in record.drives if each.recorded]
+    (grade,) = (each for each in load_all(folder) if f"{each.name}.json" == name)
+    drives = [each for each in grade.drives if each.recorded]
     plans = (PlanGrade(each.plan, judge_drive(each.recorded, {})) for each in drives)
-    return record.grade._replace(plans=tuple(plans))
+    return grade._replace(plans=tuple(plans))
 
 
 def verdicts_of(result):

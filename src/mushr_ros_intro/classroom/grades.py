@@ -3,9 +3,10 @@
 import hashlib
 import re
 import unicodedata
-from typing import List, NamedTuple, Sequence, Tuple
+from typing import List, NamedTuple, Optional, Sequence, Tuple
 
 from mushr_ros_intro.replay.judge import Check, Judgement
+from mushr_ros_intro.replay.recording import Recorded
 
 
 class Student(NamedTuple):
@@ -17,6 +18,19 @@ class Student(NamedTuple):
     email: str
     canvas_id: str = ""
     """Canvas's own number."""
+
+
+class StoredDrive(NamedTuple):
+    """One plan, driven by a submission."""
+
+    plan: str
+    """The name of the plan."""
+    key: str
+    """A hash of what the drive depends on."""
+    fault: str
+    """Why the submission cannot be built; empty if it was driven."""
+    recorded: Optional[Recorded]
+    """The drive, with the plan; of the map, only the size. None if there is a fault."""
 
 
 class PlanGrade(NamedTuple):
@@ -52,7 +66,7 @@ class PlanGrade(NamedTuple):
 
 
 class Grade(NamedTuple):
-    """The grading of one submission."""
+    """The grading of one submission, which is stored without `plans`."""
 
     name: str
     """Of the submission; unique."""
@@ -65,8 +79,10 @@ class Grade(NamedTuple):
     """What is unusual about the submission, although it can be run."""
     source: str = ""
     """The text of the node."""
+    drives: Tuple[StoredDrive, ...] = ()
+    """In the order of the command line."""
     plans: Tuple[PlanGrade, ...] = ()
-    """In the order of the command line; empty if there is a fault or an error."""
+    """The verdicts on them; empty if there is a fault or an error."""
 
     @property
     def passed(self) -> bool:

@@ -19,14 +19,8 @@ from typing import (
 from xml.etree import ElementTree
 
 from mushr_ros_intro.classroom.grader import build, judge_and_draw, probe
-from mushr_ros_intro.classroom.grades import Grade, PlanGrade
-from mushr_ros_intro.classroom.store import (
-    Record,
-    Store,
-    StoredDrive,
-    hash_of,
-    hash_of_folder,
-)
+from mushr_ros_intro.classroom.grades import Grade, PlanGrade, StoredDrive
+from mushr_ros_intro.classroom.store import Store, hash_of, hash_of_folder
 from mushr_ros_intro.classroom.submissions import Submission
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
@@ -56,21 +50,20 @@ def judges() -> ProcessPoolExecutor:
 
 
 def judged(
-    records: Sequence[Record], tolerances: Mapping[str, float], pool: ProcessPoolExecutor
+    grades: Sequence[Grade], tolerances: Mapping[str, float], pool: ProcessPoolExecutor
 ) -> List[Grade]:
-    """Return the results of stored drives."""
-    futures = {
-        (number, drive.plan): pool.submit(judge_and_draw, drive.recorded, tolerances)
-        for number, record in enumerate(records)
-        for drive in record.drives
-        if drive.recorded and not (record.grade.fault or record.grade.error)
-    }
-    plans: Dict[int, List[PlanGrade]] = {}
-    for (number, plan), future in futures.items():
-        plans.setdefault(number, []).append(PlanGrade(plan, *future.result()))
+    """Return stored results with the verdicts on their drives."""
+    futures = [
+        [
+            (drive.plan, pool.submit(judge_and_draw, drive.recorded, tolerances))
+            for drive in grade.drives
+            if drive.recorded and not (grade.fault or grade.error)
+        ]
+        for grade in grades
+    ]
     return [
-        record.grade._replace(plans=tuple(plans.get(number, ())))
-        for number, record in enumerate(records)
+        grade._replace(plans=tuple(PlanGrade(plan, *future.result()) for plan, future in each))
+        for grade, each in zip(grades, futures)
     ]
 
 
@@ -80,13 +73,12 @@ class Task:
     def __init__(self, submission: Submission, plans: Dict[str, Exercise]) -> None:
         """Begin without drives; `plans` are by name."""
         self.submission, self.plans = submission, plans
-        self.old: Optional[Grade] = None
+        self.old = not_graded(submission)
         """The stored result of an earlier run."""
         self.drives: Dict[str, Optional[StoredDrive]] = {}
         """By plan, in the order of the command line; None if it must be driven."""
         self.keys: Dict[str, str] = {}
         self.error = ""
-        self.is_new = False
 
     @property
     def missing(self) -> List[str]:
@@ -172,11 +164,11 @@ class Grading:
 
     def _begin(self, task: Task) -> None:
         """Find the stored drives of a submission that are still valid."""
-        submission, record = task.submission, self._store.load(task.submission.name)
-        if record is None:  # so that --merge notices an interruption
-            record = Record(not_graded(submission), ())
-            self._store.save(record)
-        task.old, old = record.grade, {each.plan: each for each in record.drives}
+        submission, stored = task.submission, self._store.load(task.submission.name)
+        if stored is None:  # so that --merge notices an interruption
+            self._store.save(task.old)
+        task.old = stored or task.old
+        old = {each.plan: each for each in task.old.drives}
         if not submission.fault:
             files = hash_of_folder(submission.folder)
             for name, plan in task.plans.items():
@@ -185,7 +177,6 @@ class Grading:
                 key = task.keys[name] = hash_of(*parts)
                 is_used = name in old and old[name].key == key
                 task.drives[name] = old[name] if is_used else None
-        task.is_new = bool(task.missing) or list(old) != list(task.drives)
 
     def _drive(self, task: Task, name: str, built: "Future[str]") -> StoredDrive:
         """Replay a plan with a submission that has been built.
@@ -218,29 +209,34 @@ class Grading:
 
     def _judged(self, ready: Sequence[Task]) -> Iterator[Tuple[Grade, bool]]:
         """Store what is new of submissions that have been driven; yield their results."""
-        records = []
-        for task in ready:
-            records.append(self._record(task))
-            if task.is_new:
-                self._store.save(records[-1])
-        grades = judged(records, self._setting.tolerances, self._judges)
-        yield from zip(grades, (task.is_new for task in ready))
+        grades = [*map(_grade_of, ready)]
+        are_new = [bool(each.error) for each in grades]
+        for number, (task, grade) in enumerate(zip(ready, grades)):
+            if _without_recordings(grade) != _without_recordings(task.old):
+                self._store.save(grade)
+                are_new[number] = True
+        yield from zip(judged(grades, self._setting.tolerances, self._judges), are_new)
 
-    def _record(self, task: Task) -> Record:
-        """Return what is to be stored of a submission."""
-        submission = task.submission
-        drives = tuple(filter(None, task.drives.values()))
-        built = "" if task.error else next((each.fault for each in drives if each.fault), "")
-        grade = Grade(
-            submission.name,
-            submission.students,
-            _shortened(submission.fault or built, submission),
-            task.error,
-            submission.notes,
-            _source(submission),
-        )
-        task.is_new |= task.old != grade
-        return Record(grade, drives)
+
+def _grade_of(task: Task) -> Grade:
+    """Return what is to be stored of a submission."""
+    submission = task.submission
+    drives = tuple(filter(None, task.drives.values()))
+    built = "" if task.error else next((each.fault for each in drives if each.fault), "")
+    return Grade(
+        submission.name,
+        submission.students,
+        _shortened(submission.fault or built, submission),
+        task.error,
+        submission.notes,
+        _source(submission),
+        drives,
+    )
+
+
+def _without_recordings(grade: Grade) -> Grade:
+    """Return a result to compare: the key of a drive determines its recording."""
+    return grade._replace(drives=tuple(each._replace(recorded=None) for each in grade.drives))
 
 
 def not_graded(submission: Submission) -> Grade:

@@ -25,7 +25,7 @@ def grade_with_progress(grading: Grading, tasks: Sequence[Task], points: Points)
         with closing(grading.run(tasks)) as graded:
             for each, is_new in graded:
                 results[each.name] = each
-                old += not (is_new or each.error)
+                old += not is_new
                 if is_new:
                     print(_line(each, points), flush=True)
     except KeyboardInterrupt:

@@ -7,15 +7,14 @@ import fcntl
 import hashlib
 import json
 import os
-import sys
 from contextlib import suppress
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional
 
 import numpy as np
 import yaml
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.classroom.grades import Grade, Student
+from mushr_ros_intro.classroom.grades import Grade, StoredDrive, Student
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.plan import Plan, Row
@@ -34,32 +33,9 @@ _POINTS = os.path.join(FOLDER, "points.yaml")
 """What later runs use unless their command line says something else."""
 
 
-class StoredDrive(NamedTuple):
-    """One plan, driven by a submission."""
-
-    plan: str
-    """The name of the plan."""
-    key: str
-    """A hash of what the drive depends on."""
-    fault: str
-    """Why the submission cannot be built; empty if it was driven."""
-    recorded: Optional[Recorded]
-    """The drive, with the plan; of the map, only the size. None if there is a fault."""
-
-
-class Record(NamedTuple):
-    """What is stored of a submission."""
-
-    grade: Grade
-    """Without verdicts."""
-    drives: Tuple[StoredDrive, ...]
-
-
 _TYPES: Dict[str, Any] = {
     each.__name__: each
-    for each in (
-        *(Car, Grade, Plan, Pose, Record, Recorded, Reference, Row, Sent, StoredDrive, Student),
-    )
+    for each in (*(Car, Grade, Plan, Pose, Recorded, Reference, Row, Sent, StoredDrive, Student),)
 }
 
 
@@ -123,20 +99,20 @@ class Store:
                 "choose another folder"
             ) from None
 
-    def load(self, name: str) -> Optional[Record]:
+    def load(self, name: str) -> Optional[Grade]:
         """Return what is stored of a submission; None if there is nothing that can be read."""
         with suppress(OSError, ValueError, KeyError, TypeError):
             return _read(os.path.join(self._folder, f"{name}.json"))
         return None
 
-    def save(self, record: Record) -> None:
+    def save(self, grade: Grade) -> None:
         """Write what is stored of a submission; the file is complete at any time.
 
         Raises:
             OSError: it cannot be written.
         """
-        text = json.dumps(to_json(record))
-        write_text(os.path.join(self._folder, f"{record.grade.name}.json"), text)
+        text = json.dumps(to_json(grade))
+        write_text(os.path.join(self._folder, f"{grade.name}.json"), text)
 
     def save_settings(self, values: Dict[str, Any]) -> None:
         """Write settings for later runs, with a copy of the file "points", if there is one.
@@ -166,7 +142,7 @@ def load_settings(folder: str) -> Dict[str, Any]:
     return {**values, "points": points} if os.path.exists(points) else values
 
 
-def load_all(folder: str) -> List[Record]:
+def load_all(folder: str) -> List[Grade]:
     """Return what is stored in an output folder of grade.py, by name.
 
     Raises:
@@ -179,26 +155,7 @@ def load_all(folder: str) -> List[Record]:
         raise UserError(f"{folder}: not the output of grade.py ({error})") from None
 
 
-def load_merged(folders: Sequence[str]) -> Dict[str, Record]:
-    """Return the results in several output folders by name; those of the last folder count.
-
-    Print which submissions have several results.
-
-    Raises:
-        UserError: a file cannot be read, or there is no result.
-    """
-    records: Dict[str, Record] = {}
-    for folder in folders:
-        for record in load_all(folder):
-            if record.grade.name in records:
-                print(f"{record.grade.name}: that of {folder} is used", file=sys.stderr)
-            records[record.grade.name] = record
-    if not records:
-        raise UserError(f"{', '.join(folders)}: expected at least one result")
-    return records
-
-
-def _read(path: str) -> Record:
+def _read(path: str) -> Grade:
     """Return what is stored of a submission.
 
     Raises:
@@ -206,10 +163,10 @@ def _read(path: str) -> Record:
             else, as that of another version of this package.
     """
     with open(path, encoding="ascii") as file:
-        record = from_json(json.load(file))
-    if not isinstance(record, Record):
+        grade = from_json(json.load(file))
+    if not isinstance(grade, Grade):
         raise TypeError(f"{path} contains something else")
-    return record
+    return grade
 
 
 def hash_of(*parts: object) -> str:
