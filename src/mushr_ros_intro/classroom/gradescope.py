@@ -12,62 +12,41 @@ _FOR_STUDENTS = (
 )
 
 
-def gradescope(result: Grade, points: Points, seconds: float) -> Dict[str, Any]:
+def gradescope(result: Grade, points: Points) -> Dict[str, Any]:
     """Return results.json of Gradescope for one submission.
 
     Each check of each plan is a test. The tests of hidden plans are visible after grades are
     published, and the other text does not mention them. Without a verdict there is neither a score
     nor a test. Gradescope requires one of them, so it records no score of 0, and the instructor
     runs the autograder again.
-
-    Args:
-        result: of the submission.
-        points: what the plans give.
-        seconds: the time that grading took [s].
     """
     report: Dict[str, Any] = {
-        "execution_time": _number(seconds),
         "output": "\n".join(_summary(result, points)),
         "output_format": "text",
         "test_output_format": "text",
         "test_name_format": "text",
-        "visibility": "visible",
         "stdout_visibility": "hidden",
-        "extra_data": {},
     }
-    if not result.error:
+    if result.plans:
         report["tests"] = [*_tests(result, points)]
+    elif not result.error:
+        report["score"] = 0
     return report
 
 
 def _tests(result: Grade, points: Points) -> Iterator[Dict[str, Any]]:
-    """Yield the tests of a submission: one for each check, or one if there is no drive."""
-    if not result.plans:
-        yield _test("submission", "1", False, 0.0, points.max_score(), clean(result.fault), False)
-    for row, plan in enumerate(result.plans, 1):
-        loss, hidden = points.loss(plan), points.is_hidden(plan.plan)
-        for column, (check, earned) in enumerate(zip(plan.checks, points.earned(plan)), 1):
-            name = f"{plan.plan}: {check.name}{'' if check.is_judged else ' (not judged)'}"
-            most = points.points(plan.plan, check.name)
-            text = "\n".join(filter(None, [clean(check.message), loss]))
-            yield _test(name, f"{row}.{column}", check.passed, earned, most, text, hidden)
-
-
-def _test(
-    name: str, number: str, passed: bool, score: float, most: float, text: str, hidden: bool
-) -> Dict[str, Any]:
-    """Return what Gradescope shows as one test."""
-    return {
-        "score": _number(score),
-        "max_score": _number(most),
-        "status": "passed" if passed else "failed",
-        "name": name,
-        "number": number,
-        "output": text,
-        "output_format": "text",
-        "tags": [],
-        "visibility": "after_published" if hidden else "visible",
-    }
+    """Yield the tests of a submission: one for each check."""
+    for plan in result.plans:
+        loss, is_hidden = points.loss(plan), points.is_hidden(plan.plan)
+        for check, earned in zip(plan.checks, points.earned(plan)):
+            yield {
+                "name": f"{plan.plan}: {check.name}{'' if check.is_judged else ' (not judged)'}",
+                "score": earned,
+                "max_score": points.points(plan.plan, check.name),
+                "status": "passed" if check.passed else "failed",
+                "output": "\n".join(filter(None, [clean(check.message), loss])),
+                "visibility": "after_published" if is_hidden else "visible",
+            }
 
 
 def _summary(result: Grade, points: Points) -> List[str]:
@@ -75,7 +54,7 @@ def _summary(result: Grade, points: Points) -> List[str]:
     if result.error:
         return [_FOR_STUDENTS]
     if not result.plans:
-        return ["The submission could not be run."]
+        return ["The submission could not be run.", clean(result.fault)]
     lines = []
     for plan in result.plans:
         if not points.is_hidden(plan.plan):
@@ -91,8 +70,3 @@ def _verdict(plan: PlanGrade, points: Points) -> str:
         verdict += f", {count} not judged"
     verdict = "all checks passed" if plan.passed else verdict
     return f"{verdict} ({shown(points.plan_score(plan))} of {shown(points.max_score([plan.plan]))})"
-
-
-def _number(value: float) -> float:
-    """Return a number of points or seconds, as an integer if it is whole."""
-    return int(value) if value == int(value) else round(value, 6)
