@@ -41,7 +41,7 @@ def write_picture(
 def draw_report(report: Report, spread: Optional[Spread], grid: Optional[Grid]) -> Figure:
     """Return a drawing of a report, the spread and the map, if any."""
     figure, (above, key, *below) = drawing.new_figure(8.0, 5.4, 0.3, 1.2, 1.2)
-    if spread is not None and any(spread.errors):
+    if spread is not None and any(spread.start_errors):
         _draw_spread(above, spread)
     _draw_path(above, report)
     drawing.finish_map(above, key, grid)

@@ -8,50 +8,30 @@ from typing import Iterator, NamedTuple, Tuple
 import numpy as np
 
 from mushr_ros_intro.car.model import Car
-from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.plan.plan import Plan, Row
-from mushr_ros_intro.preview.prediction import count_commands
 from mushr_ros_intro.preview.side_by_side import arcs, ramped
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS
-
-MAX_CAR_COMMANDS = 2_000_000_000
-"""Limit of the commands of a plan times the runs; they take about five minutes."""
 
 _STEPS = 3
 """Number of arcs that approximate a command with a long ramp; any other command is one arc."""
 
 
-class Errors(NamedTuple):
-    """Standard deviations of the normally distributed errors of a car.
+START_ERRORS = (0.02, 0.02)
+"""Standard deviations of x and y, and of theta, of a car that is placed by eye [m, rad].
 
-    The first four are drawn once per run. The last two are drawn anew for each command to
-    drive, and are added after the command has been cut to the limits of the car.
-    """
-
-    speed_scale: float = 0.0
-    """Of the speed, as a fraction of it."""
-    steering_offset: float = 0.0
-    """Of the steering angle [rad]."""
-    start_position: float = 0.0
-    """Of x and of y of the start pose [m]."""
-    start_heading: float = 0.0
-    """Of theta of the start pose [rad]."""
-    speed: float = 0.0
-    """Of the speed, of each command [m/s]."""
-    steering_angle: float = 0.0
-    """Of the steering angle, of each command [rad]."""
-
-
-START_ERRORS = Errors(start_position=0.02, start_heading=0.02)
-"""Errors of a car that is placed by eye, our choice: the width of a thumb, and a degree."""
+Our choice: the width of a thumb, and a degree.
+"""
 
 
 class Spread(NamedTuple):
     """The final poses of many runs of a plan."""
 
-    runs: int
     seed: int
-    errors: Errors
+    car: Car
+    """With its errors: a speed gain and a steering offset that are drawn once per run, and noise
+    that is drawn anew for each command to drive, after the command has been cut to the limits."""
+    start_errors: Tuple[float, float]
+    """START_ERRORS, or zeros if the car has no errors."""
     distance: float
     """Distance that a car without errors drives [m]."""
     planned: np.ndarray
@@ -68,49 +48,37 @@ class Spread(NamedTuple):
 def spread(plan: Plan, car: Car, runs: int, seed: int) -> Spread:
     """Drive a plan at least two times, each run with its own errors.
 
-    If the car has noise, the errors of a run are those of the car and START_ERRORS; otherwise it
-    has none.
-
-    Raises:
-        UserError: the runs would take hours.
+    If the car has errors, START_ERRORS are added; otherwise there are none.
     """
-    count = count_commands(plan) * runs
-    if count > MAX_CAR_COMMANDS:
-        raise UserError(
-            f"{runs} runs of {plan.path} are {count} commands to be driven; "
-            f"expected {MAX_CAR_COMMANDS} at most, so fewer --runs"
-        )
-    errors = Errors()
-    if car.has_command_noise or car.speed_gain_spread or car.steering_offset_spread:
-        errors = START_ERRORS._replace(
-            speed_scale=car.speed_gain_spread / car.speed_gain,
-            steering_offset=car.steering_offset_spread,
-            speed=car.speed_noise,
-            steering_angle=car.steering_noise,
-        )
-    (planned,) = sample(plan, car, Errors(), 1, seed)
-    poses = sample(plan, car, errors, runs, seed)[:, :3]
-    return Spread(runs, seed, errors, float(planned[3]), planned[:3], poses)
+    quiet = car._replace(
+        speed_gain_spread=0.0, steering_offset_spread=0.0, speed_noise=0.0, steering_noise=0.0
+    )
+    (planned,) = sample(plan, quiet, 1, seed)
+    start_errors = (0.0, 0.0) if car == quiet else START_ERRORS
+    poses = sample(plan, car, runs, seed, start_errors)[:, :3]
+    return Spread(seed, car, start_errors, float(planned[3]), planned[:3], poses)
 
 
-def sample(plan: Plan, car: Car, errors: Errors, runs: int, seed: int) -> np.ndarray:
-    """Drive a plan `runs` times with random errors; the noise of `car` is not used.
+def sample(
+    plan: Plan, car: Car, runs: int, seed: int, start_errors: Tuple[float, float] = (0.0, 0.0)
+) -> np.ndarray:
+    """Drive a plan `runs` times with random errors; see `Spread`.
 
     Returns:
         The final x [m], y [m], theta [rad] in the map frame, the distance driven [m], (runs, 4).
     """
     normal = np.random.default_rng(seed).standard_normal
-    scale = 1.0 + errors.speed_scale * normal(runs)
-    offset = errors.steering_offset * normal(runs)
-    deviations = (errors.start_position, errors.start_position, errors.start_heading)
+    scale = 1.0 + car.speed_gain_spread / car.speed_gain * normal(runs)
+    offset = car.steering_offset_spread * normal(runs)
+    deviations = (start_errors[0], *start_errors)
     pose = [start + error * normal(runs) for start, error in zip(plan.start, deviations)]
     state = np.array([*pose, *np.zeros((3, runs))])
     for row, seconds in _commands(plan):
         speed, angle = car.response(row.speed, row.steering_angle)
         speeds, angles = speed * scale, angle + offset
-        if speed and (errors.speed or errors.steering_angle):
-            speeds += errors.speed * normal(runs)
-            angles += errors.steering_angle * normal(runs)
+        if speed and car.has_command_noise:
+            speeds += car.speed_noise * normal(runs)
+            angles += car.steering_noise * normal(runs)
         state = _advanced(state, car, speeds, angles, seconds)
     straight = car.response(0.0, 0.0)[1] + offset
     while state[4].any():

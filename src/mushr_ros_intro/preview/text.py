@@ -7,7 +7,7 @@ import numpy as np
 
 from mushr_ros_intro.plan.plan import Fault, Row, fault_lines, shortest_decimal
 from mushr_ros_intro.preview.report import Report
-from mushr_ros_intro.preview.spread import Errors, Spread
+from mushr_ros_intro.preview.spread import Spread
 from mushr_ros_intro.stamps import NANOSECONDS
 from mushr_ros_intro.wording import counted
 
@@ -87,17 +87,17 @@ def verdict(faults: Sequence[Fault]) -> Iterator[str]:
 
 
 def _spread_text(report: Report, spread: Spread) -> Iterator[str]:
-    errors = spread.errors
-    yield f"final poses of {spread.runs} runs, seed {spread.seed}; errors as standard deviations:"
+    car, (position, heading) = spread.car, spread.start_errors
+    runs = len(spread.poses)
+    yield f"final poses of {runs} runs, seed {spread.seed}; errors as standard deviations:"
     yield (
-        f"  once a run      speed {100 * errors.speed_scale:g} %, steering "
-        f"{errors.steering_offset:g} rad, start {errors.start_position:g} m and "
-        f"{errors.start_heading:g} rad"
+        f"  once a run      speed {100 * car.speed_gain_spread / car.speed_gain:g} %, steering "
+        f"{car.steering_offset_spread:g} rad, start {position:g} m and {heading:g} rad"
     )
-    yield f"  every command   speed {errors.speed:g} m/s, steering {errors.steering_angle:g} rad"
+    yield f"  every command   speed {car.speed_noise:g} m/s, steering {car.steering_noise:g} rad"
     if report.map_name:
         yield "  walls           ignored"
-    if errors == Errors():
+    if not position:
         yield f"  the {report.car_name} car has no errors, so all runs end in the same place"
         return
     yield ""

@@ -445,7 +445,6 @@ def test_every_fault_of_broken_plans_is_printed(run):
 @pytest.mark.parametrize(
     "arguments, text",
     [
-        (["long.txt", "--runs", "100"], "so fewer --runs"),
         ([], "the following arguments are required: PLAN"),
         (["circle", "figure_9"], "figure_9: no such file; did you mean figure_8? (searched: "),
         (["circle", "--map", "moon"], "moon: no such file (searched: "),
@@ -460,7 +459,6 @@ def test_every_fault_of_broken_plans_is_printed(run):
 )
 def test_bad_usage_ends_with_status_2(run, arguments, text, tmp_path):
     (tmp_path / "folder").mkdir()
-    (tmp_path / "long.txt").write_text("0,0,0\n1,0,1e9\n")
     status, _, errors = run(*arguments)
     assert status == 2
     assert text in errors

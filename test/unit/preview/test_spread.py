@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.preview import prediction
-from mushr_ros_intro.preview.spread import Errors, sample, spread
+from mushr_ros_intro.preview.spread import START_ERRORS, sample, spread
 from support.cars import plan_named, plan_of
 
 ROUNDING = 1e-11
@@ -44,13 +44,13 @@ CARS = [
 WALK = 0.2 / 0.33 * 1e-4 * math.sqrt(sum((k + 0.5) ** 2 for k in range(100)))
 """[rad] Of random steering angles of 1e-4 rad, one per 0.2 m, summed up over 100 commands."""
 
-ALL = Errors(0.02, 0.01, 0.05, 0.03, 0.05, 0.02)
-NOISE = Errors(speed=0.05, steering_angle=0.02)
+NOISE = {"speed_noise": 0.05, "steering_noise": 0.02}
+ALL = {"speed_gain_spread": 0.02, "steering_offset_spread": 0.01, **NOISE}
 
 
-def drive(plan, errors, runs=1, seed=1, car=IDEAL):
-    """Return the final poses (runs, 3)."""
-    return sample(plan, car, errors, runs, seed)[:, :3]
+def drive(plan, car=IDEAL, runs=1, seed=1, start=(0.0, 0.0), **errors):
+    """Return the final poses of a car with errors (runs, 3)."""
+    return sample(plan, car._replace(**errors), runs, seed, start)[:, :3]
 
 
 def assert_is(values, mean, deviation):
@@ -67,7 +67,7 @@ def test_without_errors_every_car_is_where_the_single_car_is(car):
     for count in range(1, len(plan.rows) + 1):
         part = plan._replace(rows=plan.rows[:count])
         expected = np.array(prediction.rest(part, car)[1])
-        poses = drive(part, Errors(), 3, car=car)
+        poses = drive(part, car, 3)
         assert poses.shape == (3, 3)
         assert np.abs(poses - expected).max() <= (ROUNDING if car == IDEAL else RAMPS)
 
@@ -86,25 +86,25 @@ def test_without_errors_every_car_is_where_the_single_car_is(car):
 def test_without_errors_an_ideal_car_ends_where_the_single_car_ends(rows):
     plan = plan_of("1, 2, 3\n" + "".join("{:.9f}, {:.9f}, {}\n".format(*row) for row in rows))
     expected = np.array(prediction.rest(plan, IDEAL)[1])
-    assert np.abs(drive(plan, Errors())[0] - expected).max() <= ROUNDING
+    assert np.abs(drive(plan)[0] - expected).max() <= ROUNDING
 
 
 @pytest.mark.parametrize(
     "errors, deviations",
     [
-        (Errors(speed_scale=0.1), (0.1 * 20.0, 0.0, 0.0)),
-        (Errors(speed=0.1), (0.1 * 0.1 * math.sqrt(100), 0.0, 0.0)),
-        (Errors(start_position=0.05), (0.05, 0.05, 0.0)),
-        (Errors(start_heading=0.001), (0.0, 20.0 * 0.001, 0.001)),
+        ({"speed_gain_spread": 0.1}, (0.1 * 20.0, 0.0, 0.0)),
+        ({"speed_noise": 0.1}, (0.1 * 0.1 * math.sqrt(100), 0.0, 0.0)),
+        ({"start": (0.05, 0.0)}, (0.05, 0.05, 0.0)),
+        ({"start": (0.0, 0.001)}, (0.0, 20.0 * 0.001, 0.001)),
         # A constant angle is a parabola; a random one adds up to a random walk of the heading.
-        (Errors(steering_offset=1e-4), (0.0, 20.0**2 / 2 / 0.33 * 1e-4, 20.0 / 0.33 * 1e-4)),
-        (Errors(steering_angle=1e-4), (0.0, WALK * 0.2, 0.2 / 0.33 * 1e-4 * math.sqrt(100))),
+        ({"steering_offset_spread": 1e-4}, (0.0, 20.0**2 / 2 / 0.33 * 1e-4, 20.0 / 0.33 * 1e-4)),
+        ({"steering_noise": 1e-4}, (0.0, WALK * 0.2, 0.2 / 0.33 * 1e-4 * math.sqrt(100))),
     ],
 )
 def test_straight_ahead_the_spread_is_known(errors, deviations):
     """100 commands of 0.1 s at 2 m/s are 20 m; a steep ramp delays both start and end."""
     car = Car(acceleration=100.0, steering_rate=100.0)
-    poses = drive(plan_of("0, 0, 0\n2, 0, 10"), errors, runs=RUNS, car=car)
+    poses = drive(plan_of("0, 0, 0\n2, 0, 10"), car, RUNS, **errors)
     for values, mean, deviation in zip(poses.T, (20.0, 0.0, 0.0), deviations):
         if deviation:
             assert_is(values, mean, deviation)
@@ -114,57 +114,53 @@ def test_straight_ahead_the_spread_is_known(errors, deviations):
 
 def test_errors_of_speed_and_steering_angle_are_independent():
     """Their product has the mean zero, between runs and between commands."""
-    for errors in (Errors(0.02, 1e-3), Errors(speed=0.1, steering_angle=1e-3)):
-        x, _, theta = drive(plan_of("0, 0, 0\n2, 0, 1"), errors, runs=RUNS).T
+    between_runs = {"speed_gain_spread": 0.02, "steering_offset_spread": 1e-3}
+    for errors in (between_runs, {"speed_noise": 0.1, "steering_noise": 1e-3}):
+        x, _, theta = drive(plan_of("0, 0, 0\n2, 0, 1"), runs=RUNS, **errors).T
         assert abs(np.corrcoef(x, theta)[0, 1]) <= SIGMAS / math.sqrt(RUNS)
 
 
 def test_errors_are_added_after_the_command_has_been_cut_to_the_limits():
     plan, car = plan_of("0, 0, 0\n9, 0, 2"), Car(speed_limit=6.6)
-    x = drive(plan, Errors(speed_scale=0.02), runs=RUNS, car=car)[:, 0]
+    x = drive(plan, car, RUNS, speed_gain_spread=0.02)[:, 0]
     assert_is(x, 13.2, 0.02 * 13.2)
 
 
 def test_a_car_that_stands_has_no_errors():
-    poses = drive(plan_of("0, 0, 0\n0, 0.3, 5"), NOISE, runs=100)
+    poses = drive(plan_of("0, 0, 0\n0, 0.3, 5"), runs=100, **NOISE)
     assert (poses == 0.0).all()
 
 
 def test_a_car_that_brakes_gets_no_new_errors():
     slow = Car(acceleration=0.5)
     plan = plan_of("0, 0, 0\n2, 0, 1\n0, 0, 3")
-    poses = drive(plan, NOISE, 100, car=slow)
+    poses = drive(plan, slow, 100, **NOISE)
     assert len(np.unique(poses[:, 2])) == 100
     halfway = plan._replace(rows=plan.rows[:1])  # the stop at the end of the plan brakes likewise
-    assert poses == pytest.approx(drive(halfway, NOISE, 100, car=slow), abs=ROUNDING)
+    assert poses == pytest.approx(drive(halfway, slow, 100, **NOISE), abs=ROUNDING)
 
 
 def test_the_seed_decides():
     plan = plan_named("slalom")
-    poses = drive(plan, ALL, runs=50, seed=7)
-    assert (poses == drive(plan, ALL, runs=50, seed=7)).all()
-    assert (poses != drive(plan, ALL, runs=50, seed=8)).all()
+    poses = drive(plan, runs=50, seed=7, start=(0.05, 0.03), **ALL)
+    assert (poses == drive(plan, runs=50, seed=7, start=(0.05, 0.03), **ALL)).all()
+    assert (poses != drive(plan, runs=50, seed=8, start=(0.05, 0.03), **ALL)).all()
     assert len(np.unique(poses[:, 0])) == 50
 
 
 def test_the_errors_are_those_of_the_car_and_of_placing_it():
     plan = plan_named("slalom")
-    car = NANO._replace(
-        speed_noise=0.05,
-        steering_noise=0.02,
-        speed_gain=0.5,
-        speed_gain_spread=0.01,
-        steering_offset_spread=0.03,
-    )
-    result = spread(plan, car, RUNS, 3)
-    assert result.errors == Errors(0.02, 0.03, 0.02, 0.02, 0.05, 0.02)
-    assert (result.poses == drive(plan, result.errors, RUNS, 3, car)).all()
+    result = spread(plan, NANO._replace(**ALL), RUNS, 3)
+    assert result.start_errors == START_ERRORS
+    assert (result.poses == drive(plan, NANO, RUNS, 3, START_ERRORS, **ALL)).all()
 
 
-def test_a_car_that_only_differs_between_drives():
-    car = IDEAL._replace(speed_gain_spread=0.05, steering_offset_spread=0.02)
-    errors = spread(plan_named("circle"), car, 10, 1).errors
-    assert (errors.speed_scale, errors.steering_offset) == (0.05, 0.02)
+def test_the_speed_gain_is_scaled():
+    """It is 0.5 plus an error of 0.01, so 2 % of it."""
+    car = IDEAL._replace(speed_gain=0.5, speed_gain_spread=0.01)
+    assert spread(plan_named("circle"), car, 10, 1).start_errors == START_ERRORS
+    x = drive(plan_of("0, 0, 0\n2, 0, 5"), car, RUNS)[:, 0]
+    assert_is(x, 5.0, 0.02 * 5.0)
 
 
 def test_the_planned_pose_and_distance_are_those_of_the_car_without_errors():
@@ -181,5 +177,5 @@ def test_the_planned_pose_and_distance_are_those_of_the_car_without_errors():
 
 def test_without_noise_there_is_no_spread():
     result = spread(plan_named("circle"), IDEAL, 10, 1)
-    assert result.errors == Errors()
+    assert result.start_errors == (0.0, 0.0)
     assert result.distances.max() <= ROUNDING
