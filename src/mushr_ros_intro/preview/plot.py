@@ -1,6 +1,5 @@
 """Draw a plan: the path on the map, and below it speed and steering angle over time."""
 
-import io
 import os
 from typing import Any, Optional
 
@@ -26,12 +25,9 @@ def write_picture(
     Raises:
         UserError: the file cannot be written, or matplotlib does not know the format.
     """
-    kind = os.path.splitext(path)[1][1:] or "png"
-    picture = io.BytesIO()  # savefig(path) adds an ending to the name of a folder
+    kind = os.path.splitext(path)[1][1:] or "png"  # without it, savefig adds an ending
     try:
-        draw_report(report, spread, grid).savefig(picture, format=kind, dpi=120)
-        with open(path, "wb") as file:
-            file.write(picture.getvalue())
+        draw_report(report, spread, grid).savefig(path, format=kind, dpi=120)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         text = f"{path} cannot be written: {reason}; expected a name such as figure_8.png"
