@@ -81,7 +81,7 @@ def _junit(results: Iterable[Grade]) -> str:
         for plan in result.plans:
             for check in plan.checks:
                 kind = "" if check.passed else "failure" if check.is_judged else "skipped"
-                seconds = plan.seconds if check.name == CHECK_NAMES[0] else 0.0
+                seconds = plan.judgement.recorded.seconds if check.name == CHECK_NAMES[0] else 0.0
                 place = f"{result.name}.{plan.plan}"
                 _add_case(suite, place, check.name, kind, check.message, seconds)
         if result.error or result.fault:
@@ -91,7 +91,7 @@ def _junit(results: Iterable[Grade]) -> str:
         counts = {"failures": "failure", "errors": "error", "skipped": "skipped"}
         for attribute, tag in counts.items():
             suite.set(attribute, str(len(suite.findall(f"*/{tag}"))))
-        suite.set("time", f"{sum(plan.seconds for plan in result.plans):g}")
+        suite.set("time", f"{sum(plan.judgement.recorded.seconds for plan in result.plans):g}")
     text = ElementTree.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
 
