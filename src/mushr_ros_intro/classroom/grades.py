@@ -30,7 +30,8 @@ class StoredDrive(NamedTuple):
     fault: str
     """Why the submission cannot be built; empty if it was driven."""
     recorded: Optional[Recorded]
-    """The drive, with the plan; of the map, only the size. None if there is a fault."""
+    """The drive, with the plan; of the map, only the size. None if there is a fault, or if it must
+    be driven."""
 
 
 class PlanGrade(NamedTuple):

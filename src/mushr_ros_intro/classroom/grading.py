@@ -5,17 +5,7 @@ import os
 import signal
 import time
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from typing import (
-    Any,
-    Dict,
-    Generator,
-    Iterator,
-    List,
-    Mapping,
-    Optional,
-    Sequence,
-    Tuple,
-)
+from typing import Any, Dict, Generator, Iterator, List, Mapping, Sequence, Tuple
 from xml.etree import ElementTree
 
 from mushr_ros_intro.classroom.grader import build, judge_and_draw, probe
@@ -75,15 +65,14 @@ class Task:
         self.submission, self.plans = submission, plans
         self.old = not_graded(submission)
         """The stored result of an earlier run."""
-        self.drives: Dict[str, Optional[StoredDrive]] = {}
-        """By plan, in the order of the command line; None if it must be driven."""
-        self.keys: Dict[str, str] = {}
+        self.drives: Dict[str, StoredDrive] = {}
+        """By plan, in the order of the command line."""
         self.error = ""
 
     @property
     def missing(self) -> List[str]:
         """The plans that must be driven."""
-        return [name for name, drive in self.drives.items() if drive is None]
+        return [each.plan for each in self.drives.values() if not (each.fault or each.recorded)]
 
 
 _KILL_PERIOD = 0.05
@@ -174,9 +163,9 @@ class Grading:
             for name, plan in task.plans.items():
                 with open(plan.path, "rb") as file:
                     parts = (files, file.read(), type(plan).__name__, self._common)
-                key = task.keys[name] = hash_of(*parts)
-                is_used = name in old and old[name].key == key
-                task.drives[name] = old[name] if is_used else None
+                new = StoredDrive(name, hash_of(*parts), "", None)
+                is_used = name in old and old[name].key == new.key
+                task.drives[name] = old[name] if is_used else new
 
     def _drive(self, task: Task, name: str, built: "Future[str]") -> StoredDrive:
         """Replay a plan with a submission that has been built.
@@ -184,20 +173,20 @@ class Grading:
         Raises:
             UserError, OSError: the replay has no verdict.
         """
-        submission, key = task.submission, task.keys[name]
+        submission, drive = task.submission, task.drives[name]
         if fault := built.result():
-            return StoredDrive(name, key, _shortened(fault, submission), None)
+            return drive._replace(fault=_shortened(fault, submission))
         try:
             command = (*submission.command, *self._parameters(submission))
         except UserError as error:
-            return StoredDrive(name, key, _shortened(str(error), submission), None)
+            return drive._replace(fault=_shortened(str(error), submission))
         plan, folder, packages = task.plans[name], submission.folder, submission.packages
         recorded = record(Job(submission.name, command, plan, self._setting, folder, packages))
         texts: Dict[str, Any] = {
             each: _shortened(getattr(recorded, each), submission) for each in _TEXTS
         }
         plan = recorded.plan._replace(path=os.path.basename(recorded.plan.path))
-        return StoredDrive(name, key, "", recorded._replace(plan=plan, **texts))
+        return drive._replace(recorded=recorded._replace(plan=plan, **texts))
 
     def _parameters(self, submission: Submission) -> Tuple[str, ...]:
         """Return the parameters in the file of a submission; raise UserError if it is wrong."""
@@ -221,7 +210,7 @@ class Grading:
 def _grade_of(task: Task) -> Grade:
     """Return what is to be stored of a submission."""
     submission = task.submission
-    drives = tuple(filter(None, task.drives.values()))
+    drives = tuple(task.drives.values())
     built = "" if task.error else next((each.fault for each in drives if each.fault), "")
     return Grade(
         submission.name,
