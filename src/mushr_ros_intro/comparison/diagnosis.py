@@ -25,7 +25,7 @@ def sentence(log: DriveLog, fit: Fit) -> str:
             "the car moves already before its first command, so commands are missing; expected a "
             "recording of the commands that begins before the drive"
         )
-    if not fit.is_explained:
+    if fit.misfit.is_found:
         misfit = fit.misfit
         before, rows = log.plan.rows[: misfit.row], log.plan.rows[misfit.row :]
         begin = sum(each.duration for each in before) / NANOSECONDS

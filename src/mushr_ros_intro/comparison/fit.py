@@ -131,14 +131,9 @@ class Fit(NamedTuple):
         return self.values["delay"].new
 
     @property
-    def is_explained(self) -> bool:
-        """Whether the fitted car drives like that, but for random and small errors."""
-        return not self.misfit.is_found
-
-    @property
     def is_found(self) -> bool:
         """Whether the drive is complete, and explained."""
-        return self.is_explained and not self.moves_before
+        return not self.misfit.is_found and not self.moves_before
 
     @property
     def is_certain(self) -> bool:
