@@ -1,7 +1,5 @@
 """Results of grading for tests."""
 
-import math
-
 import numpy as np
 
 from mushr_ros_intro.classroom.grades import Grade, PlanGrade, StoredDrive, Student
@@ -13,20 +11,9 @@ from support.recorded import replay
 ANN = Student("Ann", "17", "ann@x.edu")
 
 
-def graded(
-    plan="circle",
-    failed=(),
-    message="as expected",
-    count=1,
-    radius=2.0,
-    offset=0.5,
-    unjudged=(),
-    share=1.0,
-):
-    """Return a drive of `count` poses on a quarter of a circle, `offset` beside the prediction."""
-    angles = np.linspace(0.0, math.pi / 2, count)
-    driven = np.column_stack([radius * np.cos(angles), radius * np.sin(angles), angles])
-    drive = Drive(np.arange(float(count)), driven, driven + [offset, 0.0, 0.0], offset)
+def graded(plan="circle", failed=(), message="as expected", unjudged=(), share=1.0):
+    """Return the verdict on a drive of one pose, 0.5 m beside the prediction."""
+    drive = Drive(np.zeros(1), np.zeros((1, 3)), np.array([[0.5, 0.0, 0.0]]), 0.5)
     checks = tuple(
         Check(name, name not in (*failed, *unjudged), f"{name}: {message}", name not in unjudged)
         for name in CHECK_NAMES
