@@ -1,26 +1,6 @@
 """Turn results of grading into points.
 
-Without a file, each check of each plan gives one point. A file points.yaml changes this:
-
-    default: {commands: 2, path: 3, final_pose: 2}     # applies to every plan
-    plans:
-      figure_8: {commands: 4, all_or_nothing: true}    # changes the default for one plan
-      secret: {final_pose: 10, hidden: true}
-    tolerances: {position: 0.3}                        # of all plans; see docs/checks.md
-
-The keys of `default` and of each plan are:
-
-    node, topics, start_pose, ...   the points of this check, if it passes; otherwise it gives 0.
-                                    If `default` names a check, the checks that it does not name
-                                    give 0; if it names none, each check gives 1.
-    all_or_nothing                  true: the plan gives its points only if all checks passed that
-                                    give points. Otherwise the plan gives the sum.
-    hidden                          true: students do not see the plan before grades are published.
-
-The points of all checks of a plan are multiplied by the share of the plan that was driven right,
-from its start to the first wrong command; of a controller, by the share of the path that the car
-has followed when it stops. A check that is not judged counts as passed. A plan gives 0 points if
-its check `topics` failed: the node did something else than driving the car.
+docs/teach.md describes points.yaml. A check that is not judged counts as passed.
 """
 
 import math
@@ -47,7 +27,9 @@ class PlanPoints(NamedTuple):
     checks: Mapping[str, float] = dict.fromkeys((*CHECK_NAMES, *FOLLOW_CHECK_NAMES), 1.0)
     """The points of each check; a check that is missing gives 0."""
     all_or_nothing: bool = False
+    """Whether it gives points only if all checks passed that give points."""
     hidden: bool = False
+    """Whether students see it only after grades are published."""
 
 
 class Points(NamedTuple):
