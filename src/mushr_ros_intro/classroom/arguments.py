@@ -55,12 +55,6 @@ def words_of(options: Dict[str, Any]) -> List[str]:
     return words
 
 
-def _settings_of(arguments: argparse.Namespace) -> Dict[str, Any]:
-    """Return the options that a results folder remembers and that are not the default."""
-    values = {name: getattr(arguments, name) for name in _DEFAULTS}
-    return {name: value for name, value in values.items() if value != _DEFAULTS[name]}
-
-
 def _use_settings(arguments: argparse.Namespace) -> None:
     """Set the options that are not given to those of the earlier run in --out, or the defaults.
 
@@ -155,7 +149,9 @@ def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespac
     if fault := _fault(arguments, given):
         parser.error(fault)
     _use_settings(arguments)
-    arguments.settings = _settings_of(arguments)
+    arguments.settings = {
+        name: values[name] for name, default in _DEFAULTS.items() if values[name] != default
+    }
     if fault := _complete(arguments):
         parser.error(fault)
     return arguments

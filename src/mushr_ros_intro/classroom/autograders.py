@@ -112,10 +112,9 @@ def _copy_package(package: str, copy: str) -> None:
 def _copy_map(path: str, folder: str) -> str:
     """Copy a map without faults to a folder; return its name there."""
     values = read_mapping(path, "a map", is_map=True)
-    image = os.path.join(os.path.dirname(path), values["image"])
     name = os.path.splitext(os.path.basename(path))[0]
-    values["image"] = name + os.path.splitext(image)[1]
-    shutil.copyfile(image, os.path.join(folder, values["image"]))
+    image = os.path.join(os.path.dirname(path), values["image"])
+    values["image"] = os.path.basename(shutil.copy(image, folder))
     with open(os.path.join(folder, f"{name}.yaml"), "w", encoding="utf-8") as file:
         yaml.safe_dump(values, file)
     return name
