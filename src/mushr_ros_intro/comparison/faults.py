@@ -267,13 +267,9 @@ def _follow(
     """
     rate = 1.0 / np.maximum(inverse_rate, 1.0 / _AT_ONCE)
     reaches = rate * np.diff(begins)[:, None]
-    firsts = np.concatenate([np.zeros_like(targets[:1]), targets[:-1]])
-    is_far = (np.abs(targets - firsts)[: len(reaches)] > reaches).any(axis=1).tolist()
-    is_behind = False
+    firsts = np.zeros_like(targets)
     for row, reach in enumerate(reaches):
-        if is_far[row] or is_behind:  # the others reach their targets
-            firsts[row + 1] = np.clip(targets[row], firsts[row] - reach, firsts[row] + reach)
-            is_behind = bool((firsts[row + 1] != targets[row]).any())
+        firsts[row + 1] = np.clip(targets[row], firsts[row] - reach, firsts[row] + reach)
     since = (times[:-1] - begins[of_step])[:, None] * rate
     goals = targets[of_step]
     values = np.clip(goals, firsts[of_step] - since, firsts[of_step] + since)
