@@ -7,8 +7,6 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.quiver import Quiver
 
@@ -17,7 +15,7 @@ from mushr_ros_intro.errors import exit_status
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import PlanError, as_float32
-from mushr_ros_intro.preview import drawing, prediction
+from mushr_ros_intro.preview import prediction
 from mushr_ros_intro.preview.limits import slowed
 from mushr_ros_intro.preview.plot import draw_report
 from mushr_ros_intro.preview.report import check
@@ -87,26 +85,6 @@ def test_the_figures_of_figure_8():
     x += 2.0 * radius * math.sin(turned)  # and that of the second one
     y -= 2.0 * radius * math.cos(turned)
     assert (right, bottom) == pytest.approx((x + radius, y - radius), abs=BOX)
-
-
-@settings(max_examples=10)
-@given(
-    st.lists(
-        st.tuples(st.floats(-2, 2), st.floats(-0.6, 0.6), st.sampled_from([0.1, 0.25, 1])),
-        min_size=1,
-        max_size=3,
-    ),
-    st.sampled_from([CARS["ideal"], CARS["mushr_tx2"]]),
-)
-@example([(2.0, 0.5, 9)], Car(steering_rate=0.05))
-@example([(1.625, 0.2468, 7.3)], CARS["mushr_tx2"])  # ends with wheels turned, along an axis
-def test_the_box_is_that_of_the_path(rows, car):
-    text = "1, 2, 3\n" + "".join("{:.6f}, {:.6f}, {}\n".format(*row) for row in rows)
-    report = checked(text, car)
-    instants = [*range(0, report.rest, 10_000_000), report.rest]
-    poses = [state.pose for state in prediction.states_at(report.plan, car, instants)]
-    (left, bottom, _), (right, top, _) = np.min(poses, axis=0), np.max(poses, axis=0)
-    assert report.box == pytest.approx((left, right, bottom, top), abs=BOX)
 
 
 def test_the_box_of_a_circle_in_one_row():
@@ -477,17 +455,6 @@ def test_plot(run, tmp_path):
     assert (status, errors) == (1, "")
     assert "no faults" in run("circle", "--plot=out.mp3")[1]
     assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
-
-
-def test_the_sizes_of_axes():
-    figure, axes = drawing.new_figure(8.0, 3.0, 1.0, 2.0)
-    width, height = figure.get_size_inches()
-    boxes = [each.get_position() for each in axes]
-    assert [box.height * height for box in boxes] == pytest.approx([3.0, 1.0, 2.0])
-    gaps = [(above.y0 - below.y1) * height for above, below in zip(boxes, boxes[1:])]
-    assert gaps == pytest.approx([0.5, 0.5])
-    assert boxes[2].y0 * height == pytest.approx(0.55)
-    assert boxes[0].x0 * width == pytest.approx(0.9)
 
 
 def test_the_drawing():

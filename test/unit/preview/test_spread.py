@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.preview import prediction
@@ -70,23 +68,6 @@ def test_without_errors_every_car_is_where_the_single_car_is(car):
         poses = drive(part, car, 3)
         assert poses.shape == (3, 3)
         assert np.abs(poses - expected).max() <= (ROUNDING if car == IDEAL else RAMPS)
-
-
-@given(
-    st.lists(
-        st.tuples(
-            st.floats(-5, 5), st.floats(-0.6, 0.6), st.sampled_from([0.05, 0.1, 0.25, 1, 3.14])
-        ),
-        min_size=1,
-        max_size=6,
-    )
-)
-@example([(2.0, 1e-8, 22)])
-@example([(2.0, 0.0099, 22)])
-def test_without_errors_an_ideal_car_ends_where_the_single_car_ends(rows):
-    plan = plan_of("1, 2, 3\n" + "".join("{:.9f}, {:.9f}, {}\n".format(*row) for row in rows))
-    expected = np.array(prediction.rest(plan, IDEAL)[1])
-    assert np.abs(drive(plan)[0] - expected).max() <= ROUNDING
 
 
 @pytest.mark.parametrize(
