@@ -234,17 +234,12 @@ RIGHT = {
     "select": {**paced("select.select([], [], [], 0.1)"), **NO_STAMP},
     "files": {
         "imports": "import selectors",
-        "warm_up": """
-            polled, epolled, selector = select.poll(), select.epoll(), selectors.SelectSelector()
-            messages = queue.SimpleQueue()
-            """,
+        "warm_up": "selector, messages = selectors.DefaultSelector(), queue.SimpleQueue()",
         **paced(
             """
-            polled.poll(20)
-            epolled.poll(timeout=0.03, maxevents=1)
-            selector.select(timeout=0.02)
+            selector.select(timeout=0.05)
             try:
-                messages.get(timeout=0.03)
+                messages.get(timeout=0.05)
             except queue.Empty:
                 pass
             """
