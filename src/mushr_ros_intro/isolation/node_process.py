@@ -32,7 +32,8 @@ MAX_THREADS = 250
 
 
 _NOT_OF_THE_NODE = re.compile(
-    r'^ +File "<(?:string|frozen \w+)>", line \d+, in .*\n(?:    (?! *File ).*\n)*', re.MULTILINE
+    r'^ +File "(?:<string>|<frozen \w+>|.*/runpy\.py)", line .*\n(?:    (?! *File ).*\n)*',
+    re.MULTILINE,
 )
 """The lines of a traceback about the program that runs the node in simulated time."""
 

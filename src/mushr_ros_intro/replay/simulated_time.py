@@ -58,7 +58,6 @@ import socket
 import subprocess
 import threading
 import time
-import traceback
 from functools import partial
 from types import SimpleNamespace
 from typing import Any, Callable, List, Optional, Tuple
@@ -411,13 +410,6 @@ def simulate_forks() -> None:
     os.register_at_fork(before=block, after_in_parent=unblock, after_in_child=begin)
 
 
-def show_exception(kind: Any, error: BaseException, trace: Any) -> None:
-    """Print an exception, as if Python had started the program."""
-    while trace and trace.tb_frame.f_code.co_filename.startswith(LIBRARIES):
-        trace = trace.tb_next
-    traceback.print_exception(kind, error, trace)
-
-
 def write_at_once(connection: Any, data: bytes) -> Any:
     """Write a message in the thread that publishes it.
 
@@ -480,7 +472,6 @@ def is_hidden(module: str) -> bool:
 def main() -> None:
     """Run the program."""
     simulate()
-    sys.excepthook = show_exception
     with contextlib.suppress(AttributeError):  # of a file of the program
         random.seed(0)
     with contextlib.suppress(ImportError):

@@ -89,6 +89,8 @@ def test_the_last_output(monkeypatch):
 
 
 TRACEBACK = """Traceback (most recent call last):
+  File "/usr/lib/python3.9/runpy.py", line 87, in _run_code
+    exec(code, run_globals)
   File "/s/node.py", line 3, in <module>
     rospy.sleep("a")
   File "<string>", line 280, in sleep_in_ros
@@ -104,7 +106,8 @@ def test_a_traceback_has_no_lines_of_the_grader():
     process = NodeProcess(["sh", "-c", f"echo '{TRACEBACK}'; exit 1"])
     shown = process.describe_failure()
     process.end()
-    expected = [line for i, line in enumerate(TRACEBACK.splitlines()) if i not in (3, 4, 5, 6)]
+    lines = TRACEBACK.splitlines()
+    expected = [lines[0], *lines[3:5], *lines[9:]]
     assert shown.splitlines()[1:] == expected
     assert "sys.exit" not in shown
 

