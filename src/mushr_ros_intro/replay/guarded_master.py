@@ -1,11 +1,7 @@
 """A ROS master that protects the simulated car, and records what a node tries to do to it."""
 
 import threading
-import time
-import xmlrpc.client
-from contextlib import suppress
 from functools import partialmethod
-from http.client import HTTPException
 from typing import Any, Callable, Dict, FrozenSet, Iterable, List, Optional, Tuple
 from xmlrpc.server import SimpleXMLRPCRequestHandler
 
@@ -24,9 +20,6 @@ MAX_TEXT = 200
 
 MAX_REQUEST = 10_000_000
 """Limit of the length of a call of a node [bytes]; the server reads a call as a whole."""
-
-WAKE_UP_PERIOD = 0.02
-"""Period of the calls to a node that has left ROS [s of wall-clock time]."""
 
 
 class GuardedMaster(ROSMasterHandler):
@@ -137,11 +130,7 @@ class GuardedMaster(ROSMasterHandler):
                 self.record(action)
                 if not action.startswith("publishes"):
                     return REFUSED
-        node = self.reg_manager.get_node(str(params[0])) if params else None
-        result = getattr(self, method)(*params)
-        if node and method.startswith("unregister") and node.is_empty():
-            threading.Thread(target=_wake_up, args=[node.api], daemon=True).start()
-        return result
+        return getattr(self, method)(*params)
 
     def _action(self, method: str, caller: str = "", name: str = "") -> str:
         """Return what a call would do to the simulated car; empty if nothing."""
@@ -172,18 +161,3 @@ def _answer(request: SimpleXMLRPCRequestHandler, record: Callable[[str], None]) 
     record(f"sends a call of {length or 'unknown'} bytes; the limit is {MAX_REQUEST} bytes")
     request.send_error(413)
     request.close_connection = True
-
-
-def _wake_up(address: str) -> None:
-    """Announce a publisher to a node that has left ROS, until its process has ended.
-
-    Symptom: a node that ends uses a processor for 0.5 s more than necessary.
-    Cause: rospy waits for a thread that looks every 0.5 s, or when a publisher is announced,
-    whether the node ends (rospy/impl/registration.py). Meanwhile, another thread polls a socket
-    that is closed (rosgraph/xmlrpc.py).
-    """
-    errors = (OSError, HTTPException, xmlrpc.client.Error)
-    with suppress(*errors), xmlrpc.client.ServerProxy(address) as node:
-        while True:
-            node.publisherUpdate("/master", "/ended", [address])
-            time.sleep(WAKE_UP_PERIOD)

@@ -65,6 +65,7 @@ from typing import Any, Callable, List, Optional, Tuple
 import genpy
 import rosgraph
 import rospy
+import rospy.impl.registration
 import rospy.impl.simtime
 from rospy.impl import tcpros_base, tcpros_pubsub
 
@@ -106,6 +107,7 @@ REAL_TIME = (
 real_sleep, real_wait, get_rostime = time.sleep, threading.Condition.wait, rospy.get_rostime
 real_time, real_monotonic = time.time, time.monotonic
 real_count = rospy.topics.Topic.get_num_connections
+real_clean_up = rospy.impl.registration.RegManager.cleanup
 slept = 0
 """For how long the program has slept while ROS did not publish the time [ns]."""
 
@@ -425,6 +427,15 @@ def write_header(connection: socket.socket, header: Any) -> int:
     return int(rosgraph.network.write_ros_handshake_header(connection, header))
 
 
+def clean_up(manager: Any, reason: str) -> None:
+    """Unregister the node at the master, and end the thread that does this.
+
+    Otherwise, it looks every 0.5 s whether to end, and another thread polls a closed socket.
+    """
+    manager.handler = SimpleNamespace(done=True)
+    real_clean_up(manager, reason)
+
+
 def simulate() -> None:
     """Replace the functions."""
     on_clock = rospy.impl.simtime._set_rostime_clock_wrapper
@@ -445,6 +456,7 @@ def simulate() -> None:
     tcpros_pubsub.QueuedConnection.write_data = write_at_once
     tcpros_base.write_ros_handshake_header = write_header
     rospy.topics.Topic.get_num_connections = count_connections
+    rospy.impl.registration.RegManager.cleanup = clean_up
     rospy.timer.sleep = rospy.sleep = sleep_in_ros
     rospy.rostime.get_rostime = rospy.get_rostime = read_in_ros
     rospy.rostime.wallsleep = sleep_for  # of rospy.spin and rospy.wait_for_message

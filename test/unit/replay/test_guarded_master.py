@@ -1,8 +1,6 @@
 """Check which calls of the master a node under test may make."""
 
 import http.client
-import threading
-import xmlrpc.server
 from urllib.parse import urlsplit
 
 import pytest
@@ -14,7 +12,6 @@ from mushr_ros_intro.replay.guarded_master import (
     REFUSED,
     GuardedMaster,
 )
-from support.helpers import wait_for
 
 CAR = "/car/car_sim"
 API = "http://localhost:1"
@@ -155,24 +152,6 @@ def test_topics_without_a_publisher(master):
     for topic in ("/car/car_pose", "/car/particle_filter/inferred_pose", "/commands"):
         master._dispatch("registerSubscriber", ("/student", topic, POSES, API))
     assert master.unpublished() == ["/car/particle_filter/inferred_pose"]
-
-
-def test_a_node_that_has_left_ros_is_woken_up(master):
-    """Not one that has only unregistered a topic. The calls end when the node has ended."""
-    with xmlrpc.server.SimpleXMLRPCServer(("localhost", 0), logRequests=False) as node:
-        node.timeout = 10.0
-        calls = []
-        node.register_function(lambda *call: calls.append(call) or 0, "publisherUpdate")
-        api = f"http://localhost:{node.server_address[1]}/"
-        for topic in ("/rosout", "/commands"):
-            master._dispatch("registerPublisher", ("/student", topic, POSES, api))
-        count = threading.active_count()
-        master._dispatch("unregisterPublisher", ("/student", "/commands", api))
-        assert threading.active_count() == count
-        master._dispatch("unregisterPublisher", ("/student", "/rosout", api))
-        node.handle_request()
-    assert calls and calls[0] == ("/master", "/ended", [api])
-    wait_for(lambda: threading.active_count() == count, "the calls to end")
 
 
 @pytest.mark.parametrize("length", ["6000000000", str(MAX_REQUEST + 1), "x"])

@@ -364,6 +364,11 @@ connection = simulated.tcpros_pubsub.QueuedConnection(transport, queue_size=10)
 connection.write_data(b"stop")
 os._exit(written != [(b"stop", threading.main_thread())])
 """,
+    "the thread that registers the node ends with it": """
+manager = simulated.rospy.impl.registration.RegManager(None)
+manager.cleanup("")
+assert manager.handler.done
+""",
     "otherwise, timeouts would be compared with the real time, and outlast a shutdown": """
 assert queue.time is threading._time is simulated.time_of_waits
 assert simulated.rospy.core._preshutdown_hooks == [simulated.sleepers.on_shutdown]
