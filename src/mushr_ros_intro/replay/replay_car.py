@@ -1,7 +1,6 @@
 """The simulated car and its mux in a replay: they process messages when the world calls them."""
 
 import math
-from collections import deque
 from typing import Any, Deque, Dict, List, Sequence, Tuple
 from xml.etree import ElementTree
 
@@ -19,7 +18,6 @@ from mushr_ros_intro.simulator.ackermann_cmd_mux import MuxTopics
 from mushr_ros_intro.simulator.car_core import CarCore
 from mushr_ros_intro.simulator.mux import Input, Mux, full_topic, parse_config
 from mushr_ros_intro.simulator.state_publisher import StatePublisher
-from mushr_ros_intro.stamps import STAMP_TOLERANCE
 from mushr_ros_intro.world.footprint import Footprint, World
 from mushr_ros_intro.world.grid import Grid
 
@@ -35,8 +33,6 @@ class ReplayCar:
         self.publisher = StatePublisher(car, now, True, "car/", True)
         frames = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         frames.publish(_fixed_frames(package_folder("urdf/mushr_car.urdf")))
-        self._corrected: List[State] = []
-        self._reported: Deque[int] = deque()  # instants whose states late commands may still change
 
         def on_pose(msg: PoseWithCovarianceStamped) -> None:
             msg._connection_header = {"topic": topic.resolved_name}  # not what its sender says
@@ -71,20 +67,7 @@ class ReplayCar:
 
     def states_at(self, stamps: Sequence[int], now: int) -> List[State]:
         """Return the states at instants [ns], which are reported now [ns]."""
-        self._correct(stamps[-1] - STAMP_TOLERANCE if stamps else 0)
-        self._reported += stamps
         return self._core.states(stamps, now)
-
-    def _correct(self, until: int) -> None:
-        """Keep the states that were reported until an instant [ns], as they are now."""
-        while self._reported and self._reported[0] <= until:
-            self._corrected.append(self._core.state_at(self._reported.popleft()))
-
-    def corrected_states(self) -> List[State]:
-        """Return the states of the car when it reported them, corrected by late commands."""
-        if self._reported:
-            self._correct(self._reported[-1])
-        return list(self._corrected)
 
 
 def _fixed_frames(path: str) -> TFMessage:

@@ -291,8 +291,6 @@ class ReplayWorld:
     def recording(self, plan: Any, car: Car, outcome: str) -> Recorded:
         """Return what was recorded.
 
-        Commands that arrived late correct the states.
-
         Args:
             plan: the plan or path of the node.
             car: the car.
@@ -300,7 +298,7 @@ class ReplayWorld:
         """
         received, master = self.received, self._master
         # A node that shuts down this process at once gets a verdict, too.
-        states = self._car.corrected_states() or [at_rest(self.now, ORIGIN)]
+        states = self.states or [at_rest(self.now, ORIGIN)]
         contacts = [state.collision for state in states if state.collision]
         return Recorded(
             plan=plan,
