@@ -81,7 +81,6 @@ class Sandbox(NamedTuple):
             OSError: the system refuses.
         """
         if self.folder:
-            system_calls.join_new_keyring()
             if self.has_namespaces:
                 system_calls.enter_network()
             else:

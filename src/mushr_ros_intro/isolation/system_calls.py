@@ -1,4 +1,4 @@
-"""What isolation needs of Linux and has no command: network, keyring, forbidden system calls."""
+"""What isolation needs of Linux and has no command: network, forbidden system calls."""
 
 import ctypes
 import errno
@@ -21,7 +21,6 @@ _NAMESPACES = (0x80, *(1 << bit for bit in (17, *range(25, 31))))
 """All flags CLONE_NEW... of clone(2) and unshare(2)."""
 
 _CACHESTAT = 451
-_KEYCTL_JOIN_SESSION_KEYRING = 1
 _SIOCSIFFLAGS = 0x8914
 _IFF_UP = 1
 
@@ -83,14 +82,6 @@ def number_of(name: str) -> int:
     if name == "cachestat":  # of Linux 6.5; the libseccomp of Debian 12 does not know it
         return _CACHESTAT
     return int(seccomp.resolve_syscall(seccomp.Arch(), name))
-
-
-def join_new_keyring() -> None:
-    """Give this process a session keyring of its own, in which another process finds nothing.
-
-    A system that refuses this refuses it to nodes, too.
-    """
-    _libc().syscall(number_of("keyctl"), _KEYCTL_JOIN_SESSION_KEYRING, None)
 
 
 def enter_network() -> None:
