@@ -12,9 +12,10 @@ from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.preview.prediction import rest
 from mushr_ros_intro.replay.mistakes import (
     INITIAL_POSES,
+    POSE_TYPE,
     command_mistake,
     start_mistake,
-    start_topic_mistake,
+    topic_mistake,
 )
 from mushr_ros_intro.replay.rate import judge_rate
 from mushr_ros_intro.replay.recording import (
@@ -174,7 +175,7 @@ def _missing_start(recorded: Recorded) -> str:
     if recorded.start_delay:
         seconds = recorded.start_delay / NANOSECONDS
         return f"the node sent its start pose {seconds:.2f} s after the first command to drive"
-    if fault := start_topic_mistake(dict(recorded.published)):
+    if fault := topic_mistake(dict(recorded.published), INITIAL_POSES, POSE_TYPE):
         return f"the node {fault}"
     return (
         f"the node sent no start pose on {INITIAL_POSES}, or sent it before this topic was "

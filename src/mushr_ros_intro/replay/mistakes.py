@@ -3,7 +3,7 @@
 import math
 import os
 import re
-from typing import Iterable, Mapping, Optional, Sequence, Tuple
+from typing import Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -44,18 +44,20 @@ def printed_error(output: str) -> str:
     return ""
 
 
-def start_topic_mistake(topics: Mapping[str, str]) -> str:
-    """Return what a node did instead of publishing start poses; "" if it publishes them.
+def topic_mistake(topics: Mapping[str, str], topic: str, kind: str) -> str:
+    """Return what a node did instead of publishing messages of a type on a topic; "" if it did.
 
     Args:
         topics: the types of the topics on which it has published, by topic.
+        topic: the right topic.
+        kind: the right type.
     """
-    if INITIAL_POSES not in topics:
-        others = _listed(topics) or "nothing there"
+    if topic not in topics:
+        others = ", ".join(sorted({*topics} - {"/rosout"})) or "nothing"
         only = "only this node is run, no other node of a launch file"
-        return f"sent no start pose on {INITIAL_POSES} ({only}); it publishes {others}"
-    if topics[INITIAL_POSES] != POSE_TYPE:
-        return f"published {topics[INITIAL_POSES]} on {INITIAL_POSES}, not {POSE_TYPE}"
+        return f"publishes {others}, not {topic} ({only})"
+    if topics[topic] != kind:
+        return f"publishes {topics[topic]} on {topic}, not {kind}"
     return ""
 
 
@@ -63,23 +65,17 @@ def command_topic_mistake(topics: Mapping[str, str], control: str, has_start: bo
     """Return what a node did instead of sending commands.
 
     Args:
-        topics: the types of the topics on which it has published, by topic.
+        topics: as for `topic_mistake`.
         control: the topic of the commands.
         has_start: whether it has sent a start pose, or needs none.
     """
-    if control not in topics:
-        return f"it publishes {_listed(topics) or 'no topic at all'}"
-    if topics[control] != COMMAND_TYPE:
-        return f"it publishes {topics[control]} there; expected {COMMAND_TYPE}"
-    text = "it has a publisher for this topic, but no message arrived"
-    mistake = "" if has_start else start_topic_mistake(topics)
-    if mistake:
-        return f"{text}. The node {mistake}: does it wait for a subscriber there?"
+    if mistake := topic_mistake(topics, control, COMMAND_TYPE):
+        return mistake
+    text = "has a publisher for this topic, but no message arrived"
+    start = "" if has_start else topic_mistake(topics, INITIAL_POSES, POSE_TYPE)
+    if start:
+        return f"{text}; it {start}: does it wait for a subscriber there?"
     return f"{text}: does it call publish?"
-
-
-def _listed(topics: Iterable[str]) -> str:
-    return ", ".join(topic for topic in sorted(topics) if topic != "/rosout")
 
 
 def start_mistake(sent: Pose, wanted: Pose, tolerance: float) -> str:

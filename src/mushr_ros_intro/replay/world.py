@@ -154,12 +154,11 @@ class ReplayWorld:
     @property
     def topic_mistake(self) -> str:
         """What the node did instead of sending commands."""
-        mistake = command_topic_mistake(
-            self._master.published, CONTROL, self.received.start is not None
-        )
+        has_start = self.received.start is not None
+        mistake = command_topic_mistake(self._master.published, CONTROL, has_start)
         if missing := self._master.unpublished():
             mistake += f" It waits for messages on {', '.join(missing)}, where nobody publishes"
-        return mistake
+        return f"it {mistake}"
 
     @property
     def silence(self) -> float:

@@ -114,12 +114,12 @@ def test_a_module_that_is_missing_on_this_machine_is_noted():
                 "published": ((CONTROL, COMMANDS_TYPE), ("/rosout", "rosgraph_msgs/Log")),
             },
             "start_pose",
-            f"no other node of a launch file); it publishes {CONTROL}; expected (1.0000 m, 2.0000",
+            f"the node publishes {CONTROL}, not /initialpose (only this node is run, no other nod",
         ),
         (
             {"start": None, "published": (("/initialpose", "geometry_msgs/PoseStamped"),)},
             "start_pose",
-            "published geometry_msgs/PoseStamped on /initialpose, not geometry_msgs/PoseWithCov",
+            "publishes geometry_msgs/PoseStamped on /initialpose, not geometry_msgs/PoseWithCov",
         ),
         (
             {"start": None, "published": (("/initialpose", POSE_TYPE),)},

@@ -52,13 +52,13 @@ def test_when_the_next_thread_is_due(said, period, expected):
         (
             {"/initial_pose": POSE_TYPE},
             False,
-            "sent no start pose on /initialpose (only this node is run, no other node of a launch "
-            f"file); it publishes {CONTROL}, /initial_pose: does it wait for a subscriber there?",
+            f"it publishes {CONTROL}, /initial_pose, not /initialpose (only this node is run, no "
+            "other node of a launch file): does it wait for a subscriber there?",
         ),
         (
             {"/initialpose": "geometry_msgs/PoseStamped"},
             False,
-            f"published geometry_msgs/PoseStamped on /initialpose, not {POSE_TYPE}: does it wait "
+            f"publishes geometry_msgs/PoseStamped on /initialpose, not {POSE_TYPE}: does it wait "
             "for a subscriber there?",
         ),
     ],
