@@ -9,14 +9,15 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from tf2_msgs.msg import TFMessage
 
-from mushr_ros_intro.car.model import Car, State
+from mushr_ros_intro.car.model import Car, Event, State
 from mushr_ros_intro.car.odometry import Odometry
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.paths import package_folder
+from mushr_ros_intro.replay.mistakes import INITIAL_POSES
 from mushr_ros_intro.ros import conversions
 from mushr_ros_intro.simulator.ackermann_cmd_mux import MuxTopics
 from mushr_ros_intro.simulator.car_core import CarCore
-from mushr_ros_intro.simulator.mux import Input, Mux, full_topic, parse_config
+from mushr_ros_intro.simulator.mux import Input, Mux, parse_config
 from mushr_ros_intro.simulator.state_publisher import StatePublisher
 from mushr_ros_intro.world.footprint import Footprint, World
 from mushr_ros_intro.world.grid import Grid
@@ -33,13 +34,8 @@ class ReplayCar:
         self.publisher = StatePublisher(car, now, True, "car/", True)
         frames = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         frames.publish(_fixed_frames(package_folder("urdf/mushr_car.urdf")))
-
-        def on_pose(msg: PoseWithCovarianceStamped) -> None:
-            msg._connection_header = {"topic": topic.resolved_name}  # not what its sender says
-            poses.append(msg)
-
         kind = PoseWithCovarianceStamped
-        topic = rospy.Subscriber("initialpose", kind, on_pose, tcp_nodelay=True)
+        rospy.Subscriber(INITIAL_POSES, kind, poses.append, tcp_nodelay=True)
 
     def use_map(self, grid: Grid, now: int) -> None:
         """Use a map from now on [ns]."""
@@ -54,16 +50,9 @@ class ReplayCar:
 
         self.publisher.add("/tf", TFMessage, convert)
 
-    @conversions.ignore_bad_messages
-    def place(self, msg: PoseWithCovarianceStamped, now: int) -> None:
-        """Process an initial pose."""
-        event = conversions.initial_pose_from_msg(msg)
-        self._core.add(event, msg._connection_header["topic"], now)
-
-    @conversions.ignore_bad_messages
-    def obey(self, msg: AckermannDriveStamped, now: int) -> None:
-        """Process a command."""
-        self._core.add(conversions.command_from_msg(msg), f"{MUX}/output", now)
+    def add(self, event: Event, now: int) -> None:
+        """Process an initial pose or a command."""
+        self._core.add(event, "a topic", now)
 
     def states_at(self, stamps: Sequence[int], now: int) -> List[State]:
         """Return the states at instants [ns], which are reported now [ns]."""
@@ -104,24 +93,18 @@ class ReplayMux:
         self._core = Mux(True, rospy.logwarn)
         config = parse_config(parameters)
         self._topics = MuxTopics(MUX, config.publisher)
-
-        def on_command(msg: AckermannDriveStamped, source: Input) -> None:
-            msg._connection_header = {"topic": full_topic(MUX, source.topic)}  # as above
-            commands.append((msg, source))
-
-        self._topics.subscribe(config.inputs, on_command)
+        self._topics.subscribe(config.inputs, lambda *received: commands.append(received))
         self.inputs = self._topics.inputs
 
-    @conversions.ignore_bad_messages
     def process(self, msg: AckermannDriveStamped, source: Input, now: int) -> None:
-        """Process a command; only the time on the clock counts."""
+        """Process a command, or raise a MessageError; only the time on the clock counts."""
         command = conversions.command_from_msg(msg)
         stop, passes = self._core.add(source, command.stamp, now, math.inf)
         if stop is not None:
             self._topics.stop(stop)
         if passes:
             self._topics.send(msg)
-            self._car.obey(msg, now)
+            self._car.add(command, now)
             self._topics.announce(self._core.active)
 
     def expire(self, now: int) -> None:

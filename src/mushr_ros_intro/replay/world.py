@@ -9,6 +9,7 @@ import os
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from typing import Any, Callable, Deque, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
@@ -33,7 +34,7 @@ from mushr_ros_intro.replay.recording import Recorded
 from mushr_ros_intro.replay.reference import Exercise, Reference
 from mushr_ros_intro.replay.replay_car import MUX, ReplayCar, ReplayMux
 from mushr_ros_intro.ros import conversions, ros_time, rospy_fixes
-from mushr_ros_intro.simulator.mux import Input
+from mushr_ros_intro.simulator.mux import Input, full_topic
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, from_seconds
 from mushr_ros_intro.world.grid import Grid
 
@@ -321,18 +322,20 @@ class ReplayWorld:
         """Record an initial pose, and give it to the car."""
         if action := self.received.add_initial_pose(msg, self.now):
             self._master.record(action)
-        self._car.place(msg, self.now)
+        with suppress(conversions.MessageError):
+            self._car.add(conversions.initial_pose_from_msg(msg), self.now)
 
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
         """Record a command, and give it to the mux."""
-        topic = msg._connection_header["topic"]
+        topic = full_topic(MUX, source.topic)  # not what the sender says
         if self._delivery:
             msg.header.stamp = stamp_of_controller(msg.header.stamp, self.now)
         if topic == CONTROL:
             self.received.add_command(msg, self.now)
         else:
             self._master.record(f"publishes on {topic}")
-        self._mux.process(msg, source, self.now)
+        with suppress(conversions.MessageError):
+            self._mux.process(msg, source, self.now)
 
 
 def stamp_of_controller(stamp: rospy.Time, now: int) -> rospy.Time:
@@ -360,10 +363,9 @@ def _join(uri: str, parameters: Dict[str, Any], mux: Dict[str, Any]) -> None:
     rospy.set_param("/use_sim_time", True)
     rospy.set_param(CAR, {**parameters, "real_time_factor": 0.0})
     rospy.set_param(MUX, mux)
-    argv = [f"initialpose:={INITIAL_POSES}"]
     # Calls have no limit: the other side may wait for a processor, and rospy would then sleep.
     rospy_fixes.apply_before_init_node()
-    rospy.init_node("car_sim", argv=argv, disable_rostime=True, disable_signals=True)
+    rospy.init_node("car_sim", argv=[], disable_rostime=True, disable_signals=True)
 
 
 def _offer_map(grid: Grid) -> None:
