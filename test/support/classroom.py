@@ -17,7 +17,6 @@ RIGHT = EXAMPLE.replace(_POLLS, "    rospy.sleep(instant - rospy.Time.now())\n")
 
 _INIT = '    rospy.init_node("path_publisher")\n'
 _PLAN = '    plan = read_plan(rospy.get_param("~plan_file"))\n'
-_RUN = "    stop.header.stamp = run_plan(pub_init_pose, pub_controls, plan)\n"
 _DUE = "        sleep_until(due)\n"
 _SHORT = "    plan = plan[:3]\n"
 """Drive the first rows only, so that a cheat without effect fails."""
@@ -48,32 +47,8 @@ def midway(code, *pairs):
     return changed((_DUE, _DUE + hook), ("def run_plan(", function + "\n\ndef run_plan("), *pairs)
 
 
-def after(code, *pairs):
-    """Return a node that runs code after its plan."""
-    return changed((_RUN, _RUN + _code(code)), *pairs)
-
-
-CORRECT = {
-    "right": EXAMPLE,
-    "spins": after("rospy.spin()"),
-    "no_stamps": changed(("Header(stamp=due, frame_id", "Header(frame_id")),
-    "places_twice": changed(  # the last start pose counts
-        (
-            "    pub_init_pose.publish(init_pose)\n",
-            "    init_pose.pose.pose.position.x += 1\n"
-            "    pub_init_pose.publish(init_pose)\n"
-            "    init_pose.pose.pose.position.x -= 1\n"
-            "    pub_init_pose.publish(init_pose)\n",
-        )
-    ),
-}
-"""Nodes that pass, by name."""
-
 WRONG = {
     "sign": (changed(("steering_angle=delta", "steering_angle=-delta")), "commands"),
-    "five_hz": (changed(("Duration(0, 100000000)", "Duration(0, 200000000)")), "rate"),
-    "frame": (changed(('stamp=rospy.Time.now(), frame_id="map"', 'frame_id="odom"')), "node"),
-    "crashes": (midway("raise IndexError('list index out of range')"), "node"),
     "hangs": (
         midway("import threading; threading.Thread(target=lambda: 1 / 0).start(); rospy.spin()"),
         "node",
@@ -82,32 +57,16 @@ WRONG = {
 }
 """Nodes with a mistake, and a check that fails, by name."""
 
-BROKEN = {
-    "empty": ("", "does not start with a shebang line"),
-    "syntax": ("#!/usr/bin/python3\nprint('a'\n", "syntax error in line 2"),
-    "crlf": (RIGHT.replace("\n", "\r\n"), "CRLF"),
-    "python": (RIGHT.replace("/usr/bin/python3", "/opt/nowhere/python"), "is not installed"),
-}
-"""Files that cannot run, and a part of the message, by name."""
+BROKEN = {"syntax": ("#!/usr/bin/python3\nprint('a'\n", "syntax error in line 2")}
+"""A file that cannot run, and a part of the message, by name."""
 
 MISUSES = {
-    "pose": (
-        "rospy.Publisher('/car/car_pose', PoseStamped, queue_size=10)",
-        "publishes on /car/car_pose",
-    ),
     "clock": (
         """
         from rosgraph_msgs.msg import Clock
         rospy.Publisher("/clock", Clock, queue_size=1)
         """,
         "publishes on /clock",
-    ),
-    "output": (
-        """
-        topic = "/car/mux/ackermann_cmd_mux/output"
-        rospy.Publisher(topic, AckermannDriveStamped, queue_size=1)
-        """,
-        "publishes on /car/mux/ackermann_cmd_mux/output",
     ),
     "teleop": (  # the messages name another topic
         """
@@ -127,10 +86,6 @@ MISUSES = {
         """,
         "calls the service /car/car_sim/pause",
     ),
-    "parameter": (
-        "master.setParam('/car/car_sim/speed_limit', 0.1)",
-        "changes the parameter /car/car_sim/speed_limit",
-    ),
     "parameters": ("master.deleteParam('/car')", "changes the parameter /car"),
     "sim_time": (
         "rospy.set_param('/use_sim_time', False)",
@@ -142,20 +97,6 @@ MISUSES = {
         car.registerPublisher("/car/car_pose", "geometry_msgs/PoseStamped", rospy.get_node_uri())
         """,
         "registers or unregisters the node /car/car_sim",
-    ),
-    "offers": (
-        """
-        service = "/car/car_sim/step"
-        master.registerService(service, "rosrpc://localhost:1", rospy.get_node_uri())
-        """,
-        "offers the service /car/car_sim/step",
-    ),
-    "master": (
-        """
-        import xmlrpc.client, os
-        xmlrpc.client.ServerProxy(os.environ["ROS_MASTER_URI"]).shutdown("/x", "bye")
-        """,
-        "shuts down the master",
     ),
     "publisher": (
         """
@@ -177,7 +118,10 @@ MISUSES = {
         "places the car again, at (0.0000 m, 0.0000 m, 0.0000 rad)",
     ),
 }
-"""What a node may not do to the car, and how the check `topics` names it."""
+"""What a node may not do to the car, and how the check `topics` names it.
+
+Other names and calls: unit/replay/test_guarded_master.py.
+"""
 
 
 def each_of(codes):
@@ -199,7 +143,7 @@ CHEATS = {
     # Named in the verdict:
     "misuses": (
         midway(MISUSES["again"][0], (_INIT, _INIT + _code(each_of(_BEFORE)))),
-        "FAIL topics: the node publishes on /car/car_pose, ",
+        "FAIL topics: the node publishes on /clock, ",
     ),
     "kill_node": (
         midway("import rosnode\nrosnode.kill_nodes(['/car/car_sim'])"),
@@ -238,7 +182,6 @@ CHEATS = {
         ),
         "",
     ),
-    "says_so": (before("print('all checks passed', flush=True)\nimport os\nos._exit(0)"), ""),
 }
 """Nodes that cheat, and a part of their verdict; "" if the cheat has no effect.
 
@@ -276,9 +219,8 @@ def write(folder, name, source, cmake=""):
 
 
 def write_class(folder, count):
-    """Write a class with every kind of node; further submissions are right."""
+    """Write a class with every kind of node; the others are right."""
     nodes = {
-        **CORRECT,
         **{name: source for name, (source, _) in {**WRONG, **BROKEN}.items()},
         **{f"cheat_{name}": cheat(name) for name in CHEATS},
     }

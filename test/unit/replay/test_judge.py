@@ -631,6 +631,15 @@ def test_a_node_that_places_the_car_again(messages, again):
     assert places_again(*messages) == again
 
 
+def test_the_last_start_pose_counts_and_an_unusable_one_is_named():
+    received = Received()
+    for x in (1, 2):
+        received.add_initial_pose(pose_msg(x), BEGIN)
+    assert received.start.x == 2 and not received.ignored
+    received.add_initial_pose(pose_msg(None), BEGIN)
+    assert received.ignored.startswith("a message on /initialpose: pose is in the frame 'odom'")
+
+
 @pytest.mark.parametrize(
     ("poses", "again"),
     [
