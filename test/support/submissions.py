@@ -4,6 +4,9 @@ import os
 import stat
 import zipfile
 
+import pytest
+
+from mushr_ros_intro.classroom import submission_check
 from mushr_ros_intro.classroom.submissions import collect
 
 NODE = b"#!/usr/bin/python3\nprint('hello')\n"
@@ -11,6 +14,13 @@ XML = b"<package><name>intro</name></package>"
 PUBLISHER = "src/path_publisher.py"
 PACKAGE = {"package.xml": XML, PUBLISHER: NODE}
 LINK = stat.S_IFLNK | 0o777
+
+
+@pytest.fixture
+def unchecked(monkeypatch):
+    """Compile no node, and look for no hidden module; see test_submission_check."""
+    for name in ("faults_of", "hiding_faults"):
+        monkeypatch.setattr(submission_check, name, lambda *_, **__: ())
 
 
 def inside(folder, files=PACKAGE):

@@ -28,7 +28,7 @@ from mushr_ros_intro.replay.setting import read_setting
 from support.grades import store
 from support.paths import PACKAGE
 from support.recorded import map_of, replay
-from support.submissions import XML, fill
+from support.submissions import XML, fill, unchecked  # noqa: F401
 
 FILES = {"package.xml": XML, "src/path_publisher.py": b"#!/usr/bin/python3\n"}
 
@@ -82,7 +82,7 @@ class Course:
 
 
 @pytest.fixture
-def course(tmp_path, monkeypatch):
+def course(tmp_path, monkeypatch, unchecked):  # noqa: F811
     return Course(tmp_path, monkeypatch)
 
 

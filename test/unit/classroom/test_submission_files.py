@@ -15,9 +15,12 @@ from support.submissions import (
     fill,
     inside,
     only,
+    unchecked,  # noqa: F401
     zip_bytes,
     zipped,
 )
+
+pytestmark = pytest.mark.usefixtures("unchecked")
 
 
 @pytest.mark.parametrize(

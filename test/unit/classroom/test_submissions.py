@@ -16,9 +16,12 @@ from support.submissions import (
     fill,
     inside,
     only,
+    unchecked,  # noqa: F401
     zip_bytes,
     zipped,
 )
+
+pytestmark = pytest.mark.usefixtures("unchecked")
 
 
 @pytest.mark.parametrize(
@@ -132,30 +135,23 @@ def test_canvas(tmp_path, form):
         "leebo_23_9878_package.xml": XML,
         "leebo_23_9879_path_publisher-3.py": NODE,
         "poe_24_9880_report.pdf": b"",
-    }
-    fill(tmp_path / "class", files, 0o644)
-    zipped(tmp_path / "class.zip", files)
-    found = collected(tmp_path, "class" if form == "folder" else "class.zip")
-    assert [each.name for each in found] == ["doejane_1234", "leeann_22", "leebo_23", "poe_24"]
-    assert found[0].students == (Student("doejane", "", "", "1234"),)
-    assert found[1].students == (Student("leeann", "", "", "22"),)
-    assert [bool(each.fault) for each in found] == [False, False, False, True]
-    assert len(found[2].packages) == 1 and "found 'report.pdf'" in found[3].fault
-    assert [any("late" in note for note in each.notes) for each in found] == [True, *3 * [False]]
-
-
-@pytest.mark.parametrize("form", ["folder", "zip"])
-def test_canvas_with_a_text_and_with_anonymous_students(tmp_path, form):
-    """A text that was handed in has no number of an upload; an anonymous id has letters."""
-    files = {
-        "carlo_13_text.html": b"",
+        "carlo_13_text.html": b"",  # a text that was handed in has no number of an upload
         "anon_Ab1cD_101_path_publisher.py": NODE,
         "anon_Ef2gH_102_path_publisher-1.py": NODE,
     }
     fill(tmp_path / "class", files, 0o644)
     zipped(tmp_path / "class.zip", files)
     found = collected(tmp_path, "class" if form == "folder" else "class.zip")
-    assert [(each.name, each.fault) for each in found] == [("anon_Ab1cD", ""), ("anon_Ef2gH", "")]
+    *anonymous, jane, ann, bo, poe = found
+    assert [each.name for each in anonymous] == ["anon_Ab1cD", "anon_Ef2gH"]
+    assert [each.name for each in (jane, ann, bo, poe)] == [
+        *("doejane_1234", "leeann_22", "leebo_23", "poe_24")
+    ]
+    assert jane.students == (Student("doejane", "", "", "1234"),)
+    assert ann.students == (Student("leeann", "", "", "22"),)
+    assert [each for each in found if each.fault] == [poe]
+    assert len(bo.packages) == 1 and "found 'report.pdf'" in poe.fault
+    assert [each for each in found if any("late" in note for note in each.notes)] == [jane]
 
 
 @pytest.mark.parametrize(
