@@ -73,8 +73,6 @@ class OtherClock:
 
 
 class TestClockFaults(DrivenCarTestCase):
-    drives = 0
-
     @classmethod
     def setUpClass(cls):
         cls.clock = OtherClock()
@@ -87,16 +85,6 @@ class TestClockFaults(DrivenCarTestCase):
         wait_for(lambda: len(asked) >= 3, "requests of the test, the car and the mux")
         with node("plan_recorder.py", f"_folder:={self.folder}"):
             wait_for(lambda: len(asked) >= 5, "two requests of the node")
-
-    @contextlib.contextmanager
-    def driving(self, text, *arguments):
-        """Drive a plan; yield the node after three commands, and wait for its end."""
-        self.__class__.drives += 1  # the master keeps the parameters of earlier names
-        name = f"__name:=driver_{self.drives}"
-        with driver(self.plan(text), name, *arguments) as process:
-            wait_for(lambda: self.count(1.0) >= 3, "three commands")
-            yield process
-            process.wait()
 
     def hold_stop(self, message):
         """Hold a stop until the clock of the car has jumped, because the stop has the new time.
@@ -151,21 +139,43 @@ class TestClockFaults(DrivenCarTestCase):
                 + [(first, 4.0), (at(first, 5.0), 0.0), (second, 5.0)],
             )
 
-    def test_the_clock_stands(self):
-        """The drive stands, too, without CPU load, and goes on with the clock."""
-        with self.driving("1,-1,0.5\n1.0,0.2,1.5\n") as process:
+    def test_the_clock_stands_and_jumps_back(self):
+        """The drive stands, too, without CPU load. Then it ends with a message, and the car stops.
+
+        It stops at once, except for late commands.
+        """
+        topic = "/stops_held"
+        self.ending(Relay(topic, NAVIGATION, AckermannDriveStamped, self.hold_stop))
+        arguments = ("__name:=driver", f"_control_topic:={topic}")
+        with driver(self.plan("1,-1,0.5\n1.0,0.2,60\n"), *arguments) as process:
+            wait_for(lambda: self.count(1.0) >= 3, "three commands")
             self.clock.set(stands=True)
-            self.addCleanup(self.clock.set)
+            wait_seconds(2.0)  # until the car has received the commands that were under way
             before = list(map(busy_time, self.nodes))
             wait_seconds(0.5)
             after = list(map(busy_time, self.nodes))
             self.assertTrue(process.running)
-            self.clock.set()
-        self.assertEqual(process.wait(), 0)
+            self.clock.set(jump=-10.0)
+            self.assertEqual(process.wait(), 1)
         self.assertLess(max(map(float.__sub__, after, before)), 0.25)
-        pose = self.poses.pose_at_rest(self.output.last.header.stamp)
-        self.assert_pose(pose, closed_form((1.0, -1.0, 0.5), [(1.0, 0.2, 1.5)]))
+        self.assertIn("the clock was set", process.output)
+        now = rospy.Time.now()
+        far = [m for m in self.poses.messages if abs((m.header.stamp - now).to_sec()) > 5.0]
+        self.poses.clear()
+        pose = self.poses.pose_at_rest(now)
+        # On the circle, the heading is proportional to the driven time.
+        reported, seconds_driven = (
+            (angle - 0.5) * 0.33 / math.tan(float32(0.2))
+            for angle in (planar(far[-1].pose)[2], pose[2])
+        )
+        self.assert_pose(pose, closed_form((1.0, -1.0, 0.5), [(1.0, 0.2, seconds_driven)]))
+        first, *_, last = (m.header.stamp for m in self.output.messages if m.drive.speed)
+        self.assertGreaterEqual(seconds_driven, reported - POSITION_TOLERANCE)
+        until = (last - first).to_sec() + COMMAND_TIMEOUT
+        self.assertLess(seconds_driven, until + POSITION_TOLERANCE)
         self.assert_recovered()
+        for process in self.nodes:
+            self.assertIn("the clock was set back", process.output)
 
     def test_the_clock_ends(self):
         """Then no command is due any more, so the node ends by itself."""
@@ -174,38 +184,3 @@ class TestClockFaults(DrivenCarTestCase):
             self.addCleanup(self.clock.begin)
         self.assertEqual(process.wait(), 1)
         self.assertIn("the node that published /clock has ended", process.output)
-
-    def test_the_clock_jumps(self):
-        """The drive ends with a message, and the car stops when its last command expires."""
-        for seconds in (10.0, -10.0):
-            self.setUp()
-            topic = f"/stops_held/{'ahead' if seconds > 0.0 else 'back'}"
-            self.ending(Relay(topic, NAVIGATION, AckermannDriveStamped, self.hold_stop))
-            with self.driving("1,-1,0.5\n1.0,0.2,60\n", f"_control_topic:={topic}") as process:
-                self.clock.set(stands=True)
-                wait_seconds(2.0)  # until the car has received the commands that were under way
-                self.clock.set(jump=seconds)
-            self.assertEqual(process.wait(), 1)
-            self.assertIn("the clock was set", process.output)
-            now = rospy.Time.now()
-            far = [m for m in self.poses.messages if abs((m.header.stamp - now).to_sec()) > 5.0]
-            self.poses.clear()
-            pose = self.poses.pose_at_rest(now)
-            # On the circle, the heading is proportional to the driven time.
-            reported, seconds_driven = (
-                (angle - 0.5) * 0.33 / math.tan(float32(0.2))
-                for angle in (planar(far[-1].pose)[2], pose[2])
-            )
-            self.assert_pose(pose, closed_form((1.0, -1.0, 0.5), [(1.0, 0.2, seconds_driven)]))
-            first, *_, last = (m.header.stamp for m in self.output.messages if m.drive.speed)
-            self.assertGreaterEqual(seconds_driven, reported - POSITION_TOLERANCE)
-            if seconds < 0.0:  # the car stops at once, except for late commands
-                until = (last - first).to_sec() + COMMAND_TIMEOUT
-                self.assertLess(seconds_driven, until + POSITION_TOLERANCE)
-            else:  # if the last command was late, the mux has stopped the car before
-                stops = [m.header.stamp for m in self.output.messages if not m.drive.speed]
-                until = (min(stamp for stamp in stops if stamp > last) - first).to_sec()
-                self.assertAlmostEqual(seconds_driven, until, delta=POSITION_TOLERANCE)
-            self.assert_recovered()
-        for process in self.nodes:
-            self.assertIn("the clock was set back", process.output)
