@@ -78,15 +78,6 @@ class TestWalls(CarTestCase):
         self.assertEqual(len(self.collisions.messages), 2)
         self.assertEqual(len(self.warnings("hit a wall")), 1)
 
-    def test_a_plan_from_where_the_car_stands(self):
-        """A wall is an error, although the final pose is not checked."""
-        self.place(48.9, 2.0, 0.0)
-        plan = self.plan("0,0,0\n1.0,0,2.0\n")
-        output = self.drive_plan(plan, "_send_init_pose:=false", status=1)
-        self.assertRegex(
-            output, r"FATAL.* the car stopped at a wall in line 2 of 2 at \(49.0200 m, 2"
-        )
-
     def test_another_map(self):
         """A map server that is started by hand replaces the one of sim.launch."""
         for name, wall in (("rooms", (2.0, 1.8)), ("sandbox", (49.9, 0.0))):

@@ -179,8 +179,9 @@ class TestClockFaults(DrivenCarTestCase):
 
     def test_the_clock_ends(self):
         """Then no command is due any more, so the node ends by itself."""
-        with self.driving("1,-1,0.5\n1.0,0.2,60\n") as process:
+        with driver(self.plan("1,-1,0.5\n1.0,0.2,60\n")) as process:
+            wait_for(lambda: self.count(1.0) >= 3, "three commands")
             self.clock.end()
             self.addCleanup(self.clock.begin)
-        self.assertEqual(process.wait(), 1)
+            self.assertEqual(process.wait(), 1)
         self.assertIn("the node that published /clock has ended", process.output)

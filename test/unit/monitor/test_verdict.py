@@ -95,9 +95,11 @@ def test_a_car_that_was_placed_during_the_drive():
 
 
 def test_a_wall():
-    drive = planned()
-    drive.drive.wall = Report(BEGIN + 1200 * MS, AWAY)
-    assert judged(drive, END).lines == [f"the car stopped at a wall in line 3 of 3 at {AWAY}"]
+    for is_placed in (True, False):
+        drive = planned(expectation=expected(is_placed))
+        drive.drive.wall = Report(BEGIN + 1200 * MS, AWAY)
+        wall = f"the car stopped at a wall in line 3 of 3 at {AWAY}"
+        assert judged(drive, END)[:2] == (False, [wall])
 
 
 def test_a_car_that_is_lost():
