@@ -288,7 +288,3 @@ class TestCarSim(RosTestCase):
         self.assertTrue(has_to_publish_it())
         rospy.set_param("/use_sim_time", False)
         self.assertFalse(has_to_publish_it())
-
-    def test_bad_parameters(self):
-        message = "parameter ~track is 'wide'; expected"
-        self.assert_refused(("car_sim.py", ["_track:=wide"], message))
