@@ -29,7 +29,7 @@ from support.helpers import (
     publisher,
     wait_for,
 )
-from support.messages import MUX, NAVIGATION, OUTPUT, TELEOP, command, placement
+from support.messages import MUX, NAVIGATION, TELEOP, command, placement
 from support.world import launch
 
 NOWHERE = "http://localhost:1/"
@@ -91,7 +91,7 @@ class TestDoctor(RosTestCase):
             raise AssertionError(f"{error}; got {found}") from None
 
     def test_path_publisher(self):
-        # It is missing, works, is blocked by another input, stopped, killed, and unregistered.
+        # It is missing, works, is blocked by another input, stopped, and killed.
         release(NAVIGATION)
         self.expect(f"no node publishes commands: {NAVIGATION} has no publisher")
         with driver("circle", "_loop:=true") as process:
@@ -109,8 +109,7 @@ class TestDoctor(RosTestCase):
             process.send_signal(signal.SIGKILL)
             process.wait()
             self.expect("/path_publisher has died")
-            rosnode.cleanup_master_blacklist(rosgraph.Master("/doctor_test"), ["/path_publisher"])
-        self.expect(f"no node publishes commands: {NAVIGATION} has no publisher")
+        rosnode.cleanup_master_blacklist(rosgraph.Master("/doctor_test"), ["/path_publisher"])
 
     def test_unknown_host(self):
         master, uri = rosgraph.Master("/ghost"), "http://nosuch.invalid:1/"
@@ -140,9 +139,6 @@ class TestDoctor(RosTestCase):
             self.expect(
                 f"{self.me} sends a command every 1 s, but the mux stops", listening_time=2.2
             )
-        with driving(OUTPUT):
-            self.expect()
-        release(OUTPUT)
         with driving("/cmd"):
             self.expect(f"the commands of {self.me} have no effect: no node subscribes to /cmd")
         release("/cmd")
@@ -189,11 +185,6 @@ class TestDoctor(RosTestCase):
                 f"time stands still: /clock comes from {self.me} and does not advance. "
                 "Type: rosservice call /car/car_sim/resume"
             )
-            ticks = rospy.Timer(
-                rospy.Duration(0.02), lambda _: clock.publish(rospy.Time.now() - rospy.Duration(99))
-            )
-            self.addCleanup(ticks.shutdown)
-            self.expect(f"the stamps of the commands of {self.me} are at least 9")
 
     def test_wall(self):
         collisions = Recording("/car/car_sim/collision", PoseArray).connected()
@@ -230,8 +221,6 @@ class TestDoctor(RosTestCase):
             self.expect(f"no node publishes commands: {mux}/input/navigation", car="car3")
             with driving(f"{mux}/input/navigation"):
                 self.expect(car="car3")
-                with node("car_sim.py", "__ns:=/car3", "__name:=second"):
-                    self.expect("each reports a pose of the car 'car3'", car="car3")
         for name in names.values():
             release(f"{mux}/input/{name}")
 
@@ -273,13 +262,12 @@ class TestDoctor(RosTestCase):
         self.assertIn(f"ROS_MASTER_URI is {NOWHERE}, but no master runs there", doctor.output)
 
     def test_interrupts(self):
-        # Ctrl-C leaves no registration. The doctor reports that a master has stopped.
+        # Ctrl-C leaves no registration.
         def nodes():
             return [name for part in proxy.getSystemState() for _, names in part for name in names]
 
-        with master("/doctor_test") as (roscore, proxy):
-            uri = proxy.master_uri
-            with node("doctor.py", ROS_MASTER_URI=uri) as doctor:
+        with master("/doctor_test") as (_, proxy):
+            with node("doctor.py", ROS_MASTER_URI=proxy.master_uri) as doctor:
                 wait_for(nodes, "the doctor to join")
 
                 def is_interrupted():
@@ -289,9 +277,3 @@ class TestDoctor(RosTestCase):
                 wait_for(is_interrupted, "the end of the doctor")
                 self.assertEqual(doctor.wait(), 130, doctor.output)
             self.assertEqual((nodes(), doctor.output), ([], ""))
-            with node("doctor.py", ROS_MASTER_URI=uri) as doctor:
-                wait_for(nodes, "the doctor to join")
-                roscore.send_signal(signal.SIGSTOP)
-                self.assertEqual(doctor.wait(), 1, doctor.output)
-                roscore.send_signal(signal.SIGCONT)
-        self.assertIn("the master there does not respond", doctor.output)
