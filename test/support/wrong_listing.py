@@ -2,15 +2,13 @@
 """The tutorial's listing with a fault, for tests of replays: wrong_listing.py FAULT.
 
 Unlike the listing, the node waits for its subscribers and counts its commands: sleep and clock are
-not exact on a busy machine. The fault "hold_up" stops the replay, not the node, for half a second.
+not exact on a busy machine.
 """
 
 import os
 import signal
-import subprocess
 import sys
 
-import rosnode
 import rospy
 from ackermann_msgs.msg import AckermannDrive, AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -18,10 +16,7 @@ from messages import NAVIGATION, placement
 
 from mushr_ros_intro.ros.connections import wait_until_connected
 
-FAULTS = ("crash", "hang", "hold_up", "kill_car", "kill_replay", "silent")
-
-HELD_UP = 0.5
-"""[s of wall-clock time] The time of the node is simulated, and that of a child process is not."""
+FAULTS = ("crash", "kill_replay")
 
 
 def main(fault):
@@ -32,22 +27,12 @@ def main(fault):
         plan = [tuple(map(float, line.split(","))) for line in plan_file]
     assert wait_until_connected(commands, "subscribers", 30.0)
     assert wait_until_connected(placements, "subscribers", 30.0)
-    if fault == "silent":
-        rospy.spin()
-
-    if fault == "hold_up":
-        os.kill(os.getppid(), signal.SIGSTOP)
-        subprocess.Popen(["sh", "-c", f"sleep {HELD_UP}; kill -CONT {os.getppid()}"])
     placements.publish(placement(rospy.Time(), *plan[0], frame=""))
     for row, (speed, steering_angle) in enumerate(plan[1:], 1):
         if fault == "crash" and row == 3:
             raise IndexError("list index out of range \x1b[0m")  # XML does not allow this character
-        if fault == "kill_car" and row == 3:
-            rosnode.kill_nodes(["/car/car_sim"])
         if fault == "kill_replay" and row == 3:
             os.kill(os.getppid(), signal.SIGKILL)
-        if fault == "hang" and row == 3:
-            rospy.spin()
         drive = AckermannDrive(speed=speed, steering_angle=steering_angle)
         rate = rospy.Rate(10)
         for _ in range(10):

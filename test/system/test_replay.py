@@ -1,7 +1,6 @@
 """Check the verdicts of replays of right and wrong nodes."""
 
 import functools
-import math
 import os
 
 import pytest
@@ -13,75 +12,35 @@ from support.paths import PACKAGE, copy_package
 CONTROL = "/car/mux/ackermann_cmd_mux/input/navigation"
 PLAN = "1,2,0.5\n1.0,0.1\n2.0,-0.1\n1.5,0.2\n1.0,-0.2\n0.5,0.0\n"
 
-STOPPED = {"node", "commands", "final_pose", "path"}
-NEVER_DROVE = STOPPED | {"rate", "start_pose"}
-
-NO_STOP = "all checks passed\nnote: the node sends no stop at the end"
-
 
 def publisher(node, *arguments):
     """Return the arguments of a replay of a node of test/support/, without a map."""
     return (f"publisher:=support {node}", "map:=none", *arguments)
 
 
-def wrong(fault):
-    return publisher(f"wrong_listing.py {fault}")
-
-
 # Name: the arguments, the failed test cases, the report.
 REPLAYS = {
-    "ours": (
-        (
-            "publisher:=mushr_ros_intro path_publisher.py",
-            "position_tolerance:=1e-9",
-            "report:=report",
-        ),
-        set(),
-        "plan.txt with the car ideal:\nok   node: the node ran without an error\n",
-    ),
-    "listing": (publisher("listing.py"), set(), NO_STOP),
     "remap": (
         publisher("listing.py", f"remap:=_control_topic=/cmd /cmd={CONTROL}"),
         set(),
-        NO_STOP,
+        "all checks passed\nnote: the node sends no stop at the end",
     ),
     "crash": (
-        wrong("crash"),
-        STOPPED,
+        publisher("wrong_listing.py crash", "position_tolerance:=0.125", "report:=report"),
+        {"node", "commands", "final_pose", "path"},
         "FAIL node: the node ended with exit status 1; its last output:",
     ),
-    "hang": (
-        wrong("hang"),
-        STOPPED,
-        "FAIL node: the node hangs: 20 of 50 commands arrived, and then none for 15 s, or for ",
-    ),
-    "hold_up": (publisher("wrong_listing.py hold_up"), set(), NO_STOP),
-    "kill_car": (
-        wrong("kill_car"),
-        STOPPED | {"topics"},
-        "FAIL node: the node has shut down /car/car_sim",
-    ),
     "kill_replay": (
-        wrong("kill_replay"),
+        publisher("wrong_listing.py kill_replay"),
         {"replay"},
         "the replay failed: its process was killed, or has run out of memory",
-    ),
-    "silent": (
-        wrong("silent"),
-        NEVER_DROVE,
-        f"FAIL node: the node runs, but sent no command on {CONTROL} for 15 s, or for "
-        "60 s of simulated time; it has a publisher for this topic, but no message arrived: does "
-        "it call publish?",
     ),
 }
 
 
-CORE = ("ours", "crash")
-"""The replays of each run of the tests; test_grade_class.py grades nodes with other faults."""
-
-EACH_REPLAY = [
-    name if name in CORE else pytest.param(name, marks=pytest.mark.full) for name in REPLAYS
-]
+FULL = ("remap", "kill_replay")
+EACH_REPLAY = ["crash", *(pytest.param(each, marks=pytest.mark.full) for each in FULL)]
+"""test_grade_class.py grades nodes with other faults, and test_example_course.py a right one."""
 
 
 @pytest.fixture(scope="module")
@@ -136,12 +95,6 @@ def test_a_publisher_that_roslaunch_ignores():
     assert "requires the 'publisher' arg to be set" in process.output
 
 
-def test_help():
-    with node("replay_check.py", "--help") as process:
-        assert process.wait() == 0, process.output
-    assert process.output.startswith("usage: replay_check.py [-h]"), process.output
-
-
 def test_without_a_file_for_the_results():
     with master("/test_replay") as (_, proxy):
         arguments = ("_plan_file:=circle", "_publisher:=nowhere nothing.py", "_car:=ideal")
@@ -158,16 +111,9 @@ def test_last_output(replay):
     assert "IndexError: list index out of range [0m" in output
 
 
-def test_files(replay):
-    replay("ours")
-    folder = replay.folder / "report"
-    assert (folder / "picture.png").read_bytes().startswith(b"\x89PNG")
-    lines = (folder / "trajectory.csv").read_text().splitlines()
-    assert lines[0].startswith("time,x,y,theta,predicted_x")
-    rows = [tuple(map(float, line.split(","))) for line in lines[1:]]
-    assert rows[0][:4] == pytest.approx((0.0, 1.0, 2.0, 0.5), abs=1e-9)
-    assert [row[0] for row in rows] == pytest.approx([0.02 * i for i in range(251)], abs=1e-9)
-    for row in rows:  # prediction and car differ by rounding errors only
-        assert row[4:7] == pytest.approx(row[1:4], abs=1e-9)
-    for _, x, y, _, _, _, _, away in rows:
-        assert away == pytest.approx(math.hypot(x - 1.0, y - 2.0), abs=1e-9)
+def test_arguments(replay):
+    """The tolerance, and the folder for the report."""
+    process, _ = replay("crash")
+    assert "tolerances 0.125 m" in process.output
+    files = sorted(os.listdir(replay.folder / "report"))
+    assert files == ["picture.png", "trajectory.csv"]
