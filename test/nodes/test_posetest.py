@@ -9,9 +9,9 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 from rosgraph_msgs.msg import Clock
 
-from support.helpers import RosTestCase, failures_in, rostest_results
+from support.helpers import RosTestCase
 from support.messages import placement
-from support.paths import FIXTURES, PACKAGE
+from support.paths import PACKAGE
 
 sys.path.append(os.path.join(PACKAGE, "src"))
 import posetest  # noqa: E402
@@ -72,11 +72,3 @@ class TestPoseTest(RosTestCase):
                 failure = "".join(text for _, text in result.failures)
                 self.assertEqual(bool(failure), bool(expected), failure)
                 self.assertIn(expected, failure)
-
-    def test_in_a_test_file(self):
-        """The result file of rostest contains the failure."""
-        path = os.path.join(self.folder, "mushr_ros_intro", "rosunit-pose_nowhere.xml")
-        fixture = os.path.join(FIXTURES, "missing_topics.test.xml")
-        process, result = rostest_results(path, fixture)
-        (failure,) = failures_in(result).values()
-        self.assertIn("waited 0.5 s for a pose on /nowhere", failure, process.output)
