@@ -13,7 +13,6 @@ import mmap
 import os
 import signal
 import socket
-import time
 from contextlib import suppress
 from typing import Any, Callable, Dict, Iterator, NamedTuple
 
@@ -27,8 +26,6 @@ _MB = 1_000_000
 class Targets(NamedTuple):
     """What the attacks aim at."""
 
-    attack: str
-    """The one of REPEATED that is tried; "" for all of ATTACKS."""
     secret: str
     """The path of a file in the folder of hidden plans, which all users may read and write."""
     solutions: str
@@ -175,51 +172,13 @@ ATTACKS: Dict[str, Callable[[Targets], Any]] = {
     "use too much memory": _allocate,
     "use shared memory, which is no data of a process": lambda _: mmap.mmap(-1, _MB),
 }
-"""The attacks of one process; each returns what it has reached, or fails."""
-
-
-def _report(text: str) -> None:
-    """Write a line at once. print writes it in parts, between which other processes may write."""
-    os.write(1, f"{text}\n".encode())
-
-
-def _share_out() -> None:
-    """Use more memory than one process may have."""
-    reader, writer = os.pipe()
-    for number in range(1, 11):
-        if os.fork() == 0:
-            _kept = b"x" * (300 * _MB)
-            os.write(writer, b"x")
-            time.sleep(600)
-        os.read(reader, 1)
-        _report(f"{number * 300} MB")
-        time.sleep(0.3)
-
-
-def _multiply() -> None:
-    with suppress(OSError):
-        for number in range(1, 1001):
-            if os.fork() == 0:
-                time.sleep(600)
-            _report(f"{number} processes")
-            time.sleep(0.002)
-
-
-_REPEATED = {
-    "use too much memory in several processes": _share_out,
-    "start too many processes": _multiply,
-}
-REPEATED = dict(zip(_REPEATED, (2700, 900)))
-"""Attacks that print how far they get, and how far they may get [MB, processes]."""
+"""The attacks; each returns what it has reached, or fails."""
 
 
 def main() -> None:
-    """Run one attack, or all of one process; targets.json is beside this file."""
+    """Run all attacks; targets.json is beside this file."""
     with open(os.path.join(os.path.dirname(__file__), "targets.json"), encoding="utf-8") as file:
         targets = Targets(**json.load(file))
-    if targets.attack:
-        _REPEATED[targets.attack]()
-        return
     found: Dict[str, str] = {}
     for each, attack in ATTACKS.items():
         try:
