@@ -107,7 +107,7 @@ class TestRecording(RosTestCase):
 
     def test_a_drive_is_recorded_into_a_bag_and_compared(self):
         path = os.path.join(self.folder, "drive.bag")
-        plan = self.plan("0, 0, 0\n1.0, 0.1, 1.5\n1.0, -0.1, 1.5")
+        plan = self.plan("0, 0, 0\n1.0, 0.1, 0.5\n1.0, -0.1, 0.5")
         topics = ("/car/mux/ackermann_cmd_mux/output", "/car/car_pose")
         recorder = self.ending(Process("rosbag", "record", "-O", path, *topics))
         wait_for(lambda: os.path.exists(f"{path}.active"), "the recording")

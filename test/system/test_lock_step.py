@@ -36,7 +36,7 @@ HELD_UP = 0.5
 """[s] The delay of a message: less than the publisher's lead of 0.9 s, and less than the clock's
 patience at rest."""
 
-LAPS = 3
+LAPS = 2
 
 PLAN = "slalom"
 """The plan to drive twice. It starts at the pose of the car after a reset. test_lock_step_ideal.py
