@@ -3,13 +3,9 @@
 import contextlib
 import io
 import json
-import math
 import os
-import random
-import runpy
 import shutil
 import signal
-import socket
 import subprocess
 
 import numpy as np
@@ -17,10 +13,8 @@ import pytest
 from PIL import Image
 
 from support import web
-from support.geometry import closed_form
-from support.helpers import PATIENCE, ForkedProcess, Process, free_port, kill, node, wait_for
+from support.helpers import ForkedProcess, Process, free_port, kill, node, wait_for
 from support.messages import MUX, TELEOP
-from support.paths import CHECKOUT
 
 FOLDER = os.path.join(os.path.dirname(os.path.abspath(__file__)), "clients")
 
@@ -33,7 +27,7 @@ def sim(tmp_path_factory):
     """Yield a simulation whose user has one plan."""
     folder = tmp_path_factory.mktemp("plans")
     (folder / "long.txt").write_text("0, 0, 0\n0.5, 0.1, 100.0\n")
-    found = web.Simulation(folder)
+    found = web.Simulation(folder, "model:=false")
     found.folder = folder
     yield found
     found.end()
@@ -94,9 +88,7 @@ SAME = "http://localhost:{port}"
 WHO = [
     # Host, Origin, parameters, status of a connection, which of the second server
     ("localhost:{port}", SAME, "", 101, 101),
-    ("localhost:{port}", "http://evil.example", "", 403, 403),
     ("localhost:{port}", "http://evil.example", "?token=secret", 403, 101),
-    ("localhost:{port}", "http://evil.example", "?token=", 403, 403),
     ("car.example:{port}", "http://car.example:{port}", "", 403, 101),
     ("evil.example:{port}", "http://evil.example:{port}", "", 403, 403),  # DNS rebinding
 ]
@@ -117,17 +109,14 @@ def other_port(sim):
 def test_who_may_use_it(sim, other_port):
     for server, port in enumerate((sim.port, other_port)):
         for host, origin, parameters, *statuses in WHO:
-            headers = {"Host": host.format(port=port)}
-            if origin is not None:
-                headers["Origin"] = origin.format(port=port)
+            headers = {"Host": host.format(port=port), "Origin": origin.format(port=port)}
             case = f"server {server}, {headers} {parameters}"
             got, answer, content = web.fetch(port, f"/{parameters}", headers=web.upgrade(**headers))
             assert got == statuses[server], f"a connection: {case}"
             is_json = answer.get("Content-Type", "").startswith("application/json")
             assert got == 101 or (b'{"error": "' in content and is_json), case
-            for path in ("/", "/plans/circle"):
-                got, _, _ = web.fetch(port, path + parameters, headers=headers)
-                assert got == {101: 200, 403: 403}[statuses[server]], f"{path}: {case}"
+            got, _, _ = web.fetch(port, f"/plans/circle{parameters}", headers=headers)
+            assert got == {101: 200, 403: 403}[statuses[server]], f"a plan: {case}"
 
 
 def test_listens_on_loopback_only(other_port):
@@ -179,22 +168,12 @@ def test_headers(sim):
         assert headers.get_all("Access-Control-Allow-Origin") is None, path
 
 
-OUTSIDE = [
-    "../package.xml",
-    "..%2fpackage.xml",
-    "%2e%2e/package.xml",
-    "/etc/passwd",
-    "%2fetc%2fpasswd",
-    "....//package.xml",
-    "..\\package.xml",
-    "main.js%00.txt",
-    "index.html/../../package.xml",
-]
+OUTSIDE = ["../package.xml", "%2e%2e/package.xml", "%2fetc%2fpasswd", "..\\package.xml"]
 
 
 def test_files_outside_are_not_shown(sim):
     for path in OUTSIDE:
-        for base in ("/", "/plans/", "/plans/../"):
+        for base in ("/", "/plans/"):
             status, _, content = sim.get(base + path)
             assert status in (400, 404), base + path
             assert b"<name>" not in content and b"root:" not in content, base + path
@@ -204,14 +183,14 @@ def test_plans_are_known_by_name_only(sim):
     (sim.folder / "outside").mkdir()
     path = sim.folder / "outside" / "plan.txt"
     path.write_text("0, 0, 0\n1.0, 0.0\n")
-    names = [str(path), str(path)[:-4], "outside/plan", "./long", "../plans/figure_8", "long.txt"]
-    for name in [*names, "", None, 3, ["long"], {"plan": "long"}]:
+    names = [str(path), "outside/plan", "./long", "../plans/figure_8", "long.txt"]
+    for name in [*names, None, ["long"]]:
         status, answer = sim.post("/drive", {"plan": name})
         assert status == 404 and "there is no plan" in answer["error"], name
     assert sim.post("/drive", {"plan": "50%d"})[1]["error"].startswith("there is no plan '50%d';")
     for values in ([], "long", 3, None):
         assert sim.post("/drive", values)[0] in (400, 404), values
-    for name in names[2:]:
+    for name in names[1:]:
         assert sim.get(f"/plans/{name}")[0] == 404, name
     assert json.loads(sim.get("/plans/long")[2])["duration"] == 100.0
     client = sim.client(web.STATE)
@@ -265,30 +244,22 @@ def test_one_drive_at_a_time(sim):
 
 BAD = [
     ("[" * 20_000, "not JSON"),
-    ('{"op": "explode"}', 'op is "explode"'),
     ('{"op": "publish", "topic": "/clicked_point", "msg": {"where": 1}}', "PointStamped"),
     (f'{{"op": "publish", "topic": "{TELEOP}", "msg": {{"drive": {{"speed": 1e99}}}}}}', "large"),
     ('{"op": "publish", "topic": "/car/car_pose", "msg": {}}', "may not publish"),
-    ('{"op": "publish", "topic": "/web_view/state", "msg": {"data": "{}"}}', "may not publish"),
     ('{"op": "advertise", "topic": "/tf", "type": "tf2_msgs/TFMessage"}', "may not publish"),
     ('{"op": "advertise", "topic": "/initialpose", "type": "std_msgs/String"}', "type of"),
     ('{"op": "subscribe", "topic": "not a name"}', "not a name"),
-    ('{"op": "subscribe", "topic": "/"}', "expected a name"),
     ('{"op": "subscribe", "topic": "/new", "type": "evil; import os"}', "evil; import os"),
 ]
 """test/unit/browser/test_protocol.py and test_messages.py have more."""
 
 REFUSED_CALLS = [
-    ("/map_server/set_logger_level", {"logger": "rosout", "level": "debug"}, "may not call"),
     ("/static_map", {}, "may not call"),
     ("/car/car_sim/reset", {"x": 1}, "expected none"),
     ("/rosapi/set_param", {"name": "/x", "value": "1"}, "not offered"),
-    ("/rosapi/delete_param", {"name": "/run_id"}, "not offered"),
     ("/rosapi/topics", {"x": 1}, "arguments"),
-    ("/rosapi/node_details", {}, "arguments"),
     ("/rosapi/node_details", {"node": 1}, "arguments"),
-    ("/rosapi/node_details", ["/a", "/b"], "arguments"),
-    ("/car/car_sim/reset", [1], "expected none"),
 ]
 
 
@@ -443,84 +414,6 @@ def test_a_master_that_does_not_answer(sim):
     client.state(lambda state: not state["problem"], "without a problem")
     assert client.call("/rosapi/topics")[0] is True
     client.close()
-    watcher.close()
-
-
-POSE = {"position": {"x": 1.0, "y": 2.0, "z": 0.0}, "orientation": {"z": 0.6, "w": 0.8}}
-SEEDS = [
-    {"op": "publish", "topic": "/initialpose", "msg": {"pose": {"pose": POSE}}},
-    {"op": "publish", "topic": "/clicked_point", "msg": {"point": {"x": 1.5, "y": -2.0, "z": 0}}},
-    {"op": "publish", "topic": TELEOP, "msg": {"drive": {"speed": 1.0, "steering_angle": 0.1}}},
-    {"op": "advertise", "id": "a", "topic": TELEOP, "type": "ackermann_msgs/AckermannDriveStamped"},
-    {"op": "subscribe", "id": 1, "topic": "/car/odom", "throttle_rate": 10, "queue_length": 1},
-    {"op": "subscribe", "topic": "/car/scan", "compression": "cbor-raw", "type": "*"},
-    {"op": "unsubscribe", "topic": "/car/scan"},
-    {"op": "call_service", "id": "b", "service": "/click_planner/undo", "args": {}},
-    {"op": "call_service", "service": "/rosapi/node_details", "args": {"node": "/car/car_sim"}},
-]
-ODD = [
-    None,
-    True,
-    -1,
-    1e308,
-    10**400,
-    "",
-    "/",
-    "\ud800",
-    "x" * 5000,
-    [],
-    [[]],
-    {},
-    {"a": {}},
-    [1.5],
-]
-FRAMES = int(os.environ.get("FUZZ_FRAMES", "2000"))
-"""To try many: FUZZ_FRAMES=100000 scripts/test --all FILE, with the path of this file."""
-
-BURST = 390
-"""Frames of one client."""
-
-
-def with_odd_values(dice, value):
-    """Return a value of JSON with some parts replaced."""
-    if dice.random() < (0.1 if isinstance(value, dict) else 0.2):
-        return dice.choice(ODD)
-    if isinstance(value, dict):
-        return {name: with_odd_values(dice, each) for name, each in value.items()}
-    return value
-
-
-@pytest.mark.full
-def test_random_frames(sim):
-    """The server survives, and the car drives exactly. Valid frames among them move the car."""
-    (sim.folder / "short.txt").write_text("1, 2, 0.5\n1.0, 0.1, 0.5\n-0.5, 0.2, 0.3\n")
-    mutated = runpy.run_path(f"{CHECKOUT}/scripts/dev/fuzz")["mutated"]
-    dice, texts = random.Random(1), [json.dumps(seed).encode() for seed in SEEDS]
-    pid = sim.pid("/web_view")
-    for begin in range(0, FRAMES, BURST):
-        client = sim.client()
-        for _ in range(begin, min(begin + BURST, FRAMES)):
-            if dice.random() < 0.5:
-                client.send_text(json.dumps(with_odd_values(dice, dice.choice(SEEDS))))
-            else:
-                client.send_text(mutated(dice, texts))
-        client.call("/rosapi/get_time")
-        client.close()
-        with socket.create_connection(("127.0.0.1", sim.port), PATIENCE) as garbage:
-            garbage.sendall(
-                mutated(dice, [b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: 1\r\n\r\n"])
-            )
-        watcher = sim.client(web.POSE)
-        pose = watcher.message(web.POSE)["pose"]
-        assert all(math.isfinite(value) for value in web.planar(pose)), pose
-        watcher.close()
-    assert sim.pid("/web_view") == pid, "the server was restarted"
-    final = closed_form((1.0, 2.0, 0.5), [(1.0, 0.1, 0.5), (-0.5, 0.2, 0.3)])
-    watcher = sim.client(web.POSE)
-    assert sim.post("/drive", {"plan": "short"}) == (200, {})
-    watcher.message(
-        web.POSE, lambda msg: web.is_near(web.planar(msg["pose"]), final), f"at {final}"
-    )
     watcher.close()
 
 

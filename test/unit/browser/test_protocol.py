@@ -1,9 +1,14 @@
 """Check how requests are read, and how frames are written."""
 
 import json
+from contextlib import suppress
 
 import pytest
+from geometry_msgs.msg import PoseWithCovariance
+from hypothesis import given
+from hypothesis import strategies as st
 
+from mushr_ros_intro.browser.messages import MessageError, from_values
 from mushr_ros_intro.browser.protocol import (
     Message,
     ProtocolError,
@@ -88,6 +93,29 @@ def test_faults(frame, message):
     with pytest.raises(ProtocolError) as caught:
         read_request(frame)
     assert str(caught.value).startswith(message)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda some: st.lists(some) | st.dictionaries(st.sampled_from(("pose", "position", "x")), some),
+)
+FIELDS = ("id", "topic", "type", "msg", "service", "args", "throttle_rate", "queue_length", "latch")
+FRAMES = st.fixed_dictionaries(
+    {"op": st.sampled_from(("advertise", "publish", "subscribe", "call_service")) | JSON},
+    optional=dict.fromkeys(FIELDS, JSON),
+)
+
+
+@given(FRAMES)
+def test_any_frame_is_read_or_refused(values):
+    with suppress(ProtocolError):
+        read_request(json.dumps(values))
+
+
+@given(st.dictionaries(st.sampled_from(("pose", "covariance")), JSON))
+def test_any_values_are_a_message_or_refused(values):
+    with suppress(MessageError):
+        from_values(PoseWithCovariance, values)
 
 
 def test_replies():
