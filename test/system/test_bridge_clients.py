@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from support import web
-from support.helpers import ForkedProcess, Process, free_port, kill, node, wait_for
+from support.helpers import Process, free_port, kill, node, wait_for
 from support.messages import MUX, TELEOP
 
 FOLDER = os.path.join(os.path.dirname(os.path.abspath(__file__)), "clients")
@@ -352,42 +352,6 @@ def test_twenty_clients_of_which_some_do_not_read(sim):
     assert len(lost) > 20, "the server keeps all poses for a client that does not read"
     for client in (mapped, silent, reader, slow, *clients):
         client.close()
-
-
-def latched(sim, topic):
-    """Return the texts that a new client gets at once."""
-    client = sim.client(topic)
-    texts, count = [], -1
-    while len(texts) > count:
-        count = len(texts)
-        # The state comes after a message that waits already.
-        client.subscribe(web.STATE)
-        while (frame := client.frame(lambda frame: "msg" in frame, topic))["topic"] != web.STATE:
-            texts.append(frame["msg"]["data"])
-        client.send("unsubscribe", topic=web.STATE)
-    client.close()
-    return sorted(texts)
-
-
-@pytest.mark.full
-def test_latched_messages_of_publishers_that_have_ended(sim):
-    """A later client gets the messages of live publishers only."""
-
-    def latch(text):
-        return ForkedProcess(
-            "rostopic", "pub", "/latched", "std_msgs/String", text, **sim.environment
-        )
-
-    first = sim.client("/latched")
-    with latch("lives"), latch("is interrupted") as interrupted, latch("is killed") as killed:
-        texts = set()
-        while len(texts) < 3:  # rospy can connect twice, and then a message comes twice
-            texts.add(first.message("/latched")["data"])
-        assert latched(sim, "/latched") == ["is interrupted", "is killed", "lives"]
-        interrupted.send_signal(signal.SIGINT)
-        killed.send_signal(signal.SIGKILL)
-        wait_for(lambda: latched(sim, "/latched") == ["lives"], "the end of two publishers")
-    first.close()
 
 
 @pytest.mark.full

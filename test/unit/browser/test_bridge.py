@@ -2,14 +2,16 @@
 
 import asyncio
 import json
+from types import SimpleNamespace
 
 import pytest
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 
 from mushr_ros_intro.browser import rosapi
-from mushr_ros_intro.browser.bridge import SILENCE, Bridge
+from mushr_ros_intro.browser.bridge import SILENCE, Bridge, SharedTopic
 from mushr_ros_intro.browser.outbox import MAX_CALLS, Outbox
+from mushr_ros_intro.browser.protocol import Message, Request
 from mushr_ros_intro.ros.xmlrpc_client import CallError
 
 
@@ -32,6 +34,22 @@ def test_a_client_that_subscribes_before_the_first_message():
             assert json.loads(frame)["msg"] == {"data": 1}
 
     asyncio.run(run())
+
+
+def test_latched_messages_of_publishers_that_have_ended():
+    """A later client gets the messages of live publishers only."""
+    ended, alive = ({"latching": "1", "callerid": name} for name in ("/ended", "/alive"))
+    topic, outbox, later = SharedTopic("/text"), Outbox(), Outbox()
+    topic.outboxes.add(outbox)
+    for each in (outbox, later):
+        each.subscribe(Request("subscribe", topic="/text"))
+    for header in (ended, alive):
+        topic.put(Message("/text", header["callerid"].encode(), str, 0), header)
+    connections = [SimpleNamespace(header=alive)]
+    topic.subscriber = SimpleNamespace(impl=SimpleNamespace(connections=connections))
+    topic.put_latched(later)
+    (frame,) = (each.frame("none") for each in later.topics["/text"].messages)
+    assert "/alive" in frame and len(outbox.topics["/text"].messages) == 2
 
 
 class Publisher:
