@@ -1,8 +1,6 @@
 """Check the simulated clock that the car publishes, at any real-time factor."""
 
 import re
-import signal
-import time
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
@@ -11,18 +9,14 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock, Log
 from std_srvs.srv import Trigger
 
-from mushr_ros_intro.plan.parse import parse_plan
-from mushr_ros_intro.stamps import from_seconds
-from support.geometry import closed_form, float32, planar
+from support.geometry import closed_form, planar
 from support.helpers import (
     Recording,
     RosTestCase,
     driver,
     kill,
-    node,
     publisher,
     wait_for,
-    wait_for_recorder,
 )
 from support.messages import NAVIGATION, OUTPUT, at
 from support.world import LOCK_STEP, launch
@@ -55,16 +49,6 @@ class AnyFactor:
     def wait_for_clock(self, seconds):
         """Wait for some seconds of simulated time [s]."""
         self.poses.after(at(rospy.Time.now(), seconds))
-
-    def wait_until_clock_stands(self):
-        """Wait until the clock has not advanced for 0.5 s."""
-        seen = {}
-
-        def stands():
-            since = seen.setdefault(self.poses.last.header.stamp, time.monotonic())
-            return time.monotonic() > since + 0.5
-
-        wait_for(stands, "the clock to wait for the client")
 
     def stamps(self):
         return [m.header.stamp.to_nsec() for m in self.poses.messages]
@@ -140,42 +124,3 @@ class TestLockStep(AnyFactor, RosTestCase):
         seconds = (messages[-1].header.stamp - messages[0].header.stamp).to_sec() + 0.2
         pose = self.poses.pose_at_rest(messages[-1].header.stamp + rospy.Duration(0.3))
         self.assert_pose(pose, closed_form((0.0, 0.0, 0.0), [(1.0, 0.2, seconds)]))
-
-    def test_a_client_that_stands_still(self):
-        """The clock goes on; the client stops its drive when it runs again."""
-        path = self.plan_of((1.0, 0.2, 600.0))
-        with driver(path) as process:
-            wait_for(lambda: len(self.commands.messages) >= 5, "five commands")
-            process.send_signal(signal.SIGSTOP)
-            self.wait_until_clock_stands()  # every command has arrived
-            self.wait_for_clock(2.0)
-            process.send_signal(signal.SIGCONT)
-            self.assertEqual(process.wait(), 1)
-            self.assertIn("was suspended", process.output)
-        self.wait_for_clock(0.5)
-
-    def test_a_recorder_that_stands_still(self):
-        """The recorded times are those of the car, not of the recorder."""
-        rows = ((1.0, 0.2, 3.5), (-1.0, 0.1, 4.25), (0.5, 0.0, 3.0))
-        expected = [(*map(float32, row[:2]), from_seconds(row[2])) for row in rows]
-        obeyed = Recording(OUTPUT, AckermannDriveStamped).connected()
-        path = self.plan_of(*rows)
-        with node("plan_recorder.py", f"_folder:={self.folder}") as recorder:
-            rospy.wait_for_service("/plan_recorder/save")
-            save = rospy.ServiceProxy("/plan_recorder/save", Trigger)
-            wait_for_recorder("/plan_recorder")
-            with driver(path) as process:
-                wait_for(lambda: obeyed.messages, "a command")
-                recorder.send_signal(signal.SIGSTOP)
-                self.assertEqual(process.wait(), 0)
-            recorder.send_signal(signal.SIGCONT)
-
-            def recorded():
-                answer = save()
-                if not answer.success:
-                    return None
-                saved = answer.message.split("saved ")[-1].split(";")[0]
-                with open(saved, "rb") as file:
-                    return [row[:3] for row in parse_plan(file.read(), saved).rows]
-
-            wait_for(lambda: recorded() == expected, "the plan to be recorded as it was")
