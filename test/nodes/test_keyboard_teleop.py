@@ -161,16 +161,6 @@ class WindowTest(Commands, RosTestCase):
         self.display.focus_on("^other$")
         self.check_silence()
 
-    @pytest.mark.full
-    def test_end(self):
-        """Ctrl-C while a key is down: the node sends the stop before it ends."""
-        self.display.xdotool("keydown", "w")
-        self.wait_for_drive(FORWARD)
-        self.node.send_signal(signal.SIGINT)
-        self.assertEqual(self.node.wait(), 0, self.node.output)
-        self.check_silence()
-        self.assertNotIn("Traceback", self.node.output)
-
 
 class TerminalTest(Commands, RosTestCase):
     """In a terminal, without a display."""
@@ -200,18 +190,6 @@ class TerminalTest(Commands, RosTestCase):
         self.wait_for_drive(FORWARD_LEFT)
         self.check_silence()
         self.check_headers()
-
-    def test_escape_sequences(self):
-        """Arrows drive as arrows do; F4, Alt+S and Escape stop, and never drive."""
-        for key, wanted in ((b"\x1b[A", FORWARD), (b"\x1bOD", (2.0, float32(0.34)))):
-            os.write(self.keyboard, key)
-            self.wait_for_drive(wanted)
-        for key in (b"\x1bOS", b"\x1bs", b"\x1b"):
-            os.write(self.keyboard, key)
-            self.wait_for_drive(STOP)
-            os.write(self.keyboard, b"w")
-            self.wait_for_drive(FORWARD)
-        self.assertEqual(min(each.drive.speed for each in self.commands.messages), 0.0)
 
     def test_end(self):
         """Ctrl-C, a signal of the terminal: one stop, and the settings are restored."""
