@@ -17,7 +17,7 @@ from support.helpers import Recording, RosTestCase, node, publisher, wait_for
 from support.messages import MUX, NAVIGATION, OUTPUT, command, placement
 from support.world import load
 
-FLOATS = [math.nan, math.inf, -math.inf, 3e38, 1e30, -1e30, 1e6, -0.0, 1e-45, 5e-324, 1e308]
+FLOATS = [math.nan, math.inf, 3e38, 1e30, -1e30, 5e-324, 1e308]
 INTEGERS = {"uint": [0, 1, 2**31, 2**32 - 1], "int": [0, 1, -1, 127, -128]}
 
 OUTPUTS = {
