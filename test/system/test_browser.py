@@ -612,17 +612,6 @@ def test_a_plan_that_has_been_changed(sim, page):
     assert page.find("plan").get_attribute("value") == ""
 
 
-def test_a_drive_of_another_page(page, sim):
-    """The page shows its whole plan."""
-    scale = "return window.mushr.view.scale"
-    before = page.run(scale)
-    assert sim.post("/drive", {"plan": "long"}) == (200, {})
-    page.wait(lambda: page.find("plan").get_attribute("value") == "long", "the plan")
-    page.wait(lambda: page.run(scale) != before, "the whole plan in the view")
-    begin = "return document.querySelector('#log .begin')?.textContent"
-    page.wait(lambda: page.run(begin) == "drive of long", "the begin of the drive in the log")
-
-
 def test_the_log_of_another_car(sim, page):
     """The page shows that of its own car only."""
 
