@@ -9,7 +9,7 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from support.geometry import closed_form, float32, planar
-from support.helpers import ForkedProcess, Recording, RosTestCase, node, wait_for
+from support.helpers import Recording, RosTestCase, driver, node, wait_for
 from support.paths import PLANS
 from support.world import launch
 
@@ -70,10 +70,9 @@ class TestDrive(RosTestCase):
 
     @staticmethod
     def start(name):
-        """Start the publisher of a plan as a user does, with roslaunch."""
-        topic = f"init_pose_topic:=/{name}/initialpose"
-        arguments = (f"car_name:={name}", topic, f"plan_file:={name}", f"__ns:={name}")
-        return ForkedProcess("roslaunch", "mushr_ros_intro", "path_publisher.launch", *arguments)
+        """Start the publisher of a plan."""
+        topic = f"_init_pose_topic:=/{name}/initialpose"
+        return driver(name, f"_car_name:={name}", topic, f"__ns:={name}")
 
     def setUp(self):
         super().setUp()

@@ -21,9 +21,9 @@ STEERING_ANGLE = 0.34
 
 
 def start_world():
-    return launch("sim.launch", watched=False) + launch(
-        "sim.launch", watched=False, car_name="second"
-    )
+    cars = ("car", "second")
+    arguments = {"map": "none", "laser": False, "watched": False}
+    return [each for car in cars for each in launch("sim.launch", car_name=car, **arguments)]
 
 
 class TestModel(unittest.TestCase):

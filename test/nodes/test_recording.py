@@ -22,9 +22,8 @@ from support.helpers import (
     publisher,
     wait_for,
     wait_for_receiver,
-    wait_for_recorder,
 )
-from support.messages import LEAD, TELEOP, at, command, placement
+from support.messages import LEAD, MUX, OUTPUT, TELEOP, at, command, placement
 from support.world import launch
 
 CLICK_TOLERANCE = 1e-3
@@ -65,7 +64,7 @@ EMPTY = (
 
 
 def start_world():
-    return launch("sim.launch", laser=False, watched=False)
+    return launch("sim.launch", laser=False, model=False, watched=False)
 
 
 class TestRecording(RosTestCase):
@@ -91,7 +90,8 @@ class TestRecording(RosTestCase):
     def start_recorder(self, folder=None):
         recorder = self.start("plan_recorder.py", folder)
         self.commands = publisher(TELEOP, AckermannDriveStamped)
-        wait_for_recorder(self.name)
+        wait_for_receiver(self.name, MUX, OUTPUT)
+        wait_for_receiver(self.name, "/car/car_sim", "/car/car_pose")
         return recorder
 
     def interrupt(self, recorder, status, last):

@@ -1,12 +1,13 @@
 """Check the topics and warnings of the simulated car at walls."""
 
 import rospy
-from geometry_msgs.msg import PoseArray
+from ackermann_msgs.msg import AckermannDriveStamped
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from rosgraph_msgs.msg import Log
 
 from support.geometry import POSITION_TOLERANCE, closed_form, planar
-from support.helpers import CarTestCase, Recording, node, wait_for
-from support.messages import LEAD, at, command, placement
+from support.helpers import Recording, RosTestCase, node, publisher, wait_for
+from support.messages import LEAD, OUTPUT, at, command, placement
 from support.world import launch
 
 STOP = 49.4 - 0.38
@@ -17,9 +18,12 @@ def start_world():
     return launch("sim.launch", laser=False, model=False, watched=False)
 
 
-class TestWalls(CarTestCase):
+class TestWalls(RosTestCase):
     def setUp(self):
         super().setUp()
+        self.poses = Recording("/car/car_pose", PoseStamped).connected()
+        self.commands = publisher(OUTPUT, AckermannDriveStamped)
+        self.placements = publisher("/initialpose", PoseWithCovarianceStamped)
         self.collisions = Recording("/car/car_sim/collision", PoseArray).connected()
         self.addCleanup(self.collisions.end)  # so the next test gets the latched message, too
         self.log = Recording("/rosout", Log).connected()
@@ -41,7 +45,9 @@ class TestWalls(CarTestCase):
 
     def place(self, x, y, theta):
         """Place the car, and wait until it reports that pose."""
-        super().place(x, y, theta)
+        stamp = rospy.Time.now()
+        self.placements.publish(placement(stamp, x, y, theta))
+        self.poses.shows((x, y, theta), stamp)
         wait_for(lambda: not self.collisions.last.poses, "no contact")
 
     def drive(self, speed, steering_angle, count):

@@ -5,12 +5,11 @@ import math
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from std_msgs.msg import String
 
 from mushr_ros_intro.ros.connections import wait_until_connected
 from support.geometry import closed_form, planar
 from support.helpers import Recording, RosTestCase, node, publisher
-from support.messages import COMMAND_TIMEOUT, MUX, OUTPUT, at, command, placement
+from support.messages import COMMAND_TIMEOUT, NAVIGATION, OUTPUT, at, command, placement
 
 LEAD = 0.4
 """[s] The stamp of the first message is in the future by this time."""
@@ -39,12 +38,8 @@ class DrivenCarTestCase(RosTestCase):
         cls.nodes = cls.car, cls.mux = start_car() if cls.starts_car else (None, None)
         cls.poses = Recording("/car/car_pose", PoseStamped).connected()
         cls.output = Recording(OUTPUT, AckermannDriveStamped).connected()
-        cls.active = Recording(f"{MUX}/active", String).connected()
         cls.placements = publisher("/initialpose", PoseWithCovarianceStamped)
-        cls.inputs = {
-            name: publisher(f"{MUX}/input/{name}", AckermannDriveStamped)
-            for name in ("teleop", "navigation", "default")
-        }
+        cls.commands = publisher(NAVIGATION, AckermannDriveStamped)
 
     @classmethod
     def tearDownClass(cls):
@@ -56,26 +51,23 @@ class DrivenCarTestCase(RosTestCase):
         self.poses.clear()
         self.output.clear()
 
-    def place(self, *pose, offset=0.0):
-        """Place the car with a stamp `offset` [s] from now; wait until it reports this pose."""
-        self.placements.publish(placement(at(rospy.Time.now(), offset), *pose))
-        self.poses.shows(pose, rospy.Time())
-
     def assert_recovered(self):
         """Fail unless the nodes run, the car stands, and a drive ends at the right pose."""
         for each in filter(None, self.nodes):
             self.assertTrue(each.running)
-        for each in (self.placements, self.inputs["navigation"]):
+        for each in (self.placements, self.commands):
             self.assertTrue(wait_until_connected(each, "subscribers"))
         self.poses.pose_at_rest(rospy.Time.now())
-        self.place(1.0, 2.0, 0.5)
+        start = (1.0, 2.0, 0.5)
+        self.placements.publish(placement(rospy.Time.now(), *start))
+        self.poses.shows(start, rospy.Time())
         stamp = at(rospy.Time.now(), LEAD)
         for speed, angle, _ in ROWS:
-            self.inputs["navigation"].publish(command(stamp, speed, angle))
+            self.commands.publish(command(stamp, speed, angle))
             last, stamp = stamp, at(stamp, 0.1)
         self.output.after(at(last, -0.05))  # the mux has passed the last command
         pose = self.poses.pose_at_rest(max(rospy.Time.now(), at(stamp, COMMAND_TIMEOUT)))
-        self.assert_pose(pose, closed_form((1.0, 2.0, 0.5), ROWS))
+        self.assert_pose(pose, closed_form(start, ROWS))
         for msg in self.poses.messages:
             self.assertTrue(all(map(math.isfinite, planar(msg.pose))))
 

@@ -20,13 +20,10 @@ from xml.etree import ElementTree
 
 import rosgraph
 import rospy
-from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 
 from mushr_ros_intro.ros.connections import receivers, wait_until_connected
 from support import fork_server
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between, planar
-from support.messages import MUX, OUTPUT, placement
 from support.paths import PACKAGE
 
 PATIENCE = 60.0
@@ -241,22 +238,6 @@ def publisher(topic, kind):
     return made
 
 
-class CarTestCase(RosTestCase):
-    """A test case with the poses of the car, and with publishers of commands and initial poses."""
-
-    def setUp(self):
-        super().setUp()
-        self.poses = Recording("/car/car_pose", PoseStamped).connected()
-        self.commands = publisher(OUTPUT, AckermannDriveStamped)
-        self.placements = publisher("/initialpose", PoseWithCovarianceStamped)
-
-    def place(self, x=0.0, y=0.0, theta=0.0):
-        """Place the car, and wait until it reports this pose."""
-        stamp = rospy.Time.now()
-        self.placements.publish(placement(stamp, x, y, theta))
-        self.poses.shows((x, y, theta), stamp)
-
-
 class Relay:
     """Forwards the messages of a topic to another topic, after a call of `before` with each."""
 
@@ -284,12 +265,6 @@ def wait_for_receiver(name, sender, topic):
         lambda: name in receivers(uri, PATIENCE, rospy.get_name(), topic),
         f"{name} to receive {topic}",
     )
-
-
-def wait_for_recorder(name):
-    """Wait until a plan_recorder receives the commands and the poses of the car."""
-    wait_for_receiver(name, MUX, OUTPUT)
-    wait_for_receiver(name, "/car/car_sim", "/car/car_pose")
 
 
 ENDING = 5.0

@@ -62,7 +62,7 @@ class TestNodeFaults(DrivenCarTestCase):
         """
         self.ending(Recording(NAVIGATION, AckermannDriveStamped))
         path = self.plan("1,-1,0.5\n1.0,0.2,60\n")
-        sender = self.inputs["navigation"]
+        sender = self.commands
         old = connected_nodes(sender)
         with driven(path) as (plan, watching):
             for name in ("/car/car_sim", MUX):
