@@ -23,7 +23,6 @@ from mushr_ros_intro.replay.recording import (
     START_TOLERANCE,
     Drive,
     Recorded,
-    Run,
     drive,
     driven_plan,
     groups_of,
@@ -197,28 +196,16 @@ def _commands(judgement: Judgement) -> Tuple[bool, str]:
     if index == len(got):
         return False, f"no command after row {runs[index - 1].last}; expected {runs[index]}"
     if index == len(wanted):
-        return False, _surplus(got[index:], runs[-1], len(groups[index - 1]))
+        run, count = runs[-1], len(groups[index - 1])
+        if count < run.expected - MAX_SHIFT:
+            text = f"received {_shown(got[index])} after {counted(count, 'command')}"
+            return False, f"{run}: {text}; expected {run.expected} commands of {_shown(run[:2])}"
+        sent = " and ".join(map(_shown, got[index : index + 2]))
+        hint = "expected only a stop (does the node repeat the plan?)"
+        return False, f"after the plan the node sent {sent}; {hint}"
     difference = f"received {_shown(got[index])}; expected {_shown(wanted[index])}"
     mistake = command_mistake(got, wanted, judgement.recorded.plan.start)
     return False, f"{runs[index]}: {difference}{mistake}"
-
-
-def _surplus(more: Sequence[Tuple[float, ...]], run: Run, count: int) -> str:
-    """Return a description of the commands after the last row, of which there is at least one.
-
-    Args:
-        more: these commands.
-        run: the last rows.
-        count: how many commands of these rows came before.
-    """
-    if count < run.expected - MAX_SHIFT:
-        text = f"received {_shown(more[0])} after {counted(count, 'command')}"
-        return f"{run}: {text}; expected {run.expected} commands of {_shown(run[:2])}"
-    text = f"after the last row the node sent {_shown(more[0])}; expected only a stop"
-    if more[0][0] == 0.0 and more[1:]:
-        text = f"after the plan and a stop the node sent {_shown(more[1])}; expected nothing after "
-        text += "the stop"
-    return f"{text} (does the node repeat the plan?)"
 
 
 def _shown(command: Tuple[float, ...]) -> str:
@@ -246,17 +233,15 @@ def _final_pose(judgement: Judgement) -> Tuple[bool, str]:
 
 def _map(judgement: Judgement) -> Tuple[bool, str]:
     """Judge whether the car hit no wall and stayed on the map."""
-    grid, collisions = judgement.recorded.grid, judgement.recorded.collisions
-    if collisions:
-        return (
-            False,
-            f"the car hit a wall at {collisions[0]}; expected no collision",
-        )
+    recorded = judgement.recorded
+    grid = recorded.grid
+    if recorded.collisions:
+        return False, f"the car hit a wall at {recorded.collisions[0]}; expected no collision"
     if grid is None:
         return True, "there is no map"
     width, height = grid.width * grid.resolution, grid.height * grid.resolution
     size = f"{width:g} m x {height:g} m"
-    recorded = judgement.recorded  # before its start, the car waits at the origin
+    # Before its start, the car waits at the origin.
     for pose in (Pose(*row) for row in recorded.poses[placed_pose(recorded) :]):
         x, y, _ = grid.to_grid(pose)
         if not (0.0 <= x <= width and 0.0 <= y <= height):

@@ -339,12 +339,12 @@ ROW = "commands: row 1 (1 s): received "
         ([COMMANDS[-1]], ROW + "0 m/s, 0 rad; expected 2 m/s, 0.1 rad. All speeds are 0"),
         (COMMANDS[:10], "commands: no command after row 1; expected rows 2 to 3 (0.75 s)"),
         (
-            changed(-1, speed=3.0),
-            "after the last row the node sent 3 m/s, 0 rad; expected only a stop (does the node re",
+            changed(len(COMMANDS) - 1, speed=3.0),
+            "after the plan the node sent 3 m/s, 0 rad; expected only a stop (does the node repeat",
         ),
         (
             [*COMMANDS, *COMMANDS],
-            "after the plan and a stop the node sent 2 m/s, 0.1 rad; expected",
+            "after the plan the node sent 0 m/s, 0 rad and 2 m/s, 0.1 rad; expected only a stop (d",
         ),
         (
             changed(3, speed=math.inf),
