@@ -11,8 +11,8 @@ from mushr_ros_intro.replay.mistakes import COMMAND_TYPE, POSE_TYPE, command_top
 from mushr_ros_intro.replay.pace import STEP
 from mushr_ros_intro.replay.path_delivery import PathDelivery
 from mushr_ros_intro.replay.received import CONTROL
-from mushr_ros_intro.replay.world import CLOSE_LOOKS, stamp_of_controller, wait_until_closed
-from mushr_ros_intro.ros import conversions, ros_time
+from mushr_ros_intro.replay.world import CLOSE_LOOKS, wait_until_closed
+from mushr_ros_intro.ros import ros_time
 from support.controllers import WAVE
 from support.helpers import PATIENCE
 
@@ -114,12 +114,3 @@ def test_the_path_arrives_at_a_whole_second(monkeypatch, now, services, expected
     assert list(delivery.give(now)) == given
     assert [called.get(timeout=PATIENCE) for _ in names] == names
     assert not given or list(delivery.give(now)) == []
-
-
-@pytest.mark.parametrize(
-    ("stamp", "expected"),
-    [(0, NOW), (NOW - 20 * MS, NOW), (NOW - 900 * MS, NOW), (NOW, NOW), (NOW + MS, NOW + MS)],
-)
-def test_when_a_command_of_a_controller_applies(stamp, expected):
-    """The controller has seen the past, so no stamp of a command can change it."""
-    assert stamp_of_controller(conversions.time_from(stamp), NOW).to_nsec() == expected
