@@ -215,12 +215,18 @@ def test_paths_are_short(course):
     assert grading._shortened(text, submission) == "src/a.py b c.txt:2 /tmpx /car/odom"
 
 
-def test_merge(tmp_path, monkeypatch, capsys):
-    """Of several results of a submission, that of the last folder is used."""
-    main = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))["main"]
+@pytest.fixture
+def main(monkeypatch):
+    """Return the function of grade.py."""
+    found = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))["main"]
     monkeypatch.setenv("ROS_HOSTNAME", "localhost")
     monkeypatch.setattr(signal, "signal", lambda *_: None)
-    monkeypatch.setitem(main.__globals__, "judges", lambda: ThreadPoolExecutor(1))
+    monkeypatch.setitem(found.__globals__, "judges", lambda: ThreadPoolExecutor(1))
+    return found
+
+
+def test_merge(main, tmp_path, monkeypatch, capsys):
+    """Of several results of a submission, that of the last folder is used."""
     folders = [str(tmp_path / name) for name in ("one", "two", "all")]
     store(folders[0], "ann", outcome="it crashed")
     store(folders[1], "ann", "bob")
@@ -233,12 +239,8 @@ def test_merge(tmp_path, monkeypatch, capsys):
     )
 
 
-def test_merge_of_submissions_that_could_not_be_run(tmp_path, monkeypatch):
+def test_merge_of_submissions_that_could_not_be_run(main, tmp_path, monkeypatch):
     """They know no plan, so the file of points cannot be compared with the plans."""
-    main = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))["main"]
-    monkeypatch.setenv("ROS_HOSTNAME", "localhost")
-    monkeypatch.setattr(signal, "signal", lambda *_: None)
-    monkeypatch.setitem(main.__globals__, "judges", lambda: ThreadPoolExecutor(1))
     (tmp_path / "points.yaml").write_text("plans: {test_drive: {path: 3}}")
     submission = SimpleNamespace(name="ann", students=())
     grade = grading.not_graded(submission)._replace(fault="There is no node.", error="")
@@ -271,12 +273,8 @@ def test_results_belong_to_the_user_of_sudo(course, monkeypatch):
     assert load_all(str(course.out))[0].name == "ann"
 
 
-def test_a_defect_is_no_verdict(monkeypatch, capsys):
+def test_a_defect_is_no_verdict(main, monkeypatch, capsys):
     """If grade.py itself fails unexpectedly, its exit status does not blame the node."""
-    program = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))
-    monkeypatch.setenv("ROS_HOSTNAME", "localhost")
-    monkeypatch.setattr(signal, "signal", lambda *_: None)
-    main = program["main"]
     monkeypatch.setitem(main.__globals__, "parse_arguments", lambda *_: SimpleNamespace())
     assert main() == 3
     assert "AttributeError" in capsys.readouterr().err
