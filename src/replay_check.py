@@ -23,8 +23,8 @@ from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox
 from mushr_ros_intro.isolation.workspace import inherited
 from mushr_ros_intro.parameters import REQUIRED, Parameters, number, text
-from mushr_ros_intro.paths import find_file, package_folder, user_path
-from mushr_ros_intro.plan.parse import read_plan
+from mushr_ros_intro.paths import package_folder, user_path
+from mushr_ros_intro.plan.parse import read_named_plan
 from mushr_ros_intro.replay.job import run_job
 from mushr_ros_intro.replay.judge import Check, Judgement
 from mushr_ros_intro.replay.reference import Exercise, Reference, read_references, refuse_walls
@@ -93,11 +93,10 @@ def judge() -> Judgement:
 
 def _exercise(plan: Optional[str], path: Optional[str]) -> Exercise:
     """Return the plan that the node drives, or the path that it follows; raise UserError."""
-    folder = package_folder("plans")
     if plan and not path:
-        return read_plan(find_file(plan, folder, ".txt"))
+        return read_named_plan(plan)
     if path and not plan:
-        return next(iter(read_references([path], folder).values()))
+        return next(iter(read_references([path], package_folder("plans")).values()))
     raise UserError("expected either plan_file:=PLAN or follow:=PATH")
 
 

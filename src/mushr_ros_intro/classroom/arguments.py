@@ -10,7 +10,7 @@ from mushr_ros_intro.classroom.drawn_plans import DRAWN
 from mushr_ros_intro.classroom.store import load_settings
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.paths import package_folder
-from mushr_ros_intro.plan.parse import read_plans
+from mushr_ros_intro.plan.parse import read_named_plan
 from mushr_ros_intro.replay.reference import Exercise, read_references
 from mushr_ros_intro.ros.commands import as_typed
 
@@ -110,12 +110,16 @@ def read_exercises(arguments: argparse.Namespace, plans: Sequence[str]) -> Dict[
     """Return by name what a node has to do: the paths of --follow, or plans.
 
     Raises:
-        UserError: a file is missing, or has faults.
+        UserError: a file is missing, or has faults, or two have the same name.
     """
-    folder = package_folder("plans")
     if arguments.follow:
-        return {**read_references(arguments.follow, folder)}
-    return {**read_plans([each for each in plans if each != DRAWN], folder)}
+        return {**read_references(arguments.follow, package_folder("plans"))}
+    found: Dict[str, Exercise] = {}
+    for plan in map(read_named_plan, filter(DRAWN.__ne__, plans)):
+        if plan.name in found:
+            raise UserError(f"{plan.path}: there are two plans with the name '{plan.name}'")
+        found[plan.name] = plan
+    return found
 
 
 def parse_arguments(words: Sequence[str], description: str) -> argparse.Namespace:

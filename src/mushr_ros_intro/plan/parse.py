@@ -11,9 +11,8 @@ are allowed.
 import re
 import unicodedata
 from itertools import accumulate
-from typing import Dict, List, Sequence, Tuple
+from typing import List, Tuple
 
-from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import MAX_COORDINATE, ORIGIN, Pose
 from mushr_ros_intro.paths import find_file, package_folder
 from mushr_ros_intro.plan.plan import (
@@ -87,25 +86,6 @@ def read_named_plan(name: str) -> Plan:
         UserError: the plan cannot be found or read.
     """
     return read_plan(find_file(name, package_folder("plans"), ".txt"))
-
-
-def read_plans(names: Sequence[str], folder: str) -> Dict[str, Plan]:
-    """Return plans by their names, which are those of the files without the ending.
-
-    Args:
-        names: paths, or names in `folder`.
-        folder: the folder of this package's plans.
-
-    Raises:
-        UserError: a plan is missing or has faults, or two plans have one name.
-    """
-    plans: Dict[str, Plan] = {}
-    for each in names:
-        plan = read_plan(find_file(each, folder, ".txt"))
-        if plan.name in plans:
-            raise UserError(f"{plan.path}: there are two plans with the name '{plan.name}'")
-        plans[plan.name] = plan
-    return plans
 
 
 def parse_plan(data: bytes, path: str) -> Plan:
