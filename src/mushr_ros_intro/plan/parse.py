@@ -163,17 +163,13 @@ def _line_faults(
 ) -> List[Tuple[int, str]]:
     """Return the column and the text of each fault of a line."""
     names, fewest, expected = _START if is_start else _ROW
+    expected += ", separated by commas; decimals have a point"
     semicolon = ",".join(cells).find(";")
     if semicolon >= 0:  # spreadsheets write '2,0; 0,09' in countries with decimal commas
-        expected += ", separated by commas; decimals have a point"
         return [(semicolon + 1, f"the line has a semicolon; expected {expected}")]
     if not fewest <= len(cells) <= len(names):
         end = columns[-1] + len(cells[-1].strip())
         column = columns[len(names)] if len(cells) > len(names) else end
-        if len(cells) > len(names):
-            expected += "; decimals have a point"
-        elif len(cells) == 1 and len(cells[0].split()) > 1:
-            expected += ", separated by commas"
         return [(column, f"{counted(len(cells), 'column')}; expected {expected}")]
     texts = [_number_fault(name, cell.strip()) for name, cell in zip(names, cells)]
     return [(column, text) for column, text in zip(columns, texts) if text]
