@@ -135,8 +135,8 @@ class TestCarSim(RosTestCase):
         line = "ready: the car is at (3.0000 m, 0.0000 m, 0.0000 rad). To drive a plan, type in "
         self.assertIn(line, car.output)
         self.assertIn("path_publisher.py __ns:=late _car_name:=late _plan_file:=", car.output)
-        self.assertIn("car mine: wheelbase 0.33 m; limits: none; ", car.output)
-        self.assertIn("; pose rate 50 Hz; time: wall-clock\n", car.output)
+        self.assertIn("car mine: ideal; ", car.output)
+        self.assertIn("pose rate 50 Hz; time: wall-clock\n", car.output)
 
     def test_ready_with_map(self):
         self.check_ready(self.start_mux, self.start_map)

@@ -57,30 +57,13 @@ class Car(NamedTuple):
     """The seed of the noise."""
 
     def __str__(self) -> str:
-        limits = (
-            (self.speed_limit, "m/s"),
-            (self.steering_limit_left, "rad left"),
-            (self.steering_limit_right, "rad right"),
-            (self.acceleration, "m/s^2"),
-            (self.steering_rate, "rad/s"),
+        units = {"command_timeout": NANOSECONDS}
+        changed = ", ".join(
+            f"{name}: {value / units.get(name, 1):g}"
+            for name, value, ideal in zip(self._fields, self, Car())
+            if value != ideal
         )
-        shown = ", ".join(f"{limit:g} {unit}" for limit, unit in limits if limit < math.inf)
-        gains = ""
-        if (self.speed_gain, self.steering_gain, self.steering_offset) != (1.0, 1.0, 0.0):
-            gains = (
-                f"gains: speed {self.speed_gain:g}, steering {self.steering_gain:g}; "
-                f"steering offset {self.steering_offset:g} rad; "
-            )
-        noise = "off"
-        if self.has_command_noise or self.has_odom_noise:
-            noise = (
-                f"{self.speed_noise:g} m/s, {self.steering_noise:g} rad, of the odometry after 1 m "
-                f"{self.odom_distance_noise:g} m, {self.odom_heading_noise:g} rad, seed {self.seed}"
-            )
-        return (
-            f"wheelbase {self.wheelbase:g} m; limits: {shown or 'none'}; {gains}noise: {noise}; "
-            f"command timeout {self.command_timeout / NANOSECONDS:g} s"
-        )
+        return f"ideal except {changed}" if changed else "ideal"
 
     @property
     def has_command_noise(self) -> bool:

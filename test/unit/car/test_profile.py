@@ -35,13 +35,9 @@ def test_profiles():
         ), f"expected NUMBERS of car/profile.py in config/cars/{name}.yaml"
     noisy = car_from(Parameters({**PROFILES["mushr_nano"], "noise": True, "seed": 7}))
     assert noisy == CARS["mushr_nano"]._replace(**NOISES, seed=7)
-    assert str(Car()) == "wheelbase 0.33 m; limits: none; noise: off; command timeout 0.2 s"
-    assert str(noisy) == (
-        "wheelbase 0.3 m; limits: 0.9286 m/s, 0.3158 rad left, 0.4211 rad right, 3.8889 m/s^2, "
-        "3.2 rad/s; noise: 0.013 m/s, 0.01 rad, of the odometry after 1 m 0.01 m, 0.01 rad, "
-        "seed 7; command timeout 0.2 s"
-    )
-    assert "; gains: speed 0.9, steering 1; steering offset 0 rad; " in str(Car(speed_gain=0.9))
+    assert str(Car()) == "ideal"
+    slow = Car(speed_gain=0.9, command_timeout=300_000_000, seed=7)
+    assert str(slow) == "ideal except command_timeout: 0.3, speed_gain: 0.9, seed: 7"
     assert [getattr(CARS["mushr_nano"], each) for each in NOISES] == [0.0] * 6
 
 
