@@ -24,7 +24,7 @@ from mushr_ros_intro.car.profile import car_from
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.parameters import Parameters, Values, folder, integer, text
 from mushr_ros_intro.paths import package_folder
-from mushr_ros_intro.ros import node, ros_time
+from mushr_ros_intro.ros import node
 from mushr_ros_intro.ros.connections import is_alive, registered_nodes
 from mushr_ros_intro.ros.xmlrpc_client import CallError
 from mushr_ros_intro.simulator.car_parameters import (
@@ -208,7 +208,6 @@ class WebView:
             "car_name": self._car_name,
             "prefix": self._prefix,
             "initial_pose_topic": self._init_pose_topic,
-            "simulated_time": ros_time.is_simulated(),
             "map": self._map.number or None,
             "drive": self._drive.state,
             **self._seen,

@@ -48,7 +48,7 @@ function onStatus(isConnected, delay) {
   const isStale = !state || (silence > LATE && held === Infinity);
   const cause = !state?.has_car
     ? "no simulated car is running"
-    : state.simulated_time
+    : state.holds_clock
       ? "the clock is held, or the machine is busy"
       : "its poses are late; the machine may be busy";
   say(
@@ -256,9 +256,6 @@ window.mushr = {
   view,
   ros,
   pose: null,
-  get frames() {
-    return view.frames;
-  },
 };
 const onError = (msg) => addLine("web_view", "error", msg);
 addEventListener("unhandledrejection", (event) =>

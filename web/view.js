@@ -44,7 +44,6 @@ export const view = {
   x: 0,
   y: 0,
   scale: 40,
-  frames: 0,
   drawn: [0, 0], // the middle of `back` [m]
   /** Change what is drawn; with `all`, also what rarely changes. */
   set(values, all = true) {
@@ -103,7 +102,6 @@ function inMetres(pen, [x, y, theta] = [0, 0, 0]) {
 }
 function draw() {
   view.request = 0;
-  view.frames += 1;
   if (!view.width || !view.height) return;
   const pen = canvas.getContext("2d");
   const { driven, scan, pose, wheels, isStale } = view;
