@@ -119,11 +119,6 @@ def test_master(master, problem, remedy):
             "rosnode cleanup",
         ),
         (
-            {"moves": None, "dead": {"/rviz": CallFault.NOT_ROS}},
-            "/rviz has died",
-            "rosnode cleanup",
-        ),
-        (
             {"moves": None, "dead": {"/rviz": CallFault.NO_RESPONSE}},
             "/rviz does not respond",
             "terminal: fg",
@@ -143,17 +138,12 @@ def test_master(master, problem, remedy):
         (
             {"output": OUTPUT._replace(subscribers=())},
             f"the car 'car' is not running: no node subscribes to {MUX}/output",
-            "type: roslaunch mushr_ros_intro sim.launch; for an actual car",
+            "sim.launch; for an actual car, start MuSHR's teleop.launch of mushr_base, and never ",
         ),
         (
             {"inputs": without_mux()},
             "the mux of the car 'car' is not running: no node subscribes to /nav",
             "End the launch file of the car (Ctrl-C in its terminal), and start it again",
-        ),
-        (
-            {"inputs": without_mux(), "pose_publishers": (CAR,)},
-            "the mux of the car 'car' is not running",
-            "End the launch file of the car",
         ),
         (
             {
@@ -176,11 +166,6 @@ def test_master(master, problem, remedy):
         (
             {"inputs": inputs(PLAN._replace(msg_type="std_msgs/String"))},
             f"/path_publisher publishes std_msgs/String on {NAVIGATION}, but {MUX} expects {TYPE}",
-            f"Publish {TYPE}",
-        ),
-        (
-            {"inputs": inputs(SILENT._replace(msg_type="std_msgs/String"))},
-            "/path_publisher publishes std_msgs/String",
             f"Publish {TYPE}",
         ),
         (
@@ -361,17 +346,6 @@ def test_a_misspelt_topic_of_a_node_that_has_ended():
     assert topic in finding and f"correct the topic to {NAVIGATION}" in finding
 
 
-def test_the_advice_is_not_the_command_that_was_typed():
-    (finding,) = map(str, diagnose(replace(HEALTHY, **NO_PUBLISHER), "student"))
-    assert "Start the node of student" in finding and "--package" not in finding
-
-
-def test_on_an_actual_car_no_simulation_is_started():
-    nothing = Topic(OUTPUT.name, TYPE)
-    (finding,) = findings(output=nothing, inputs=without_mux(), moves=None)
-    assert "actual car" in finding and "never sim.launch" in finding
-
-
 def test_the_first_finding_is_a_second_node_that_drives_the_car():
     two = {"navigation": Topic("/n", TYPE, (PLAN, SECOND), (MUX,))}
     found = findings(
@@ -381,6 +355,7 @@ def test_the_first_finding_is_a_second_node_that_drives_the_car():
 
 
 def test_the_package_of_the_users_node():
+    """The advice is not the command that was typed."""
     (finding,) = map(str, diagnose(replace(HEALTHY, **NO_PUBLISHER), "my_ros_intro"))
     assert "Start the node of my_ros_intro, and read its terminal" in finding
     assert "--package" not in finding
