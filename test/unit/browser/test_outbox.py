@@ -124,22 +124,3 @@ async def test_waits_for_the_next_message():
     await asyncio.sleep(0)
     outbox.reply("done")
     assert await asyncio.wait_for(waiting, 60) == "done"
-
-
-@pytest.mark.parametrize("steps", range(4))
-@asynchronous
-async def test_a_wait_ends_if_it_is_cancelled_as_a_message_arrives(steps):
-    """In Python before 3.12, asyncio.wait_for can lose a cancellation."""
-    outbox = Outbox()
-    outbox.subscribe(subscription(throttle_rate=60_000))
-    put(outbox, [1])
-    await outbox.next()
-    put(outbox, [2])
-    waiting = asyncio.ensure_future(outbox.next())
-    await asyncio.sleep(0)
-    put(outbox, [3])
-    for _ in range(steps):
-        await asyncio.sleep(0)
-    waiting.cancel()
-    await asyncio.wait({waiting}, timeout=1)
-    assert waiting.cancelled()
