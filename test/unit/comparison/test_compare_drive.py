@@ -27,23 +27,28 @@ NANO = CARS["mushr_nano"]
 CAR = ("--car", "mushr_nano")
 
 
-@pytest.fixture
-def run(monkeypatch, capsys):
-    """Return a function that runs the program, and returns its exit status and its outputs.
+@pytest.fixture(scope="module")
+def drives():
+    """Return the commands, the poses, and the poses if the car slips.
 
-    The bags contain the same drive of a car that is 10 % slow; if it slips, it drives at half of
-    this speed in one row.
+    The car is 10 % slow; if it slips, it drives at half of this speed in one row.
     """
     plan = plan_of("0, 0, 0\n0.5, 0, 2\n0.3, 0, 2\n0.5, 0, 2\n0.3, 0, 2")
-    slow = NANO._replace(speed_gain=0.9)
     rows = [
         row._replace(speed=0.5 * row.speed) if i == 2 else row for i, row in enumerate(plan.rows)
     ]
-    options = {"rate": 6.0, "position": 0.005, "heading": 0.005}
+    slow, options = NANO._replace(speed_gain=0.9), {"rate": 6.0, "position": 0.005}
     messages, slipping = (
-        received(each, slow, random.Random(1), **options)
+        received(each, slow, random.Random(1), heading=0.005, **options)
         for each in (plan, plan._replace(rows=tuple(rows)))
     )
+    return *messages, slipping[1]
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, drives):
+    """Return a function that runs the program, and returns its exit status and its outputs."""
+    commands, regular, slipping = drives
 
     def call(*arguments):
         monkeypatch.setattr("signal.signal", lambda *_: None)  # SIGPIPE would end pytest
@@ -52,11 +57,11 @@ def run(monkeypatch, capsys):
         return (status, *capsys.readouterr())
 
     def use(slips=False):
-        poses = (slipping if slips else messages)[1]
+        poses = slipping if slips else regular
         monkeypatch.setattr(
             compare_drive,
             "read_bag",
-            lambda path, *_: drive_log(path, messages[0], poses, NANO.command_timeout),
+            lambda path, *_: drive_log(path, commands, poses, NANO.command_timeout),
         )
 
     call.read = use

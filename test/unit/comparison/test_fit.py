@@ -200,7 +200,6 @@ def test_poses_without_noise_may_be_computed_from_the_commands():
 
 
 FAULTS = [
-    ({"speed_cap": 0.45}, "drives at most 0.4", True, False),
     (
         {"left_stop": 0.12},
         r"at most 0.1\d\d rad to the left or has 0.\d+ rad.*; to tell them apart: drive",
@@ -233,7 +232,7 @@ FAULTS = [
 
 @pytest.mark.parametrize(
     ("numbers", "expected", "is_certain", "is_profile"),
-    [*FAULTS[:4], *(pytest.param(*each, marks=pytest.mark.full) for each in FAULTS[4:])],
+    [*FAULTS[:3], *(pytest.param(*each, marks=pytest.mark.full) for each in FAULTS[3:])],
     ids=str,
 )
 def test_the_fault_of_a_car_is_named(numbers, expected, is_certain, is_profile):
