@@ -23,11 +23,15 @@ TESTS = {
 @pytest.mark.parametrize(
     "arguments, names, status, lines",
     [
-        ([], ["passes"], 0, ["1 passed, 0 failed, 0 skipped"]),
-        ([], ["fails", "passes"], 1, ["FAILED", "assert 1 == 2", "1 passed, 1 failed, 0 skipped"]),
-        ([], ["cannot be imported"], 1, ["nothing_of_this_name", "0 passed, 1 failed, 0 skipped"]),
-        ([], ["dies"], 1, ["pytest ended with exit status 0", "0 passed, 1 failed, 0 skipped"]),
-        ([], ["is skipped"], 1, ["no display", "0 passed, 0 failed, 1 skipped"]),
+        (
+            [],
+            ["fails", "passes", "cannot be imported", "dies", "is skipped"],
+            1,
+            [
+                *("FAILED", "assert 1 == 2", "nothing_of_this_name", "no display"),
+                *("pytest ended with exit status 0", "1 passed, 3 failed, 1 skipped"),
+            ],
+        ),
         ([], ["passes", "is full", "has a full test"], 0, ["1 passed, 0 failed, 0 skipped"]),
         ([], ["has a right one::test_2"], 1, ["assert 1 == 2", "0 passed, 1 failed, 0 skipped"]),
         ([], ["is full"], 1, ["no test was chosen; ", "0 passed, 0 failed, 0 skipped"]),
