@@ -4,6 +4,7 @@ docs/design.md shows the same floors.
 """
 
 import ast
+import functools
 import glob
 import os
 import re
@@ -63,12 +64,16 @@ IN_LIBRARY = re.compile(rf"{PACKAGE}(\.\w+)+")
 ROS = re.compile(r"(ros[a-z]*|genpy|tf|tf2_\w+|\w+_msgs|std_srvs|mushr_sim)(\.|$)")
 
 
+@functools.lru_cache(maxsize=None)
 def modules():
-    """Return the folder, the name and the source code of each module."""
+    """Return the folder and the name of each module, and the names that it imports."""
+    found = []
     for path in sorted(glob.glob(os.path.join(LIBRARY, "**", "*.py"), recursive=True)):
         folder, name = os.path.split(os.path.relpath(path, LIBRARY))
         with open(path, encoding="utf-8") as file:
-            yield folder, name[: -len(".py")], file.read()
+            names = tuple(imported(file.read()))
+        found.append((folder, name[: -len(".py")], names))
+    return found
 
 
 def imported(source):
@@ -94,10 +99,10 @@ def folder_of(name):
     return first if os.path.isdir(os.path.join(LIBRARY, first)) else ""
 
 
-def climbs(folder, source):
+def climbs(folder, imports):
     """Return what a module imports from folders that are not below its own."""
     floors = {each: number for number, floor in enumerate(FLOORS) for each in floor}
-    names = {name: folder_of(name) for name in imported(source)}
+    names = {name: folder_of(name) for name in imports}
     return [
         name
         for name, other in names.items()
@@ -111,7 +116,7 @@ def test_every_folder_has_a_floor():
 
 
 def test_no_module_imports_from_its_own_floor_or_from_above():
-    found = {f"{folder}/{name}": climbs(folder, source) for folder, name, source in modules()}
+    found = {f"{folder}/{name}": climbs(folder, names) for folder, name, names in modules()}
     wrong = {name: names for name, names in found.items() if names}
     assert wrong == {}, "expected imports from the same folder or lower floors: docs/design.md"
 
@@ -121,8 +126,8 @@ def test_the_modules_that_import_ros():
     assert not WITHOUT_ROS & set(WITH_ROS)
     found = {
         f"{folder}/{name}"
-        for folder, name, source in modules()
-        if folder != "ros" and any(map(ROS.match, imported(source)))
+        for folder, name, names in modules()
+        if folder != "ros" and any(map(ROS.match, names))
     }
     listed = {f"{folder}/{name}" for folder, names in WITH_ROS.items() for name in names}
     assert found == listed, "expected ROS in the modules of WITH_ROS only, and not in WITHOUT_ROS"

@@ -4,7 +4,7 @@ import math
 import random
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from mushr_ros_intro.authoring.clicks import arc_to, extend
@@ -91,6 +91,7 @@ def test_the_gains_of_the_car(point):
     assert math.dist(end_of(ORIGIN, [driven]), point) < CLICK_TOLERANCE
 
 
+@settings(max_examples=8)
 @given(poses, st.floats(0.1, 6.6), st.integers(0, 2**32))
 def test_fifty_clicks(start, speed, seed):
     """The car passes every click when it drives the saved file."""
