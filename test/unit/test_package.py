@@ -152,18 +152,6 @@ def test_the_port_of_the_page_in_mushrs_launch_files():
     assert found["/web_view/port"] == 9091
 
 
-def test_the_page_says_which_of_mushrs_files_exist():
-    """The names are those of MuSHR's branches master and noetic."""
-    rows = re.findall(r"^\| `(mushr_\w+)` \| (.*) \| (.*) \|$", read("docs/teach.md"), re.M)
-    assert len(rows) == 3
-    for package, *columns in rows:
-        folder = os.path.join(PACKAGE, "underlay", package)
-        for column, is_expected in zip(columns, (True, False)):
-            for name in re.findall(r"`([\w./]+)`", column):
-                places = [os.path.join(folder, each, name) for each in ("", "launch")]
-                assert any(map(os.path.exists, places)) == is_expected, (package, name)
-
-
 def test_package_xml_names_what_the_code_needs():
     """The packages of ROS that it imports, and whose commands its messages advise."""
     needed = set()

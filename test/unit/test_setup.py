@@ -2,7 +2,6 @@
 
 import fcntl
 import os
-import re
 import shutil
 import socket
 import subprocess
@@ -113,24 +112,6 @@ def test_a_checkout_of_git_for_windows(tmp_path):
     run_function("make_links", f"checkout='{clone}'; make_links")
     for each in links:
         assert os.readlink(clone / each) == os.readlink(made / each)
-
-
-def read(name):
-    with open(f"{CHECKOUT}/{name}") as file:
-        return file.read()
-
-
-def test_the_pages_name_the_supported_versions():
-    """scripts/setup states the systems, and scripts/dev/check_oldest the oldest Python."""
-    supported = r'^supported="Debian (.*) and (.*), and ROS Noetic .* on (Ubuntu [\d.]*)"'
-    (found,) = re.findall(supported, read("scripts/setup"), re.M)
-    debian, ubuntu = "Debian {} or {}".format(*found), found[2]
-    (python,) = set(re.findall(r"python(3\.\d+)", read("scripts/dev/check_oldest")))
-    assert debian in read("README.md") and debian in read("docs/install.md")
-    assert f"The oldest versions are those of {ubuntu}: Python {python}," in read("docs/install.md")
-    assert f"those of {ubuntu} with Python {python}:" in read("scripts/dev/packages")
-    assert f"--target={python}-" in read("scripts/dev/lint")
-    assert f"\n- Python {python}," in read("CONTRIBUTING.md")
 
 
 def test_a_new_plan_causes_no_build(tmp_path):
