@@ -56,20 +56,12 @@ def test_a_program_that_cannot_be_started(tmp_path, text, mode, words):
     assert words in finding
 
 
-@pytest.mark.parametrize(
-    "text, words",
-    [
-        ("#!/usr/bin/env no_such_python\n", "'no_such_python', which is not installed"),
-        ("#!/usr/bin/python3\r\n", "has Windows line ends"),
-        ("import rospy\nrospy.init_node('a')\n", "does not start with a shebang line"),
-    ],
-)
-def test_the_first_line_and_the_mode(tmp_path, text, words):
+def test_the_first_line_and_the_mode(tmp_path):
     """Both are reported at once."""
     path = tmp_path / "drive.py"
-    path.write_bytes(text.encode())
+    path.write_bytes(b"#!/usr/bin/python3\r\n")
     first, second = map(str, program_findings(str(tmp_path)))
-    assert words in first
+    assert "has Windows line ends" in first
     assert second == f"{path} is not executable. Type: chmod +x {path}"
 
 
