@@ -42,10 +42,6 @@ def stop(stamp):
     return Command(stamp, 0.0, 0.0)
 
 
-def test_nothing_holds_the_clock_before_the_first_event():
-    assert not Stream().holds(0.0) and Stream().is_expired
-
-
 @pytest.mark.parametrize("lock_step", [True, False])
 def test_a_stamp_ahead_of_the_clock_is_a_promise(lock_step):
     stream = listen((go(5 * SECOND), 4 * SECOND, 0.0), lock_step=lock_step)
@@ -142,20 +138,6 @@ def test_after_an_initial_pose_the_clock_waits_at_its_report(clock):
     assert stream.holds(3.0 + CLOCK_PATIENCE) and not stream.holds(3.01 + CLOCK_PATIENCE)
 
 
-def test_only_an_initial_pose_ahead_holds_a_clock_that_is_not_in_lock_step():
-    pose = InitialPose(5 * SECOND, ORIGIN)
-    assert listen((pose, 4 * SECOND, 0.0), lock_step=False).limit == REPORT
-    assert listen((pose, 4 * SECOND, 0.0), lock_step=False).holds(0.0)
-    assert not listen((pose, 5 * SECOND, 0.0), lock_step=False).holds(0.0)
-
-
-def test_the_limit_never_decreases():
-    stream = listen((go(9 * SECOND), 8 * SECOND, 0.0))
-    placed = listen((InitialPose(9 * SECOND + 1, ORIGIN), 8 * SECOND, 0.0), stream=stream)
-    assert placed.limit == 9 * SECOND
-    assert listen((go(8 * SECOND), 8 * SECOND, 0.0), stream=placed).limit == 9 * SECOND
-
-
 def test_an_initial_pose_begins_another_stream():
     stamps = [5 * SECOND + k * SECOND // 5 for k in range(3)]
     stream = now(*map(go, stamps)).expire()
@@ -173,15 +155,6 @@ def test_each_wait_in_vain_halves_the_patience_of_a_stream_without_promises():
     # A promise resets it.
     stream = now(go(5 * SECOND)).expire()
     assert listen((go(6 * SECOND), 5 * SECOND, 0.0), stream=stream).wait == CLOCK_PATIENCE
-
-
-def test_patience_ends():
-    driving = listen((go(5 * SECOND), 4 * SECOND, 7.0))
-    assert driving.holds(7.0 + CLOCK_PATIENCE) and not driving.holds(7.01 + CLOCK_PATIENCE)
-    standing = listen((stop(5 * SECOND), 4 * SECOND, 7.0))
-    assert standing.holds(7.0 + CLOCK_PATIENCE_AT_REST)
-    assert not standing.holds(7.01 + CLOCK_PATIENCE_AT_REST)
-    assert driving.expire().is_expired and not driving.expire().holds(-1e300)
 
 
 @pytest.mark.parametrize("event", [go(5 * SECOND), stop(5 * SECOND)])
