@@ -101,7 +101,7 @@ class TestDriveMonitor(RosTestCase):
         path = self.plan("1,2,0.5\n1.0,0.2,0.5\n")
         drives = [
             ("/ann", path, "1,2,0.5\n1.0,0.2,0.5\n", "0.50 m"),
-            ("/lab/bob", self.plan("0,0,0\n", "other.txt"), "3,2,1\n-1.0,0.1,0.7\n", "0.70 m"),
+            ("/lab/bob", self.plan("0,0,0\n", "other.txt"), "3,2,1\n-1.0,0.1,0.1\n", "0.10 m"),
             ("/ann", path, "1,2,0.5\n2.0,0.2,0.6\n", "1.20 m"),
         ]
         for name, file, text, length in drives:
