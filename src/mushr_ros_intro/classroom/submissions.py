@@ -43,11 +43,11 @@ class Submission(NamedTuple):
     """What differs from the files that were handed in, such as "made executable"."""
     folder: str
     """The folder with its files."""
-    command: Tuple[str, ...]
+    command: Tuple[str, ...] = ()
     """The path of the node; empty if there is a fault."""
-    packages: Tuple[str, ...]
+    packages: Tuple[str, ...] = ()
     """The folders with a package.xml, for ROS_PACKAGE_PATH; empty if there is a fault."""
-    needs_build: bool
+    needs_build: bool = False
     """Whether a CMakeLists.txt has commands that the node may need, such as for messages."""
 
 
@@ -272,7 +272,8 @@ def _submission(source: _Source, name: str, files: Files, node: str) -> Submissi
         if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
             raise
         fault = f"{error.filename!r} cannot be copied ({error.strerror})."
-    return Submission(name, source.students, fault, tuple(files.notes), files.folder, (), (), False)
+    shutil.rmtree(files.folder, ignore_errors=True)
+    return Submission(name, source.students, fault, tuple(files.notes), files.folder)
 
 
 def _copy(source: _Source, files: Files, node: str) -> None:
@@ -281,23 +282,19 @@ def _copy(source: _Source, files: Files, node: str) -> None:
     Raises:
         SubmissionError, OSError: a file is damaged, not safe, or too large, or cannot be copied.
     """
-    try:
-        for name, path in source.files.items():
-            base, ending = os.path.splitext(name)
-            place = base if ending.lower() == ".zip" else name
-            if len(source.files) == 1:  # the file names of the class folder are of no importance
-                if os.path.isdir(path) or ending.lower() == ".zip":
-                    place = ""
-                elif ending.lower() == ".py":
-                    place = node
-                    if name != node:
-                        files.notes.append(f"{name!r} is run as {node}")
-            files.add(path, place)
-        found = files.places()
-        if node not in map(os.path.basename, found):
-            for place in found:
-                if place.lower().endswith(".zip"):
-                    files.add_zip(os.path.join(files.folder, place), os.path.splitext(place)[0])
-    except (SubmissionError, OSError):
-        shutil.rmtree(files.folder, ignore_errors=True)
-        raise
+    for name, path in source.files.items():
+        base, ending = os.path.splitext(name)
+        place = base if ending.lower() == ".zip" else name
+        if len(source.files) == 1:  # the file names of the class folder are of no importance
+            if os.path.isdir(path) or ending.lower() == ".zip":
+                place = ""
+            elif ending.lower() == ".py":
+                place = node
+                if name != node:
+                    files.notes.append(f"{name!r} is run as {node}")
+        files.add(path, place)
+    found = files.places()
+    if node not in map(os.path.basename, found):
+        for place in found:
+            if place.lower().endswith(".zip"):
+                files.add_zip(os.path.join(files.folder, place), os.path.splitext(place)[0])

@@ -150,7 +150,7 @@ def test_each_submission_has_its_own_plan(tmp_path, monkeypatch, named, like):
     found = {}
     for name in ("ann", "bob"):
         folder = str(tmp_path / "workspace" / name)
-        submission = Submission(name, (), "", (), folder, (), (), False)
+        submission = Submission(name, (), "", (), folder)
         if not like:
             with pytest.raises(UserError, match="expected whole tenths of a second"):
                 plans.of(submission, setting("sandbox"))
