@@ -12,8 +12,6 @@ _NOT_TEXT = re.compile("[^\t\n\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U
 _FORMULA = ("=", "+", "-", "@")
 """A cell that begins like this is a formula in spreadsheet programs."""
 
-_NUMBER = re.compile(r"-?[0-9.]+")
-
 
 def clean(text: str) -> str:
     """Return text without terminal codes; a character that XML does not allow becomes U+FFFD."""
@@ -37,4 +35,4 @@ def plain(text: str) -> str:
     """Return text on one line that no spreadsheet program takes for a formula."""
     line = " ".join(clean(text).split())
     is_formula = unicodedata.normalize("NFKC", line).lstrip().startswith(_FORMULA)
-    return f"'{line}" if is_formula and not _NUMBER.fullmatch(line) else line
+    return f"'{line}" if is_formula else line

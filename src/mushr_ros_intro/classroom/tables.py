@@ -11,8 +11,6 @@ from mushr_ros_intro.classroom.points import Points
 from mushr_ros_intro.classroom.store import make_folder, write_text
 from mushr_ros_intro.replay.judge import CHECK_NAMES
 
-_CANVAS_COLUMNS = ("Student", "ID", "SIS User ID", "SIS Login ID", "Section")
-
 
 def write_results(folder: str, results: Sequence[Grade], points: Points) -> None:
     """Write index.html, submissions/, students/, the tables and results.xml into a folder.
@@ -64,7 +62,7 @@ def _grades(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
 
 def _canvas(results: Iterable[Grade], points: Points) -> Iterator[List[str]]:
     """Yield the rows of canvas.csv: one for each student; without a verdict, no score."""
-    yield [*_CANVAS_COLUMNS, "path_publisher"]
+    yield ["Student", "ID", "SIS User ID", "SIS Login ID", "Section", "path_publisher"]
     for result in results:
         score = "" if result.error else shown(points.score(result))
         for student in result.students:
