@@ -12,8 +12,7 @@ import numpy as np
 from mushr_ros_intro.car.profile import named_car, names_in
 from mushr_ros_intro.comparison import diagnosis
 from mushr_ros_intro.comparison.bag_file import read_bag
-from mushr_ros_intro.comparison.comparison import compare
-from mushr_ros_intro.comparison.drive_log import start_pose
+from mushr_ros_intro.comparison.drive_log import compare, start_pose
 from mushr_ros_intro.comparison.fit import Fit, combined, fit
 from mushr_ros_intro.comparison.profile_file import vesc_text, write_profile
 from mushr_ros_intro.errors import UserError, exit_status

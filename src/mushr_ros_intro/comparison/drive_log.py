@@ -1,16 +1,20 @@
-"""A recorded drive: the commands that reached the car, and the poses that it reported."""
+"""A recorded drive: the commands that reached the car, and the poses that it reported.
+
+Times count from the first command that moves the car.
+"""
 
 from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
 from mushr_ros_intro.authoring.recorder import rows_from
-from mushr_ros_intro.car.model import Command
+from mushr_ros_intro.car.model import Car, Command
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.geometry import ORIGIN, Pose
 from mushr_ros_intro.plan.plan import Plan, Row
-from mushr_ros_intro.preview.prediction import length
-from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp
+from mushr_ros_intro.preview.prediction import length, rest, states_at
+from mushr_ros_intro.replay.recording import Drive
+from mushr_ros_intro.stamps import NANOSECONDS, STAMP_TOLERANCE, effective_stamp, from_seconds
 from mushr_ros_intro.wording import counted
 
 _BEFORE, _AFTER = 2 * NANOSECONDS, 3 * NANOSECONDS
@@ -27,12 +31,15 @@ _STANDING = NANOSECONDS // 2
 _MOVED = 0.2
 """A car that drives moves by this share of the commanded distance, or of 1 m, at least."""
 
+_SETTLED = NANOSECONDS * 3 // 10
+"""Time after the predicted rest at which the car counts as standing [ns]."""
+
 _MAX_GAP = 2 * NANOSECONDS
 """Longest time without a pose during the drive [ns]."""
 
 
 class DriveLog(NamedTuple):
-    """A recorded drive. Its times count from the first command that moves the car."""
+    """A recorded drive."""
 
     name: str
     """The file that it comes from."""
@@ -179,3 +186,31 @@ def start_pose(log: DriveLog, delay: int) -> Pose:
     else:
         poses = log.poses[:1]
     return Pose(*poses.mean(axis=0).tolist())
+
+
+def compare(log: DriveLog, car: Car, delay: float) -> Drive:
+    """Compare a drive with what a car would have done from its start pose.
+
+    The last pose is the mean of the poses after the car has come to rest.
+
+    Args:
+        log: the drive.
+        car: of the prediction; its noise is not used.
+        delay: from a command to its effect on the pose [s].
+    """
+    car = car._replace(speed_noise=0.0, steering_noise=0.0)
+    stamps = log.stamps - from_seconds(delay)
+    plan = log.plan._replace(start=start_pose(log, from_seconds(delay)))
+    end, _ = rest(plan, car)
+    driven = log.poses.copy()
+    driven[:, 2] = np.unwrap(driven[:, 2])
+    is_after = stamps >= max(end, min(end + _SETTLED, stamps[-1]))
+    is_used = (stamps >= 0) & (stamps < end)
+    final = driven[is_after].mean(axis=0, keepdims=True) if is_after.any() else driven[:0]
+    stamps = np.append(stamps[is_used], [end] * len(final))
+    driven = np.vstack([driven[is_used], final])
+    states = states_at(plan, car, stamps.tolist())
+    predicted = np.array([state.pose for state in states], float)
+    turns = np.round((driven[0, 2] - predicted[0, 2]) / (2.0 * np.pi))
+    driven[:, 2] -= 2.0 * np.pi * turns
+    return Drive(stamps / NANOSECONDS, driven, predicted)

@@ -8,7 +8,7 @@ import pytest
 
 from mushr_ros_intro.car.model import Car
 from mushr_ros_intro.comparison import diagnosis
-from mushr_ros_intro.comparison.comparison import compare
+from mushr_ros_intro.comparison.drive_log import compare
 from mushr_ros_intro.stamps import NANOSECONDS
 from support.cars import plan_of
 from support.geometry import closed_form
