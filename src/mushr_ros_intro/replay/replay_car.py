@@ -1,7 +1,8 @@
 """The simulated car and its mux in a replay: they process messages when the world calls them."""
 
 import math
-from typing import Any, Deque, Dict, List, Sequence, Tuple
+from collections import deque
+from typing import Any, Deque, Dict, Optional, Tuple
 from xml.etree import ElementTree
 
 import rospy
@@ -9,7 +10,7 @@ from ackermann_msgs.msg import AckermannDriveStamped
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
 from tf2_msgs.msg import TFMessage
 
-from mushr_ros_intro.car.model import Car, Event, State
+from mushr_ros_intro.car.model import Car, State
 from mushr_ros_intro.car.odometry import Odometry
 from mushr_ros_intro.geometry import Pose
 from mushr_ros_intro.paths import package_folder
@@ -26,21 +27,38 @@ MUX = "/car/mux/ackermann_cmd_mux"
 
 
 class ReplayCar:
-    """The simulated car, which receives initial poses, commands and the map from the world."""
+    """The simulated car and its mux, which process messages when the world calls them."""
 
-    def __init__(self, car: Car, start: Pose, now: int, poses: Deque[Any]) -> None:
-        """Place the car at `start`; it appends the initial poses that it receives to `poses`."""
-        self._core = CarCore(car, start, now, rospy.logwarn_throttle)
+    def __init__(
+        self, car: Car, start: Pose, now: int, mux: Dict[str, Any], grid: Optional[Grid]
+    ) -> None:
+        """Place the car.
+
+        Args:
+            car: the car.
+            start: where it stands.
+            now: the time [ns].
+            mux: the configuration of the mux.
+            grid: the map, or None.
+        """
+        self.poses: Deque[PoseWithCovarianceStamped] = deque()
+        """The initial poses that have arrived."""
+        self.commands: Deque[Tuple[AckermannDriveStamped, Input]] = deque()
+        """The commands that have arrived, and from which input."""
+        self.core = CarCore(car, start, now, rospy.logwarn_throttle)
         self.publisher = StatePublisher(car, now, True, "car/", True)
+        if grid is not None:
+            self.publisher.world = World(grid, Footprint())
+            self.core.set_walls(self.publisher.world, now)
         frames = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         frames.publish(_fixed_frames(package_folder("urdf/mushr_car.urdf")))
         kind = PoseWithCovarianceStamped
-        rospy.Subscriber(INITIAL_POSES, kind, poses.append, tcp_nodelay=True)
-
-    def use_map(self, grid: Grid, now: int) -> None:
-        """Use a map from now on [ns]."""
-        self.publisher.world = World(grid, Footprint())
-        self._core.set_walls(self.publisher.world, now)
+        rospy.Subscriber(INITIAL_POSES, kind, self.poses.append, tcp_nodelay=True)
+        self._mux, config = Mux(True, rospy.logwarn), parse_config(mux)
+        self._topics = MuxTopics(MUX, config.publisher)
+        self._topics.subscribe(config.inputs, lambda *received: self.commands.append(received))
+        self.inputs = self._topics.inputs
+        """The subscribers of the mux, by topic."""
 
     def add_frames(self, odometry: str, base: str) -> None:
         """Publish the transforms with other names of the frames, too."""
@@ -50,13 +68,22 @@ class ReplayCar:
 
         self.publisher.add("/tf", TFMessage, convert)
 
-    def add(self, event: Event, now: int) -> None:
-        """Process an initial pose or a command."""
-        self._core.add(event, "a topic", now)
+    def process(self, msg: AckermannDriveStamped, source: Input, now: int) -> None:
+        """Process a command, or raise a MessageError; only the time on the clock counts."""
+        command = conversions.command_from_msg(msg)
+        stop, passes = self._mux.add(source, command.stamp, now, math.inf)
+        if stop is not None:
+            self._topics.stop(stop)
+        if passes:
+            self._topics.send(msg)
+            self.core.add(command, f"{MUX}/output", now)
+            self._topics.announce(self._mux.active)
 
-    def states_at(self, stamps: Sequence[int], now: int) -> List[State]:
-        """Return the states at instants [ns], which are reported now [ns]."""
-        return self._core.states(stamps, now)
+    def expire(self, now: int) -> None:
+        """Send a stop if the last live input has expired."""
+        stop = self._mux.expire(now, math.inf)
+        if stop is not None:
+            self._topics.stop(stop)
 
 
 def _fixed_frames(path: str) -> TFMessage:
@@ -71,44 +98,3 @@ def _fixed_frames(path: str) -> TFMessage:
         frame.transform.rotation.w = 1.0
         msg.transforms.append(frame)
     return msg
-
-
-class ReplayMux:
-    """The mux, which the world calls, and which gives its output to the car."""
-
-    def __init__(
-        self,
-        parameters: Dict[str, Any],
-        commands: Deque[Tuple[AckermannDriveStamped, Input]],
-        car: ReplayCar,
-    ) -> None:
-        """Subscribe to the inputs.
-
-        Args:
-            parameters: the configuration.
-            commands: the mux appends to it what it receives, and from which input.
-            car: the car.
-        """
-        self._car = car
-        self._core = Mux(True, rospy.logwarn)
-        config = parse_config(parameters)
-        self._topics = MuxTopics(MUX, config.publisher)
-        self._topics.subscribe(config.inputs, lambda *received: commands.append(received))
-        self.inputs = self._topics.inputs
-
-    def process(self, msg: AckermannDriveStamped, source: Input, now: int) -> None:
-        """Process a command, or raise a MessageError; only the time on the clock counts."""
-        command = conversions.command_from_msg(msg)
-        stop, passes = self._core.add(source, command.stamp, now, math.inf)
-        if stop is not None:
-            self._topics.stop(stop)
-        if passes:
-            self._topics.send(msg)
-            self._car.add(command, now)
-            self._topics.announce(self._core.active)
-
-    def expire(self, now: int) -> None:
-        """Send a stop if the last live input has expired."""
-        stop = self._core.expire(now, math.inf)
-        if stop is not None:
-            self._topics.stop(stop)

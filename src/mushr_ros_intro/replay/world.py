@@ -8,9 +8,8 @@ here. So the node cannot change the recording, nor move the car by other means.
 import os
 import threading
 import time
-from collections import deque
 from contextlib import suppress
-from typing import Any, Callable, Deque, Dict, Iterator, List, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Optional
 
 import numpy as np
 import rospy
@@ -32,7 +31,7 @@ from mushr_ros_intro.replay.path_delivery import PathDelivery
 from mushr_ros_intro.replay.received import CONTROL, Received
 from mushr_ros_intro.replay.recording import Recorded
 from mushr_ros_intro.replay.reference import Exercise, Reference
-from mushr_ros_intro.replay.replay_car import MUX, ReplayCar, ReplayMux
+from mushr_ros_intro.replay.replay_car import MUX, ReplayCar
 from mushr_ros_intro.ros import conversions, ros_time, rospy_fixes
 from mushr_ros_intro.simulator.mux import Input, full_topic
 from mushr_ros_intro.stamps import COMMAND_PERIOD, NANOSECONDS, from_seconds
@@ -101,19 +100,16 @@ class ReplayWorld:
         self._grid = grid
         self.due_times = DueTimes()
         self._pending: Iterator[int] = iter(())  # the messages of this instant that are not sent
-        self._poses: Deque[PoseWithCovarianceStamped] = deque()
-        self._commands: Deque[Tuple[AckermannDriveStamped, Input]] = deque()
 
         self._master = GuardedMaster()
         _join(self._master.serve(), parameters, mux)
         rospy_fixes.set_time(START)
         self._clock = rospy.Publisher("/clock", Clock, queue_size=10_000, tcp_nodelay=True)
         rospy.on_shutdown(lambda: self._master.record(f"shuts down the node {CAR}"))
-        self._car = ReplayCar(car, reference.start if reference else ORIGIN, START, self._poses)
+        begin = reference.start if reference else ORIGIN
+        self._car = ReplayCar(car, begin, START, mux, grid)
         if grid is not None:
             _offer_map(grid)
-            self._car.use_map(grid, START)
-        self._mux = ReplayMux(mux, self._commands, self._car)
         self._delivery: Optional[PathDelivery] = None  # of the path
         if reference:
             self._delivery = PathDelivery(reference, START, self._master.services.map)
@@ -143,7 +139,7 @@ class ReplayWorld:
             return WALL_CLOCK
         recent = self.received.commands[-MAX_RATE:]
         is_fast = len(recent) == MAX_RATE and recent[-1].arrived - recent[0].arrived < NANOSECONDS
-        if is_fast or len(self._commands) > MAX_RATE:
+        if is_fast or len(self._car.commands) > MAX_RATE:
             return f"the node sends more than {MAX_RATE} commands per second; expected ten"
         return ""
 
@@ -227,12 +223,13 @@ class ReplayWorld:
 
     def _process(self, pace: Optional[Pace] = None) -> bool:
         """Process the messages that have arrived; return whether there were any."""
-        count = len(self._poses) + len(self._commands)
+        poses, commands = self._car.poses, self._car.commands
+        count = len(poses) + len(commands)
         self.count += count
-        while self._poses:
-            self._on_initial_pose(self._poses.popleft())
-        while self._commands:
-            self._on_command(*self._commands.popleft())
+        while poses:
+            self._on_initial_pose(poses.popleft())
+        while commands:
+            self._on_command(*commands.popleft())
             if pace:
                 pace.heard()
         return count > 0
@@ -248,9 +245,9 @@ class ReplayWorld:
         reports = range(self.now - self.now % period + period, end + 1, period)
         for self.now in [*reports, end]:
             rospy_fixes.set_time(self.now)
-            self._mux.expire(self.now)
+            self._car.expire(self.now)
         if reports:
-            states = self._car.states_at(reports, self.now)
+            states = self._car.core.states(reports, self.now)
             self.states += states
             yield from self._car.publisher.publish_each(states)
             if self._delivery:
@@ -260,7 +257,7 @@ class ReplayWorld:
 
     def describe_end(self, process: NodeProcess) -> str:
         """Receive the last messages of a node that has ended; return why it failed, "" if not."""
-        wait_until_closed(self._mux.inputs[CONTROL].get_num_connections, self._others.are_waiting)
+        wait_until_closed(self._car.inputs[CONTROL].get_num_connections, self._others.are_waiting)
         self._process()
         fault = process.describe_failure()
         if fault or self.received.commands:
@@ -315,7 +312,8 @@ class ReplayWorld:
         if action := self.received.add_initial_pose(msg, self.now):
             self._master.record(action)
         with suppress(conversions.MessageError):
-            self._car.add(conversions.initial_pose_from_msg(msg), self.now)
+            event = conversions.initial_pose_from_msg(msg)
+            self._car.core.add(event, INITIAL_POSES, self.now)
 
     def _on_command(self, msg: AckermannDriveStamped, source: Input) -> None:
         """Record a command, and give it to the mux."""
@@ -327,7 +325,7 @@ class ReplayWorld:
         else:
             self._master.record(f"publishes on {topic}")
         with suppress(conversions.MessageError):
-            self._mux.process(msg, source, self.now)
+            self._car.process(msg, source, self.now)
 
 
 def wait_until_closed(is_open: Callable[[], Any], are_waiting: Callable[[], bool]) -> None:
