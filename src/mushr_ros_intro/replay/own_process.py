@@ -35,10 +35,6 @@ class KilledError(ReplayError):
     """The process of a replay was killed, or has run out of memory."""
 
 
-_LATE_MODULES = ("configparser", "encodings.idna", "netifaces")
-"""Modules that rospy imports when a node starts."""
-
-
 def prepared_processes() -> multiprocessing.context.ForkServerContext:
     """Return the context of processes that are forks of one prepared process.
 
@@ -49,7 +45,7 @@ def prepared_processes() -> multiprocessing.context.ForkServerContext:
     context = multiprocessing.get_context("forkserver")
     # The list is a copy, because another thread may import a module.
     modules = [name for name in list(sys.modules) if name.startswith("mushr_ros_intro.")]
-    context.set_forkserver_preload([*modules, *_LATE_MODULES])
+    context.set_forkserver_preload(modules)
     return context
 
 

@@ -137,12 +137,6 @@ class Pace:
             self.uses_wall_clock |= self._still is not None
         self._has_sent, self._still = True, None
 
-    @property
-    def has_received(self) -> bool:
-        """Whether the node waits, and has received the last message."""
-        usages = self._node.usages
-        return self._is_waiting and (not self._written or usages is not self._before.usages)
-
     def advance(
         self, now: int, left: Optional[int], due: Optional[int], in_real_time: bool = False
     ) -> Optional[int]:
@@ -174,7 +168,8 @@ class Pace:
     def _step(self, left: Optional[int], due: Optional[int]) -> Optional[int]:
         """Return by how much the clock advances [ns]; arguments as for `advance`."""
         now = self._now
-        if not self.has_received:
+        has_received = not self._written or now.usages is not self._before.usages
+        if not (self._is_waiting and has_received):
             return self._poll(now)
         self._thinking = MAX_COMPUTATION
         if not self._has_sent and now.waited - self._quiet_since <= SETTLING:

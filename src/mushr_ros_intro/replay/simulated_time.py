@@ -337,11 +337,6 @@ def time_of_waits() -> float:
     return time.monotonic() + late if is_simulated() else real_monotonic()
 
 
-def time_of_messages() -> float:
-    """Return the time with which `rospy.wait_for_message` measures its timeout [s]."""
-    return real_time() if is_child else read() / 1e9
-
-
 def wait(condition: Any, timeout: Optional[float] = None) -> bool:
     """Wait, as `threading.Condition.wait`."""
     if timeout is None or timeout <= 0.0 or not is_simulated():
@@ -466,7 +461,8 @@ def simulate() -> None:
     for ending in ("", "_ns"):
         simulate_clock_gettime(ending)
     datetime.datetime, Datetime.__name__ = Datetime, "datetime"  # type: ignore
-    rospy.client.time = SimpleNamespace(time=time_of_messages)
+    # For the timeout of rospy.wait_for_message.
+    rospy.client.time = SimpleNamespace(time=lambda: real_time() if is_child else read() / 1e9)
     threading._time = queue.time = time_of_waits  # type: ignore
     threading.Condition.wait = wait  # type: ignore
     queue.SimpleQueue = queue._PySimpleQueue  # type: ignore # the other one is in C
