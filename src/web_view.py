@@ -187,10 +187,9 @@ class WebView:
         }
         try:
             services = rosapi.services()
-            is_simulated = f"{car}/reset" in services and is_alive(car)
-            values = simulated_car_parameters(self._car_name) if is_simulated else Parameters({})
+            values = simulated_car_parameters(self._car_name, must_run=True)
             seen.update(plans.car_limits(values), holds_clock=f"{car}/pause" in services)
-            seen["has_car"] = is_simulated
+            seen["has_car"] = bool(values)
             self._drive.look(services, self._folders)
             active = f"/{self._car_name}/mux/ackermann_cmd_mux/active"
             seen["has_mux"] = any(map(is_alive, registered_nodes(active, "publishers")))
