@@ -7,7 +7,7 @@ a drive begins with the first such command.
 import itertools
 from bisect import bisect_right
 from collections import deque
-from typing import Deque, Iterable, List, NamedTuple, Optional, Sequence, Set, Union
+from typing import Deque, Iterable, List, NamedTuple, Optional, Sequence, Set
 
 from mushr_ros_intro.car.model import Command, State
 from mushr_ros_intro.geometry import Pose
@@ -30,11 +30,16 @@ class Report(NamedTuple):
 
 
 class Run(NamedTuple):
-    """Consecutive commands with the same speed and steering angle."""
+    """Consecutive commands, or rows of a plan, with the same speed and steering angle."""
 
     speed: float
     steering_angle: float
     begin: int
+    """A stamp; of rows, the time from the begin of the plan [ns]."""
+    end: int = 0
+    """The same, of rows."""
+    lines: str = ""
+    """Of rows, for messages, such as lines 2 to 12."""
 
     @property
     def moves(self) -> bool:
@@ -42,27 +47,15 @@ class Run(NamedTuple):
         return bool(self.speed or self.steering_angle)
 
 
-class Section(NamedTuple):
-    """Consecutive rows of a plan with the same speed and steering angle."""
-
-    speed: float
-    steering_angle: float
-    begin: int
-    """Time from the begin of the plan [ns]."""
-    end: int
-    lines: str
-    """For messages, such as lines 2 to 12."""
-
-
-def sections_of(plan: Plan) -> List[Section]:
-    """Return the sections of a plan."""
+def sections_of(plan: Plan) -> List[Run]:
+    """Return the rows of a plan as runs."""
     sections, begin = [], 0
     for (speed, angle), group in itertools.groupby(plan.rows, key=lambda row: row[:2]):
         rows = list(group)
         end = begin + sum(row.duration for row in rows)
         first, last = rows[0].line, rows[-1].line
         lines = f"line {first}" if first == last else f"lines {first} to {last}"
-        sections.append(Section(speed, angle, begin, end, lines))
+        sections.append(Run(speed, angle, begin, end, lines))
         begin = end
     return sections
 
@@ -160,11 +153,11 @@ class PlannedDrive:
         self.drive = drive
         self._ends = list(itertools.accumulate(row.duration for row in plan.rows))
         sections = sections_of(plan)
-        is_late = not (sections[0].speed or sections[0].steering_angle)
+        is_late = not sections[0].moves
         self._sections = sections[is_late:]
         self.begin = drive.first - (sections[0].end if is_late else 0)
         """When the plan begins; it may begin with a row in which the car stands."""
-        stops = [each for each in sections if not (each.speed or each.steering_angle)]
+        stops = [each for each in sections if not each.moves]
         self.longest_stop = max((each.end - each.begin for each in stops), default=0)
         """The longest time for which the car stands within the plan."""
         is_stop = bool(stops) and stops[-1] is sections[-1]
@@ -214,7 +207,7 @@ class PlannedDrive:
         runs = self.drive.runs
         is_same = all(part[:2] == run[:2] for part, run in zip(self._sections, runs))
         left = self._sections[len(runs) :]
-        if is_same and any(each.speed or each.steering_angle for each in left):
+        if is_same and any(each.moves for each in left):
             return False
         return self.drive.newest + 2 * COMMAND_PERIOD >= self.begin + self._moving_end
 
@@ -247,7 +240,7 @@ class PlannedDrive:
         return ""
 
 
-def shown(command: "Union[Run, Section]") -> str:
+def shown(command: Run) -> str:
     """Return a speed and a steering angle for messages."""
     speed, angle = map(shortest_decimal, command[:2])
     return f"{speed:g} m/s, {angle:g} rad"
