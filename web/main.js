@@ -73,9 +73,6 @@ function onState(state) {
   const isFirst = !server.state;
   const lastDrive = server.state?.drive;
   const last = checked;
-  // What was published for another car does not belong to this one.
-  if (server.state && state.car !== server.state.car)
-    view.set({ predicted: [] });
   server.state = state;
   checked = JSON.stringify([state.plans, state.map, state.car, state.has_car]);
   updateDrive(state.drive);
