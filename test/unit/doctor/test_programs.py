@@ -11,7 +11,6 @@ from mushr_ros_intro.doctor.programs import program_findings
     "text, mode, words",
     [
         ("import rospy\nrospy.init_node('a')\n", 0o755, "does not start with a shebang line. Make"),
-        ("if __name__ == '__main__':\n    pass\n", 0o755, "does not start with a shebang line"),
         ("#!/usr/bin/env no_such_python\n", 0o755, "interpreter 'no_such_python', which is not"),
         ("#!/no/such/python\n", 0o755, "interpreter '/no/such/python'"),
         ("#!/no/such/env python3\n", 0o755, "interpreter '/no/such/env'"),
@@ -137,14 +136,11 @@ def test_files_that_hide_nothing(tmp_path):
         ("drive.py", "#!/usr/bin/python3 -u\n"),
         ("drive", "#! /usr/bin/env -S python3 -u\n"),
         ("module.py", "import math\n"),
-        ("notes.txt", "#1 init_node()\n"),
         ("setup.py", "if __name__ == '__main__':\n    pass\n"),
         (
             "drive.py",
             "#!/usr/bin/python3\ntry:\n    import faster\nexcept ImportError:\n    pass\n",
         ),
-        ("drive.py", "#!/usr/bin/python3\nimport rospy\nrospy.init_node('a')\nrospy.spin()\n"),
-        ("drive.py", "#!/usr/bin/python3\nimport rospy\nprint(rospy.Time(1))\n"),
         ("drive.py", "#!/usr/bin/python3\nfrom os import path\nfrom concurrent import futures\n"),
         ("drive.py", "#!/usr/bin/python3\nfrom mushr_ros_intro.ros import node\n"),
     ],
