@@ -59,13 +59,6 @@ def fetch(port, path, method="GET", body=None, headers=None):
         return answer.status, answer.headers, b"" if answer.status == 101 else answer.read()
 
 
-def planar(pose):
-    """Return the (x, y, theta) of a pose in JSON."""
-    turn = pose["orientation"]
-    theta = 2.0 * math.atan2(turn["z"], turn["w"])
-    return pose["position"]["x"], pose["position"]["y"], math.remainder(theta, math.tau)
-
-
 def is_near(pose, other):
     """Return whether two (x, y, theta) agree as exactly as the package promises."""
     is_there = math.dist(pose[:2], other[:2]) < POSITION_TOLERANCE
@@ -139,14 +132,6 @@ class Client:
         """Return the stamps [ns] of the next poses."""
         stamps = (self.message(POSE)["header"]["stamp"] for _ in range(count))
         return [stamp["secs"] * 10**9 + stamp["nsecs"] for stamp in stamps]
-
-    def place(self, pose):
-        """Place the car, and wait until it is there; needs a subscription of the pose."""
-        x, y, theta = pose
-        turn = {"z": math.sin(theta / 2.0), "w": math.cos(theta / 2.0)}
-        values = {"pose": {"position": {"x": x, "y": y}, "orientation": turn}}
-        self.send("publish", topic="/initialpose", msg={"pose": values})
-        self.message(POSE, lambda msg: is_near(planar(msg["pose"]), pose), f"at {pose}")
 
     def close(self):
         self._socket.close()
