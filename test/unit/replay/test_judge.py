@@ -103,33 +103,40 @@ def test_a_module_that_is_missing_on_this_machine_is_noted():
         assert verdict.count("nor on the machine that ran the node; if nodes may") == count
 
 
+def no_start(published):
+    """Return the changes of a drive whose node sent no start pose, but published on a topic."""
+    return {"start": None, "published": (published,)}
+
+
 @pytest.mark.parametrize(
     ("changes", "name", "message"),
     [
         ({"outcome": "it crashed"}, "node", "it crashed"),
         ({"actions": ("publishes on /clock",)}, "topics", "the node publishes on /clock; expected"),
         (
-            {
-                "start": None,
-                "published": ((CONTROL, COMMANDS_TYPE), ("/rosout", "rosgraph_msgs/Log")),
-            },
+            no_start((CONTROL, COMMANDS_TYPE)),
             "start_pose",
-            f"the node publishes {CONTROL}, not /initialpose (only this node is run, no other nod",
+            f"the node publishes {CONTROL}, not /initialpose",
         ),
         (
-            {"start": None, "published": (("/initialpose", "geometry_msgs/PoseStamped"),)},
+            no_start(("/rosout", "rosgraph_msgs/Log")),
             "start_pose",
-            "publishes geometry_msgs/PoseStamped on /initialpose, not geometry_msgs/PoseWithCov",
+            "the node publishes nothing, not /initialpose",
         ),
         (
-            {"start": None, "published": (("/initialpose", POSE_TYPE),)},
+            no_start(("/initialpose", "a/B")),
             "start_pose",
-            "or sent it before this topic was connected: wait until its get_num_connections()",
+            "publishes a/B on /initialpose, not geom",
+        ),
+        (
+            no_start(("/initialpose", POSE_TYPE)),
+            "start_pose",
+            "wait until its get_num_connections(",
         ),
         (
             {"start": None, "start_delay": 12 * TENTH},
             "start_pose",
-            "the node sent its start pose 1.20 s after the first command to drive; expected (1.0",
+            "1.20 s after the first command",
         ),
         ({"start": Pose(1, 2.002, 0.5)}, "start_pose", "start pose (1.0000 m, 2.0020 m"),
         ({"start": Pose(1, 2, 0.502)}, "start_pose", "2.0000 m, 0.5020 rad); expected"),
@@ -140,9 +147,8 @@ def test_a_module_that_is_missing_on_this_machine_is_noted():
         ({"start": Pose(1, 2, -0.5)}, "start_pose", "Perhaps theta has the wrong sign"),
         ({"start": Pose(1, 2, 0)}, "start_pose", "Perhaps theta is not used"),
         (
-            {"start": Pose(math.nan, 2, 0.5), "ignored": "a message on /initialpose: x is nan"},
-            "start_pose",
-            "ignored a message on /initialpose: x is nan; the plan starts at (1.0000 m, 2.0000",
+            {"start": Pose(math.nan, 2, 0.5), "ignored": "a message: x is nan"},
+            *("start_pose", "ignored a message: x is nan; the plan starts at (1.0000 m, 2.0000"),
         ),
         ({"collisions": (Pose(3, 2, 0),)}, "map", "a wall at (3.0000 m, 2.0000 m"),
         ({"grid": map_of(7, 20, Pose(-5, -5, 0))}, "map", "left the map at (2.0"),
@@ -329,31 +335,19 @@ ROW = "commands: row 1 (1 s): received "
         (scaled(1, -1), ROW + "2 m/s, -0.1 rad; expected 2 m/s, 0.1 rad. All steering angles have"),
         (SWAPPED, ROW + "0.1 m/s, 2 rad; expected 2 m/s, 0.1 rad. Speed and steering angle are sw"),
         (scaled(1, math.degrees(1)), "expected 2 m/s, 0.1 rad. All steering angles are in degrees"),
-        (
-            scaled(1, math.radians(1)),
-            "All steering angles are converted from degrees; those of the",
-        ),
+        (scaled(1, math.radians(1)), "All steering angles are converted from degrees; those of"),
         (scaled(1, 0.25), "expected 2 m/s, 0.1 rad. All steering angles are 0.25 times those of"),
         (scaled(0.5, 1), "expected 2 m/s, 0.1 rad. All speeds are 0.5 times those of the plan\n"),
         (scaled(2, -1), "All speeds are 2 times those of the plan. All steering angles have the"),
         ([COMMANDS[-1]], ROW + "0 m/s, 0 rad; expected 2 m/s, 0.1 rad. All speeds are 0"),
         (COMMANDS[:10], "commands: no command after row 1; expected rows 2 to 3 (0.75 s)"),
-        (
-            changed(len(COMMANDS) - 1, speed=3.0),
-            "after the plan the node sent 3 m/s, 0 rad; expected only a stop (does the node repeat",
-        ),
+        (changed(len(COMMANDS) - 1, speed=3.0), "after the plan the node sent 3 m/s, 0 rad;"),
         (
             [*COMMANDS, *COMMANDS],
             "after the plan the node sent 0 m/s, 0 rad and 2 m/s, 0.1 rad; expected only a stop (d",
         ),
-        (
-            changed(3, speed=math.inf),
-            "commands: rows 2 to 3 (0.75 s): received inf m/s, 0.1 rad; expec",
-        ),
-        (
-            changed(3, steering_angle=math.nan),
-            "commands: rows 2 to 3 (0.75 s): received 2 m/s, nan rad; expec",
-        ),
+        (changed(3, speed=math.inf), "commands: rows 2 to 3 (0.75 s): received inf m/s, 0.1 rad;"),
+        (changed(3, steering_angle=math.nan), "rows 2 to 3 (0.75 s): received 2 m/s, nan rad;"),
     ],
 )
 def test_commands(sent, said):
@@ -412,20 +406,8 @@ def test_a_symmetric_plan_does_not_tell_two_mistakes_apart():
     assert failed["commands"].endswith("turns left, or the rows are in reverse order")
 
 
-def backwards(rows):
-    return rows[::-1]
-
-
 def mirrored(rows):
     return [(speed, -angle, seconds) for speed, angle, seconds in rows]
-
-
-def in_degrees(rows):
-    return [(speed, math.degrees(angle), seconds) for speed, angle, seconds in rows]
-
-
-def swapped(rows):
-    return [(angle, speed, seconds) for speed, angle, seconds in rows]
 
 
 def without_reverse(rows):
@@ -435,7 +417,6 @@ def without_reverse(rows):
 @pytest.mark.parametrize(
     ("mistake", "end"),
     [
-        (backwards, ". The rows are in the wrong order"),
         (
             lambda rows: [(1, -2, 1), *rows],
             ". The first command is the start pose, which is the first line of the plan",
@@ -446,13 +427,10 @@ def without_reverse(rows):
         ),
         (lambda rows: rows[2:], ". The first rows are missing"),
         (lambda rows: rows[:-1], ". The last rows are missing"),
-        (mirrored, ". All steering angles have the wrong sign; positive turns left"),
         (
             lambda rows: [*rows[:2], *mirrored(rows[2:])],
             ". From this row on, all steering angles have the wrong sign",
         ),
-        (in_degrees, ". All steering angles are in degrees; expected radians"),
-        (swapped, ". Speed and steering angle are swapped in all commands"),
         (without_reverse, "row 4 (1 s): received 1 m/s, 0.3 rad; expected -1 m/s, 0.3 rad"),
     ],
 )
@@ -477,12 +455,6 @@ def test_the_start_pose_is_right_although_the_first_command_is_wrong():
     turned = seen.poses + np.outer(stamps > BEGIN, (0.0, 0.0, 1.0))
     failed, verdict = judged(seen._replace(stamps=stamps, poses=turned))
     assert set(failed) == {"final_pose"}, verdict
-
-
-def test_what_was_not_judged_is_said():
-    failed, _ = judged(replay(sent=COMMANDS[:10]))
-    reason = "the commands of rows 2 to 3 (0.75 s) did not arrive in the plan's order"
-    assert failed["rate"] == f"not judged: {reason}"
 
 
 BORDER = [(2.0, 0.1, 1.1), (1.0, -0.1, 0.65), STOP]
@@ -670,11 +642,10 @@ def test_a_limit_in_a_command_is_noted():
     ("part", "shift", "messages"),
     [
         (
-            slice(None),
-            (0.5, 0.0, 0.0),
+            *(slice(None), (0.5, 0.0, 0.0)),
             {
-                "start_pose": "the car started at (1.5000 m, 2.0000 m, 0.5000 rad), 0.5 m and "
-                "0 rad from the expected (1.0000 m, 2.0000 m, 0.5000 rad); tolerances 0.401 m",
+                "start_pose": "(1.5000 m, 2.0000 m, 0.5000 rad), 0.5 m and 0 rad from the expected "
+                "(1.0000 m, 2.0000 m, 0.5000 rad); tolerances 0.401 m",
                 "path": "by up to 0.5 m from the predicted path; tolerance 0.401 m",
                 "final_pose": "tolerances 0.401 m and 0.123 rad",
             },
