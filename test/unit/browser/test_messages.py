@@ -68,6 +68,10 @@ def test_stamps(header, stamp):
     assert stamp == {"secs": got.secs, "nsecs": got.nsecs}
 
 
+def at_x(value):
+    return {"pose": {"pose": {"position": {"x": value}}}}
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [
@@ -79,9 +83,9 @@ def test_stamps(header, stamp):
         ({"header": {"stamp": {"secs": -5}}}, ""),
         ({"header": {"stamp": {"nsecs": "5"}}}, ""),
         ({"pose": {"covariance": [1]}}, "Field [pose.covariance] has incorrect number of"),
-        ({"pose": {"pose": {"position": {"x": "1"}}}}, "field pose.pose.position.x must be float"),
-        ({"pose": {"pose": {"position": {"x": None}}}}, "field pose.pose.position.x must be float"),
-        ({"pose": {"pose": {"position": {"x": 10**400}}}}, ""),
+        (at_x("1"), "field pose.pose.position.x must be float"),
+        (at_x(None), "field pose.pose.position.x must be float"),
+        (at_x(10**400), ""),
         ({"pose": {"covariance": [0.0] * 35 + ["a"]}}, "field pose.covariance[] must be float"),
     ],
 )
