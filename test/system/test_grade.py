@@ -80,48 +80,26 @@ def test_the_name_of_the_machine_does_not_resolve(tmp_path):
 
 
 NODE = ("--node", "mushr_ros_intro", "path_publisher.py")
+FOLLOW = (PACKAGE, "--follow", "wave", "--out", "/nowhere/out")
 
 
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
-        (("figure_8", *NODE, "--remap", "control"), 2, "expected --remap FROM:=TO"),
-        (("figure_9", *NODE), 2, "did you mean figure_8?"),
-        (
-            ("figure_8", "--node", "mushr_ros_intro", "nothing.py"),
-            2,
-            "there is no node 'nothing.py'",
-        ),
-        (
-            ("figure_8", "--node", "mushr_ros_intro", "path_publisher"),
-            2,
-            "no node 'path_publisher' in the package 'mushr_ros_intro'; did you mean path_publ",
-        ),
-        (
-            ("figure_8", "--node", "mushr_ros_into", "path_publisher.py"),
-            2,
-            "; did you mean mushr_ros_intro? Is its workspace sourced",
-        ),
+        (("figure_8", *NODE[:2], "nothing.py"), 2, "there is no node 'nothing.py'"),
+        (("figure_8", *NODE[:2], "path_publisher"), 2, "did you mean path_publisher.py"),
+        (("figure_8", "--node", "mushr_ros_into", "a.py"), 2, "; did you mean mushr_ros_intro?"),
         (("figure_8", *NODE, "--jobs", "1"), 2, "--jobs needs submissions"),
         (("figure_8", *NODE, "--points", "/nowhere.yaml"), 2, "/nowhere.yaml"),
         (("figure_8",), 2, "expected PLAN... --node PACKAGE FILE, or"),
-        (("figure_8", *NODE, "--car", "fiat"), 2, "car is 'fiat'; expected one of ideal"),
         (("figure_8", *NODE, "--car", "nano"), 2, f"{max(CARS)}; did you mean mushr_nano?"),
         (("--merge", "/nowhere", "--out", "/nowhere"), 2, "/nowhere: not the output of grade.py"),
         (("/nowhere", "--plans", "figure_8", "--out", "/proc/x"), 3, "/proc/x"),
         ((PACKAGE, "--plans", "figure_8", "--out", f"{PACKAGE}/new"), 2, "which is graded; exp"),
         (("figure_8", *NODE, "--out", "/dev/null"), 2, "--out: /dev/null is not a folder"),
         (("/nowhere", "--out", "out"), 2, "or SUBMISSION... --plans PLAN... --out FOLDER"),
-        (
-            (PACKAGE, "--follow", "wave", "--out", "/nowhere/out", "--params", "/a.yaml"),
-            2,
-            "found --params '/a.yaml'; expected the path of a file in a submission",
-        ),
-        (
-            (PACKAGE, "--follow", "wave", "--out", "/nowhere/out", "--params", "a/../../a.yaml"),
-            2,
-            "expected the path of a file in a submission",
-        ),
+        ((*FOLLOW, "--params", "/a.yaml"), 2, "found --params '/a.yaml'; expected the path of a"),
+        ((*FOLLOW, "--params", "a/../../a.yaml"), 2, "expected the path of a file in a submission"),
     ],
 )
 def test_usage(monkeypatch, capsys, arguments, status, message):

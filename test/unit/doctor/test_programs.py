@@ -6,6 +6,8 @@ import pytest
 
 from mushr_ros_intro.doctor.programs import program_findings
 
+START = "#!/usr/bin/python3\n"
+
 
 @pytest.mark.parametrize(
     "text, mode, words",
@@ -18,31 +20,22 @@ from mushr_ros_intro.doctor.programs import program_findings
         (" #!/usr/bin/python3\n", 0o755, "has blanks or empty lines before '#!'. Delete"),
         ("\n#!/usr/bin/python3\n", 0o755, "has blanks or empty lines before '#!'. Delete"),
         ("#!/bin/bash\n", 0o755, "interpreter '/bin/bash', which is not Python. Make its first"),
-        (
-            "#!/usr/bin/python3\r\n",
-            0o755,
-            r"has Windows line ends (CRLF), so its first line does n",
-        ),
+        ("#!/usr/bin/python3\r\n", 0o755, r"has Windows line ends (CRLF), so its first line does"),
         ("\ufeff#!/usr/bin/python3\n", 0o755, r"a byte order mark, so its first line does not"),
         ("#!/usr/bin/python3\n# \udcfc\n", 0o755, "is not UTF-8 in line 2. Save it as UTF-8"),
         ("#!/usr/bin/python3\nprint(\n", 0o755, "has a syntax error in line 2: "),
         ("#!/usr/bin/python3\nprint 'a'\n", 0o755, ". Correct this line, or the one before it"),
         ("#!/usr/bin/python3\n", 0o644, "is not executable. Type: chmod +x '"),
         (
-            "#!/usr/bin/python3\nimport no_such\n",
-            0o755,
+            *("#!/usr/bin/python3\nimport no_such\n", 0o755),
             "imports no_such in line 2, but Python does not find this module. Correct the name, or "
             "install the module; for one of ROS, type: sudo apt-get install python3-no-such",
         ),
+        (f"{START}from ackerman_msgs.msg import Drive\n", 0o755, "Did you mean ackermann_msgs?"),
         (
-            "#!/usr/bin/python3\nfrom ackerman_msgs.msg import AckermannDrive\n",
+            f"{START}import tf.transformation\n",
             0o755,
-            "but Python does not find this module. Did you mean ackermann_msgs?",
-        ),
-        (
-            "#!/usr/bin/python3\nimport tf.transformation\n",
-            0o755,
-            "but Python does not find this module. Correct the name",
+            "does not find this module. Correct the name",
         ),
     ],
 )

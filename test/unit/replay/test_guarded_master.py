@@ -20,37 +20,19 @@ REGISTERS = f"registers or unregisters the node {CAR}"
 POSES = "geometry_msgs/PoseStamped"
 SERVICE = "rosrpc://localhost:1"
 
+POSE = "/car/car_pose"
+
 ACTIONS = [
     # A call, how it is recorded, and whether it is refused.
-    (
-        ("registerPublisher", "/student", "/car/car_pose", POSES, API),
-        "publishes on /car/car_pose",
-        0,
-    ),
-    (
-        ("registerPublisher", "/car/student", "car_pose", POSES, API),
-        "publishes on /car/car_pose",
-        0,
-    ),
-    (
-        ("registerPublisher", CAR, "/other", POSES, API),
-        REGISTERS,
-        1,
-    ),
+    (("registerPublisher", "/student", POSE, POSES, API), f"publishes on {POSE}", 0),
+    (("registerPublisher", "/car/student", "car_pose", POSES, API), f"publishes on {POSE}", 0),
+    (("registerPublisher", CAR, "/other", POSES, API), REGISTERS, 1),
     (("registerPublisher", "car/car_sim", "/other", POSES, API), REGISTERS, 1),
-    (
-        ("unregisterSubscriber", CAR, "/commands", API),
-        REGISTERS,
-        1,
-    ),
+    (("unregisterSubscriber", CAR, "/commands", API), REGISTERS, 1),
     (("unregisterService", CAR, STEP, SERVICE), REGISTERS, 1),
     (("lookupService", "/student", STEP), f"calls the service {STEP}", 1),
     (("lookupService", CAR, "~step"), f"calls the service {STEP}", 1),
-    (
-        ("registerService", "/student", STEP, SERVICE, API),
-        f"offers the service {STEP}",
-        1,
-    ),
+    (("registerService", "/student", STEP, SERVICE, API), f"offers the service {STEP}", 1),
     (("setParam", "/student", "/car/car_sim/a", 1), "changes the parameter /car/car_sim/a", 1),
     (("setParam", "/student", "/car/car_sim", {}), "changes the parameter /car/car_sim", 1),
     (("setParam", "/car/student", "car_sim/a", 1), "changes the parameter /car/car_sim/a", 1),
