@@ -22,9 +22,9 @@ from mushr_ros_intro.paths import find_file
 from mushr_ros_intro.plan.parse import read_plan
 from mushr_ros_intro.plan.plan import Plan
 from mushr_ros_intro.preview.prediction import legs_of, trajectory
-from mushr_ros_intro.preview.walls import map_fault
+from mushr_ros_intro.preview.walls import fault_at, map_fault, start_fault, with_fence
 from mushr_ros_intro.stamps import NANOSECONDS, from_seconds
-from mushr_ros_intro.world.footprint import BODY, is_free, on_map
+from mushr_ros_intro.world.footprint import Footprint, free_distance
 from mushr_ros_intro.world.grid import Grid
 
 COLUMNS = {
@@ -43,9 +43,6 @@ MIN_SPEED = 0.1
 
 STEP = 0.05
 """Distance between the points of a resampled path [m]."""
-
-WALL_STEP = 0.01
-"""The same of a path that is checked against the walls of a map [m]."""
 
 
 class Reference(NamedTuple):
@@ -110,14 +107,25 @@ def refuse_walls(
 
 def _map_fault(reference: Reference, grid: Grid) -> str:
     """Return where a car on a path hits a wall or leaves the map; "" if it does not."""
-    for number, row in enumerate(resampled(np.array(reference.poses), WALL_STEP)):
-        pose = Pose(*row)
-        is_on_map = on_map(grid, BODY, pose)
-        if not (is_on_map and is_free(grid, BODY, pose)):
-            what = "hits a wall" if is_on_map else "leaves the map"
-            where = f"after {number * WALL_STEP:.2f} m, at ({pose.x:.2f} m, {pose.y:.2f} m)"
-            return f"{reference.path}: a car on the path {what} {where}"
-    return ""
+    place = f"{reference.path}: "
+    if fault := start_fault(grid, reference.start):
+        x, y, theta = reference.start
+        return f"{place}{fault}, at ({x:.2f} m, {y:.2f} m, {theta:.2f} rad)"
+    poses = np.array(reference.poses)
+    along = lengths(poses[:, :2])
+    columns = (*poses.T[:2], np.unwrap(poses.T[2]))
+
+    def pose_at(distance: float) -> Pose:
+        return Pose(*(float(np.interp(distance, along, each)) for each in columns))
+
+    free = free_distance(with_fence(grid), Footprint(), pose_at, float(along[-1]))
+    if free == along[-1]:
+        return ""
+    pose = pose_at(free)
+    what = fault_at(grid, pose)
+    return (
+        f"{place}a car on the path {what} after {free:.2f} m, at ({pose.x:.2f} m, {pose.y:.2f} m)"
+    )
 
 
 def lengths(points: np.ndarray) -> np.ndarray:
