@@ -216,22 +216,29 @@ def test_paths_are_short(course):
 
 
 @pytest.fixture
-def main(monkeypatch):
-    """Return the function of grade.py."""
-    found = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))["main"]
+def grade(monkeypatch, tmp_path):
+    """Return the globals of grade.py, and a function that runs it in a folder with arguments."""
+    program = runpy.run_path(os.path.join(PACKAGE, "src", "grade.py"))
+    main = program["main"]
     monkeypatch.setenv("ROS_HOSTNAME", "localhost")
     monkeypatch.setattr(signal, "signal", lambda *_: None)
-    monkeypatch.setitem(found.__globals__, "judges", lambda: ThreadPoolExecutor(1))
-    return found
+    monkeypatch.setitem(main.__globals__, "judges", lambda: ThreadPoolExecutor(1))
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["grade.py", *arguments])
+        return main()
+
+    run.globals = main.__globals__
+    return run
 
 
-def test_merge(main, tmp_path, monkeypatch, capsys):
+def test_merge(grade, tmp_path, capsys):
     """Of several results of a submission, that of the last folder is used."""
     folders = [str(tmp_path / name) for name in ("one", "two", "all")]
     store(folders[0], "ann", outcome="it crashed")
     store(folders[1], "ann", "bob")
-    monkeypatch.setattr("sys.argv", ["grade.py", "--merge", *folders[:-1], "--out", folders[-1]])
-    assert main() == 0
+    assert grade("--merge", *folders[:-1], "--out", folders[-1]) == 0
     printed = capsys.readouterr()
     assert (
         "2 of 2 submissions passed" in printed.out
@@ -239,16 +246,13 @@ def test_merge(main, tmp_path, monkeypatch, capsys):
     )
 
 
-def test_merge_of_submissions_that_could_not_be_run(main, tmp_path, monkeypatch):
+def test_merge_of_submissions_that_could_not_be_run(grade, tmp_path):
     """They know no plan, so the file of points cannot be compared with the plans."""
     (tmp_path / "points.yaml").write_text("plans: {test_drive: {path: 3}}")
     submission = SimpleNamespace(name="ann", students=())
-    grade = grading.not_graded(submission)._replace(fault="There is no node.", error="")
-    Store(str(tmp_path / "one")).save(grade)
-    words = ["--merge", "one", "--out", "all", "--points", "points.yaml"]
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", ["grade.py", *words])
-    assert main() == 1
+    result = grading.not_graded(submission)._replace(fault="There is no node.", error="")
+    Store(str(tmp_path / "one")).save(result)
+    assert grade("--merge", "one", "--out", "all", "--points", "points.yaml") == 1
 
 
 def test_two_processes(tmp_path):
@@ -273,8 +277,8 @@ def test_results_belong_to_the_user_of_sudo(course, monkeypatch):
     assert load_all(str(course.out))[0].name == "ann"
 
 
-def test_a_defect_is_no_verdict(main, monkeypatch, capsys):
+def test_a_defect_is_no_verdict(grade, monkeypatch, capsys):
     """If grade.py itself fails unexpectedly, its exit status does not blame the node."""
-    monkeypatch.setitem(main.__globals__, "parse_arguments", lambda *_: SimpleNamespace())
-    assert main() == 3
+    monkeypatch.setitem(grade.globals, "parse_arguments", lambda *_: SimpleNamespace())
+    assert grade() == 3
     assert "AttributeError" in capsys.readouterr().err
