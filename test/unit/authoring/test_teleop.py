@@ -1,8 +1,6 @@
 """Teleoperation: the keys that are held, the commands for them, and when they are sent."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from mushr_ros_intro.authoring import teleop
 from mushr_ros_intro.authoring.teleop import BOUNCE, STOP, Keys, Schedule, keys_in
@@ -118,23 +116,6 @@ def test_characters_hold_their_keys(characters, end, wanted):
 )
 def test_keys_of_a_terminal(typed, keys, rest):
     assert keys_in(typed) == (keys, rest)
-
-
-@given(st.text(st.sampled_from("\x1b[O1;~AsSw"), max_size=8), st.integers(0, 8))
-def test_the_keys_do_not_depend_on_how_they_arrive(typed, cut):
-    first, rest = keys_in(typed[:cut])
-    second, rest = keys_in(rest + typed[cut:])
-    assert (first + second, rest) == keys_in(typed)
-
-
-@given(st.lists(st.tuples(st.sampled_from("wasdWq "), st.integers(0, 10**9)), max_size=30))
-def test_all_characters_end(characters):
-    keys, now = Keys(), 0
-    for key, later in characters:
-        now += later
-        keys = keys.typed(key, now)
-        assert len({each.key for each in keys.held}) == len(keys.held) <= len(teleop.DIRECTIONS)
-    assert keys.at(now + teleop.FIRST_HOLD) == Keys()
 
 
 def sent(*wants):

@@ -71,13 +71,6 @@ def test_a_contact_lasts_until_the_car_drives_away_or_has_a_new_pose():
     assert at(placed, 399).collision and not at(placed, 400).collision
 
 
-def test_further_commands_towards_the_wall_do_not_move_the_car():
-    made = history(Pose(48.9, 3.0, 0.2), *held(2.0, 0.0, 0, 30_000))
-    poses = {at(made, offset).pose for offset in range(29_500, 30_000, 50)}
-    early = history(Pose(48.9, 3.0, 0.2), *held(2.0, 0.0, 0, 300))
-    assert poses == {at(early, 300).pose}
-
-
 def test_from_one_wall_back_into_another():
     """The lane is free from 0.4 to 1.04 m."""
     cells = np.full((40, 40), 100, np.int8)
@@ -88,14 +81,6 @@ def test_from_one_wall_back_into_another():
     assert at(made, 400).pose.x == pytest.approx(1.04 - BODY.front, abs=NARROWED)
     assert at(made, 1600).pose.x == pytest.approx(0.4 + BODY.back, abs=NARROWED)
     assert at(made, 400).collision != at(made, 1600).collision
-
-
-def test_walls_far_away_change_nothing():
-    events = held(3.0, 0.2, 0, 2000) + held(-2.0, -0.3, 2000, 4000)
-    free, walled = history(Pose(1, 2, 3), *events, world=None), history(Pose(1, 2, 3), *events)
-    for offset in range(2900, 5000, 37):
-        one, other = at(free, offset), at(walled, offset)
-        assert one == other and one.collision is None
 
 
 def test_the_car_can_drive_off_the_map_and_in_a_wall():

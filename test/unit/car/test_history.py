@@ -36,13 +36,6 @@ def history(*events, car=CAR):
     return history_of(car, START, *events)
 
 
-def test_without_commands_the_car_stands():
-    for offset in (0, 1, 10**6):
-        state = at(history(), offset)
-        assert state == START._replace(stamp=BEGIN + offset * MS)
-        assert state.odom_pose == pytest.approx((0.0, 0.0, 0.0), abs=ROUNDING)
-
-
 def test_a_command_expires_after_its_timeout():
     made = history((0, 2.0, 0.0))
     for offset, distance in ((0, 0.0), (50, 0.1), (199.999999, 0.4), (200, 0.4), (5000, 0.4)):

@@ -1,7 +1,6 @@
 """The laser, against a traversal of the cells and against results by hand."""
 
 import math
-import os
 
 import numpy as np
 import pytest
@@ -11,8 +10,6 @@ from mushr_ros_intro.geometry import Pose, compose
 from mushr_ros_intro.world.footprint import World, is_free
 from mushr_ros_intro.world.grid import Grid
 from mushr_ros_intro.world.laser import Beams, Laser, add_noise
-from mushr_ros_intro.world.map_file import read_map
-from support.paths import PACKAGE
 
 EXACT = 1e-9
 """[m] Accuracy of a beam that grazes no corner."""
@@ -86,16 +83,6 @@ def test_noise_against_the_traverse(share):
         pose = compose(grid.origin, Pose(x, y, dice.uniform(-9.0, 9.0)))
         judged += judge(grid, FEW, pose)[0]
     assert judged > 0.99 * 12 * FEW.number
-
-
-@pytest.mark.parametrize("name", ["sandbox", "race_loop", "rooms"])
-def test_the_shipped_maps_against_the_traverse(name):
-    grid = read_map(os.path.join(PACKAGE, "maps", f"{name}.yaml"))
-    dice = np.random.default_rng(3)
-    x, y = dice.uniform(-2.0, 2.0, 2)
-    judged, hits = judge(grid, Beams(), Pose(x, 0.5 * y, dice.uniform(-4.0, 4.0)))
-    assert judged > 0.99 * Beams().number
-    assert hits
 
 
 def test_the_default_beams_are_those_of_mushr():
