@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger, TriggerResponse
 
 from mushr_ros_intro.doctor.observation import Observer
 from mushr_ros_intro.doctor.rules import diagnose, last_drive
+from mushr_ros_intro.ros.xmlrpc_client import CallError, CallFault
 from support.ghost import Ghost
 from support.helpers import (
     Recording,
@@ -29,7 +30,7 @@ from support.helpers import (
     publisher,
     wait_for,
 )
-from support.messages import MUX, NAVIGATION, TELEOP, command, placement
+from support.messages import MUX, NAVIGATION, OUTPUT, TELEOP, command, placement
 from support.world import launch
 
 NOWHERE = "http://localhost:1/"
@@ -126,6 +127,9 @@ class TestDoctor(RosTestCase):
             self.expect(
                 f"{self.me} sends a command every 1 s, but the mux stops", listening_time=2.2
             )
+        with driving(OUTPUT):
+            self.expect()
+        release(OUTPUT)
         with driving("/cmd"):
             self.expect(f"the commands of {self.me} have no effect: no node subscribes to /cmd")
         release("/cmd")
@@ -172,6 +176,11 @@ class TestDoctor(RosTestCase):
                 f"time stands still: /clock comes from {self.me} and does not advance. "
                 "Type: rosservice call /car/car_sim/resume"
             )
+            ticks = rospy.Timer(
+                rospy.Duration(0.02), lambda _: clock.publish(rospy.Time.now() - rospy.Duration(99))
+            )
+            self.addCleanup(ticks.shutdown)
+            self.expect(f"the stamps of the commands of {self.me} are at least 9")
 
     def test_wall(self):
         collisions = Recording("/car/car_sim/collision", PoseArray).connected()
@@ -241,6 +250,10 @@ class TestDoctor(RosTestCase):
             self.uri = f"http://localhost:{stopped.getsockname()[1]}"
             problem = "the master there does not respond"
             self.expect(problem, masters=[NOWHERE], call_timeout=0.3)
+        stops = mock.Mock(side_effect=CallError("", CallFault.NO_RESPONSE))
+        with mock.patch.object(Observer, "_observe_system", stops):  # during the observation
+            self.uri = running
+            self.expect(problem)
 
     def test_no_master(self):
         with node("doctor.py", ROS_MASTER_URI=NOWHERE) as doctor:

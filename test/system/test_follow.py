@@ -8,26 +8,8 @@ import numpy as np
 import pytest
 
 from mushr_ros_intro.stamps import NANOSECONDS
-from support.controllers import CONTROLLERS, WAVE, copy_controllers, follow, replay
+from support.controllers import CONTROLLERS, WAVE, replay
 from support.helpers import node
-
-
-def test_a_node_that_waits_in_wall_clock_time(tmp_path):
-    """A lock with a timeout cannot wait in simulated time."""
-    copy_controllers(tmp_path)
-    path = tmp_path / "loop.py"
-    text = path.read_text().replace("rate.sleep()", "lock.acquire(timeout=0.05)")
-    path.write_text(
-        text.replace(
-            "import rospy\n",
-            "import threading\n\nimport rospy\n\nlock = threading.Lock()\nlock.acquire()\n",
-            1,
-        )
-    )
-    (check, *_) = follow("loop", tmp_path).checks
-    assert not check.passed
-    assert check.message.startswith("the node sends commands while the simulated clock stands, so")
-
 
 FINDS = """#!/usr/bin/python3
 import rospy

@@ -43,6 +43,7 @@ WALK = 0.2 / 0.33 * 1e-4 * math.sqrt(sum((k + 0.5) ** 2 for k in range(100)))
 """[rad] Of random steering angles of 1e-4 rad, one per 0.2 m, summed up over 100 commands."""
 
 NOISE = {"speed_noise": 0.05, "steering_noise": 0.02}
+ALL = {"speed_gain_spread": 0.02, "steering_offset_spread": 0.01, **NOISE}
 
 
 def drive(plan, car=IDEAL, runs=1, seed=1, start=(0.0, 0.0), **errors):
