@@ -14,7 +14,6 @@ from std_msgs.msg import String
 
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.ros import rospy_fixes
 from support.cars import CARS
 from support.geometry import closed_form, planar
 from support.helpers import (
@@ -201,7 +200,6 @@ class TestRealCar(RosTestCase):
 
     def test_the_node_of_the_active_input_ends(self):
         """The drive ends, although a node still subscribes to the commands."""
-        rospy_fixes.write_at_once()  # as every node that sends commands
         mux = rospy.Publisher("/lost/active", String, queue_size=1, latch=True)
         mux.publish("idle")
         sender = CommandPublisher("/lost/input/navigation", "/lost/active")
