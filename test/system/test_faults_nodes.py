@@ -14,7 +14,6 @@ from std_msgs.msg import String
 
 from mushr_ros_intro.drive.command_publisher import CommandPublisher
 from mushr_ros_intro.errors import UserError
-from mushr_ros_intro.ros import rospy_fixes
 from mushr_ros_intro.ros.connections import connected_nodes
 from support.driven_car import DrivenCarTestCase, start_car
 from support.geometry import POSITION_TOLERANCE, planar
@@ -102,7 +101,6 @@ class TestNodeFaults(DrivenCarTestCase):
     def test_the_mux_is_replaced_between_two_commands(self):
         """It is noticed although a node is connected whenever a command is published."""
         topic = "/replaced/input/navigation"
-        rospy_fixes.write_at_once()  # as every node that sends commands
         sender = CommandPublisher(topic)
         mux = rospy.Subscriber(topic, AckermannDriveStamped)
         sender.wait_for_subscriber(PATIENCE)

@@ -52,6 +52,7 @@ class CommandPublisher:
         """
         self._lock = threading.Lock()
         self._last: Optional[AckermannDriveStamped] = None
+        self._written: Dict[int, int] = {}
         self._is_stopped = False
         # On a busy machine, several commands can be due at once; none may be lost.
         self._publisher = rospy.Publisher(
@@ -150,7 +151,7 @@ class CommandPublisher:
                 if self._last.drive.speed or self._last.drive.steering_angle:
                     stamp = max(ros_time.now(), self._last.header.stamp.to_nsec())
                     self._publish(_stop_after(self._last, stamp))
-                rospy_fixes.flush(self._publisher)
+                rospy_fixes.flush(self._publisher, self._written)
             self._is_stopped = True
 
     def _watch(self) -> None:
@@ -177,6 +178,7 @@ class CommandPublisher:
     def _publish(self, msg: AckermannDriveStamped) -> None:
         """Publish a command; needs the lock."""
         self._last = msg
+        self._written = rospy_fixes.count_written(self._publisher)
         self._publisher.publish(msg)
 
     def _on_active(self, msg: String) -> None:

@@ -10,7 +10,7 @@ import threading
 import time
 import xmlrpc.client
 from contextlib import suppress
-from typing import Any, Callable, List, Optional, Sequence
+from typing import Any, Callable, Dict, List, Optional, Sequence
 
 import rosgraph
 import rosgraph.roslogging
@@ -124,11 +124,6 @@ class DirectConnection(QueuedConnection):
         """The rest of a message that the socket took in part; it must not be dropped."""
         super().__init__(connection, queue_size)
 
-    @property
-    def is_waiting(self) -> bool:
-        """Whether a message is queued, or the thread has not written all of it."""
-        return bool(self._accepted > self._connection.stat_num_msg)
-
     def write_data(self, data: bytes) -> bool:
         """Write or queue a message; raise the error of an earlier write."""
         with self._lock:
@@ -136,7 +131,8 @@ class DirectConnection(QueuedConnection):
             if error:
                 self._error = None
                 raise error
-            sent = 0 if self.is_waiting else self._send(data)
+            # If messages are queued, the thread has not written as many as were accepted.
+            sent = self._send(data) if self._accepted == self._connection.stat_num_msg else 0
             self._accepted += 1
             if sent == len(data):
                 self._connection.stat_bytes += sent
@@ -199,19 +195,27 @@ def take_publisher_updates(on_call: Callable[[], None]) -> Callable[[str, List[s
     return update
 
 
-def flush(publisher: rospy.Publisher, seconds: float = 1.0) -> None:
-    """Wait until every message of a publisher has been written to its connections.
+def count_written(publisher: rospy.Publisher) -> Dict[int, int]:
+    """Return the number of messages that have been written to each connection of a publisher."""
+    _, _, connections = publisher.impl.get_stats()
+    return {link: written for link, _, written, is_open in connections if is_open}
+
+
+def flush(publisher: rospy.Publisher, before: Dict[int, int], seconds: float = 1.0) -> None:
+    """Wait until the last message of a publisher has been written to its connections.
 
     Symptom: the last message of a node is lost.
     Cause: rospy has a queue and a thread for each connection (QueuedConnection in
     rospy/topics.py), and discards the queues at shutdown.
 
     Args:
-        publisher: the publisher of the messages.
+        publisher: the publisher of the message.
+        before: the result of `count_written` before the message was published.
         seconds: timeout [s].
     """
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
-        if not any(link.is_waiting for link in publisher.impl.connections if not link.done):
+        written = count_written(publisher)
+        if all(written[link] > count for link, count in before.items() if link in written):
             return
         time.sleep(0.001)

@@ -19,10 +19,9 @@ from std_msgs.msg import String
 from mushr_ros_intro.ros.rospy_fixes import (
     DirectConnection,
     connect_once,
-    flush,
     publish_together,
 )
-from support.helpers import PATIENCE, wait_for
+from support.helpers import wait_for
 
 
 @pytest.fixture
@@ -91,15 +90,6 @@ def test_all_messages_arrive_in_order(ends, size):
     wait_for(lambda: connection.stat_num_msg == 200, "the counter")
     connection.write_data(message(7, 10))  # at once again
     assert connection.stat_num_msg == 201
-
-
-def test_flush_waits_for_a_slow_subscriber(ends):
-    connection, theirs = ends
-    for number in range(10):
-        connection.write_data(message(number, 5000))
-    threading.Thread(target=receive, args=(theirs, 10)).start()
-    flush(SimpleNamespace(impl=SimpleNamespace(connections=[connection])), PATIENCE)
-    assert connection.stat_num_msg == 10
 
 
 @pytest.mark.parametrize("size", [1000, 5000, 100_000])
