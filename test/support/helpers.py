@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 import rosgraph
 import rospy
 
-from mushr_ros_intro.ros.connections import receivers, wait_until_connected
+from mushr_ros_intro.ros.connections import serves, wait_until_connected
 from support import fork_server
 from support.geometry import ANGLE_TOLERANCE, POSITION_TOLERANCE, angle_between, planar
 from support.paths import PACKAGE
@@ -260,11 +260,7 @@ def wait_for_receiver(name, sender, topic):
 
     The sender may still list nodes that have ended, so the name must be new.
     """
-    uri = rosgraph.Master(rospy.get_name()).lookupNode(sender)
-    wait_for(
-        lambda: name in receivers(uri, PATIENCE, rospy.get_name(), topic),
-        f"{name} to receive {topic}",
-    )
+    wait_for(lambda: serves(sender, topic, name), f"{name} to receive {topic}")
 
 
 ENDING = 5.0

@@ -11,7 +11,7 @@ import xmlrpc.client
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import compress
-from typing import Any, Dict, List, Set
+from typing import Any, Dict, List
 
 import rosgraph
 import rospy
@@ -154,7 +154,8 @@ def _is_connected(end: Any, role: str, ignores_dead: bool) -> bool:
             names = list(compress(names, pool.map(responds, names)))
     if end.get_num_connections() < len(names):
         return False
-    return role == "subscribers" or all(_serves(name, end.resolved_name) for name in names)
+    caller = rospy.get_name()
+    return role == "subscribers" or all(serves(name, end.resolved_name, caller) for name in names)
 
 
 def responds(name: str) -> bool:
@@ -187,26 +188,15 @@ def _ping(name: str) -> None:
     ask(rosgraph.Master(caller).lookupNode(name), _PING_TIMEOUT, caller, "getPid")
 
 
-def _serves(name: str, topic: str) -> bool:
-    """Return whether a node reports that it publishes a topic to this node."""
+def serves(name: str, topic: str, receiver: str) -> bool:
+    """Return whether a node reports that it publishes a topic to the node `receiver`."""
     caller = rospy.get_name()
     with suppress(rosgraph.MasterException, OSError, CallError):
         uri = rosgraph.Master(caller).lookupNode(name)
-        return caller in receivers(uri, _PING_AFTER, caller, topic)
+        links = ask(uri, _PING_AFTER, caller, "getBusInfo")
+        wanted = receiver, "o", topic
+        return any((to, way, of) == wanted for _, to, way, _transport, of, *_ in links)
     return False
-
-
-def receivers(uri: str, timeout: float, caller: str, topic: str) -> Set[str]:
-    """Return the names of the nodes to which a node publishes a topic, as it reports.
-
-    Args and raises: as for `ask`.
-    """
-    links = ask(uri, timeout, caller, "getBusInfo")
-    return {
-        other
-        for _number, other, direction, _transport, link_topic, *_ in links
-        if direction == "o" and link_topic == topic
-    }
 
 
 def reannounce(end: Any, role: str) -> None:
