@@ -86,7 +86,8 @@ class NodeProcess:
             raise UserError(f"{command[0]} cannot be started ({error.strerror})") from None
         self._has_namespaces = has_namespaces
         # bwrap starts a process that is the first one in the namespace, and this starts the node.
-        self._threads = Threads(self._process.pid, starters=2 * has_namespaces)
+        self.threads = Threads(self._process.pid, starters=2 * has_namespaces)
+        """The threads of the node and of its child processes."""
         self._output = b""
         self._printed = 0
         self._is_interrupted = False
@@ -112,13 +113,13 @@ class NodeProcess:
     def excess(self) -> str:
         """Return which limit the node has exceeded; empty if none. If it has, kill it."""
         fault = ""
-        self._threads.observe()
+        self.threads.observe()
         with contextlib.suppress(OSError):  # a process has ended
             if self._printed > MAX_OUTPUT:
                 fault = f"the node printed more than {MAX_OUTPUT / 1e6:g} MB of output"
-            elif len(self._threads.usages) > MAX_THREADS:
+            elif len(self.threads.usages) > MAX_THREADS:
                 fault = f"the node started more than {MAX_THREADS} processes and threads"
-            elif sum(map(_memory_of, self._threads.processes)) > MAX_MEMORY:
+            elif sum(map(_memory_of, self.threads.processes)) > MAX_MEMORY:
                 fault = f"the node used more than {MAX_MEMORY / 1e6:g} MB of memory"
         if fault:
             self._kill()
@@ -142,17 +143,12 @@ class NodeProcess:
         lines = text.splitlines()
         return "\n".join("".join(c for c in line if c.isprintable()) for line in lines)
 
-    @property
-    def threads(self) -> Threads:
-        """The threads of the node and of its child processes."""
-        return self._threads
-
     def end(self) -> None:
         """End the node, its child processes, and all processes of its group."""
-        self._threads.observe()
+        self.threads.observe()
         self._is_interrupted = not self.has_ended
         with contextlib.suppress(OSError, IndexError):  # it has ended
-            processes = self._threads.processes
+            processes = self.threads.processes
             # The first process in bwrap's namespace ignores the signal.
             os.killpg(processes[int(self._has_namespaces)], signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -162,8 +158,8 @@ class NodeProcess:
 
     def _kill(self) -> None:
         """Kill all processes, also those that have left the group of the first one."""
-        self._threads.observe()
-        for process in set(self._threads.processes) - {self._process.pid}:
+        self.threads.observe()
+        for process in set(self.threads.processes) - {self._process.pid}:
             with contextlib.suppress(OSError):  # it has ended
                 os.kill(process, signal.SIGKILL)
         with contextlib.suppress(ProcessLookupError):

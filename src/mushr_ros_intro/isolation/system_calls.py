@@ -17,8 +17,8 @@ _LOCKS = {**dict.fromkeys((6, 7, 37, 38), 0), **dict.fromkeys((5, 36, 1026), err
 0 for F_SETLK to F_OFD_SETLKW, which then do nothing. F_GETLK, F_OFD_GETLK and F_NOTIFY fail.
 """
 
-_NAMESPACES = (0x80, *(1 << bit for bit in (17, *range(25, 31))))
-"""All flags CLONE_NEW... of clone(2) and unshare(2)."""
+_NAMESPACES = tuple(1 << bit for bit in (17, *range(25, 31)))
+"""All flags CLONE_NEW... of clone(2)."""
 
 _CACHESTAT = 451
 _SIOCSIFFLAGS = 0x8914
@@ -64,7 +64,7 @@ def make_filter(has_locks: bool) -> Any:
     for command, error in {} if has_locks else _LOCKS.items():
         given = seccomp.Arg(1, seccomp.EQ, command)
         made.add_rule(seccomp.ERRNO(error), "fcntl", given)
-    for flag in _NAMESPACES[1:]:  # clone(2) has no CLONE_NEWTIME
+    for flag in _NAMESPACES:
         given = seccomp.Arg(0, seccomp.MASKED_EQ, flag, flag)
         made.add_rule(seccomp.ERRNO(errno.EPERM), "clone", given)
     other = seccomp.Arg(0, seccomp.GT, socket.AF_NETLINK)

@@ -47,7 +47,8 @@ class Threads:
             without: the numbers of threads that are left out.
             starters: how many processes only start another one.
         """
-        self._processes = [process]
+        self.processes = [process]
+        """The process and its child processes, when they were last observed."""
         self._starters = starters
         self._with_children = with_children
         self._without = {str(each) for each in without}
@@ -62,14 +63,9 @@ class Threads:
         """For how long the threads have run [s of processor time]."""
 
     @property
-    def processes(self) -> List[int]:
-        """The process and its child processes, when they were last observed."""
-        return self._processes
-
-    @property
     def has_children(self) -> bool:
         """Whether there is a child process besides the starters and the one that they start."""
-        return len(self._processes) > self._starters + 1
+        return len(self.processes) > self._starters + 1
 
     def are_waiting(self) -> bool:
         """Observe the threads; return whether all of them wait, at the same time.
@@ -127,7 +123,7 @@ class Threads:
             if usage != self.usages.get(name):
                 self._add_children(name)
         alive, is_complete = [], True
-        for process in self._processes:  # grows in this loop
+        for process in self.processes:  # grows in this loop
             with contextlib.suppress(OSError):
                 names = os.listdir(f"/proc/{process}/task")
                 alive.append(process)
@@ -135,7 +131,7 @@ class Threads:
                     is_new = name not in found and name not in self._without
                     if is_new and len(found) < _MAX_THREADS:
                         is_complete &= self._open(process, name, found)
-        self._processes = alive
+        self.processes = alive
         return is_complete
 
     def _open(self, process: int, name: str, found: Usages) -> bool:
@@ -154,8 +150,8 @@ class Threads:
         if self._with_children:
             with contextlib.suppress(OSError):
                 for each in os.pread(self._files[name].children, 4096, 0).split():
-                    if int(each) not in self._processes:
-                        self._processes.append(int(each))
+                    if int(each) not in self.processes:
+                        self.processes.append(int(each))
 
     def _usage(self, files: _Files) -> bytes:
         """Return the usage of a thread; raise OSError if it has ended."""

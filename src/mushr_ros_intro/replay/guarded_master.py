@@ -76,10 +76,6 @@ class GuardedMaster(ROSMasterHandler):
         self._own_uri, self._update = self.reg_manager.get_node(owner).api, update
         self._owner = owner
 
-    def count_publishers(self, topic: str) -> int:
-        """Return the number of publishers of a topic."""
-        return len(self.publishers.get_apis(topic))
-
     def unpublished(self) -> List[str]:
         """Return the topics to which the node under test subscribes, and nobody publishes."""
         publishers, subscribers, _ = self.getSystemState("/")[2]

@@ -113,8 +113,8 @@ def _run_here(job: Job) -> Recorded:
         finally:
             process.end()
             sandbox.end_processes()
-    world.wait_until_rest(car.command_timeout)
-    return world.recording(job.plan, car, outcome)._replace(
+    world.wait_until_rest()
+    return world.recording(outcome)._replace(
         output=process.output, error=error, seconds=time.monotonic() - began
     )
 

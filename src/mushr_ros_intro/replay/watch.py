@@ -1,7 +1,6 @@
 """Watch the node of a replay until it has driven its plan or its path, or has failed."""
 
 import time
-from typing import Sequence
 
 from mushr_ros_intro.isolation.node_process import NodeProcess
 from mushr_ros_intro.plan.plan import Plan
@@ -10,7 +9,7 @@ from mushr_ros_intro.replay.following import EXTRA_TIME
 from mushr_ros_intro.replay.judge import STILL_SENDS
 from mushr_ros_intro.replay.pace import STEP, Pace
 from mushr_ros_intro.replay.received import CONTROL
-from mushr_ros_intro.replay.recording import MAX_SHIFT, Sent, count_leading_stops
+from mushr_ros_intro.replay.recording import MAX_SHIFT, count_leading_stops
 from mushr_ros_intro.replay.reference import Exercise, Reference
 from mushr_ros_intro.replay.world import ReplayWorld
 from mushr_ros_intro.stamps import NANOSECONDS
@@ -105,15 +104,12 @@ def has_followed(world: ReplayWorld) -> bool:
 
 def _has_driven(world: ReplayWorld, more: int) -> bool:
     """Return whether a plan has been driven, given by how many commands there are more."""
-    stops = more > 0 and _are_stops(world.received.commands[-more:])
-    has_begun = bool(world.received.commands)
-    return stops or (has_begun and more >= -MAX_SHIFT and world.silence > DONE_AFTER)
-
-
-def _are_stops(commands: Sequence[Sent]) -> bool:
-    """Return whether commands stop the car for STOPS_AFTER."""
-    is_long = commands[-1].time - commands[0].time > STOPS_AFTER * NANOSECONDS
-    return is_long and not any(each.speed for each in commands)
+    commands = world.received.commands
+    stops = commands[-more:] if more > 0 else []
+    seconds = (stops[-1].time - stops[0].time) / NANOSECONDS if stops else 0.0
+    if seconds > STOPS_AFTER and not any(each.speed for each in stops):
+        return True
+    return bool(commands) and more >= -MAX_SHIFT and world.silence > DONE_AFTER
 
 
 def _fault(world: ReplayWorld, exercise: Exercise, seconds: float) -> str:

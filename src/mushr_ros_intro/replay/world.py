@@ -97,7 +97,7 @@ class ReplayWorld:
         """The reported states of the car."""
         self.now = START
         """The simulated time [ns]."""
-        self._grid = grid
+        self._model, self._grid, self._exercise = car, grid, exercise
         self.due_times = DueTimes()
         self._pending: Iterator[int] = iter(())  # the messages of this instant that are not sent
 
@@ -146,7 +146,7 @@ class ReplayWorld:
     @property
     def is_ending(self) -> bool:
         """Whether the node has sent commands, and has left ROS."""
-        return bool(self.received.commands) and not self._master.count_publishers(CONTROL)
+        return bool(self.received.commands) and not self._master.publishers.get_apis(CONTROL)
 
     @property
     def topic_mistake(self) -> str:
@@ -264,34 +264,25 @@ class ReplayWorld:
             return fault
         return f"the node ended without a command on {CONTROL}; {self.topic_mistake}"
 
-    def wait_until_rest(self, timeout: int) -> None:
-        """Let the clock run until the car stands and its last command has expired.
-
-        Args:
-            timeout: how long a command is valid after its stamp [ns].
-        """
-        end = max((each.time for each in self.received.commands), default=0) + 2 * timeout
+    def wait_until_rest(self) -> None:
+        """Let the clock run until the car stands and its last command has expired."""
+        last = max((each.time for each in self.received.commands), default=0)
+        end = last + 2 * self._model.command_timeout
         while not rospy.is_shutdown():
             if self.states and self.now > end and not self.states[-1].speed:
                 return
             for _ in self.step(self.now + self._pose_period):
                 pass
 
-    def recording(self, plan: Any, car: Car, outcome: str) -> Recorded:
-        """Return what was recorded.
-
-        Args:
-            plan: the plan or path of the node.
-            car: the car.
-            outcome: how the node failed; "" if it did not.
-        """
+    def recording(self, outcome: str) -> Recorded:
+        """Return what was recorded, given how the node failed; "" if it did not."""
         received, master = self.received, self._master
         # A node that shuts down this process at once gets a verdict, too.
         states = self.states or [at_rest(self.now, ORIGIN)]
         contacts = [state.collision for state in states if state.collision]
         return Recorded(
-            plan=plan,
-            car=car,
+            plan=self._exercise,
+            car=self._model,
             outcome=outcome,
             start=received.start,
             sent=tuple(received.commands),

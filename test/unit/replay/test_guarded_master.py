@@ -121,13 +121,6 @@ def test_only_the_methods_of_a_master(master, method):
         master._dispatch(method, ())
 
 
-def test_publishers_are_counted(master):
-    assert master.count_publishers("/commands") == 1
-    master._dispatch("registerPublisher", ("/student", "/commands", POSES, "http://localhost:2"))
-    assert master.count_publishers("/commands") == 2
-    assert master.count_publishers("/nothing") == 0
-
-
 def test_topics_without_a_publisher(master):
     """Those of the node under test count, not those of the simulated car."""
     assert master.unpublished() == []
