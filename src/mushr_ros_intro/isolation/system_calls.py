@@ -7,7 +7,7 @@ import mmap
 import os
 import socket
 import struct
-from typing import Any
+from typing import Any, List
 
 _CLONE_NEWNET = 0x40000000
 _CLONE_NEWUSER = 0x10000000
@@ -88,23 +88,61 @@ def enter_network() -> None:
     """Move this process, which must have one thread, into a network of its own.
 
     The network contains only the loopback interface. Without the right to do this, the process also
-    gets a user namespace of its own, with its user only.
+    gets a user namespace of its own, with the same users.
 
     Raises:
         OSError: the system refuses.
     """
-    user, group = os.geteuid(), os.getegid()
-    if _libc().unshare(_CLONE_NEWNET) == -1:
-        if _libc().unshare(_CLONE_NEWUSER | _CLONE_NEWNET) == -1:
-            error = ctypes.get_errno()
-            raise OSError(error, f"a new user namespace: {os.strerror(error)}")
-        maps = {"setgroups": "deny", "uid_map": f"{user} {user} 1", "gid_map": f"{group} {group} 1"}
-        for name, text in maps.items():
-            with open(f"/proc/self/{name}", "w", encoding="ascii") as file:
-                file.write(text)
+    try:
+        _call(_libc().unshare(_CLONE_NEWNET), "a new network")
+    except PermissionError:
+        _enter_user_namespace()
     with socket.socket() as loopback:
         fcntl.ioctl(loopback, _SIOCSIFFLAGS, struct.pack("16sh", b"lo", _IFF_UP))
 
 
+def _enter_user_namespace() -> None:
+    """Enter new namespaces for users and network; raise OSError if the system refuses."""
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:  # only a process outside of the new namespace may map several users
+        try:
+            os.close(writer)
+            os.read(reader, 1)  # until this end of the pipe is closed
+            _map_users(os.getppid())
+            os._exit(0)
+        finally:
+            os._exit(1)
+    result = _libc().unshare(_CLONE_NEWUSER | _CLONE_NEWNET)
+    error = ctypes.get_errno()
+    os.close(writer)
+    os.close(reader)
+    status = os.waitpid(child, 0)[1]
+    ctypes.set_errno(error)
+    _call(result, "a new user namespace")
+    if status:
+        raise PermissionError(errno.EPERM, "users cannot be mapped")
+
+
+def _map_users(process: int) -> None:
+    """Map each user that this process may use to itself, for another process."""
+    for kind, own in (("uid", os.geteuid()), ("gid", os.getegid())):
+        with open(f"/proc/self/{kind}_map", encoding="ascii") as file:
+            known = [line.split() for line in file]
+        lines: List[str] = [f"{first} {first} {count}" for first, _, count in known]
+        if os.geteuid() != 0:
+            lines = [f"{own} {own} 1"]
+            with open(f"/proc/{process}/setgroups", "w", encoding="ascii") as file:
+                file.write("deny")
+        with open(f"/proc/{process}/{kind}_map", "w", encoding="ascii") as file:
+            file.write("\n".join(lines))
+
+
 def _libc() -> ctypes.CDLL:
     return ctypes.CDLL(None, use_errno=True)
+
+
+def _call(result: int, what: str) -> None:
+    """Raise OSError if a function of the C library returned -1."""
+    if result == -1:
+        raise OSError(ctypes.get_errno(), f"{what}: {os.strerror(ctypes.get_errno())}")
