@@ -527,7 +527,7 @@ def test_connection_is_lost_and_regained(sim, page):
     page.wait(page.pose, "a new pose")
     page.wait(lambda: page.text("problem") == "", "no problem")
     page.wait(lambda: page.find("drive").is_enabled(), "the plan")
-    assert outline < seen(page, "car")[0], "without a connection, there is only an outline"
+    page.wait(lambda: outline < seen(page, "car")[0], "the car, of which there was an outline")
     place(page, 1.5, 0.0, 0.5)
 
 
