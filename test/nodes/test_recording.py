@@ -181,8 +181,10 @@ class TestRecording(RosTestCase):
             wait_for(lambda: rows == 0 or f"has {rows} row" in planner.output, f"{rows} rows")
 
         def place(x, y, theta):
-            self.initial_poses.publish(placement(rospy.Time.now(), x, y, theta))
+            placed = placement(rospy.Time.now(), x, y, theta)
+            self.initial_poses.publish(placed)
             wait_for_path((x, y), 0)
+            self.poses.shows((x, y, theta), placed.header.stamp)
 
         wait_for(lambda: paths.last is not None and not paths.last.poses, "an empty path")
         place(1.0, 2.0, 0.5)
