@@ -25,6 +25,7 @@ let start = NaN; // when the first row of the running drive or lap began [s]; be
 let errors = []; // of path_publisher
 let verdict = ""; // of drive_monitor, on the latest drive that has ended
 let refusal = ""; // the server's answer to the last press of a button in this drive
+let beside = ""; // the version of the chosen plan when the latest drive ended in this page
 export let isRead = true; // whether the last reading of the plan has succeeded
 let asked = 0; // the number of the newest request for a plan
 let missing = ""; // the plan to show as soon as the server lists it
@@ -144,9 +145,13 @@ export function updateDrive(next) {
     errors = [];
     verdict = "";
     refusal = "";
+    beside = "";
     begun = next?.begun ?? null;
   }
-  if (drive?.running && !next?.running) start = NaN;
+  if (drive?.running && !next?.running) {
+    start = NaN;
+    beside = version();
+  }
   drive = next;
   buttons.stop.disabled = !mayRun();
   buttons.drive.disabled = mayRun() || !plan.rows.length;
@@ -157,12 +162,20 @@ export function updateDrive(next) {
   say("drive-state", [result(), refusal].filter(Boolean).join("\n"));
   if (isNew && isOther) listPlans(drive.plan).then(fit);
 }
-/** The state of the latest drive, or its result. */
+/** Whether the latest drive is one of the chosen plan, which has not been changed since. */
+const isOfPlan = () =>
+  drive?.plan === plan.name && drive.written === server.state.plans[plan.name];
+const version = () => `${plan.name} ${server.state?.plans[plan.name]}`;
+/** The state of the drive, and the result of one of the chosen plan, or that has just ended. */
 function result() {
   if (drive === undefined) return "not connected: the drive is not known";
-  if (!drive) return "";
+  if (!drive || !(drive.running || isOfPlan() || beside === version()))
+    return "";
   const { running, stopped } = drive;
-  const name = drive.plan ?? "a plan that is not in the list";
+  const isChanged = drive.plan === plan.name && !isOfPlan();
+  const name = isChanged
+    ? `another version of ${drive.plan}`
+    : (drive.plan ?? "a plan that is not in the list");
   const action = stopped ? "stopping" : start >= 0 ? "driving" : "starting";
   const end = stopped ? "was stopped" : "has ended";
   const state = running ? `${action} ${name}` : `the drive of ${name} ${end}`;
@@ -186,10 +199,7 @@ export function onVerdict({ data }) {
 }
 /** A command for the car, of any input of the mux: its stamp shows which row is driven. */
 export function onOutput({ header }) {
-  const { running, plan: name, written } = drive ?? {};
-  // The table may show another plan, or another version of it.
-  if (!running || name !== plan.name || written !== server.state.plans[name])
-    return;
+  if (!drive?.running || !isOfPlan()) return;
   const time = seconds(header.stamp) - start + TOLERANCE;
   // The line below the rows stands for the others.
   mark(time >= 0 ? ends.filter((end) => end <= time).length : -1);

@@ -335,7 +335,7 @@ def test_figure_8(page):
     page.shows("log", "should end at")
     page.choose("plan", "circle")
     page.shows("check", "ends at 0.000 m, 0.000 m, 0.000 rad")
-    page.shows("drive-state", "the drive of figure_8 has ended")
+    assert page.text("drive-state") == "", "the result of figure_8 beside another plan"
 
 
 def drive(page, plan, speed):
@@ -586,23 +586,31 @@ def test_a_drive_in_a_terminal(page, sim):
 
 
 def test_a_plan_that_has_been_changed(sim, page):
-    """The rows are those of the new version, and none of them is marked."""
+    """The result of a drive is shown with its plan, or with the one that was chosen at its end."""
     path = os.path.join(sim.environment["PWD"], "changed.txt")
     try:
+        for rows in ("2.0, 0.0", "2.0, 0.1"):
+            with open(path, "w") as file:
+                file.write(f"0, 0, 0\n{rows}, 1.0\n")
+            page.choose("plan", "changed")
+            page.wait(lambda: page.text("drive-state") == "", "no result of the last version")
+            page.wait(lambda: page.find("drive").is_enabled(), "the plan")
+            page.find("drive").click()
+            page.shows("drive-state", "the car drove 2.00 m and stopped at")
         with open(path, "w") as file:
             file.write("0, 0, 0\n0.5, 0.3, 1000.0\n")
-        page.choose("plan", "changed")
+        page.shows("check", "1 row, 1000.00 s")
         drive(page, "changed", "0.50 m/s")
         page.shows("drive-state", "driving changed")
-        page.wait(lambda: page.run(CURRENT) == "2", "the mark of the row")
         with open(path, "a") as file:
             file.write("0.5, 0.0\n")
-        page.shows("check", "2 rows")
-        assert page.run(CURRENT) == ""
+        page.shows("drive-state", "driving another version of changed")
         page.choose("plan", "circle")
         page.shows("drive-state", "driving changed")
         page.find("stop").click()
         page.shows("drive-state", "the drive of changed was stopped")  # beside the plan circle
+        page.choose("plan", "figure_8")
+        page.wait(lambda: page.text("drive-state") == "", "no result beside another choice")
         page.choose("plan", "changed")
         page.shows("check", "2 rows")
     finally:
