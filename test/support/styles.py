@@ -214,12 +214,17 @@ RIGHT = {
     "select": {**paced("select.select([], [], [], 0.1)"), **NO_STAMP},
     "files": {
         "imports": "import selectors",
-        "warm_up": "selector, messages = selectors.DefaultSelector(), queue.SimpleQueue()",
+        "warm_up": """
+            polled, epolled, selector = select.poll(), select.epoll(), selectors.SelectSelector()
+            messages = queue.SimpleQueue()
+            """,
         **paced(
             """
-            selector.select(timeout=0.05)
+            polled.poll(20)
+            epolled.poll(timeout=0.03, maxevents=1)
+            selector.select(timeout=0.02)
             try:
-                messages.get(timeout=0.05)
+                messages.get(timeout=0.03)
             except queue.Empty:
                 pass
             """

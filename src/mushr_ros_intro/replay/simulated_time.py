@@ -3,11 +3,10 @@
 The clocks of the modules time and datetime advance with the time of ROS, from other values on, so
 that a stamp of one of them is recognised. The program sleeps in this time with `time.sleep`,
 `rospy.sleep`, `rospy.Rate` and `rospy.Timer`, and waits in it with the timeouts of threading,
-queue, selectors, asyncio, `select.select` and `rospy.wait_for_message`. A thread that reads the
-time, or counts the connections of a topic, again and again sleeps for POLL_PERIOD. Before ROS
-publishes the time, and after it has ended, the clocks advance by such sleeps only. The functions of
-`random` and `numpy.random` give the same random numbers in each run; a generator without a seed
-does not.
+queue, select, selectors, asyncio and `rospy.wait_for_message`. A thread that reads the time, or
+counts the connections of a topic, again and again sleeps for POLL_PERIOD. Before ROS publishes the
+time, and after it has ended, the clocks advance by such sleeps only. The functions of `random`
+and `numpy.random` give the same random numbers in each run; a generator without a seed does not.
 
 If several threads are due, each message on /clock wakes one of them, in the order of their due
 times. So the order does not depend on the load of the machine. The program writes to FILE, the
@@ -354,32 +353,57 @@ def wait(condition: Any, timeout: Optional[float] = None) -> bool:
             condition._waiters.remove(waiter)
 
 
-def wait_for_files(look: Callable[[Any], Any], timeout: Optional[float]) -> Any:
+def wait_for_files(look: Callable[[Any], Any], timeout: Any, unit: int = 1_000_000_000) -> Any:
     """Wait until files are ready, and return them; look for them once in POLL_PERIOD.
 
     Args:
         look: the real function, which waits for at most its argument.
-        timeout: [s]; None or a negative number for no limit.
+        timeout: in units of `unit` [ns]; None or a negative number for no limit.
+        unit: see `timeout`.
     """
     if timeout is None or timeout <= 0.0 or not is_simulated():
         return look(timeout)
-    due = read() + round(timeout * 1e9)
+    due = read() + round(timeout * unit)
     while not any(found := look(0)) and read() < due and is_initialized():
         sleepers.sleep(min(POLL_PERIOD, due - read()))
     return found
 
 
+class Poll:
+    """A `select.poll` or `select.epoll` that waits in simulated time."""
+
+    def __init__(self, kind: Any, unit: int, *arguments: Any, **options: Any) -> None:
+        """Create a real one of a kind, whose timeouts have a unit [ns]."""
+        self._real, self._unit = kind(*arguments, **options), unit
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._real, name)
+
+    def __enter__(self) -> "Poll":
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self._real.close()
+
+    def poll(self, timeout: Any = None, *most: Any, **options: Any) -> Any:
+        """Return the files that are ready, and their events."""
+        return wait_for_files(lambda t: self._real.poll(t, *most, **options), timeout, self._unit)
+
+
 def simulate_files() -> None:
-    """Replace `select.select`, and the selectors, with which asyncio waits."""
+    """Replace what waits for files."""
 
     def of_selector(real: Callable[..., Any]) -> Callable[..., Any]:
         return lambda selector, timeout=None: wait_for_files(partial(real, selector), timeout)
 
+    # The methods call poll and epoll with timeouts that are rounded up to whole milliseconds.
     poll_like: Any = selectors._PollLikeSelector
     for each in (selectors.SelectSelector, poll_like, selectors.EpollSelector):
         each.select = of_selector(each.select)  # type: ignore
     real = select.select
     select.select = lambda *files: wait_for_files(partial(real, *files[:3]), *files[3:] or [None])
+    select.poll = partial(Poll, select.poll, 1_000_000)  # type: ignore
+    select.epoll = partial(Poll, select.epoll, 1_000_000_000)  # type: ignore
 
 
 def simulate_forks() -> None:

@@ -182,6 +182,18 @@ def _select(file, seconds):
     return select.select([file], [], [], seconds)[0]
 
 
+def _poll(file, seconds):
+    polled = select.poll()
+    polled.register(file, select.POLLIN)
+    return polled.poll(1e3 * seconds)
+
+
+def _epoll(file, seconds):
+    with select.epoll() as polled:
+        polled.register(file, select.EPOLLIN)
+        return polled.poll(timeout=seconds, maxevents=1)
+
+
 def _selector(kind):
     def wait(file, seconds):
         with kind() as selector:
@@ -194,16 +206,17 @@ def _selector(kind):
 @pytest.mark.parametrize(
     "wait",
     [
-        *(_select, _selector(selectors.SelectSelector)),
+        *(_select, _poll, _epoll, _selector(selectors.SelectSelector)),
         *(_selector(selectors.PollSelector), _selector(selectors.EpollSelector)),
     ],
-    ids="select SelectSelector PollSelector EpollSelector".split(),
+    ids="select poll epoll SelectSelector PollSelector EpollSelector".split(),
 )
 def test_files(ros, monkeypatch, wait):
     """A pipe is ready when it has been written before the next message on /clock."""
     for owner, name in (
-        *((select, "select"), (selectors.SelectSelector, "select")),
-        *((selectors._PollLikeSelector, "select"), (selectors.EpollSelector, "select")),
+        *((select, each) for each in ("select", "poll", "epoll")),
+        *((selectors.SelectSelector, "select"), (selectors._PollLikeSelector, "select")),
+        (selectors.EpollSelector, "select"),
     ):
         monkeypatch.setattr(owner, name, getattr(owner, name))  # at the end, set it back
     simulated_time.simulate_files()
