@@ -184,7 +184,8 @@ class TestRecording(RosTestCase):
             placed = placement(rospy.Time.now(), x, y, theta)
             self.initial_poses.publish(placed)
             wait_for_path((x, y), 0)
-            self.poses.shows((x, y, theta), placed.header.stamp)
+            # The planner, too, has to get a report of this pose.
+            self.poses.shows((x, y, theta), placed.header.stamp + rospy.Duration(0.5))
 
         wait_for(lambda: paths.last is not None and not paths.last.poses, "an empty path")
         place(1.0, 2.0, 0.5)
