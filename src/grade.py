@@ -35,6 +35,7 @@ from mushr_ros_intro.classroom.store import Store, give_to_user, load_all, make_
 from mushr_ros_intro.classroom.submissions import collect
 from mushr_ros_intro.errors import UserError
 from mushr_ros_intro.isolation.sandbox import Sandbox, make_sandbox
+from mushr_ros_intro.isolation.workspace import temporary_folder
 from mushr_ros_intro.replay.job import run_job
 from mushr_ros_intro.replay.own_process import ReplayError
 from mushr_ros_intro.replay.reference import Reference, refuse_walls
@@ -115,7 +116,7 @@ def grade_class(arguments: argparse.Namespace) -> int:
     store = Store(arguments.out)
     inputs = [each if os.path.isdir(each) else os.path.dirname(each) for each in arguments.inputs]
     hidden = [*inputs, *map(os.path.dirname, plans.paths), folder]
-    with tempfile.TemporaryDirectory() as workspace:
+    with tempfile.TemporaryDirectory(dir=temporary_folder()) as workspace:
         os.chmod(workspace, 0o711)
         sandbox, missing = make_sandbox(hidden, workspace)
         if missing:

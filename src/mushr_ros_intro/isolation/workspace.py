@@ -9,6 +9,7 @@ import re
 import shutil
 import stat
 import sys
+import tempfile
 from contextlib import suppress
 from functools import partial
 from typing import Callable, Dict, Iterator, List, Sequence
@@ -84,6 +85,22 @@ def _module_paths(packages: Sequence[str]) -> Iterator[str]:
             yield built
         if os.path.isfile(os.path.join(folder, "setup.py")) and os.path.isdir(modules):
             yield modules
+
+
+def temporary_folder() -> str:
+    """Return a folder for temporary files that all users can reach, if there is one."""
+    usual = tempfile.gettempdir()
+    return next(filter(_is_reachable, (usual, "/tmp", "/var/tmp")), usual)
+
+
+def _is_reachable(folder: str) -> bool:
+    """Return whether all users may enter a folder and all folders above it."""
+    path = os.path.realpath(folder)
+    while os.path.isdir(path) and os.stat(path).st_mode & stat.S_IXOTH:
+        if path == "/":
+            return True
+        path = os.path.dirname(path)
+    return False
 
 
 def copy_workspaces(folder: str, place: str, hidden: Sequence[str]) -> Dict[str, str]:
