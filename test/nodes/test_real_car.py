@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import rospy
 from ackermann_msgs.msg import AckermannDriveStamped
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid, Path
 from std_msgs.msg import String
 
@@ -17,7 +17,6 @@ from mushr_ros_intro.errors import UserError
 from support.cars import CARS
 from support.geometry import closed_form, planar
 from support.helpers import (
-    PATIENCE,
     ForkedProcess,
     Recording,
     RosTestCase,
@@ -27,7 +26,7 @@ from support.helpers import (
     publisher,
     wait_for,
 )
-from support.messages import MUX, NAVIGATION, TELEOP, command
+from support.messages import MUX, NAVIGATION, TELEOP
 from support.world import LOCK_STEP, launch
 
 NAME = "/path_publisher"
@@ -92,8 +91,13 @@ class TestRealCar(RosTestCase):
         self.assertLess(math.dist(end, (AT_WALL, 0.0, 0.0)), FOUND)
 
     def test_refusals(self):
-        said = f"{max(CARS)}; did you mean mushr_tx2?"
-        self.assert_refused(("drive_monitor.py", ["_car:=tx2"], said))
+        """Each fault is one message and exit status 1."""
+        name, circle = "path_publisher.py", "_plan_file:=circle"
+        self.assert_refused(
+            (name, [circle, "_max_speed:=0.0"], "parameter ~max_speed is 0.0; expected a number"),
+            ("drive_monitor.py", ["_car:=tx2"], f"{max(CARS)}; did you mean mushr_tx2?"),
+            ("drive_monitor.py", ["_plan_file:=figure_9"], "circle, closed_figure_8, figure_8"),
+        )
         # In this process: in a node, an earlier wait could have the same timeout.
         unused = CommandPublisher("/unused", "/nobody")
         with self.assertRaisesRegex(UserError, "no message was published on /nobody within 0 s"):
@@ -198,19 +202,32 @@ class TestRealCar(RosTestCase):
         wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
         mux.unregister()
 
-    def test_the_node_of_the_active_input_ends(self):
-        """The drive ends, although a node still subscribes to the commands."""
-        mux = rospy.Publisher("/lost/active", String, queue_size=1, latch=True)
-        mux.publish("idle")
-        sender = CommandPublisher("/lost/input/navigation", "/lost/active")
-        commands = self.ending(Recording(sender.topic, AckermannDriveStamped))
-        sender.wait_for_subscriber(PATIENCE)
-        sender.wait_until_free(PATIENCE, 0.0)
-        drive = command(rospy.Time.now(), 1.0, 0.0)
-        sender.publish(drive)
-        mux.unregister()
-        expected = "the node that published /lost/active is no longer connected"
-        with self.assertRaisesRegex(UserError, expected):
-            wait_for(lambda: sender.publish(drive), "the fault")
-        sender.stop()
-        wait_for(lambda: commands.last and commands.last.drive.speed == 0.0, "the stop")
+    def test_the_mux_is_killed(self):
+        """The plan ends, although a node still subscribes to the commands; this car drives on."""
+        plan = self.plan("0,0,0\n0.5,0.1,900\n")
+        mux = ForkedProcess("rostopic", "pub", "/killed", "std_msgs/String", "Navigation")
+        poses = rospy.Publisher("/other/car_pose", PoseStamped, queue_size=10)
+        self.addCleanup(poses.unregister)
+        pose = PoseStamped()
+        pose.pose.orientation.w = 1.0
+
+        def report(event):
+            pose.header.stamp = event.current_real
+            pose.pose.position.x += 0.1
+            poses.publish(pose)
+
+        timer = rospy.Timer(rospy.Duration(0.05), report)
+        self.addCleanup(timer.join)
+        self.addCleanup(timer.shutdown)
+        other = ("_car_name:=other", f"_control_topic:={NAVIGATION}", "_active_topic:=/killed")
+        moving = ("/car/car_pose:=/other/car_pose",)
+        with mux, monitor(plan, *moving) as watching:
+            with driver(plan, "_send_init_pose:=false", *other) as process:
+                wait_for(lambda: self.commands.messages, "a command")
+                mux.send_signal(signal.SIGKILL)
+                self.assertEqual(process.wait(), 1)
+            self.assertEqual(watching.wait(), 1)
+        self.assertEqual(process.output.count("FATAL"), 1)
+        self.assertIn("the node that published /killed is no longer connected", process.output)
+        self.assertIn("ended in line 2 of 2; the car was last reported at", watching.output)
+        wait_for(lambda: self.commands.last.drive.speed == 0.0, "the stop")
