@@ -8,11 +8,13 @@ import base64
 import io
 import json
 import math
+import struct
 from typing import Any, Callable, Dict, Type
 
 import genpy
 import roslib.message
 import rospy
+from genpy.base import SIMPLE_TYPES_DICT
 
 from mushr_ros_intro.ros.conversions import MessageError
 
@@ -86,11 +88,44 @@ def from_values(kind: Type[genpy.Message], values: Dict[str, Any]) -> genpy.Mess
         values = {**values, "header": {"stamp": _now(), **(header or {})}}
     try:
         genpy.message.fill_message_args(msg, [_with_ros_times(values)])
+        _check_numbers(msg, "")
         msg.serialize(io.BytesIO())
     except (genpy.MessageException, ValueError, TypeError, AttributeError, OverflowError) as error:
         text = str(error).split("\n", maxsplit=1)[0]
         raise MessageError(f"not a {msg._type}: {text}") from None
     return msg
+
+
+def _check_numbers(msg: genpy.Message, prefix: str) -> None:
+    """Raise a ValueError if a field, or an element of an array, is not a number of its type.
+
+    genpy's own check depends on its version, and does not always name the field.
+    """
+    for name, slot_type in zip(msg.__slots__, msg._slot_types):
+        value = getattr(msg, name)
+        is_array = isinstance(value, (list, tuple))
+        base = slot_type.partition("[")[0]
+        for number, each in enumerate(value if is_array else [value]):
+            path = f"{prefix}{name}[{number}]" if is_array else f"{prefix}{name}"
+            if isinstance(each, genpy.Message):
+                _check_numbers(each, f"{path}.")
+            elif isinstance(each, genpy.TVal):
+                kind = "int32" if base == "duration" else "uint32"
+                for part in ("secs", "nsecs"):
+                    _check_number(getattr(each, part), kind, f"{path}.{part}")
+            elif base in SIMPLE_TYPES_DICT and not isinstance(each, bytes):
+                _check_number(each, base, path)
+
+
+def _check_number(value: Any, kind: str, path: str) -> None:
+    """Raise a ValueError if a value is not a number, or a Boolean, of a simple type of ROS."""
+    try:
+        is_valid = isinstance(value, bool) == (kind == "bool")
+        struct.pack(SIMPLE_TYPES_DICT[kind], value)
+    except (struct.error, OverflowError):
+        is_valid = False
+    if not is_valid:
+        raise ValueError(f"{path} is {value!r:.40}; expected {kind}")
 
 
 def _now() -> Dict[str, int]:

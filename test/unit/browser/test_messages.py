@@ -77,16 +77,21 @@ def at_x(value):
     [
         ({"data": 1}, "No field name [data]"),
         ({"header": 3}, "invalid msg_args type: 3"),
-        ({"header": {"seq": -1}}, "field header.seq must be unsigned integer type"),
+        ({"header": {"seq": -1}}, "header.seq is -1; expected uint32"),
+        ({"header": {"seq": 1.5}}, "header.seq is 1.5; expected uint32"),
         ({"header": {"frame_id": 5}}, "field header.frame_id must be of type bytes or"),
         ({"header": {"stamp": "now"}}, "No key named [now]"),
-        ({"header": {"stamp": {"secs": -5}}}, ""),
-        ({"header": {"stamp": {"nsecs": "5"}}}, ""),
+        ({"header": {"stamp": {"secs": -5}}}, "header.stamp.secs is -5; expected uint32"),
+        ({"header": {"stamp": {"nsecs": "5"}}}, "header.stamp.nsecs is '5'; expected uint32"),
         ({"pose": {"covariance": [1]}}, "Field [pose.covariance] has incorrect number of"),
-        (at_x("1"), "field pose.pose.position.x must be float"),
-        (at_x(None), "field pose.pose.position.x must be float"),
-        (at_x(10**400), ""),
-        ({"pose": {"covariance": [0.0] * 35 + ["a"]}}, "field pose.covariance[] must be float"),
+        (at_x("1"), "pose.pose.position.x is '1'; expected float64"),
+        (at_x(None), "pose.pose.position.x is ''; expected float64"),
+        (at_x(True), "pose.pose.position.x is True; expected float64"),
+        (at_x(10**400), "pose.pose.position.x is 1000"),
+        (
+            {"pose": {"covariance": [0.0] * 7 + ["a"] + [0.0] * 28}},
+            "pose.covariance[7] is 'a'; expected float64",
+        ),
     ],
 )
 def test_wrong_messages(values, message):
