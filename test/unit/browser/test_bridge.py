@@ -38,18 +38,22 @@ def test_a_client_that_subscribes_before_the_first_message():
 
 def test_latched_messages_of_publishers_that_have_ended():
     """A later client gets the messages of live publishers only."""
-    ended, alive = ({"latching": "1", "callerid": name} for name in ("/ended", "/alive"))
-    topic, outbox, later = SharedTopic("/text"), Outbox(), Outbox()
-    topic.outboxes.add(outbox)
-    for each in (outbox, later):
-        each.subscribe(Request("subscribe", topic="/text"))
-    for header in (ended, alive):
-        topic.put(Message("/text", header["callerid"].encode(), str, 0), header)
-    connections = [SimpleNamespace(header=alive)]
-    topic.subscriber = SimpleNamespace(impl=SimpleNamespace(connections=connections))
-    topic.put_latched(later)
-    (frame,) = (each.frame("none") for each in later.topics["/text"].messages)
-    assert "/alive" in frame and len(outbox.topics["/text"].messages) == 2
+
+    async def run():
+        ended, alive = ({"latching": "1", "callerid": name} for name in ("/ended", "/alive"))
+        topic, outbox, later = SharedTopic("/text"), Outbox(), Outbox()
+        topic.outboxes.add(outbox)
+        for each in (outbox, later):
+            each.subscribe(Request("subscribe", topic="/text"))
+        for header in (ended, alive):
+            topic.put(Message("/text", header["callerid"].encode(), str, 0), header)
+        connections = [SimpleNamespace(header=alive)]
+        topic.subscriber = SimpleNamespace(impl=SimpleNamespace(connections=connections))
+        topic.put_latched(later)
+        (frame,) = (each.frame("none") for each in later.topics["/text"].messages)
+        assert "/alive" in frame and len(outbox.topics["/text"].messages) == 2
+
+    asyncio.run(run())
 
 
 class Publisher:

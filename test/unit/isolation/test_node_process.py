@@ -1,6 +1,5 @@
 """Check how the process of a node is started, described and ended."""
 
-import os
 import sys
 
 import pytest
@@ -180,10 +179,9 @@ def test_child_processes_end_too(tmp_path):
 
     def is_gone():
         try:
-            os.kill(child, 0)
-        except ProcessLookupError:
+            with open(f"/proc/{child}/stat") as file:
+                return file.read().rpartition(")")[2].split()[0] == "Z"
+        except (FileNotFoundError, ProcessLookupError):
             return True
-        with open(f"/proc/{child}/stat") as file:
-            return file.read().rpartition(")")[2].split()[0] == "Z"
 
     wait_for(is_gone, "the end of the child process")
