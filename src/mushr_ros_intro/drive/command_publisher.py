@@ -20,6 +20,9 @@ from mushr_ros_intro.stamps import CALL_TIMEOUT
 MASTER_PERIOD = 0.4
 """Period at which the master is called during a drive [s of wall-clock time]."""
 
+CLOCK_TIMEOUT = 10.0
+"""Simulated time may stand still for this time if no live node publishes it [s]."""
+
 NOBODY = ("idle", "default")
 """The active inputs, in lower case, if no input drives: MuSHR's `default` gets only stops."""
 
@@ -161,10 +164,16 @@ class CommandPublisher:
         simulated time, no command is due any more.
         """
         clock = rospy.Subscriber("/clock", Clock) if ros_time.is_simulated() else None
+        seen, since = 0, time.monotonic()
         while not self._is_stopped:
             time.sleep(MASTER_PERIOD)
+            now = ros_time.now()
+            if now != seen:
+                seen, since = now, time.monotonic()
             lost = ""
-            if clock and not connections.connected_nodes(clock):
+            # rospy of Debian 11 stays connected, and tries to connect again.
+            stands = time.monotonic() > since + CLOCK_TIMEOUT and connections.is_dead("/clock")
+            if clock and (stands or not connections.connected_nodes(clock)):
                 lost = "simulated time stands still: the node that published /clock has ended"
             try:
                 ask(rosgraph.get_master_uri(), CALL_TIMEOUT, rospy.get_name(), "getPid")

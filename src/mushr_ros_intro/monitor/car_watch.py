@@ -2,15 +2,13 @@
 
 import time
 from collections import deque
-from contextlib import suppress
 from typing import Deque, List, Optional
 
-import rosgraph
 from geometry_msgs.msg import PoseStamped
 
 from mushr_ros_intro.monitor.drive import KEPT, Report
 from mushr_ros_intro.ros import conversions, ros_time
-from mushr_ros_intro.ros.connections import registered_nodes, responds
+from mushr_ros_intro.ros.connections import is_dead
 from mushr_ros_intro.stamps import STAMP_TOLERANCE
 
 MAX_SILENCE = 0.4
@@ -74,6 +72,4 @@ class CarWatch:
         """Return whether the reports have stopped, and no node that publishes them responds."""
         if self.last is None or time.monotonic() < self._arrival + MAX_SILENCE:
             return False
-        with suppress(rosgraph.MasterException, OSError):
-            return not any(map(responds, registered_nodes(self.topic, "publishers")))
-        return False
+        return is_dead(self.topic)

@@ -67,6 +67,13 @@ def is_published(topic: str) -> bool:
     return False
 
 
+def is_dead(topic: str) -> bool:
+    """Return whether no publisher of a topic responds; False if the master does not answer."""
+    with suppress(rosgraph.MasterException, OSError):
+        return not any(map(responds, registered_nodes(topic, "publishers")))
+    return False
+
+
 def wait_for_subscriber(publisher: rospy.Publisher, seconds: float) -> None:
     """Wait until a node subscribes to a topic and all its subscribers are connected.
 
