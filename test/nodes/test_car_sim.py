@@ -113,6 +113,7 @@ class TestCarSim(RosTestCase):
 
     def start_mux(self):
         topic = "/late/mux/ackermann_cmd_mux/output"
+        self.ending(Ghost(publishes=[topic]))  # as a node that was killed
         self.addCleanup(publisher(topic, AckermannDriveStamped).unregister)
 
     def start_map(self):

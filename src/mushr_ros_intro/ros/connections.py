@@ -206,6 +206,14 @@ def serves(name: str, topic: str, receiver: str) -> bool:
     return False
 
 
+def has_live_publisher(subscriber: rospy.Subscriber) -> bool:
+    """Return whether a live node publishes to a subscriber of this node, as that node reports."""
+    topic, caller = subscriber.resolved_name, rospy.get_name()
+    with suppress(rosgraph.MasterException, OSError):
+        return any(serves(name, topic, caller) for name in registered_nodes(topic, "publishers"))
+    return False
+
+
 def reannounce(end: Any, role: str) -> None:
     """Announce the publishers of a topic to its subscribers again.
 

@@ -14,7 +14,7 @@ from mushr_ros_intro.car.profile import CAR_PARAMETERS, car_of
 from mushr_ros_intro.geometry import MAX_COORDINATE, ORIGIN, Pose
 from mushr_ros_intro.parameters import Values, flag, number, text
 from mushr_ros_intro.ros import conversions, node
-from mushr_ros_intro.ros.connections import wait_until_connected
+from mushr_ros_intro.ros.connections import has_live_publisher, wait_until_connected
 from mushr_ros_intro.simulator import sim_clock
 from mushr_ros_intro.simulator.car_core import CarCore
 from mushr_ros_intro.simulator.car_parameters import (
@@ -130,8 +130,7 @@ class CarSim:
         """Return whether the mux is connected, and whether a map, if expected, is in use."""
         needs_map = self._expects_map or self._map_sub.get_num_connections()
         has_map = self._core.world is not None
-        is_fed = wait_until_connected(self._command_sub, "publishers", 0.0, minimum=1)
-        return (has_map or not needs_map) and is_fed
+        return (has_map or not needs_map) and has_live_publisher(self._command_sub)
 
     def _report(self, instants: Sequence[int]) -> None:
         """Publish the car's states at instants [ns]; needs the lock."""
