@@ -115,7 +115,7 @@ def read_exercises(arguments: argparse.Namespace, plans: Sequence[str]) -> Dict[
     if arguments.follow:
         return {**read_references(arguments.follow, package_folder("plans"))}
     found: Dict[str, Exercise] = {}
-    for plan in map(read_named_plan, filter(DRAWN.__ne__, plans)):
+    for plan in (read_named_plan(each) for each in plans if each != DRAWN):
         if plan.name in found:
             raise UserError(f"{plan.path}: there are two plans with the name '{plan.name}'")
         found[plan.name] = plan
