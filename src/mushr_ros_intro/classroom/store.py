@@ -35,7 +35,7 @@ _POINTS = os.path.join(FOLDER, "points.yaml")
 
 _TYPES: Dict[str, Any] = {
     each.__name__: each
-    for each in (*(Car, Grade, Plan, Pose, Recorded, Reference, Row, Sent, StoredDrive, Student),)
+    for each in (Car, Grade, Plan, Pose, Recorded, Reference, Row, Sent, StoredDrive, Student)
 }
 
 

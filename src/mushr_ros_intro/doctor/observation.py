@@ -28,8 +28,14 @@ _CLOCK_TIMEOUT = 5.5
 """How long to wait until /clock advances [s]; in lock-step it waits 5 s for commands."""
 
 _VIEWERS = (
-    *("rviz", "rqt", "rostopic", "record", "plan_recorder"),
-    *("web_view", "drive_monitor", "doctor"),
+    "rviz",
+    "rqt",
+    "rostopic",
+    "record",
+    "plan_recorder",
+    "web_view",
+    "drive_monitor",
+    "doctor",
 )
 """How the names of nodes begin that only show or record messages."""
 

@@ -84,16 +84,22 @@ def test_fault(make, folder, arguments, reason):
     [
         (
             "--plans secret.txt open.txt drawn --secret 7",
-            *(["secret", "open", "drawn"], "3 plans, 1 hidden; 9 points", "sandbox"),
+            ["secret", "open", "drawn"],
+            "3 plans, 1 hidden; 9 points",
+            "sandbox",
         ),
         (
             "--plans open.txt --map hall.yaml --car mushr_sim --file a.py",
-            *(["open"], "1 plan, 0 hidden; 3 points", "hall"),
+            ["open"],
+            "1 plan, 0 hidden; 3 points",
+            "hall",
         ),
         (
             "--follow wave line saw --file controller.py --params config/gains.yaml "
             "--remap __ns:=/car _type:=pid",
-            *(["wave", "line", "saw"], "3 paths, 1 hidden; 9 points", "none"),
+            ["wave", "line", "saw"],
+            "3 paths, 1 hidden; 9 points",
+            "none",
         ),
     ],
 )

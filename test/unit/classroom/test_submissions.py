@@ -145,7 +145,10 @@ def test_canvas(tmp_path, form):
     *anonymous, jane, ann, bo, poe = found
     assert [each.name for each in anonymous] == ["anon_Ab1cD", "anon_Ef2gH"]
     assert [each.name for each in (jane, ann, bo, poe)] == [
-        *("doejane_1234", "leeann_22", "leebo_23", "poe_24")
+        "doejane_1234",
+        "leeann_22",
+        "leebo_23",
+        "poe_24",
     ]
     assert jane.students == (Student("doejane", "", "", "1234"),)
     assert ann.students == (Student("leeann", "", "", "22"),)

@@ -27,7 +27,8 @@ START = "#!/usr/bin/python3\n"
         ("#!/usr/bin/python3\nprint 'a'\n", 0o755, ". Correct this line, or the one before it"),
         ("#!/usr/bin/python3\n", 0o644, "is not executable. Type: chmod +x '"),
         (
-            *("#!/usr/bin/python3\nimport no_such\n", 0o755),
+            "#!/usr/bin/python3\nimport no_such\n",
+            0o755,
             "imports no_such in line 2, but Python does not find this module. Correct the name, or "
             "install the module; for one of ROS, type: sudo apt-get install python3-no-such",
         ),

@@ -148,7 +148,8 @@ def no_start(published):
         ({"start": Pose(1, 2, 0)}, "start_pose", "Perhaps theta is not used"),
         (
             {"start": Pose(math.nan, 2, 0.5), "ignored": "a message: x is nan"},
-            *("start_pose", "ignored a message: x is nan; the plan starts at (1.0000 m, 2.0000"),
+            "start_pose",
+            "ignored a message: x is nan; the plan starts at (1.0000 m, 2.0000",
         ),
         ({"collisions": (Pose(3, 2, 0),)}, "map", "a wall at (3.0000 m, 2.0000 m"),
         ({"grid": map_of(7, 20, Pose(-5, -5, 0))}, "map", "left the map at (2.0"),
@@ -642,7 +643,8 @@ def test_a_limit_in_a_command_is_noted():
     ("part", "shift", "messages"),
     [
         (
-            *(slice(None), (0.5, 0.0, 0.0)),
+            slice(None),
+            (0.5, 0.0, 0.0),
             {
                 "start_pose": "(1.5000 m, 2.0000 m, 0.5000 rad), 0.5 m and 0 rad from the expected "
                 "(1.0000 m, 2.0000 m, 0.5000 rad); tolerances 0.401 m",
