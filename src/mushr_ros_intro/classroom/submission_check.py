@@ -11,6 +11,9 @@ from mushr_ros_intro.classroom.submission_files import Files, SubmissionError
 from mushr_ros_intro.isolation.workspace import search_path
 from mushr_ros_intro.program_file import MAX_TEXT, faults_of, hiding_faults
 
+_TESTS = {"test", "tests"}
+"""Folders with tests of nodes; these may have the name of the node."""
+
 _PURE_PYTHON = set(
     "add_rostest catkin_add_nosetests catkin_install_python catkin_metapackage catkin_package"
     " catkin_python_setup"
@@ -71,13 +74,19 @@ def _packages(places: Sequence[str]) -> List[str]:
     return found
 
 
+def _is_test(place: str, packages: Sequence[str]) -> bool:
+    """Return whether a file is in a folder for tests; a package itself can have such a name."""
+    package = next((each for each in packages if _is_in(place, each)), "")
+    return bool(_TESTS & {*os.path.relpath(place, package or ".").split("/")})
+
+
 def _choose(files: Files, places: Sequence[str], packages: Sequence[str], node: str) -> str:
     """Return the place of the node.
 
     Raises:
         SubmissionError: there is none, or there are several.
     """
-    named = [each for each in places if os.path.basename(each) == node]
+    named = [p for p in places if os.path.basename(p) == node and not _is_test(p, packages)]
     if not named:
         programs_first = sorted(places, key=lambda place: not place.endswith(".py"))
         found = f"found {_show(programs_first)}" if places else "there are no files"

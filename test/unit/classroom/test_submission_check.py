@@ -27,6 +27,10 @@ SEVERAL = "several files path_publisher.py"
             {"package.xml": XML, "src/path_publisher.cpp": b""},
             "'src/path_publisher.cpp'. Hand in a",
         ),
+        (
+            {"src/a.py": NODE, "test/path_publisher.py": NODE},
+            "There is no path_publisher.py; found",
+        ),
         ({"path_publisher.ipynb": b"{}"}, "found 'path_publisher.ipynb'. Hand in a package"),
         ({**PACKAGE, "package.xml": b"<package>"}, "'package.xml' is not valid XML: no element"),
         (
@@ -34,6 +38,11 @@ SEVERAL = "several files path_publisher.py"
             "'package.xml' has no name; expected <package>",
         ),
         ({**PACKAGE, "package.xml": "<!DOCTYPE a><a/>".encode("utf-16")}, "or a DOCTYPE"),
+        (
+            {PUBLISHER: b"print(1)\n"},
+            "does not start with a shebang line. Make its first line: #!/usr/b",
+        ),
+        ({PUBLISHER: NAMED("python3.99").encode()}, "interpreter 'python3.99', which is not inst"),
         ({PUBLISHER: b"#!python\n"}, "the interpreter 'python', which is not installed"),
         ({PUBLISHER: NAMED("python3 -u").encode()}, "the interpreter 'python3 -u', which is not"),
         ({PUBLISHER: NODE + b"x = '\0'\n"}, "null bytes"),
@@ -57,6 +66,12 @@ def test_a_node_that_is_compiled_for_ever(tmp_path, monkeypatch):
     monkeypatch.setattr(program_file, "COMPILE_TIME", 1)
     found = only(tmp_path, zipped(tmp_path / "a.zip", PACKAGE))
     assert found.fault.endswith("is too complex to compile. Expected a program in Python.")
+
+
+def test_a_package_with_the_name_test(tmp_path):
+    """Its node is no test."""
+    files = {f"test/{name}": content for name, content in PACKAGE.items()}
+    assert not only(tmp_path, zipped(tmp_path / "a.zip", files)).fault
 
 
 @pytest.mark.parametrize(

@@ -253,7 +253,7 @@ FOREIGN = {
     "\u738b\u82b3": "submission-8ac954",
     "\udcff": "submission-8f1d0f",  # a byte that is not UTF-8
     120 * "a": f"{100 * 'a'}-2f3d33",
-    "Pat  O'Hara": "Pat_O_Hara",
+    "Pat O'Hara": "Pat_O_Hara",
 }
 
 
@@ -268,6 +268,13 @@ def test_a_name_whose_characters_are_replaced(tmp_path):
         fill(tmp_path / "all" / original, PACKAGE)
     found = collected(tmp_path, "all")
     assert {each.name for each in found} == set(FOREIGN.values())
+
+
+def test_a_name_with_blanks(tmp_path):
+    """A page shows it as its student writes it."""
+    fill(tmp_path / "class" / "Ann  Lee", PACKAGE)
+    found = only(tmp_path, "class")
+    assert (found.name, [each.name for each in found.students]) == ("Ann_Lee", ["Ann  Lee"])
 
 
 @pytest.mark.parametrize(
