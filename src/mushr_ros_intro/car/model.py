@@ -59,7 +59,7 @@ class Car(NamedTuple):
     def __str__(self) -> str:
         units = {"command_timeout": NANOSECONDS}
         changed = ", ".join(
-            f"{name}: {value / units.get(name, 1):g}"
+            f"{name}: {value / units.get(name, 1):.12g}"
             for name, value, ideal in zip(self._fields, self, Car())
             if value != ideal
         )
