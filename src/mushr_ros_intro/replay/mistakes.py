@@ -55,7 +55,7 @@ def topic_mistake(topics: Mapping[str, str], topic: str, kind: str) -> str:
     if topic not in topics:
         others = ", ".join(sorted({*topics} - {"/rosout"})) or "nothing"
         only = "only this node is run, no other node of a launch file"
-        return f"publishes {others}, not {topic} ({only})"
+        return f"does not publish {topic} ({only}); it publishes {others}"
     if topics[topic] != kind:
         return f"publishes {topics[topic]} on {topic}, not {kind}"
     return ""

@@ -116,12 +116,12 @@ def no_start(published):
         (
             no_start((CONTROL, COMMANDS_TYPE)),
             "start_pose",
-            f"the node publishes {CONTROL}, not /initialpose",
+            f"launch file); it publishes {CONTROL}; expected (1.0000",
         ),
         (
             no_start(("/rosout", "rosgraph_msgs/Log")),
             "start_pose",
-            "the node publishes nothing, not /initialpose",
+            "does not publish /initialpose (only this node is run, no other node of a",
         ),
         (
             no_start(("/initialpose", "a/B")),

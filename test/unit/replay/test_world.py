@@ -52,8 +52,8 @@ def test_when_the_next_thread_is_due(said, period, expected):
         (
             {"/initial_pose": POSE_TYPE},
             False,
-            f"it publishes {CONTROL}, /initial_pose, not /initialpose (only this node is run, no "
-            "other node of a launch file): does it wait for a subscriber there?",
+            "it does not publish /initialpose (only this node is run, no other node of a launch "
+            f"file); it publishes {CONTROL}, /initial_pose: does it wait for a subscriber there?",
         ),
         (
             {"/initialpose": "geometry_msgs/PoseStamped"},
